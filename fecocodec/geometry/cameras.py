@@ -1,0 +1,78 @@
+"""Pinhole cameras: extrinsics are camera-to-world in OpenCV axes, intrinsics are normalised by image width and height."""
+
+from dataclasses import dataclass, replace
+
+import torch
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """The cameras of one scene, or of a batch of scenes with equally many views.
+
+    extrinsics: camera-to-world, OpenCV axes (+X right, +Y down, +Z forward), scene units.
+    intrinsics: 3x3, focal lengths and principal point divided by image width (row 0) and height (row 1);
+        pixel centres lie at (i + 0.5) / n.
+    near, far: bounds of depth (z along the optical axis) in scene units, shared by the views of a scene.
+    """
+
+    extrinsics: Float[Tensor, "*batch view 4 4"]
+    intrinsics: Float[Tensor, "*batch view 3 3"]
+    near: Float[Tensor, "*batch"]
+    far: Float[Tensor, "*batch"]
+
+    @property
+    def num_views(self) -> int:
+        return self.extrinsics.shape[-3]
+
+    @property
+    def world_to_camera(self) -> Float[Tensor, "*batch view 4 4"]:
+        """Inverse of the extrinsics, exact for a rigid pose (transpose, not a general inverse)."""
+        rotation = self.extrinsics[..., :3, :3].transpose(-1, -2)
+        translation = -rotation @ self.extrinsics[..., :3, 3:]
+        last_row = self.extrinsics[..., 3:, :]
+        return torch.cat((torch.cat((rotation, translation), dim=-1), last_row), dim=-2)
+
+    def intrinsics_px(self, height: int, width: int) -> Float[Tensor, "*batch view 3 3"]:
+        """Intrinsics in pixels of an image of that size, pixel centres at i + 0.5."""
+        size = self.intrinsics.new_tensor([width, height, 1.0])
+        return self.intrinsics * size[:, None]
+
+    def select(self, views: list[int]) -> "Cameras":
+        """The cameras of these views, in this order."""
+        return replace(self, extrinsics=self.extrinsics[..., views, :, :], intrinsics=self.intrinsics[..., views, :, :])
+
+    def to(self, device: torch.device | str) -> "Cameras":
+        return Cameras(*(field.to(device) for field in (self.extrinsics, self.intrinsics, self.near, self.far)))
+
+
+def pixel_rays(cameras: Cameras, height: int, width: int) -> Float[Tensor, "*batch view height width 3"]:
+    """Direction through each pixel centre in camera axes, scaled to z = 1 (multiply by depth to get a point)."""
+    device, dtype = cameras.intrinsics.device, cameras.intrinsics.dtype
+    v, u = torch.meshgrid(
+        (torch.arange(height, device=device, dtype=dtype) + 0.5) / height,
+        (torch.arange(width, device=device, dtype=dtype) + 0.5) / width,
+        indexing="ij",
+    )
+    return rays_through(cameras, torch.stack((u, v), dim=-1).expand(*cameras.intrinsics.shape[:-2], -1, -1, -1))
+
+
+def rays_through(
+    cameras: Cameras, uv: Float[Tensor, "*batch view height width 2"]
+) -> Float[Tensor, "*batch view height width 3"]:
+    """Direction through normalised image positions in camera axes, scaled to z = 1."""
+    focal = torch.stack((cameras.intrinsics[..., 0, 0], cameras.intrinsics[..., 1, 1]), dim=-1)
+    centre = cameras.intrinsics[..., :2, 2]
+    xy = (uv - rearrange(centre, "... view xy -> ... view 1 1 xy")) / rearrange(focal, "... view xy -> ... view 1 1 xy")
+    return torch.cat((xy, torch.ones_like(xy[..., :1])), dim=-1)
+
+
+def camera_to_world_points(
+    cameras: Cameras, points: Float[Tensor, "*batch view height width 3"]
+) -> Float[Tensor, "*batch view height width 3"]:
+    """Move points from camera axes to the world frame."""
+    rotation = cameras.extrinsics[..., None, None, :3, :3]
+    translation = cameras.extrinsics[..., None, None, :3, 3]
+    return (rotation @ points[..., None])[..., 0] + translation

@@ -1,0 +1,43 @@
+"""A set of 3D Gaussians, the codec's result."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+SH_DEGREE_0 = 0.28209479177387814  # Y_0^0, real spherical harmonics; colour = 0.5 + SH_DEGREE_0 * harmonics[0]
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """Gaussians in the world frame and unit of length of the cameras they were made from.
+
+    means: centres. scales: standard deviations along the Gaussian's own axes. rotations: unit quaternions wxyz,
+    own axes to world. opacities: in [0, 1]. harmonics: real SH coefficients per colour channel in 3DGS order,
+    `d_sh = (degree + 1)^2`; colour seen along a direction is `max(0, 0.5 + sum_i harmonics_i Y_i(direction))`, sRGB.
+    """
+
+    means: Float[Tensor, "*batch n 3"]
+    scales: Float[Tensor, "*batch n 3"]
+    rotations: Float[Tensor, "*batch n 4"]
+    opacities: Float[Tensor, "*batch n"]
+    harmonics: Float[Tensor, "*batch n d_sh 3"]
+
+    @property
+    def count(self) -> int:
+        return self.means.shape[-2]
+
+    def scene(self, index: int) -> "Gaussians":
+        """One scene out of a batch."""
+        return Gaussians(*(field[index] for field in self.fields()))
+
+    def keep(self, mask: Bool[Tensor, " n"]) -> "Gaussians":
+        """The Gaussians where the mask is true, in the same order."""
+        return Gaussians(*(field[mask] for field in self.fields()))
+
+    def to(self, device: torch.device | str) -> "Gaussians":
+        return Gaussians(*(field.to(device) for field in self.fields()))
+
+    def fields(self) -> tuple[Tensor, ...]:
+        return self.means, self.scales, self.rotations, self.opacities, self.harmonics

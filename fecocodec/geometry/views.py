@@ -1,0 +1,34 @@
+"""Posed photographs of one scene."""
+
+from dataclasses import dataclass, replace
+
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+
+
+@dataclass(frozen=True)
+class Views:
+    """Images of one scene with their cameras.
+
+    images: sRGB in [0, 1], all of one size. names: one per view, for messages (usually the file name).
+    """
+
+    images: Float[Tensor, "view 3 height width"]
+    cameras: Cameras
+    names: tuple[str, ...]
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """(height, width)"""
+        return self.images.shape[-2], self.images.shape[-1]
+
+    def select(self, views: list[int]) -> "Views":
+        """These views, in this order."""
+        return replace(
+            self,
+            images=self.images[views],
+            cameras=self.cameras.select(views),
+            names=tuple(self.names[view] for view in views),
+        )
