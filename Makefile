@@ -1,0 +1,62 @@
+# Everything a clone needs: `make demo` and `make test` set up .venv themselves.
+
+# The first Python that can make a virtual environment and for which the dependencies have wheels (3.11 to 3.13).
+PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
+	$$python -c 'import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' >/dev/null 2>&1 \
+	&& { echo $$python; break; }; done)
+# A build of torch for this machine. Set TORCH to another requirement (or PIP_INDEX_URL to another index) for CUDA.
+TORCH ?= torch==2.13.0
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+DEMO_LAMBDA ?= 1e-4
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-slow lint types arch vectors bench check clean
+
+help: ## show this list
+	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-10s %s\n", $$1, $$2}'
+
+$(READY): pyproject.toml
+	@test -n "$(PYTHON)" || { echo "fecosplat needs Python 3.11, 3.12 or 3.13 with venv; set PYTHON=/path/to/python" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$(TORCH)"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	@touch $@
+
+demo: $(READY) ## encode, decode and render the bundled scene into out/
+	@mkdir -p out
+	$(BIN)/fecosplat encode examples/motorcycle -o out/demo.fcs --lambda $(DEMO_LAMBDA) --overwrite
+	$(BIN)/fecosplat info out/demo.fcs
+	$(BIN)/fecosplat decode out/demo.fcs -o out/demo.ply --overwrite
+	$(BIN)/fecosplat render out/demo.fcs -o out --overwrite
+	@ls -l out
+
+test: $(READY) ## run the quick tests
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(READY) ## run the slow tests (end to end, limits, timing)
+	$(BIN)/python -m pytest -m slow
+
+lint: $(READY) ## check style and formatting
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(READY) ## check types
+	$(BIN)/mypy
+
+arch: $(READY) ## check the dependency rules
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest -q tests/test_architecture.py
+
+vectors: $(READY) ## check the golden vectors with both readers
+	$(BIN)/python -m pytest -q tests/vectors
+
+bench: $(READY) ## measure time and memory of encode, decode and info
+	$(BIN)/fecosplat bench
+
+check: lint types arch test ## everything a change must pass
+
+clean: ## remove the environment, caches and results
+	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,0 +1,1 @@
+"""The `fecosplat` command: parse, call the library, print. One file a command."""

@@ -1,0 +1,68 @@
+"""Options that several commands share, and the reading of their values."""
+
+import os
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import click
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+class FilePath(click.Path):
+    """A path; whether it can be read is for the library to say, in a sentence that names the file."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+
+class Size(click.ParamType):
+    """HEIGHTxWIDTH in pixels, as `(height, width)`."""
+
+    name = "size"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", str(value))
+        if match is None:
+            self.fail(f"{value!r} is not HEIGHTxWIDTH, such as 256x448", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+def overwrite_option(function: Function) -> Function:
+    return click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")(function)
+
+
+def json_option(function: Function) -> Function:
+    return click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")(function)
+
+
+def device_option(function: Function) -> Function:
+    return click.option(
+        "--device", default="cpu", show_default=True, metavar="NAME", help="Where networks run: cpu, cuda, cuda:1 ..."
+    )(function)
+
+
+def threads_option(function: Function) -> Function:
+    return click.option(
+        "--threads",
+        type=click.IntRange(min=1),
+        callback=_limit_threads,
+        expose_value=False,
+        is_eager=True,
+        help="Processor threads to use at most.  [default: all cores]",
+    )(function)
+
+
+def _limit_threads(ctx: click.Context, param: click.Parameter, value: int | None) -> None:
+    """Numeric libraries read these variables once, when they load; commands load them after parsing."""
+    if value is None:
+        return
+    for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[variable] = str(value)
+    if "torch" in sys.modules:
+        import torch
+
+        torch.set_num_threads(value)

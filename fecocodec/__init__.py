@@ -1,0 +1,74 @@
+"""FeCoSplat: a feedback-guided feature codec for feed-forward 3D Gaussian splatting.
+
+    views = fecocodec.read_views("photos/")
+    data = fecocodec.encode(views, lmbda=1e-3)
+    gaussians = fecocodec.decode(data)
+
+Names are loaded on first use, so that what needs no network (`fecosplat info FILE`) does not wait for torch.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError, OutputError
+    from fecocodec.formats.ply import read_ply, write_ply
+    from fecocodec.formats.scene_folder import read_views
+    from fecocodec.geometry.cameras import Cameras
+    from fecocodec.geometry.gaussians import Gaussians
+    from fecocodec.geometry.views import Views
+    from fecocodec.receiver.decode import decode
+    from fecocodec.rendering.rasterizer import Rendering, render
+    from fecocodec.sender.encode import encode
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "BitstreamError",
+    "Cameras",
+    "FecoError",
+    "Gaussians",
+    "InputError",
+    "ModelError",
+    "OutputError",
+    "Rendering",
+    "Views",
+    "__version__",
+    "decode",
+    "encode",
+    "read_ply",
+    "read_views",
+    "render",
+    "write_ply",
+]
+
+_MODULE_OF = {
+    "BitstreamError": "fecocodec.errors",
+    "Cameras": "fecocodec.geometry.cameras",
+    "FecoError": "fecocodec.errors",
+    "Gaussians": "fecocodec.geometry.gaussians",
+    "InputError": "fecocodec.errors",
+    "ModelError": "fecocodec.errors",
+    "OutputError": "fecocodec.errors",
+    "Rendering": "fecocodec.rendering.rasterizer",
+    "Views": "fecocodec.geometry.views",
+    "decode": "fecocodec.receiver.decode",
+    "encode": "fecocodec.sender.encode",
+    "read_ply": "fecocodec.formats.ply",
+    "read_views": "fecocodec.formats.scene_folder",
+    "render": "fecocodec.rendering.rasterizer",
+    "write_ply": "fecocodec.formats.ply",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first asked for (PEP 562)."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'fecocodec' has no attribute {name!r}")
+    value: object = getattr(import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

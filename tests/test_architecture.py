@@ -1,0 +1,97 @@
+"""The rules that keep a part findable and the light parts light."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+# Rule 3: a foreign library that can change under us is known to one place only.
+HOME_OF_LIBRARY = {
+    "constriction": ("fecocodec/entropy/ports.py",),
+    "zstandard": ("fecocodec/container/", "bitstream_spec/"),
+    "OpenEXR": ("fecocodec/formats/exr.py",),
+    "PIL": ("fecocodec/formats/",),
+    "gsplat": ("fecocodec/rendering/cuda.py",),
+    "scipy": ("fecocodec/geometry/neighbours.py",),
+    "safetensors": ("fecocodec/checkpoint.py",),
+    "click": ("cli/",),
+    "rich": ("cli/",),
+}
+
+
+def python_files(folder: str) -> list[Path]:
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
+def imported_libraries(file: Path) -> set[str]:
+    """Top-level names of everything a file imports, wherever in the file the import stands."""
+    import ast
+
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names.update(alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            names.add(node.module.partition(".")[0])
+    return names
+
+
+@pytest.mark.parametrize(("library", "homes"), HOME_OF_LIBRARY.items(), ids=HOME_OF_LIBRARY.keys())
+def test_library_has_one_home(library: str, homes: tuple[str, ...]) -> None:
+    users = [
+        file.relative_to(ROOT).as_posix()
+        for folder in ("cli", "fecocodec", "bitstream_spec")
+        for file in python_files(folder)
+        if library in imported_libraries(file)
+    ]
+    assert [user for user in users if not user.startswith(homes)] == []
+
+
+def test_specification_imports_nothing_of_ours() -> None:
+    for file in python_files("bitstream_spec"):
+        assert imported_libraries(file).isdisjoint({"fecocodec", "cli", "fecosplat_cli"}), file
+
+
+def test_every_package_is_distributed() -> None:
+    found = {".".join(file.parent.relative_to(ROOT).parts) for file in (ROOT / "fecocodec").rglob("__init__.py")}
+    assert found | {"fecosplat_cli"} == set(PYPROJECT["tool"]["setuptools"]["packages"])
+
+
+def test_import_contracts_hold() -> None:
+    lint_imports = Path(sys.executable).with_name("lint-imports")
+    result = subprocess.run([lint_imports, "--no-cache"], cwd=ROOT, capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize("module", ["fecocodec", "fecocodec.container", "fecocodec.entropy", "fecosplat_cli.main"])
+def test_torch_stays_unloaded(module: str) -> None:
+    """Import every module of the package in a fresh process: none may load torch."""
+    program = f"""
+import importlib, pkgutil, sys
+package = importlib.import_module({module!r})
+if {module!r} in ("fecocodec.container", "fecocodec.entropy"):
+    for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        importlib.import_module(found.name)
+print("torch" in sys.modules)
+"""
+    result = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "False"
+
+
+def test_library_neither_prints_nor_exits() -> None:
+    """Rule 4. The command line and the specification's own tool are where talking to a terminal belongs."""
+    import ast
+
+    offenders = [
+        f"{file.relative_to(ROOT)}:{node.lineno}"
+        for file in python_files("fecocodec")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in {"print", "exit", "sys.exit", "os.getenv"}
+        or isinstance(node, ast.Attribute) and ast.unparse(node) == "os.environ"
+    ]
+    assert offenders == []
