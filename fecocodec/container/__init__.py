@@ -1,0 +1,35 @@
+"""The `.fcs` container: bytes to fields and back, without numpy or torch. The format is `bitstream_spec/FORMAT.md`."""
+
+from fecocodec.container.cameras import PackedCameras
+from fecocodec.container.header import CURRENT_VERSION, FormatVersion, Header
+from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
+from fecocodec.container.lagrangian import (
+    LAMBDA_MAX,
+    LAMBDA_MIN,
+    LAMBDA_Q_MAX,
+    dequantise_lambda,
+    quantise_lambda,
+)
+from fecocodec.container.stream import IntactPart, Stream, read_intact, read_prefix, read_stream, write_stream
+
+__all__ = [
+    "CURRENT_VERSION",
+    "LAMBDA_MAX",
+    "LAMBDA_MIN",
+    "LAMBDA_Q_MAX",
+    "FormatVersion",
+    "Header",
+    "IntactPart",
+    "PackedCameras",
+    "SectionSummary",
+    "Stream",
+    "StreamSummary",
+    "dequantise_lambda",
+    "inspect",
+    "list_sections",
+    "quantise_lambda",
+    "read_intact",
+    "read_prefix",
+    "read_stream",
+    "write_stream",
+]

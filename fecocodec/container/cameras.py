@@ -1,0 +1,128 @@
+"""The camera section: cameras of all views as deflated float32 values, lossless (FORMAT.md, section 6)."""
+
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from fecocodec.container.rotation import float_to_word, rotation_from_words, rotation_to_words, word_to_float
+from fecocodec.errors import BitstreamError
+
+_NUM_ROTATION_WORDS = 9
+_WINDOW_BITS = -15  # raw Deflate: the section has a CRC already
+_BAD_WRITER = "the program that wrote it is at fault, encode the scene again"
+
+_Component = TypeVar("_Component", int, float)
+
+
+@dataclass(frozen=True)
+class PackedCameras:
+    """Cameras as a stream holds them; every value is exactly a float32.
+
+    extrinsics: per view the top three rows of the camera-to-world matrix, row-major, OpenCV axes, scene units.
+    intrinsics: per view (fx, fy, cx, cy), divided by image width (fx, cx) and height (fy, cy).
+    near, far: bounds of depth in scene units.
+    """
+
+    extrinsics: tuple[tuple[float, ...], ...]
+    intrinsics: tuple[tuple[float, ...], ...]
+    near: float
+    far: float
+
+    @property
+    def num_views(self) -> int:
+        return len(self.extrinsics)
+
+
+def pack_cameras(cameras: PackedCameras) -> bytes:
+    """The payload of the camera section; the caller has checked the cameras (`check_cameras`)."""
+    shared = len(set(cameras.intrinsics)) == 1
+    intrinsics = cameras.intrinsics[:1] if shared else cameras.intrinsics
+    rotations = (rotation_to_words([row[i] for i in (0, 1, 2, 4, 5, 6, 8, 9, 10)]) for row in cameras.extrinsics)
+    words = [float_to_word(value) for value in (cameras.near, cameras.far)]
+    words += [float_to_word(value) for value in _by_component(intrinsics)]
+    words += _by_component(list(rotations))
+    words += [float_to_word(value) for value in _by_component([row[3::4] for row in cameras.extrinsics])]
+    raw = struct.pack(f">{len(words)}I", *words)
+    planes = b"".join(raw[byte::4] for byte in range(4))
+    return _deflate(bytes([len(intrinsics)]) + planes)
+
+
+def unpack_cameras(payload: bytes, num_views: int, place: str) -> PackedCameras:
+    """Read the payload of the camera section of that many views.
+
+    Raises BitstreamError, naming `place`, where it does not hold exactly that many cameras. The values are not checked
+    here but by `check_cameras`.
+    """
+    content = _inflate(payload, _content_size(num_views, num_views), place)
+    num_intrinsics = content[0] if content else 0
+    if num_intrinsics not in (1, num_views):
+        raise BitstreamError(
+            f"{place}: it holds {num_intrinsics} sets of intrinsics for {num_views} views, allowed are 1 and "
+            f"{num_views}; {_BAD_WRITER}"
+        )
+    expected = _content_size(num_views, num_intrinsics)
+    if len(content) != expected:
+        raise BitstreamError(
+            f"{place}: it inflates to {len(content)} bytes, {num_views} views need {expected}; {_BAD_WRITER}"
+        )
+    words = _words_of_planes(content[1:])
+    near, far = (word_to_float(word) for word in words[:2])
+    pose_start = 2 + 4 * num_intrinsics
+    position_start = pose_start + _NUM_ROTATION_WORDS * num_views
+    intrinsics = _by_view([word_to_float(word) for word in words[2:pose_start]], num_intrinsics)
+    rotations = [rotation_from_words(view) for view in _by_view(words[pose_start:position_start], num_views)]
+    translations = _by_view([word_to_float(word) for word in words[position_start:]], num_views)
+    extrinsics = tuple(
+        r[0:3] + t[0:1] + r[3:6] + t[1:2] + r[6:9] + t[2:3] for r, t in zip(rotations, translations, strict=True)
+    )
+    return PackedCameras(extrinsics, intrinsics * (num_views // num_intrinsics), near, far)
+
+
+def _content_size(num_views: int, num_intrinsics: int) -> int:
+    return 1 + 4 * (2 + 4 * num_intrinsics + (3 + _NUM_ROTATION_WORDS) * num_views)
+
+
+def _by_component(views: Sequence[Sequence[_Component]]) -> list[_Component]:
+    """First component of every view, then the second of every view, ...: like values side by side deflate better."""
+    return [view[component] for component in range(len(views[0])) for view in views]
+
+
+def _by_view(components: Sequence[_Component], num_views: int) -> tuple[tuple[_Component, ...], ...]:
+    """Undo `_by_component`."""
+    return tuple(tuple(components[view::num_views]) for view in range(num_views))
+
+
+def _words_of_planes(planes: bytes) -> tuple[int, ...]:
+    """32-bit words of four byte planes, most significant first."""
+    count = len(planes) // 4
+    raw = bytearray(len(planes))
+    for byte in range(4):
+        raw[byte::4] = planes[byte * count : (byte + 1) * count]
+    return struct.unpack(f">{count}I", raw)
+
+
+def _deflate(content: bytes) -> bytes:
+    """The shortest of three Deflate encodings; which one wins depends on the cameras, by a few bytes."""
+    candidates = []
+    for strategy in (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED):
+        compressor = zlib.compressobj(9, zlib.DEFLATED, _WINDOW_BITS, 9, strategy)
+        candidates.append(compressor.compress(content) + compressor.flush())
+    return min(candidates, key=len)
+
+
+def _inflate(payload: bytes, max_size: int, place: str) -> bytes:
+    """Inflate at most `max_size` bytes; whatever would give more is refused before it takes memory."""
+    inflater = zlib.decompressobj(_WINDOW_BITS)
+    try:
+        content = inflater.decompress(payload, max_size + 1)
+    except zlib.error as error:
+        raise BitstreamError(f"{place}: no valid Deflate data ({error}); {_BAD_WRITER}") from error
+    if len(content) > max_size:
+        raise BitstreamError(f"{place}: it inflates to more than the {max_size} bytes it may hold; {_BAD_WRITER}")
+    if not inflater.eof:
+        raise BitstreamError(f"{place}: its Deflate data has no end; {_BAD_WRITER}")
+    if inflater.unused_data:
+        raise BitstreamError(f"{place}: {len(inflater.unused_data)} bytes follow its Deflate data; {_BAD_WRITER}")
+    return content

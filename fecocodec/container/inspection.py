@@ -1,0 +1,89 @@
+"""A description of a stream, damaged or not, for people: what it holds and where its bytes go."""
+
+from dataclasses import dataclass
+
+from fecocodec.container.header import Header, read_header
+from fecocodec.container.metadata import Metadata
+from fecocodec.container.sections import SECTION_OVERHEAD, read_payload, read_section_head
+from fecocodec.container.stream import read_stream
+from fecocodec.errors import BitstreamError
+
+
+@dataclass(frozen=True)
+class SectionSummary:
+    """One section of a stream. offset: of its first byte. length: of its payload. is_intact: whether its CRC holds."""
+
+    name: str
+    offset: int
+    length: int
+    is_intact: bool
+
+
+@dataclass(frozen=True)
+class StreamSummary:
+    """What can be told of a stream. Sizes are in bytes.
+
+    header_bytes: header alone. overhead_bytes: header and the heads of all sections found. bits_per_pixel: of all
+    views. damage: None for a stream that keeps every rule, else the sentence that says which rule it breaks.
+    near, far and metadata are None where damage hides them (metadata also where there is none).
+    """
+
+    header: Header
+    total_bytes: int
+    header_bytes: int
+    overhead_bytes: int
+    bits_per_pixel: float
+    sections: tuple[SectionSummary, ...]
+    near: float | None
+    far: float | None
+    metadata: Metadata | None
+    damage: str | None
+
+
+def inspect(data: bytes) -> StreamSummary:
+    """Describe a stream; raises BitstreamError only where the header itself cannot be read."""
+    parsed = read_header(data)
+    header = parsed.header
+    sections = list_sections(data)
+    try:
+        stream, damage = read_stream(data), None
+    except BitstreamError as error:
+        stream, damage = None, str(error)
+    return StreamSummary(
+        header=header,
+        total_bytes=len(data),
+        header_bytes=parsed.end,
+        overhead_bytes=parsed.end + SECTION_OVERHEAD * len(sections),
+        bits_per_pixel=8 * len(data) / (header.num_views * header.height * header.width),
+        sections=sections,
+        near=stream.cameras.near if stream else None,
+        far=stream.cameras.far if stream else None,
+        metadata=stream.metadata if stream else None,
+        damage=damage,
+    )
+
+
+def list_sections(data: bytes) -> tuple[SectionSummary, ...]:
+    """The sections of a stream as far as they can be told apart, also behind a damaged payload.
+
+    Raises BitstreamError only where the header itself cannot be read.
+    """
+    parsed = read_header(data)
+    offset = parsed.end
+    sections = []
+    for _ in range(parsed.num_sections):
+        try:
+            head = read_section_head(data, offset)
+        except BitstreamError:
+            break  # the file ends here or the length is garbage: nothing behind it can be found
+        sections.append(SectionSummary(head.name, offset, head.length, _is_intact(data, offset)))
+        offset = head.end
+    return tuple(sections)
+
+
+def _is_intact(data: bytes, offset: int) -> bool:
+    try:
+        read_payload(data, read_section_head(data, offset))
+    except BitstreamError:
+        return False
+    return True

@@ -1,0 +1,32 @@
+"""Lambda, the price of a bit, as the fixed-point logarithm that streams carry and networks are conditioned on."""
+
+import math
+
+from fecocodec.errors import InputError
+
+LAMBDA_MIN = 1e-5
+LAMBDA_MAX = 1e-2
+STEPS_PER_E = 256  # steps of lambda_q per factor e
+LAMBDA_Q_MAX = 1768  # round(256 * ln(LAMBDA_MAX / LAMBDA_MIN))
+
+
+def quantise_lambda(lmbda: float) -> int:
+    """The integer that stands for lambda: `round(256 * ln(lambda / 1e-5))`, in [0, 1768].
+
+    Raises InputError for a lambda outside [1e-5, 1e-2].
+    """
+    if not LAMBDA_MIN <= lmbda <= LAMBDA_MAX:
+        raise InputError(
+            f"lambda is {lmbda}, outside the range of the codec; choose one from {LAMBDA_MIN} to {LAMBDA_MAX}"
+        )
+    return round(STEPS_PER_E * math.log(lmbda / LAMBDA_MIN))
+
+
+def dequantise_lambda(lambda_q: int) -> float:
+    """The lambda that an integer in [0, 1768] stands for: `1e-5 * exp(lambda_q / 256)`.
+
+    Raises InputError for an integer outside [0, 1768].
+    """
+    if not 0 <= lambda_q <= LAMBDA_Q_MAX:
+        raise InputError(f"quantised lambda is {lambda_q}, outside its range; choose one from 0 to {LAMBDA_Q_MAX}")
+    return LAMBDA_MIN * math.exp(lambda_q / STEPS_PER_E)

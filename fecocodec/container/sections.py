@@ -1,0 +1,136 @@
+"""Sections of a `.fcs` stream: kind, length, CRC-32, payload, one after another (FORMAT.md, section 5)."""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from enum import IntEnum
+
+from fecocodec.errors import BitstreamError
+
+CRITICAL = 0x80  # set in a kind: a reader that does not know it must refuse; clear: it may skip the section
+MAX_PAYLOAD = 1 << 26
+
+_HEAD = struct.Struct("<BI")
+_CRC = struct.Struct("<I")
+SECTION_OVERHEAD = _HEAD.size + _CRC.size
+
+
+class SectionKind(IntEnum):
+    """Kinds this version knows; sections stand in ascending order of the kind without its critical bit."""
+
+    CAMERAS = CRITICAL | 0x10
+    STAGE_1 = CRITICAL | 0x20
+    STAGE_2 = CRITICAL | 0x30
+    METADATA = 0x40
+
+
+STAGE_KINDS = (SectionKind.STAGE_1, SectionKind.STAGE_2)
+_NAMES = {
+    SectionKind.CAMERAS: "cameras",
+    SectionKind.STAGE_1: "B1",
+    SectionKind.STAGE_2: "B2",
+    SectionKind.METADATA: "metadata",
+}
+_MAX_PAYLOADS = {SectionKind.CAMERAS: 1 << 11, SectionKind.METADATA: 1 << 16}
+
+
+@dataclass(frozen=True)
+class SectionHead:
+    """Where a section lies and what it says of itself; its payload is not yet checked."""
+
+    kind: int
+    offset: int
+    length: int
+    crc32: int
+
+    @property
+    def name(self) -> str:
+        return section_name(self.kind)
+
+    @property
+    def place(self) -> str:
+        """How messages name this section."""
+        return f"section {self.name} at byte {self.offset}"
+
+    @property
+    def payload_offset(self) -> int:
+        return self.offset + SECTION_OVERHEAD
+
+    @property
+    def end(self) -> int:
+        return self.payload_offset + self.length
+
+
+def section_name(kind: int) -> str:
+    """The name of a kind, or its number where this version has no name for it."""
+    known = {int(member): name for member, name in _NAMES.items()}
+    return known.get(kind, f"{kind:#04x}")
+
+
+def section_bytes(kind: SectionKind, payload: bytes) -> bytes:
+    """A whole section; raises BitstreamError for a payload longer than the kind may be."""
+    limit = _MAX_PAYLOADS.get(kind, MAX_PAYLOAD)
+    if len(payload) > limit:
+        raise BitstreamError(
+            f"section {section_name(kind)}: it needs {len(payload)} bytes, at most {limit} are allowed"
+        )
+    head = _HEAD.pack(kind, len(payload))
+    return head + _CRC.pack(zlib.crc32(payload, zlib.crc32(head))) + payload
+
+
+def read_section_head(data: bytes, offset: int) -> SectionHead:
+    """The head at that offset; raises BitstreamError where the file ends inside it or its length is over the limit."""
+    if len(data) < offset + SECTION_OVERHEAD:
+        raise BitstreamError(
+            f"section at byte {offset}: the file ends after {len(data)} bytes, inside or before the head of a section "
+            "that the header announces; copy or download it again"
+        )
+    kind, length = _HEAD.unpack_from(data, offset)
+    (crc32,) = _CRC.unpack_from(data, offset + _HEAD.size)
+    head = SectionHead(kind, offset, length, crc32)
+    limit = {int(member): size for member, size in _MAX_PAYLOADS.items()}.get(kind, MAX_PAYLOAD)
+    if length > limit:
+        raise BitstreamError(
+            f"{head.place}: its length is {length}, at most {limit} bytes are allowed; "
+            "the file is damaged, copy or encode it again"
+        )
+    return head
+
+
+def read_payload(data: bytes, head: SectionHead) -> bytes:
+    """The payload of a section; raises BitstreamError where the file ends inside it or its CRC differs."""
+    if len(data) < head.end:
+        raise BitstreamError(
+            f"{head.place}: the file ends after {len(data)} bytes, the section needs {head.end}; "
+            f"copy or download it again{_fallback(head)}"
+        )
+    payload = data[head.payload_offset : head.end]
+    found = zlib.crc32(payload, zlib.crc32(data[head.offset : head.offset + _HEAD.size]))
+    if found != head.crc32:
+        raise BitstreamError(
+            f"{head.place}: CRC-32 is {found:#010x}, stored {head.crc32:#010x}; "
+            f"the file is damaged, copy or encode it again{_fallback(head)}"
+        )
+    return payload
+
+
+def check_kind(head: SectionHead, previous: SectionHead | None) -> None:
+    """Raise BitstreamError for a kind this version must not skip, or one that stands in the wrong place."""
+    if head.kind not in _NAMES:
+        if head.kind ^ CRITICAL in _NAMES:
+            raise BitstreamError(
+                f"{head.place}: the critical bit of this kind is wrong; the program that wrote it is at fault, "
+                "encode the scene again"
+            )
+        if head.kind & CRITICAL:
+            raise BitstreamError(
+                f"{head.place}: this kind is unknown and marked as needed for decoding; install a newer fecosplat"
+            )
+    if previous is None or head.kind & ~CRITICAL > previous.kind & ~CRITICAL:
+        return
+    problem = "appears twice" if head.kind == previous.kind else f"must stand before section {previous.name}"
+    raise BitstreamError(f"{head.place}: it {problem}; the program that wrote it is at fault, encode the scene again")
+
+
+def _fallback(head: SectionHead) -> str:
+    return ", or decode what stands before it with --stages 1" if head.kind == SectionKind.STAGE_2 else ""

@@ -1,0 +1,137 @@
+"""A whole `.fcs` stream: header, cameras, one payload per stage, metadata (FORMAT.md, section 3)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from fecocodec.container.camera_rules import check_cameras
+from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
+from fecocodec.container.header import Header, ParsedHeader, header_bytes, read_header
+from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadata
+from fecocodec.container.sections import (
+    STAGE_KINDS,
+    SectionHead,
+    SectionKind,
+    check_kind,
+    read_payload,
+    read_section_head,
+    section_bytes,
+    section_name,
+)
+from fecocodec.errors import BitstreamError, InputError
+
+_BAD_WRITER = "the program that wrote it is at fault, encode the scene again"
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The fields of a stream. `payloads` holds B1 and B2; fewer than `header.num_stages` after reading a prefix."""
+
+    header: Header
+    cameras: PackedCameras
+    payloads: tuple[bytes, ...]
+    metadata: Metadata | None = None
+
+
+@dataclass(frozen=True)
+class IntactPart:
+    """The stages of a stream that can be decoded, and what is wrong with the rest (None: nothing)."""
+
+    stream: Stream
+    damage: str | None
+
+
+def write_stream(stream: Stream) -> bytes:
+    """The bytes of a stream; the same stream gives the same bytes. Raises BitstreamError for a field it cannot hold."""
+    header, cameras = stream.header, stream.cameras
+    if cameras.num_views != header.num_views:
+        raise BitstreamError(f"header: {header.num_views} views, but {cameras.num_views} cameras; give one per view")
+    if len(stream.payloads) != header.num_stages:
+        raise BitstreamError(
+            f"header: {header.num_stages} stages, but {len(stream.payloads)} payloads; give one per stage"
+        )
+    check_cameras(cameras, "section cameras")
+    sections = [section_bytes(SectionKind.CAMERAS, pack_cameras(cameras))]
+    sections += [section_bytes(kind, payload) for kind, payload in zip(STAGE_KINDS, stream.payloads, strict=False)]
+    if stream.metadata is not None:
+        sections.append(section_bytes(SectionKind.METADATA, pack_metadata(stream.metadata)))
+    return header_bytes(header, len(sections)) + b"".join(sections)
+
+
+def read_stream(data: bytes) -> Stream:
+    """Read a whole stream, checking every rule of the format; raises BitstreamError for the first one broken."""
+    parsed = read_header(data)
+    payloads: dict[int, bytes] = {}
+    places: dict[int, str] = {}
+    end = parsed.end
+    for head, payload in _sections(data, parsed):
+        payloads[head.kind], places[head.kind] = payload, head.place
+        end = head.end
+    if end != len(data):
+        raise BitstreamError(
+            f"end at byte {end}: {len(data) - end} bytes follow the last section; the file is damaged or was "
+            "joined with another, copy or encode it again"
+        )
+    metadata = None
+    if SectionKind.METADATA in payloads:
+        metadata = unpack_metadata(payloads[SectionKind.METADATA], places[SectionKind.METADATA])
+    return _assemble(parsed.header, payloads, places, parsed.header.num_stages, metadata)
+
+
+def read_prefix(data: bytes, num_stages: int) -> Stream:
+    """Read a stream to the end of the payload of that stage (1 or 2) and ignore what follows, damaged or missing.
+
+    Raises BitstreamError for a rule broken before that point and InputError for a stage the stream does not have.
+    """
+    parsed = read_header(data)
+    if not 1 <= num_stages <= parsed.header.num_stages:
+        raise InputError(f"{num_stages} stages asked for, the stream has {parsed.header.num_stages}; ask for fewer")
+    last = STAGE_KINDS[num_stages - 1]
+    payloads: dict[int, bytes] = {}
+    places: dict[int, str] = {}
+    for head, payload in _sections(data, parsed):
+        payloads[head.kind], places[head.kind] = payload, head.place
+        if head.kind == last:
+            break
+    return _assemble(parsed.header, payloads, places, num_stages, None)
+
+
+def read_intact(data: bytes) -> IntactPart:
+    """Read as many stages as are undamaged; raises BitstreamError where not even the first can be decoded."""
+    try:
+        return IntactPart(read_stream(data), None)
+    except BitstreamError as error:
+        damage = error
+    for num_stages in range(read_header(data).header.num_stages, 0, -1):
+        try:
+            return IntactPart(read_prefix(data, num_stages), str(damage))
+        except BitstreamError:
+            continue  # a shorter prefix may still be whole; `damage` says what is wrong
+    raise damage
+
+
+def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[tuple[SectionHead, bytes]]:
+    """The sections in order, each checked as it is reached."""
+    offset, previous = parsed.end, None
+    for _ in range(parsed.num_sections):
+        head = read_section_head(data, offset)
+        payload = read_payload(data, head)
+        check_kind(head, previous)
+        if head.kind in STAGE_KINDS[parsed.header.num_stages :]:
+            raise BitstreamError(
+                f"{head.place}: the header announces {parsed.header.num_stages} stage, this is one more; {_BAD_WRITER}"
+            )
+        yield head, payload
+        offset, previous = head.end, head
+
+
+def _assemble(
+    header: Header, payloads: dict[int, bytes], places: dict[int, str], num_stages: int, metadata: Metadata | None
+) -> Stream:
+    stage_kinds = STAGE_KINDS[:num_stages]
+    for kind in (SectionKind.CAMERAS, *stage_kinds):
+        if kind not in payloads:
+            raise BitstreamError(f"section {section_name(kind)}: it is missing; {_BAD_WRITER}")
+    place = places[SectionKind.CAMERAS]
+    cameras = unpack_cameras(payloads[SectionKind.CAMERAS], header.num_views, place)
+    check_cameras(cameras, place)
+    return Stream(header, cameras, tuple(payloads[kind] for kind in stage_kinds), metadata)
