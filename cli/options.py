@@ -2,7 +2,6 @@
 
 import os
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -12,23 +11,18 @@ import click
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-class FilePath(click.Path):
-    """A path; whether it can be read is for the library to say, in a sentence that names the file."""
-
-    def __init__(self) -> None:
-        super().__init__(path_type=Path)
+# A path; whether it can be read is for the library to say, in a sentence that names the file.
+FILE_PATH = click.Path(path_type=Path)
 
 
-class Size(click.ParamType):
-    """HEIGHTxWIDTH in pixels, as `(height, width)`."""
-
-    name = "size"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", str(value))
-        if match is None:
-            self.fail(f"{value!r} is not HEIGHTxWIDTH, such as 256x448", param, ctx)
-        return int(match[1]), int(match[2])
+def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """WIDTHxHEIGHT, as users of photographs write it, becomes the library's `(height, width)`."""
+    if value is None:
+        return None
+    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", value)
+    if match is None:
+        raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT, such as 448x256", ctx, param)
+    return int(match[2]), int(match[1])
 
 
 def overwrite_option(function: Function) -> Function:
@@ -62,7 +56,3 @@ def _limit_threads(ctx: click.Context, param: click.Parameter, value: int | None
         return
     for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = str(value)
-    if "torch" in sys.modules:
-        import torch
-
-        torch.set_num_threads(value)

@@ -1,0 +1,89 @@
+"""`fecosplat encode`: a folder of posed photographs in, a .fcs file out."""
+
+from pathlib import Path
+from time import perf_counter
+
+import click
+
+from .options import FILE_PATH, device_option, json_option, overwrite_option, parse_size, threads_option
+from .output import print_json, say
+from .progress import progress_bar
+from .selection import Selection, parse_selection, resolve
+
+
+@click.command(
+    "encode",
+    short_help="Compress a folder of posed photographs to a .fcs file.",
+    epilog="""\b
+Examples:
+  fecosplat encode photos/ -o scene.fcs
+  fecosplat encode photos/ -o scene.fcs --views 0,5 --size 256x256
+  fecosplat encode photos/ -o scene.fcs --views left.jpg,right.jpg --lambda 1e-2
+  fecosplat encode photos/ -o scene.fcs --views spread:4 --near 0.5 --far 20""",
+)
+@click.argument("views_folder", metavar="VIEWS", type=FILE_PATH)
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Where to write the stream (.fcs).")
+@click.option(
+    "--lambda",
+    "lmbda",
+    type=float,
+    default=1e-3,
+    show_default=True,
+    metavar="NUMBER",
+    help="Weight of the rate, 1e-5 to 1e-2: smaller is better quality and a larger file.",
+)
+@click.option(
+    "--views",
+    callback=parse_selection,
+    metavar="WHICH",
+    help="Which views: numbers (0,5), file names (a.jpg,b.jpg), or spread:N for N evenly spread.  [default: all]",
+)
+@click.option("--size", callback=parse_size, metavar="WxH", help="Crop to the centre, resize to WIDTHxHEIGHT pixels.")
+@click.option("--near", type=float, help="Nearest depth of the scene, in its unit of length.  [default: estimated]")
+@click.option("--far", type=float, help="Farthest depth of the scene.  [default: estimated]")
+@click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
+@device_option
+@threads_option
+@overwrite_option
+@json_option
+def command(
+    views_folder: Path,
+    output: Path,
+    lmbda: float,
+    views: Selection | None,
+    size: tuple[int, int] | None,
+    near: float | None,
+    far: float | None,
+    stages: int,
+    device: str,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Compress the photographs in the folder VIEWS to one small file.
+
+    VIEWS holds images (PNG, JPEG, WebP, EXR) and their cameras: a transforms.json (nerfstudio, instant-ngp), a COLMAP
+    sparse model, or a RealEstate10K camera file.
+    """
+    from fecocodec.container import inspect, quantise_lambda
+    from fecocodec.formats.atomic import require_writable, write_atomically
+
+    require_writable(output, overwrite=overwrite)
+    quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
+
+    from fecocodec import encode, read_views
+
+    from .info import summary_fields
+
+    start = perf_counter()
+    chosen = resolve(views_folder, views)
+    with progress_bar() as on_progress:
+        on_progress("reading views", 0.0)
+        scene = read_views(views_folder, views=chosen, size=size, near=near, far=far)
+        data = encode(scene, lmbda=lmbda, num_stages=stages, device=device, on_progress=on_progress)
+    with write_atomically(output, overwrite=overwrite) as temporary:
+        temporary.write_bytes(data)
+    seconds = round(perf_counter() - start, 3)
+    if as_json:
+        print_json({"output": str(output), "seconds": seconds, **summary_fields(inspect(data))})
+    else:
+        say(f"{output}: {len(data)} bytes for {scene.cameras.num_views} views in {seconds:.2f} s")

@@ -1,0 +1,95 @@
+"""`fecosplat info`: what a .fcs file holds, or how many parameters the networks have."""
+
+from pathlib import Path
+
+import click
+
+from fecocodec.container import StreamSummary, inspect
+from fecocodec.errors import BitstreamError
+
+from .options import FILE_PATH, json_option
+from .output import print_columns, print_fields, print_json
+from .stream import naming, read_bytes
+
+
+@click.command(
+    "info",
+    short_help="Describe a .fcs file, or the networks.",
+    epilog="""\b
+Examples:
+  fecosplat info scene.fcs
+  fecosplat info scene.fcs --json
+  fecosplat info --model""",
+)
+@click.argument("stream", metavar="[FILE.fcs]", required=False, type=FILE_PATH)
+@click.option("--model", "of_model", is_flag=True, help="Show the parameters of the networks by module and side.")
+@json_option
+def command(stream: Path | None, of_model: bool, as_json: bool) -> None:
+    """Describe FILE.fcs: its views, its stages, and where its bytes go. A damaged file is described as far as possible,
+    and the exit code is then 1.
+    """
+    if of_model == (stream is not None):
+        raise click.UsageError("Give either a .fcs file or --model.")
+    if stream is None:
+        from .model_table import print_parameters
+
+        return print_parameters(as_json)
+    with naming(stream):
+        summary = inspect(read_bytes(stream))
+        if as_json:
+            print_json(summary_fields(summary))
+        else:
+            print_summary(summary)
+        if summary.damage:
+            raise BitstreamError(summary.damage)
+
+
+def summary_fields(summary: StreamSummary) -> dict[str, object]:
+    """The summary as JSON has it; the names are part of the command line's interface."""
+    header = summary.header
+    return {
+        "format_version": f"{header.version.major}.{header.version.minor}",
+        "model_id": header.model_id.hex(),
+        "views": header.num_views,
+        "height": header.height,
+        "width": header.width,
+        "lambda": float(f"{header.lmbda:.4g}"),
+        "stages": header.num_stages,
+        "near": summary.near,
+        "far": summary.far,
+        "bytes": summary.total_bytes,
+        "bits_per_pixel": summary.bits_per_pixel,
+        "header_bytes": summary.header_bytes,
+        "overhead_bytes": summary.overhead_bytes,
+        "sections": [
+            {
+                "name": section.name,
+                "offset": section.offset,
+                "payload_bytes": section.length,
+                "intact": section.is_intact,
+            }
+            for section in summary.sections
+        ],
+        "symbol_digests": [digest.hex() for digest in header.symbol_digests],
+        "metadata": summary.metadata,
+        "damage": summary.damage,
+    }
+
+
+def print_summary(summary: StreamSummary) -> None:
+    header = summary.header
+    depth = "unknown" if summary.near is None or summary.far is None else f"{summary.near:.6g} to {summary.far:.6g}"
+    print_fields(
+        [
+            ("format", f"{header.version.major}.{header.version.minor}"),
+            ("model", header.model_id.hex()),
+            ("views", f"{header.num_views} of {header.width}x{header.height}"),
+            ("depth", depth),
+            ("lambda", f"{header.lmbda:.4g}"),
+            ("stages", f"{header.num_stages}"),
+            ("size", f"{summary.total_bytes:,} bytes, {summary.bits_per_pixel:.4f} bits per pixel"),
+        ]
+    )
+    click.echo()
+    rows = [(f"{s.offset}", s.name, f"{s.length}", "" if s.is_intact else "damaged") for s in summary.sections]
+    print_columns([("at byte", "section", "bytes", ""), ("0", "header", f"{summary.header_bytes}", ""), *rows])

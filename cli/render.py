@@ -1,0 +1,147 @@
+"""`fecosplat render`: Gaussians seen by cameras, as PNG (colour) and EXR (linear colour and depth)."""
+
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import click
+
+from .options import FILE_PATH, device_option, json_option, overwrite_option, parse_size, threads_option
+from .output import print_json, say
+from .progress import OnProgress, progress_bar
+from .selection import Selection, parse_selection, resolve
+from .stream import naming, read_bytes
+
+if TYPE_CHECKING:
+    from fecocodec import Cameras, Gaussians
+
+BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
+SUFFIXES = (".png", ".exr")
+
+
+@click.command(
+    "render",
+    short_help="Render a .fcs or .ply file to images.",
+    epilog="""\b
+Examples:
+  fecosplat render scene.fcs -o images/
+  fecosplat render scene.fcs -o new_view.png --cameras photos/ --views 7
+  fecosplat render scene.ply -o images/ --cameras photos/ --size 512x512""",
+)
+@click.argument("scene", metavar="FILE", type=FILE_PATH)
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="A folder, or a .png or .exr file for one view.")
+@click.option(
+    "--cameras",
+    "cameras_folder",
+    type=FILE_PATH,
+    help="Folder of photographs whose cameras to render.  [default: the cameras in the .fcs file]",
+)
+@click.option(
+    "--views",
+    callback=parse_selection,
+    metavar="WHICH",
+    help="Which views of --cameras: 0,5 or a.jpg,b.jpg or spread:N.",
+)
+@click.option("--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: its own]")
+@click.option("--stages", type=click.IntRange(1, 2), help="Decode only the first stage.  [default: all]")
+@click.option("--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True)
+@device_option
+@threads_option
+@overwrite_option
+@json_option
+def command(
+    scene: Path,
+    output: Path,
+    cameras_folder: Path | None,
+    views: Selection | None,
+    size: tuple[int, int] | None,
+    stages: int | None,
+    background: str,
+    device: str,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Render the Gaussians of FILE (.fcs or .ply) to PNG and EXR images.
+
+    PNG holds sRGB colour; EXR holds linear colour and, in channel Z, depth along the optical axis in scene units.
+    """
+    if cameras_folder is None and (views or size or scene.suffix.lower() == ".ply"):
+        raise click.UsageError("A .ply file, --views and --size need --cameras FOLDER.")
+    start = perf_counter()
+    cameras, image_size, names = _cameras(scene, cameras_folder, views, size)
+    files = _output_files(output, scene.stem, names, overwrite)
+    with progress_bar() as on_progress:
+        gaussians = _gaussians(scene, stages, device, on_progress)
+        on_progress("rendering", 1.0)
+        _render(gaussians, cameras, image_size, BACKGROUNDS[background], files, overwrite)
+    seconds = round(perf_counter() - start, 3)
+    written = [str(file) for of_view in files for file in of_view]
+    if as_json:
+        print_json({"outputs": written, "gaussians": gaussians.count, "seconds": seconds})
+    else:
+        say(f"{output}: {len(files)} views rendered in {seconds:.2f} s")
+
+
+def _cameras(
+    scene: Path, folder: Path | None, selection: Selection | None, size: tuple[int, int] | None
+) -> tuple["Cameras", tuple[int, int], tuple[str, ...]]:
+    """Cameras, (height, width), and a name for each view."""
+    if folder is not None:
+        from fecocodec import read_views
+
+        views = read_views(folder, views=resolve(folder, selection), size=size)
+        return views.cameras, views.image_size, tuple(Path(name).stem for name in views.names)
+    from fecocodec.receiver.decode import read_cameras
+
+    with naming(scene):
+        cameras, image_size = read_cameras(read_bytes(scene))
+    return cameras, image_size, tuple(f"{view:02d}" for view in range(cameras.num_views))
+
+
+def _output_files(output: Path, stem: str, names: tuple[str, ...], overwrite: bool) -> list[list[Path]]:
+    """The files to write for each view; refuses those that exist before anything is decoded."""
+    from fecocodec.errors import OutputError
+    from fecocodec.formats.atomic import require_writable
+
+    if output.suffix.lower() in SUFFIXES:
+        if len(names) != 1:
+            raise OutputError(f"{output}: one file cannot hold {len(names)} views; give a folder or choose one view")
+        files = [[output]]
+    else:
+        files = [[output / f"{stem}_{name}{suffix}" for suffix in SUFFIXES] for name in names]
+    if output.is_file() and not files[0][0] == output:
+        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png or .exr")
+    for file in (file for of_view in files for file in of_view if output.is_dir() or file == output):
+        require_writable(file, overwrite=overwrite)
+    return files
+
+
+def _gaussians(scene: Path, stages: int | None, device: str, on_progress: OnProgress) -> "Gaussians":
+    from fecocodec import decode, read_ply
+
+    if scene.suffix.lower() == ".ply":
+        return read_ply(scene).to(device)
+    with naming(scene):
+        return decode(read_bytes(scene), num_stages=stages, device=device, on_progress=on_progress)
+
+
+def _render(
+    gaussians: "Gaussians",
+    cameras: "Cameras",
+    image_size: tuple[int, int],
+    background: tuple[float, float, float],
+    files: list[list[Path]],
+    overwrite: bool,
+) -> None:
+    from fecocodec import render
+    from fecocodec.formats.exr import ExrImage, write_exr
+    from fecocodec.formats.images import write_image
+
+    rendering = render(gaussians, cameras, image_size, background)
+    for color, depth, of_view in zip(rendering.color, rendering.depth, files, strict=True):
+        for file in of_view:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            if file.suffix.lower() == ".exr":
+                write_exr(file, ExrImage(color, depth), overwrite=overwrite)
+            else:
+                write_image(file, color, overwrite=overwrite)
