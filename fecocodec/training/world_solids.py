@@ -1,0 +1,147 @@
+"""The contents of a procedural world as plain arrays: a room, convex solids in it, their surfaces and two lights."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray
+
+BOX, ELLIPSOID, CYLINDER, CONE = range(4)
+"""Kinds of solid. Each fills the local cube [-1, 1]^3; cylinders and cones stand along y, the apex of a cone is up (-y)."""
+
+NUM_ROOM_FACES = 6
+"""Surfaces 0..5 belong to the room, in the order -x +x -y +y -z +z; surface 6 + i belongs to solid i."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface looks. Colours are linear light.
+
+    texture: index into the textures. texture_share: 0 plain colour, 1 texture alone.
+    texture_scale: repeats of the texture per metre, horizontally and vertically.
+    gloss: strength of the highlight. shininess: its exponent. glow: share of the colour that needs no light.
+    """
+
+    texture: int
+    texture_share: float
+    texture_scale: tuple[float, float]
+    texture_offset: tuple[float, float]
+    tint: tuple[float, float, float]
+    plain: tuple[float, float, float]
+    gloss: float = 0.0
+    shininess: float = 20.0
+    glow: float = 0.0
+
+    def row(self) -> list[float]:
+        """The numbers that the ray caster reads, in the order that it expects."""
+        return [
+            *self.texture_scale,
+            *self.texture_offset,
+            self.texture_share,
+            *self.tint,
+            *self.plain,
+            self.gloss,
+            self.shininess,
+            self.glow,
+        ]
+
+
+@dataclass(frozen=True)
+class Lights:
+    """A key light that casts shadows, a fill light that does not, and light from everywhere.
+
+    key, fill: positions in metres (far away for the sun). *_colour: linear light reaching a surface that faces the light.
+    softness: shadows fade in over this fraction of the distance to what casts them.
+    """
+
+    key: Float[ndarray, "3"]
+    key_colour: Float[ndarray, "3"]
+    fill: Float[ndarray, "3"]
+    fill_colour: Float[ndarray, "3"]
+    ambient: Float[ndarray, "3"]
+    softness: float
+
+    def rows(self) -> Float[ndarray, "6 3"]:
+        softness = np.full(3, self.softness)
+        return np.stack((self.key, self.key_colour, self.fill, self.fill_colour, self.ambient, softness))
+
+
+@dataclass(frozen=True)
+class World:
+    """A world in metres, y down, seen from inside the axis-aligned room."""
+
+    room_centre: Float[ndarray, "3"]
+    room_half: Float[ndarray, "3"]
+    kinds: Int[ndarray, "solid"]
+    centres: Float[ndarray, "solid 3"]
+    halves: Float[ndarray, "solid 3"]
+    rotations: Float[ndarray, "solid 3 3"]
+    surface_textures: Int[ndarray, "surface"]
+    surface_rows: Float[ndarray, "surface 14"]
+    lights: Lights
+
+    @property
+    def radii(self) -> Float[ndarray, "solid"]:
+        """Radii of bounding spheres."""
+        ellipsoids = self.kinds == ELLIPSOID
+        lengths: ndarray = np.where(ellipsoids, self.halves.max(-1), np.linalg.norm(self.halves, axis=-1))
+        return lengths
+
+
+@dataclass
+class Builder:
+    """Collects solids while a world is laid out."""
+
+    kinds: list[int] = field(default_factory=list)
+    centres: list[tuple[float, float, float]] = field(default_factory=list)
+    halves: list[tuple[float, float, float]] = field(default_factory=list)
+    rotations: list[ndarray] = field(default_factory=list)
+    materials: list[Material] = field(default_factory=list)
+
+    def add(
+        self,
+        kind: int,
+        centre: tuple[float, float, float],
+        half: tuple[float, float, float],
+        rotation: Float[ndarray, "3 3"],
+        material: Material,
+    ) -> None:
+        """Add one solid: its centre, half sizes along its own axes, and local-to-world rotation."""
+        self.kinds.append(kind)
+        self.centres.append(centre)
+        self.halves.append(half)
+        self.rotations.append(rotation)
+        self.materials.append(material)
+
+    def build(self, room: tuple[ndarray, ndarray], faces: list[Material], lights: Lights) -> World:
+        """The finished world; room is its centre and half size, faces the six materials of the room."""
+        surfaces = [*faces, *self.materials]
+        return World(
+            room_centre=np.asarray(room[0], dtype=np.float64),
+            room_half=np.asarray(room[1], dtype=np.float64),
+            kinds=np.array(self.kinds, dtype=np.int64),
+            centres=np.array(self.centres, dtype=np.float64).reshape(-1, 3),
+            halves=np.array(self.halves, dtype=np.float64).reshape(-1, 3),
+            rotations=np.array(self.rotations, dtype=np.float64).reshape(-1, 3, 3),
+            surface_textures=np.array([material.texture for material in surfaces], dtype=np.int64),
+            surface_rows=np.array([material.row() for material in surfaces], dtype=np.float64),
+            lights=lights,
+        )
+
+
+def yaw_rotation(angle: float) -> Float[ndarray, "3 3"]:
+    """Turn about the vertical axis, radians."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+
+
+def random_rotation(rng: np.random.Generator) -> Float[ndarray, "3 3"]:
+    """A uniformly random rotation (from a normalised random quaternion)."""
+    w, x, y, z = (lambda q: q / np.linalg.norm(q))(rng.standard_normal(4))
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
