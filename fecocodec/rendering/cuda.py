@@ -1,0 +1,57 @@
+"""Rendering on CUDA through gsplat: the same result as on the CPU, up to rounding."""
+
+import math
+
+import torch
+
+from fecocodec.errors import InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.rendering.rendering import Rendering
+
+
+def render_on_cuda(
+    gaussians: Gaussians,
+    cameras: Cameras,
+    image_size: tuple[int, int],
+    background: tuple[float, float, float],
+    near: float,
+) -> Rendering:
+    """See `rasterizer.render`. near: Gaussians whose mean is closer than this depth are not drawn.
+
+    Raises InputError when gsplat is not installed.
+    """
+    try:
+        from gsplat import rasterization  # here, because it needs CUDA and most installations do not have it
+    except ImportError as error:
+        raise InputError(
+            "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
+            "run `pip install gsplat`, or move the Gaussians to the CPU."
+        ) from error
+    height, width = image_size
+    means, scales, rotations, opacities, harmonics = (field.to(torch.float32) for field in _finite(gaussians).fields())
+    cameras = cameras.to(means.device)
+    images, alpha, _ = rasterization(
+        means=means,
+        quats=rotations,
+        scales=scales,
+        opacities=opacities,
+        colors=harmonics,
+        viewmats=cameras.world_to_camera.to(torch.float32).contiguous(),
+        Ks=cameras.intrinsics_px(height, width).to(torch.float32).contiguous(),
+        width=width,
+        height=height,
+        near_plane=near,
+        sh_degree=math.isqrt(harmonics.shape[-2]) - 1,
+        backgrounds=means.new_tensor(background).expand(cameras.num_views, 3).contiguous(),
+        render_mode="RGB+ED",
+    )
+    return Rendering(images[..., :3].permute(0, 3, 1, 2), images[..., 3], alpha[..., 0])
+
+
+def _finite(gaussians: Gaussians) -> Gaussians:
+    """Without the Gaussians that hold a value that is not finite, which gsplat would draw."""
+    is_finite = torch.ones_like(gaussians.opacities, dtype=torch.bool)
+    for field in gaussians.fields():
+        is_finite &= field.detach().isfinite().reshape(len(field), -1).all(dim=-1)
+    return gaussians.keep(is_finite)

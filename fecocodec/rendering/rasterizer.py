@@ -1,0 +1,56 @@
+"""Render Gaussians through pinhole cameras."""
+
+from fecocodec.errors import InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.rendering.cpu import render_on_cpu
+from fecocodec.rendering.cuda import render_on_cuda
+from fecocodec.rendering.rendering import Rendering
+
+__all__ = ["Rendering", "render"]
+
+_NEAR_FRACTION = 0.1  # Gaussians in front of this share of the near bound are not drawn
+_SH_SIZES = (1, 4, 9, 16)
+
+
+def render(
+    gaussians: Gaussians,
+    cameras: Cameras,
+    image_size: tuple[int, int],
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Rendering:
+    """Images of one scene's Gaussians seen by its cameras, on the device the Gaussians are on.
+
+    image_size: (height, width) in pixels. background: sRGB behind everything. The scene has no batch dimensions.
+    Differentiable once with respect to all fields of the Gaussians, in float32; no gradient reaches the cameras.
+    Gaussians with values that are not finite are not drawn. On the CPU the result does not depend on the number of
+    threads (that of torch). Rules of 3DGS: see `projection` and `compositing`.
+
+    Raises InputError when shapes or the image size cannot be used, or the device has no renderer.
+    """
+    _check(gaussians, cameras, image_size)
+    near = _NEAR_FRACTION * float(cameras.near)
+    device = gaussians.means.device.type
+    if device == "cuda":
+        return render_on_cuda(gaussians, cameras, image_size, background, near)
+    if device == "cpu":
+        return render_on_cpu(gaussians, cameras, image_size, background, near)
+    raise InputError(f"Gaussians on device '{device}' cannot be rendered; move them to 'cpu' or 'cuda'.")
+
+
+def _check(gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]) -> None:
+    if gaussians.means.ndim != 2 or cameras.extrinsics.ndim != 3:
+        raise InputError(
+            f"Rendering takes one scene, but means have shape {tuple(gaussians.means.shape)} and extrinsics "
+            f"{tuple(cameras.extrinsics.shape)}; render the scenes of a batch one by one."
+        )
+    if gaussians.harmonics.shape[-2] not in _SH_SIZES:
+        raise InputError(
+            f"Gaussians carry {gaussians.harmonics.shape[-2]} harmonics a colour; use 1, 4, 9 or 16 (degree 0 to 3)."
+        )
+    if min(image_size) < 1:
+        raise InputError(
+            f"An image of height {image_size[0]} and width {image_size[1]} has no pixels; make both positive."
+        )
+    if not float(cameras.near) > 0.0:
+        raise InputError(f"The near bound of the cameras is {float(cameras.near)}; it must be a positive depth.")

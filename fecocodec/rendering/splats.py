@@ -1,0 +1,53 @@
+"""A splat: one Gaussian as one view sees it, flat on the image."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fecocodec.rendering.compilation import compiled
+
+DIFFERENTIABLE_FIELDS = ("x", "y", "conic_xx", "conic_xy", "conic_yy", "opacity", "red", "green", "blue", "depth")
+"""Fields that carry gradients; a row of splat gradients has one column for each, in this order."""
+
+# x, y: centre in pixels, pixel centres at i + 0.5. conic: inverse of the 2x2 covariance, in 1 / pixels^2.
+# depth: z along the optical axis. cutoff: value of the exponent at which alpha falls below ALPHA_MIN.
+# radius_x, radius_y: half sizes in pixels of the box where it does not; 0 where the Gaussian cannot be seen.
+SPLAT = np.dtype([(name, np.float32) for name in (*DIFFERENTIABLE_FIELDS, "cutoff", "radius_x", "radius_y")])
+
+ALPHA_MIN = 1.0 / 255.0  # a splat adds nothing to a pixel where its alpha is below this
+ALPHA_MAX = np.float32(0.999)
+TRANSMITTANCE_MIN = np.float32(1e-4)  # a pixel is finished once less light than this passes
+
+Vector3 = tuple[float, float, float]
+
+
+class Pinhole(NamedTuple):
+    """One camera in pixels: world-to-camera rotation (rows) and translation, intrinsics, image size, near limit."""
+
+    rotation: tuple[Vector3, Vector3, Vector3]
+    translation: Vector3
+    focal_x: float
+    focal_y: float
+    centre_x: float
+    centre_y: float
+    width: int
+    height: int
+    near: float
+
+
+@compiled
+def falloff(exponent):  # type: ignore[no-untyped-def]
+    """exp(-exponent) for an exponent in [0, 6], relative error below 3e-6, in operations that vectorise.
+
+    Minimax polynomial of exp(-exponent / 8), squared three times. Exponents above 6 give exp(-6): alpha is below
+    ALPHA_MIN from ln 255 = 5.54 on, so nobody looks at them.
+    """
+    p = min(max(exponent, np.float32(0.0)), np.float32(6.0))
+    root = np.float32(9.65796413135044e-06) + p * np.float32(-1.745353500777486e-07)
+    root = np.float32(-0.00032392379188796926) + p * root
+    root = np.float32(0.007810199126091689) + p * root
+    root = np.float32(-0.12499875964526308) + p * root
+    root = np.float32(0.9999998988236805) + p * root
+    fourth = root * root
+    fourth = fourth * fourth
+    return fourth * fourth
