@@ -1,0 +1,133 @@
+"""Layers computed in integers, written once for training and for coding.
+
+Values are Q8 integers (256 stands for 1.0) held in floating-point tensors, weights are Q12, biases Q20. In float64
+every product and sum is a multiple of 2^-12 far below 2^41, hence exact in any order of summation: on any device,
+with any number of threads and any vector width, the result is that of integer arithmetic (`ENTROPY.md`, section 5).
+In float32, which training uses, the same code differs only by the rounding of sums. The input's dtype decides.
+"""
+
+import math
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from fecocodec.errors import ModelError
+
+ONE_Q8 = 256
+ACTIVATION_LOWEST, ACTIVATION_HIGHEST = -(1 << 15), (1 << 15) - 1
+WEIGHT_BITS, WEIGHT_LIMIT = 12, (1 << 15) - 1
+BIAS_BITS, BIAS_LIMIT = 20, 1 << 24  # within 2^24 a bias is exact in float32, in which parameters are kept
+MAX_INPUTS = 1 << 20  # |accumulator| <= MAX_INPUTS * 2^30 + 2^24 < 2^53
+
+
+class _RoundThrough(torch.autograd.Function):
+    """floor(x + 1/2), clamped; the gradient passes, except where it would push a clamped value further out."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, lowest: int, highest: int) -> Tensor:
+        ctx.save_for_backward(x)
+        ctx.limits = lowest, highest
+        return torch.add(x, 0.5).floor_().clamp_(lowest, highest)
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
+        (x,) = ctx.saved_tensors
+        lowest, highest = ctx.limits
+        outwards = ((x < lowest) & (grad > 0)) | ((x > highest) & (grad < 0))
+        return grad.masked_fill(outwards, 0.0), None, None
+
+
+class _ClampThrough(_RoundThrough):
+    """The same without rounding."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, lowest: int, highest: int) -> Tensor:
+        ctx.save_for_backward(x)
+        ctx.limits = lowest, highest
+        return x.clamp(lowest, highest)
+
+
+def round_through(x: Float[Tensor, "*shape"], lowest: int, highest: int) -> Float[Tensor, "*shape"]:
+    """floor(x + 1/2) clamped to [lowest, highest], with a straight-through gradient."""
+    result: Tensor = _RoundThrough.apply(x, lowest, highest)
+    return result
+
+
+def clamp_through(x: Float[Tensor, "*shape"], lowest: int, highest: int) -> Float[Tensor, "*shape"]:
+    """x clamped to [lowest, highest]; a clamped value keeps the gradient that leads it back."""
+    result: Tensor = _ClampThrough.apply(x, lowest, highest)
+    return result
+
+
+def saturate(x_q8: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    """Q8 values as a layer may receive them: within int16."""
+    return x_q8.clamp(ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
+
+
+class FixedPointLinear(nn.Module):
+    """x [group row in] -> x @ weight + bias -> round to Q8, clamp to int16 -> [group row out]; one matrix per group.
+
+    Inputs that are not given (a narrower x) count as zero. Parameters are real numbers; their integers are
+    weight * 2^12 (int16) and bias * 2^20 (int32), rounded half up.
+    """
+
+    def __init__(self, num_inputs: int, num_outputs: int, num_groups: int = 1, gain: float = math.sqrt(2.0)) -> None:
+        super().__init__()
+        if num_inputs > MAX_INPUTS:
+            raise ModelError(f"Layer with {num_inputs} inputs: sums are exact up to {MAX_INPUTS}; use fewer inputs.")
+        self.weight = nn.Parameter(torch.randn(num_groups, num_inputs, num_outputs) * (gain / math.sqrt(num_inputs)))
+        self.bias = nn.Parameter(torch.zeros(num_groups, num_outputs))
+
+    def rounded_weight(self) -> Float[Tensor, "group in out"]:
+        """Q12 integers, held as floats."""
+        return round_through(self.weight * (1 << WEIGHT_BITS), -WEIGHT_LIMIT, WEIGHT_LIMIT)
+
+    def rounded_bias(self) -> Float[Tensor, "group out"]:
+        """Q20 integers, held as floats."""
+        return round_through(self.bias * (1 << BIAS_BITS), -BIAS_LIMIT, BIAS_LIMIT)
+
+    def forward(self, x_q8: Float[Tensor, "group row given"]) -> Float[Tensor, "group row out"]:
+        weight = (self.rounded_weight() / (1 << WEIGHT_BITS)).to(x_q8.dtype)
+        bias = (self.rounded_bias() / (1 << (BIAS_BITS - 8))).to(x_q8.dtype)
+        sums = torch.baddbmm(bias[:, None], x_q8, weight[:, : x_q8.shape[-1]])
+        return round_through(sums, ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
+
+
+def export_integers(module: nn.Module) -> dict[str, Int[Tensor, "..."]]:
+    """Weights as int16 (Q12) and biases as int32 (Q20) of all layers, under the names of `named_modules`."""
+    integers = {}
+    for name, layer in module.named_modules():
+        if isinstance(layer, FixedPointLinear):
+            integers[f"{name}.weight"] = layer.rounded_weight().detach().to(torch.int16)
+            integers[f"{name}.bias"] = layer.rounded_bias().detach().to(torch.int32)
+    return integers
+
+
+def load_integers(module: nn.Module, integers: dict[str, Int[Tensor, "..."]]) -> None:
+    """Sets all layers of `module` from exported integers; raises ModelError for a wrong name, shape, type or range."""
+    expected = export_integers(module)
+    if expected.keys() != integers.keys():
+        name = sorted(expected.keys() ^ integers.keys())[0]
+        raise ModelError(f"Entropy model: tensor '{name}' is missing or unknown; use weights made by this version.")
+    for name, like in expected.items():
+        _check_integers(name, integers[name], like)
+    with torch.no_grad():
+        for name, parameter in module.named_parameters():
+            bits = WEIGHT_BITS if name.endswith("weight") else BIAS_BITS
+            parameter.copy_(integers[name].to(parameter.dtype) / (1 << bits))
+
+
+def _check_integers(name: str, found: Tensor, like: Tensor) -> None:
+    if found.shape != like.shape or found.dtype != like.dtype:
+        raise ModelError(
+            f"Entropy model: tensor '{name}' is {found.dtype} {list(found.shape)}, expected {like.dtype} "
+            f"{list(like.shape)}; use weights made by this version."
+        )
+    limit = WEIGHT_LIMIT if like.dtype == torch.int16 else BIAS_LIMIT
+    largest = int(found.long().abs().max())
+    if largest > limit:
+        raise ModelError(
+            f"Entropy model: tensor '{name}' reaches {largest}, the limit is {limit}; the file is damaged."
+        )

@@ -1,0 +1,120 @@
+"""What a latent probably is, from what is already known: networks that run in integers at both ends."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from einops import rearrange
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from fecocodec.coding.fixed_point import ONE_Q8, FixedPointLinear, saturate
+from fecocodec.coding.quadtree import NUM_PHASES, NUM_STEPS, merge_phases, neighbourhoods, split_phases
+
+NUM_STAGES = 2
+LAMBDA_Q_HIGHEST = 1769  # round(256 * ln(1e-2 / 1e-5))
+LAMBDA_Q_CENTRE = 885
+NUM_CONDITIONS = 2 * NUM_STAGES
+POSITIONS_PER_TABLE_Q8 = 32  # an output of 1.0 moves eight tables: outputs of networks are better behaved near 1
+
+
+@dataclass(frozen=True)
+class EntropyParameters:
+    """What an element is coded with.
+
+    mean_q8: what to add to the decoded symbol, Q8. position_q8: where on the scale of the tables, Q8: 0 stands for the
+    standard deviation 1, 256 for 2^(8/7) (eight tables further).
+    """
+
+    mean_q8: Float[Tensor, "..."]
+    position_q8: Float[Tensor, "..."]
+
+
+def condition_vector(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "item 4"]:
+    """What the networks are told of stage (1 or 2) and lambda: one stage's [1, ln(lambda) centred], zero for the other.
+
+    lambda_q = round(256 ln(lambda / 1e-5)) in [0, 1769]; the result is Q8.
+    """
+    condition = torch.zeros(len(lambda_q), NUM_CONDITIONS, device=lambda_q.device)
+    condition[:, stage - 1] = ONE_Q8
+    condition[:, NUM_STAGES + stage - 1] = lambda_q.to(condition.dtype) - LAMBDA_Q_CENTRE
+    return condition
+
+
+def _apply_rows(layer: FixedPointLinear, x_q8: Float[Tensor, "... given"]) -> Float[Tensor, "... out"]:
+    rows: Tensor = layer(x_q8.reshape(1, -1, x_q8.shape[-1]))
+    return rows.reshape(*x_q8.shape[:-1], -1)
+
+
+class ContextNetwork(nn.Module):
+    """Entropy parameters of one quadtree step; each phase has its own weights, as each codes other channels.
+
+    features, 3x3 surroundings of the steps before -> width -> ReLU -> width -> ReLU -> mean, position of a quarter
+    """
+
+    def __init__(self, step: int, quarter: int, width: int) -> None:
+        super().__init__()
+        self.enter = FixedPointLinear(width + 9 * quarter * step, width, NUM_PHASES)
+        self.middle = FixedPointLinear(width, width, NUM_PHASES)
+        self.leave = FixedPointLinear(width, 2 * quarter, NUM_PHASES, gain=0.1)
+
+    def forward(self, inputs_q8: Sequence[Float[Tensor, "4 item row column _"]]) -> EntropyParameters:
+        x = torch.cat(list(inputs_q8), dim=-1)
+        layout = x.shape[:-1]
+        x = torch.relu(self.enter(x.flatten(1, 3)))
+        x = self.leave(torch.relu(self.middle(x)))
+        mean_q8, position_q8 = x.unflatten(1, layout[1:]).chunk(2, dim=-1)
+        return EntropyParameters(mean_q8, position_q8)
+
+
+class LatentPrior(nn.Module):
+    """Priors of hyper-latent and latent, shared by both stages.
+
+    condition -> z's parameters;   z_hat, condition -> 3x3 at 1/32 -> up -> 3x3 at 1/16 -> up -> features at 1/8
+    features also see the latent of the stage before;   features, coded steps -> ContextNetwork -> y's parameters
+    """
+
+    def __init__(self, latent_channels: int = 32, hyper_channels: int = 16, width: int = 64) -> None:
+        super().__init__()
+        self.latent_channels, self.hyper_channels = latent_channels, hyper_channels
+        self.hyper_prior = FixedPointLinear(NUM_CONDITIONS, 2 * hyper_channels, gain=0.1)
+        self.enter = FixedPointLinear(NUM_CONDITIONS + 9 * hyper_channels, 2 * width)
+        self.up_16 = FixedPointLinear(2 * width, 4 * width)
+        self.around_16 = FixedPointLinear(9 * width, width)
+        self.up_8 = FixedPointLinear(width, 4 * width)
+        self.merge_8 = FixedPointLinear(width + NUM_CONDITIONS + 9 * latent_channels, width)
+        quarter = latent_channels // NUM_STEPS
+        self.steps = nn.ModuleList(ContextNetwork(step, quarter, width) for step in range(NUM_STEPS))
+
+    def hyper_parameters(
+        self, condition_q8: Float[Tensor, "item 4"], height_32: int, width_32: int
+    ) -> EntropyParameters:
+        """Parameters of z, [item height/32 width/32 channel]: they depend on channel, stage and lambda only."""
+        parameters = _apply_rows(self.hyper_prior, condition_q8)[:, None, None].expand(-1, height_32, width_32, -1)
+        mean_q8, position_q8 = parameters.chunk(2, dim=-1)
+        return EntropyParameters(mean_q8, position_q8)
+
+    def features(
+        self,
+        z_hat_q8: Float[Tensor, "item height_32 width_32 hyper"],
+        condition_q8: Float[Tensor, "item 4"],
+        context_q8: Float[Tensor, "item height_8 width_8 latent"] | None,
+    ) -> Float[Tensor, "4 item row column width"]:
+        """What y's networks know before its first step. `context_q8`: y_hat of the stage before, None in the first."""
+        spread = condition_q8[:, None, None]
+        x = torch.cat([spread.expand(*z_hat_q8.shape[:3], -1), neighbourhoods(saturate(z_hat_q8))], dim=-1)
+        x = torch.relu(_apply_rows(self.up_16, torch.relu(_apply_rows(self.enter, x))))
+        x = merge_phases(rearrange(x, "n i j (phase c) -> phase n i j c", phase=NUM_PHASES))
+        x = torch.relu(_apply_rows(self.around_16, neighbourhoods(x)))
+        x = torch.relu(_apply_rows(self.up_8, x))
+        x = rearrange(x, "n i j (phase c) -> phase n i j c", phase=NUM_PHASES)
+        inputs = [x, spread.expand(*x.shape[:-1], -1)]
+        if context_q8 is not None:
+            inputs.append(split_phases(neighbourhoods(saturate(context_q8))))
+        return torch.relu(_apply_rows(self.merge_8, torch.cat(inputs, dim=-1)))
+
+    def surroundings(
+        self, y_hat_q8: Float[Tensor, "4 item row column quarter"]
+    ) -> Float[Tensor, "4 item row column _"]:
+        """The 3x3 neighbourhoods of one coded step, for the steps after it."""
+        return split_phases(neighbourhoods(saturate(merge_phases(y_hat_q8))))

@@ -1,0 +1,106 @@
+"""Training's estimate of the same model: differentiable bits, on the very walk that writes and reads the bitstream."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from fecocodec.coding.fixed_point import ONE_Q8, clamp_through, round_through
+from fecocodec.coding.priors import POSITIONS_PER_TABLE_Q8, EntropyParameters, LatentPrior, condition_vector
+from fecocodec.coding.walk import split_partitions, walk_latents
+from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SIGMA_ONE_INDEX, SYMBOL_LIMIT, TABLES_PER_OCTAVE
+
+_TAIL_IN_SIGMAS = 5.0  # beyond it the Gaussian continues as an exponential, so that float32 and gradients stay finite
+_MOST_BITS = 32.0  # about what an outlier costs, by the least frequency of a table or by an escape
+
+Softening = Callable[[Float[Tensor, "*shape"]], Float[Tensor, "*shape"]]
+"""What stands for rounding where the rate is estimated: `uniform_noise(generator)` or `straight_through`."""
+
+
+@dataclass(frozen=True)
+class LatentEstimate:
+    """Latents as the receiver will see them, with gradients straight through the rounding, and estimated bits."""
+
+    y_hat: Float[Tensor, "item latent height_8 width_8"]
+    z_hat: Float[Tensor, "item hyper height_32 width_32"]
+    bits_y: Float[Tensor, " item"]
+    bits_z: Float[Tensor, " item"]
+
+
+def uniform_noise(generator: torch.Generator | None = None) -> Softening:
+    """Additive noise in [-1/2, 1/2): differentiable, but too high where most symbols are zero."""
+
+    def soften(residual: Tensor) -> Tensor:
+        return residual + (torch.rand(residual.shape, generator=generator, device=residual.device) - 0.5)
+
+    return soften
+
+
+def straight_through(residual: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    """The symbols themselves: the estimate is then that of the bitstream, to a fraction of a percent."""
+    return round_through(residual, -SYMBOL_LIMIT, SYMBOL_LIMIT)
+
+
+def estimate_latents(
+    prior: LatentPrior,
+    y: Float[Tensor, "item latent height_8 width_8"],
+    z: Float[Tensor, "item hyper height_32 width_32"],
+    lambda_q: Int[Tensor, " item"],
+    stage: int,
+    context_y_hat: Float[Tensor, "item latent height_8 width_8"] | None,
+    soften: Softening,
+) -> LatentEstimate:
+    """Latents after coding and their estimated bits per item (a view of a scene), with gradients for all inputs.
+
+    lambda_q: see `condition_vector`, one per item. stage: 1 or 2. context_y_hat: y_hat of stage 1 where stage is 2.
+    """
+    meter = _Meter(split_partitions(y.float(), z.float()), soften)
+    context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
+    size_32 = (z.shape[2], z.shape[3])
+    walked = walk_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
+    bits_z, *bits_steps = meter.bits
+    return LatentEstimate(
+        y_hat=walked.y_hat_q8 / ONE_Q8,
+        z_hat=walked.z_hat_q8 / ONE_Q8,
+        bits_y=torch.stack(bits_steps).sum(dim=(0, 1, 3, 4, 5)),
+        bits_z=bits_z.sum(dim=(1, 2, 3)),
+    )
+
+
+class _Meter:
+    """In place of a port: rounds straight through and keeps the bits of each partition."""
+
+    def __init__(self, partitions: list[Tensor], soften: Softening) -> None:
+        self.partitions, self.soften = partitions, soften
+        self.bits: list[Tensor] = []
+
+    def exchange(self, partition: int, parameters: EntropyParameters) -> Tensor:
+        residual = self.partitions[partition] - parameters.mean_q8 / ONE_Q8
+        index = clamp_through(SIGMA_ONE_INDEX + parameters.position_q8 / POSITIONS_PER_TABLE_Q8, 0, NUM_TABLES - 1)
+        skipped = index.detach() < FIRST_CODED_TABLE - 0.5
+        self.bits.append(_zero_through(gaussian_bits(self.soften(residual), index), skipped))
+        symbols = _zero_through(round_through(residual, -SYMBOL_LIMIT, SYMBOL_LIMIT), skipped)
+        return symbols * ONE_Q8 + parameters.mean_q8
+
+
+def _zero_through(x: Tensor, mask: Tensor) -> Tensor:
+    """Zero where masked, with the gradient of x everywhere.
+
+    An element that is not coded keeps the gradients of one that is: its scale goes on following the latent's spread, so
+    that it is coded again once that spread is worth it.
+    """
+    return x - (x * mask).detach()
+
+
+def gaussian_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    """-log2 of the mass of [residual - 1/2, residual + 1/2] under the Gaussian of a table, or between two tables."""
+    inverse_sigma = torch.exp((SIGMA_ONE_INDEX - table_index) * (math.log(2.0) / TABLES_PER_OCTAVE))
+    distance = residual.abs()
+    core = torch.minimum(distance, 0.5 + _TAIL_IN_SIGMAS / inverse_sigma.detach())
+    mass = torch.special.ndtr((0.5 - core) * inverse_sigma) - torch.special.ndtr((-0.5 - core) * inverse_sigma)
+    nats = (distance - core) * inverse_sigma * _TAIL_IN_SIGMAS - torch.log(mass)
+    bits = nats / math.log(2.0)
+    return bits - (bits - bits.clamp(max=_MOST_BITS)).detach()
