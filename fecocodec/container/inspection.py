@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from fecocodec.container.header import Header, read_header
+from fecocodec.container.header import Header
+from fecocodec.container.header_bytes import read_header
 from fecocodec.container.metadata import Metadata
 from fecocodec.container.sections import SECTION_OVERHEAD, read_payload, read_section_head
 from fecocodec.container.stream import read_stream

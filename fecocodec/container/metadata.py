@@ -9,6 +9,7 @@ import zstandard
 from fecocodec.errors import BitstreamError
 
 MAX_JSON_BYTES = 1 << 16
+MAX_JSON_DEPTH = 8  # of objects and lists in one another: far below what exhausts a stack
 
 Metadata = dict[str, Any]
 _BAD_WRITER = "the program that wrote it is at fault, encode the scene again"
@@ -52,6 +53,7 @@ def _parse(content: bytes, place: str) -> Metadata:
             parse_constant=_refuse_constant,
             object_pairs_hook=_object_of_pairs,
         )
+        _check_depth(value, MAX_JSON_DEPTH)
         json.dumps(value, ensure_ascii=False).encode("utf-8")  # fails for half a surrogate pair, which no text can show
     except (ValueError, RecursionError) as error:
         raise BitstreamError(f"{place}: no valid JSON ({error}); {_BAD_WRITER}") from error
@@ -76,3 +78,11 @@ def _object_of_pairs(pairs: list[tuple[str, Any]]) -> Metadata:
     if len(fields) != len(pairs):
         raise ValueError("a key appears twice")
     return fields
+
+
+def _check_depth(value: object, levels: int) -> None:
+    if isinstance(value, dict | list):
+        if levels == 0:
+            raise ValueError(f"it is nested more than {MAX_JSON_DEPTH} deep")
+        for item in value.values() if isinstance(value, dict) else value:
+            _check_depth(item, levels - 1)

@@ -25,13 +25,13 @@ class SectionKind(IntEnum):
 
 
 STAGE_KINDS = (SectionKind.STAGE_1, SectionKind.STAGE_2)
-_NAMES = {
+_NAMES: dict[int, str] = {
     SectionKind.CAMERAS: "cameras",
     SectionKind.STAGE_1: "B1",
     SectionKind.STAGE_2: "B2",
     SectionKind.METADATA: "metadata",
 }
-_MAX_PAYLOADS = {SectionKind.CAMERAS: 1 << 11, SectionKind.METADATA: 1 << 16}
+_MAX_PAYLOADS: dict[int, int] = {SectionKind.CAMERAS: 1 << 11, SectionKind.METADATA: 1 << 16}
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,7 @@ class SectionHead:
 
 def section_name(kind: int) -> str:
     """The name of a kind, or its number where this version has no name for it."""
-    known = {int(member): name for member, name in _NAMES.items()}
-    return known.get(kind, f"{kind:#04x}")
+    return _NAMES.get(kind, f"{kind:#04x}")
 
 
 def section_bytes(kind: SectionKind, payload: bytes) -> bytes:
@@ -88,7 +87,7 @@ def read_section_head(data: bytes, offset: int) -> SectionHead:
     kind, length = _HEAD.unpack_from(data, offset)
     (crc32,) = _CRC.unpack_from(data, offset + _HEAD.size)
     head = SectionHead(kind, offset, length, crc32)
-    limit = {int(member): size for member, size in _MAX_PAYLOADS.items()}.get(kind, MAX_PAYLOAD)
+    limit = _MAX_PAYLOADS.get(kind, MAX_PAYLOAD)
     if length > limit:
         raise BitstreamError(
             f"{head.place}: its length is {length}, at most {limit} bytes are allowed; "

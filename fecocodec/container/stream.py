@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from fecocodec.container.camera_rules import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
-from fecocodec.container.header import Header, ParsedHeader, header_bytes, read_header
+from fecocodec.container.header import Header
+from fecocodec.container.header_bytes import ParsedHeader, read_header, write_header
 from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadata
 from fecocodec.container.sections import (
     STAGE_KINDS,
@@ -54,7 +55,7 @@ def write_stream(stream: Stream) -> bytes:
     sections += [section_bytes(kind, payload) for kind, payload in zip(STAGE_KINDS, stream.payloads, strict=False)]
     if stream.metadata is not None:
         sections.append(section_bytes(SectionKind.METADATA, pack_metadata(stream.metadata)))
-    return header_bytes(header, len(sections)) + b"".join(sections)
+    return write_header(header, len(sections)) + b"".join(sections)
 
 
 def read_stream(data: bytes) -> Stream:

@@ -1,0 +1,105 @@
+"""The bytes of a header: signature, fixed fields, symbol digests, CRC-32 (FORMAT.md, section 4)."""
+
+import struct
+import zlib
+from typing import NamedTuple
+
+from fecocodec.container.header import (
+    DIGEST_BYTES,
+    FormatVersion,
+    Header,
+    check_header,
+    check_stages,
+    check_version,
+)
+from fecocodec.errors import BitstreamError
+
+SIGNATURE = b"\x89FCS\r\n\x1a\n"
+
+_FIXED = struct.Struct("<8sBB8sBBHHHBB")
+_CRC = struct.Struct("<I")
+
+
+class ParsedHeader(NamedTuple):
+    """A header as read, with what only the reader of the sections needs: their number and where the first begins."""
+
+    header: Header
+    num_sections: int
+    end: int
+
+
+def write_header(header: Header, num_sections: int) -> bytes:
+    """The bytes of a header in front of that many sections; raises BitstreamError for a field outside its limits."""
+    check_header(header, num_sections)
+    fixed = _FIXED.pack(
+        SIGNATURE,
+        *header.version,
+        header.model_id,
+        header.num_views,
+        header.num_stages,
+        header.height,
+        header.width,
+        header.lambda_q,
+        num_sections,
+        0,  # reserved
+    )
+    content = fixed + b"".join(header.symbol_digests)
+    return content + _CRC.pack(zlib.crc32(content))
+
+
+def read_header(data: bytes) -> ParsedHeader:
+    """Read and check the header at the start of a stream; raises BitstreamError for each rule it breaks."""
+    _check_signature(data)
+    if len(data) >= len(SIGNATURE) + 2:
+        check_version(FormatVersion(data[8], data[9]))
+    _check_length(data, _FIXED.size)
+    _, major, minor, model_id, views, stages, height, width, lambda_q, num_sections, reserved = _FIXED.unpack_from(data)
+    check_stages(stages)
+    digests_end = _FIXED.size + DIGEST_BYTES * stages
+    end = digests_end + _CRC.size
+    _check_length(data, end)
+    _check_crc(data, digests_end)
+    if reserved != 0:
+        raise BitstreamError(
+            f"header at byte 27: the reserved byte is {reserved}, it must be 0; "
+            "the program that wrote it is at fault, encode the scene again"
+        )
+    digests = tuple(data[start : start + DIGEST_BYTES] for start in range(_FIXED.size, digests_end, DIGEST_BYTES))
+    header = Header(model_id, views, height, width, lambda_q, digests, FormatVersion(major, minor))
+    check_header(header, num_sections)
+    return ParsedHeader(header, num_sections, end)
+
+
+def _check_signature(data: bytes) -> None:
+    start = data[: len(SIGNATURE)]
+    if start == SIGNATURE:
+        return
+    if SIGNATURE.startswith(start):
+        _check_length(data, len(SIGNATURE))
+    if b"FCS" in start:
+        raise BitstreamError(
+            "signature at byte 0: the file was changed as if it were text (line ends or high bits); "
+            "copy it again in binary mode"
+        )
+    raise BitstreamError(
+        f"signature at byte 0: found {start.hex(' ')}, a .fcs file starts with {SIGNATURE.hex(' ')}; "
+        "give a file written by fecosplat encode"
+    )
+
+
+def _check_length(data: bytes, needed: int) -> None:
+    if len(data) < needed:
+        raise BitstreamError(
+            f"header at byte 0: the file ends after {len(data)} bytes, the header needs {needed}; "
+            "copy or download it again"
+        )
+
+
+def _check_crc(data: bytes, offset: int) -> None:
+    (stored,) = _CRC.unpack_from(data, offset)
+    found = zlib.crc32(data[:offset])
+    if stored != found:
+        raise BitstreamError(
+            f"header at byte 0: CRC-32 is {found:#010x}, stored {stored:#010x}; "
+            "the file is damaged, copy or encode it again"
+        )
