@@ -1,0 +1,46 @@
+"""Output files appear whole or not at all."""
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from fecocodec.errors import OutputError
+
+
+def require_writable(path: Path, *, overwrite: bool) -> None:
+    """Refuse an output path before any work is spent on it.
+
+    Raises OutputError where the folder is missing, where the path is not a plain file, or where it exists and
+    `overwrite` is false.
+    """
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: the folder {path.parent} does not exist; create it or choose another output path.")
+    if path.exists() and not path.is_file():
+        raise OutputError(f"{path}: this exists and is not a plain file; choose another output path.")
+    if path.exists() and not overwrite:
+        raise OutputError(f"{path}: the file exists already; choose another output path or ask to overwrite it.")
+
+
+@contextmanager
+def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Give a temporary path beside `path`; what was written there takes the name `path` when the block ends.
+
+    The temporary name keeps the suffix of `path`, because image libraries choose the format by it. Whatever goes wrong
+    in the block, the temporary file is removed and `path` stays as it was.
+    Raises OutputError as `require_writable` does, and where the system refuses to write (disk full, no permission).
+    """
+    require_writable(path, overwrite=overwrite)
+    target = path.resolve()  # through a symbolic link, so that the link survives
+    temporary = target.with_name(f".{secrets.token_hex(6)}.part{target.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(
+            f"{path}: writing failed ({reason}); check free space and permissions or choose another output path."
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)

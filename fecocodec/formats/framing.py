@@ -1,0 +1,80 @@
+"""Bringing photographs to one size: centre crop to the shape, then resize."""
+
+from collections import Counter
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from PIL import Image
+from torch import Tensor
+
+from fecocodec.errors import InputError
+from fecocodec.formats.lens import Lens
+
+MIN_SIDE = 64  # pixels; what the codec accepts
+MAX_SIDE = 1024
+MIN_KEPT_AREA = 0.5  # a crop nobody asked for must leave at least this share of each photograph
+
+
+def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
+    """(height, width) for all photographs: the most frequent size, scaled down where a side is over MAX_SIDE.
+
+    Raises InputError where the shapes differ so much that cropping would lose half of one, or a side is too short.
+    """
+    sizes = [(lens.height, lens.width) for lens in pinholes]
+    height, width = Counter(sizes).most_common(1)[0][0]  # the first one among equals
+    for (h, w), name in zip(sizes, names, strict=True):
+        crop_h, crop_w = _crop_shape(h, w, height, width)
+        if crop_h * crop_w < MIN_KEPT_AREA * h * w:
+            raise InputError(
+                f"{name}: {w}x{h} pixels, while the other images are {width}x{height}; choose images of one shape by "
+                "--views, or say with --size what all are cropped and resized to."
+            )
+    scale = min(1.0, MAX_SIDE / max(height, width))
+    height, width = round(height * scale), round(width * scale)
+    if min(height, width) < MIN_SIDE:
+        raise InputError(
+            f"{names[sizes.index(max(set(sizes), key=sizes.count))]}: {width}x{height} pixels, but each side needs "
+            f"{MIN_SIDE} to {MAX_SIDE}; use larger images or give --size."
+        )
+    return height, width
+
+
+def require_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Raises InputError where (height, width) is outside what the codec accepts."""
+    if not all(MIN_SIDE <= side <= MAX_SIDE for side in size):
+        raise InputError(f"size {size[1]}x{size[0]}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels.")
+    return size
+
+
+def crop_and_resize(
+    image: Float[Tensor, "3 height width"], pinhole: Lens, size: tuple[int, int]
+) -> tuple[Float[Tensor, "3 new_height new_width"], Float[np.ndarray, "3 3"]]:
+    """Centre crop to the shape of `size` = (height, width), resize to it (Lanczos, with antialiasing).
+
+    Returns the image and its intrinsics, normalised by width and height.
+    """
+    height, width = image.shape[-2:]
+    crop_h, crop_w = _crop_shape(height, width, *size)
+    top, left = int((height - crop_h) // 2), int((width - crop_w) // 2)
+    intrinsics = np.array(
+        [
+            [pinhole.fx / crop_w, 0, (pinhole.cx - left) / crop_w],
+            [0, pinhole.fy / crop_h, (pinhole.cy - top) / crop_h],
+            [0, 0, 1],
+        ]
+    )
+    if (crop_h, crop_w) == size:
+        return image[:, top : top + size[0], left : left + size[1]], intrinsics
+    box = (left, top, min(left + crop_w, width), min(top + crop_h, height))
+    planes = [
+        np.asarray(Image.fromarray(plane).resize((size[1], size[0]), Image.Resampling.LANCZOS, box=box))
+        for plane in image.numpy()
+    ]
+    return torch.from_numpy(np.stack(planes)).clamp(0, 1), intrinsics
+
+
+def _crop_shape(height: int, width: int, new_height: int, new_width: int) -> tuple[float, float]:
+    """(height, width) of the largest rectangle of the new shape inside the old one; fractions of pixels count."""
+    scale = min(height / new_height, width / new_width)
+    return new_height * scale, new_width * scale

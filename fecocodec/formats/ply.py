@@ -1,0 +1,140 @@
+"""3D Gaussians as the binary PLY file that 3DGS viewers read.
+
+Layout: Kerbl et al. 2023, reference implementation, `GaussianModel.save_ply`. Scales are stored as logarithms,
+opacities as logits, and the harmonics above degree 0 channel by channel (all of red, then green, then blue).
+"""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from einops import rearrange
+from jaxtyping import Float
+
+from fecocodec.errors import InputError, OutputError
+from fecocodec.formats.atomic import write_atomically
+from fecocodec.geometry.gaussians import Gaussians
+
+OPACITY_MARGIN = 1e-6  # opacities 0 and 1 have no finite logit; they are stored this far inside
+MAX_HEADER_BYTES = 1 << 16
+_D_SH_OF_NUM_REST = {3 * (d_sh - 1): d_sh for d_sh in (1, 4, 9, 16, 25)}
+
+
+def write_ply(path: Path, gaussians: Gaussians, *, overwrite: bool = False) -> None:
+    """Write one scene's Gaussians (no batch axis) as a 3DGS PLY, float32, little-endian.
+
+    Raises OutputError where a value is not finite or out of its range (a scale must be above 0), and where the file
+    cannot be written.
+    """
+    columns = _columns(path, gaussians)
+    names = _property_names(gaussians.harmonics.shape[-2])
+    header = "".join(
+        (
+            "ply\nformat binary_little_endian 1.0\n",
+            f"element vertex {gaussians.count}\n",
+            *(f"property float {name}\n" for name in names),
+            "end_header\n",
+        )
+    )
+    with write_atomically(path, overwrite=overwrite) as temporary, temporary.open("xb") as file:
+        file.write(header.encode("ascii"))
+        file.write(columns.astype("<f4").tobytes())
+
+
+def read_ply(path: Path) -> Gaussians:
+    """Read a 3DGS PLY (binary, little-endian); properties that Gaussians do not need are ignored.
+
+    Raises InputError where the file is missing, is another kind of PLY, is cut, or lacks a property.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path.") from error
+    count, names, start = _parse_header(path, data)
+    num_bytes = 4 * count * len(names)
+    if len(data) - start < num_bytes:
+        raise InputError(
+            f"{path}: {count} vertices need {num_bytes} bytes but {len(data) - start} are there; get the whole file."
+        )
+    table = np.frombuffer(data, "<f4", count * len(names), start).reshape(count, len(names)).astype(np.float64)
+    return _gaussians(path, {name: table[:, column] for column, name in enumerate(names)})
+
+
+def _property_names(d_sh: int) -> list[str]:
+    names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
+    names += [f"f_rest_{i}" for i in range(3 * (d_sh - 1))]
+    return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+
+
+def _columns(path: Path, gaussians: Gaussians) -> Float[np.ndarray, "n property"]:
+    means, scales, rotations, opacities, harmonics = (
+        field.detach().cpu().to(torch.float64).numpy() for field in gaussians.fields()
+    )
+    _require(path, "opacities", "in [0, 1]", (opacities >= 0) & (opacities <= 1))
+    _require(path, "scales", "above 0", scales > 0)
+    opacities = np.clip(opacities, OPACITY_MARGIN, 1 - OPACITY_MARGIN)[:, None]
+    columns = np.concatenate(
+        (
+            means,
+            np.zeros_like(means),  # normals, which every viewer expects and none uses
+            harmonics[:, 0],
+            rearrange(harmonics[:, 1:], "n rest rgb -> n (rgb rest)"),
+            np.log(opacities) - np.log1p(-opacities),
+            np.log(scales),
+            rotations,
+        ),
+        axis=1,
+    )
+    with np.errstate(over="ignore"):
+        _require(path, "values", "finite in float32", np.isfinite(columns.astype(np.float32)))
+    return columns
+
+
+def _require(path: Path, what: str, demand: str, is_good: np.ndarray) -> None:
+    """A NaN fails every comparison, so it is refused here too."""
+    if not is_good.all():
+        first = int(np.argwhere(~is_good)[0, 0])
+        raise OutputError(f"{path}: Gaussian {first} has {what} not {demand}; nothing was written, check their source.")
+
+
+def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:
+    """(number of vertices, names of their properties, offset of the first vertex)"""
+    end = data.find(b"end_header\n", 0, MAX_HEADER_BYTES)
+    if not data.startswith(b"ply\n") or end < 0:
+        raise InputError(f"{path}: this is not a PLY file; give a 3DGS .ply file.")
+    lines = data[:end].decode("ascii", "replace").split("\n")
+    if "format binary_little_endian 1.0" not in lines:
+        raise InputError(f"{path}: only binary little-endian PLY is read; convert the file.")
+    elements = [line.split() for line in lines if line.startswith("element ")]
+    if not elements or len(elements[0]) != 3 or elements[0][1] != "vertex" or not elements[0][2].isdecimal():
+        raise InputError(f"{path}: the first element is not `vertex N`; give an uncompressed 3DGS .ply file.")
+    first = lines.index(" ".join(elements[0]))
+    later = lines.index(" ".join(elements[1])) if len(elements) > 1 else len(lines)
+    properties = [line.split() for line in lines[first:later] if line.startswith("property ")]
+    if any(len(words) != 3 or words[1] not in ("float", "float32") for words in properties):
+        raise InputError(f"{path}: a vertex property is not a float; give an uncompressed 3DGS .ply file.")
+    return int(elements[0][2]), [words[2] for words in properties], end + len(b"end_header\n")
+
+
+def _gaussians(path: Path, columns: dict[str, Float[np.ndarray, " n"]]) -> Gaussians:
+    num_rest = sum(name.startswith("f_rest_") for name in columns)
+    missing = [name for name in _property_names(1) if name not in columns and name not in ("nx", "ny", "nz")]
+    if missing or num_rest not in _D_SH_OF_NUM_REST:
+        raise InputError(f"{path}: not Gaussians (missing {missing}, {num_rest} f_rest); give a 3DGS .ply file.")
+
+    def stack(*names: str) -> Float[np.ndarray, "n column"]:
+        return np.stack([columns[name] for name in names], axis=-1)
+
+    rest = stack(*(f"f_rest_{i}" for i in range(num_rest))) if num_rest else np.zeros((len(columns["x"]), 0))
+    rest = rearrange(rest, "n (rgb rest) -> n rest rgb", rgb=3)
+    harmonics = np.concatenate((stack("f_dc_0", "f_dc_1", "f_dc_2")[:, None], rest), axis=1)
+    fields = (
+        stack("x", "y", "z"),
+        np.exp(stack("scale_0", "scale_1", "scale_2")),
+        stack("rot_0", "rot_1", "rot_2", "rot_3"),
+        1 / (1 + np.exp(-columns["opacity"])),
+        harmonics,
+    )
+    if not all(np.isfinite(field).all() for field in fields):
+        raise InputError(f"{path}: a value is NaN or infinite; write the file again from finite Gaussians.")
+    return Gaussians(*(torch.from_numpy(field.astype(np.float32)) for field in fields))

@@ -1,0 +1,75 @@
+"""RealEstate10K camera text (Zhou et al. 2018): one line a frame, after an optional line with the video's address.
+
+    timestamp fx fy cx cy 0 0 r11 r12 r13 t1 r21 r22 r23 t2 r31 r32 r33 t3
+
+Intrinsics are normalised by image width and height; the 3x4 matrix is world-to-camera in OpenCV axes.
+Images are called by their timestamp and lie beside the text, in `images/`, or in a folder called like the text.
+"""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fecocodec.errors import InputError
+from fecocodec.formats.lens import Lens
+from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
+
+_COLUMNS = 19
+
+
+def find_realestate10k(path: Path) -> Path | None:
+    """The camera text in a scene folder, or `path` itself: the first `.txt` that has a line of 19 columns."""
+    candidates = [path] if path.is_file() else sorted(path.glob("*.txt"))
+    return next((candidate for candidate in candidates if _has_camera_line(candidate)), None)
+
+
+def read_realestate10k(path: Path) -> PosedPhotographs:
+    """Read the camera of every line. Raises InputError that names the line which cannot be used."""
+    lines = [(number, line.split()) for number, line in enumerate(_lines(path), start=1) if line.strip()]
+    if len(lines[0][1]) == 1:  # the video's address
+        lines = lines[1:]
+    folder = _image_folder(path, lines[0][1][0])
+    return PosedPhotographs(path, [_photograph(path, folder, number, words) for number, words in lines])
+
+
+def _photograph(path: Path, folder: Path, number: int, words: list[str]) -> PosedPhotograph:
+    place = f"{path}, line {number}"
+    if len(words) != _COLUMNS:
+        raise InputError(f"{place}: {len(words)} columns found, {_COLUMNS} expected; export the cameras again.")
+    values = require_numbers(words[1:], (_COLUMNS - 1,), place)
+    fx, fy, cx, cy, *reserved = (float(value) for value in values[:6])
+    if fx <= 0 or fy <= 0:
+        raise InputError(f"{place}: the focal length is not positive; export the cameras again.")
+    if any(reserved):
+        raise InputError(f"{place}: columns 6 and 7 are not 0 0, and distortion is not defined here; undistort first.")
+    world_to_camera = np.eye(4)
+    world_to_camera[:3] = values[6:].reshape(3, 4)
+    if abs(np.linalg.det(world_to_camera)) < 1e-12:
+        raise InputError(f"{place}: the pose is singular (its axes span no volume); export the cameras again.")
+    return PosedPhotograph(
+        path=find_image(folder, words[0]),
+        place=place,
+        camera_to_world=np.linalg.inv(world_to_camera),
+        lens_for=partial(_lens, fx, fy, cx, cy),
+    )
+
+
+def _lens(fx: float, fy: float, cx: float, cy: float, width: int, height: int) -> Lens:
+    return Lens(width, height, fx * width, fy * height, cx * width, cy * height)
+
+
+def _image_folder(path: Path, first_name: str) -> Path:
+    folders = (path.parent, path.parent / "images", path.with_suffix(""))
+    return next((folder for folder in folders if find_image(folder, first_name).is_file()), path.parent)
+
+
+def _has_camera_line(path: Path) -> bool:
+    return any(len(line.split()) == _COLUMNS for line in _lines(path)[:2])
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error}); check the file.") from error

@@ -1,0 +1,127 @@
+"""A folder of photographs with cameras, read into views of one size."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from fecocodec.errors import InputError
+from fecocodec.formats.colmap import find_colmap_model, read_colmap
+from fecocodec.formats.framing import common_size, crop_and_resize, require_size
+from fecocodec.formats.images import read_image, read_image_size
+from fecocodec.formats.lens import Lens, undistort, undistorted
+from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs
+from fecocodec.formats.poses import require_float32_range, rigid_pose
+from fecocodec.formats.realestate10k import find_realestate10k, read_realestate10k
+from fecocodec.formats.transforms_json import find_transforms_json, read_transforms_json
+from fecocodec.formats.view_choice import choose_views
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.depth_range import bounds_of_depths, estimate_depth_range
+from fecocodec.geometry.views import Views
+
+
+def read_views(
+    path: Path,
+    *,
+    views: tuple[int | str, ...] | None = None,
+    size: tuple[int, int] | None = None,
+    near: float | None = None,
+    far: float | None = None,
+) -> Views:
+    """Read the views of a scene folder (or of a camera file in it).
+
+    Cameras are looked for as `transforms.json`, then as a COLMAP model (`sparse/0`, `sparse` or the folder itself),
+    then as RealEstate10K camera text. Lens distortion is removed. Without `size` all images get the most frequent
+    size among them, scaled down where a side is over 1024 pixels; with `size` = (height, width) they are cropped
+    around the centre to that shape and resized.
+    views: which ones, see `choose_views`. near, far: bounds of depth in scene units; where missing, those of the
+    camera file, else of its sparse points, else estimated from the images (`estimate_depth_range`).
+    Raises InputError where the folder, a camera or an image cannot be used.
+    """
+    if size:
+        require_size(size)
+    scene = read_cameras(path)
+    photographs = choose_views(scene.photographs, views, path)
+    poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
+    require_float32_range(poses, str(scene.cameras_path))
+    images, intrinsics = _read_images(photographs, size)
+    cameras = Cameras(
+        extrinsics=torch.from_numpy(poses.astype(np.float32)),
+        intrinsics=torch.from_numpy(intrinsics.astype(np.float32)),
+        near=torch.tensor(torch.nan),
+        far=torch.tensor(torch.nan),
+    )
+    unbounded = Views(images, cameras, tuple(photograph.path.name for photograph in photographs))
+    return _with_depth_bounds(unbounded, scene, photographs, near, far)
+
+
+def view_names(path: Path) -> tuple[str, ...]:
+    """File names of all views that a scene folder has cameras for, in the order `--views` counts them.
+
+    Raises InputError as `read_views` does for its cameras; images are not looked at.
+    """
+    return tuple(photograph.path.name for photograph in read_cameras(path).photographs)
+
+
+def read_cameras(path: Path) -> PosedPhotographs:
+    """The cameras of a scene folder, or of a camera file given itself, in the first format found."""
+    if not path.exists():
+        raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
+    if transforms := find_transforms_json(path):
+        return read_transforms_json(transforms)
+    if model := find_colmap_model(path):
+        return read_colmap(path, model)
+    if camera_text := find_realestate10k(path):
+        return read_realestate10k(camera_text)
+    raise InputError(
+        f"{path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
+    )
+
+
+def _read_images(
+    photographs: list[PosedPhotograph], size: tuple[int, int] | None
+) -> tuple[Float[torch.Tensor, "view 3 height width"], Float[np.ndarray, "view 3 3"]]:
+    """Undistorted images of one size with their normalised intrinsics; sizes are settled from the headers first."""
+    lenses = [_lens(photograph) for photograph in photographs]
+    pinholes = [pinhole for _, pinhole in lenses]
+    common = size or common_size(pinholes, [str(photograph.path) for photograph in photographs])
+    framed = [
+        crop_and_resize(undistort(read_image(photograph.path), lens, pinhole), pinhole, common)
+        for photograph, (lens, pinhole) in zip(photographs, lenses, strict=True)
+    ]
+    return torch.stack([image for image, _ in framed]), np.stack([matrix for _, matrix in framed])
+
+
+def _lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
+    """The lens of a photograph and the pinhole it is undistorted to."""
+    if not photograph.path.is_file():
+        raise InputError(
+            f"{photograph.place}: there is no image {photograph.path}; put it there or leave this view out by --views."
+        )
+    height, width = read_image_size(photograph.path)
+    lens = photograph.lens_for(width, height)
+    return lens, undistorted(lens, photograph.place)
+
+
+def _with_depth_bounds(
+    views: Views,
+    scene: PosedPhotographs,
+    photographs: list[PosedPhotograph],
+    near: float | None,
+    far: float | None,
+) -> Views:
+    near = scene.near if near is None else near
+    far = scene.far if far is None else far
+    if near is None or far is None:
+        sparse_depths = np.concatenate([photograph.sparse_depths for photograph in photographs])
+        known = bounds_of_depths(torch.from_numpy(sparse_depths)) or estimate_depth_range(views)
+        near, far = known[0] if near is None else near, known[1] if far is None else far
+    if not 0 < near < far < torch.finfo(torch.float32).max:
+        raise InputError(
+            f"{scene.cameras_path}: near {near:.6g} and far {far:.6g} are no range of depths; "
+            "0 < near < far is needed, set them with --near and --far."
+        )
+    bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}
+    return replace(views, cameras=replace(views.cameras, **bounds))

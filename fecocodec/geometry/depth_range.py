@@ -1,0 +1,143 @@
+"""Near and far of a scene, where its camera file does not state them.
+
+A coarse plane sweep between pairs of views: small grey images are compared by normalised cross-correlation at depths
+spread evenly in log depth over 0.05 to 500 baselines; only depths that both views of a pair agree on count.
+"""
+
+import itertools
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.views import Views
+
+DEFAULT_RANGE = (1.0, 100.0)  # in scene units without a baseline to measure by, in baselines where nothing matches
+MIN_SAMPLES = 50  # fewer depths than this tell nothing about percentiles
+
+_PERCENTILES = (0.01, 0.5, 0.99)
+_MARGIN = 1.15  # the percentiles are widened by this factor on both sides
+_MAX_FAR_OVER_MEDIAN = 40 / 3  # sky and stray points push `far` no further than this
+
+_MAX_PAIRS = 4
+_LONG_SIDE = 128  # pixels of the small images
+_WINDOW = 7  # pixels, side of the correlation window
+_SWEEP = (0.05, 500.0)  # baselines
+_NUM_DEPTHS = 128
+_MIN_CORRELATION = 0.8
+_MIN_LEAD = 0.05  # of the best correlation over the best one at a clearly different depth
+_MIN_CONTRAST = 0.01  # standard deviation inside the window, of a range of 1
+_LOG_STEP = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (_NUM_DEPTHS - 1)
+
+
+def bounds_of_depths(depths: Float[Tensor, " n"]) -> tuple[float, float] | None:
+    """(near, far) of a sample of depths: 1st and 99th percentile, each widened by 15%, far at most 13 medians.
+
+    None where there are fewer than MIN_SAMPLES depths.
+    """
+    if len(depths) < MIN_SAMPLES:
+        return None
+    ordered = depths.double().sort().values  # torch.quantile refuses more than 2^24 values
+    near, median, far = (ordered[round(share * (len(ordered) - 1))].item() for share in _PERCENTILES)
+    return near / _MARGIN, min(far * _MARGIN, median * _MAX_FAR_OVER_MEDIAN)
+
+
+def estimate_depth_range(views: Views) -> tuple[float, float]:
+    """(near, far) in scene units from images and poses; the bounds that the cameras carry are not looked at.
+
+    One view, or views that all stand at one place, have no scale to measure by: the answer is DEFAULT_RANGE in scene
+    units. Where nothing matches between the views it is DEFAULT_RANGE times their baseline.
+    """
+    pairs = _pairs(views.cameras)
+    if not pairs:
+        return DEFAULT_RANGE
+    grey = _small_grey(views.images)
+    depths = torch.cat([_agreed_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
+    baseline = _distances(views.cameras)[pairs[0]].item()
+    return bounds_of_depths(depths) or (DEFAULT_RANGE[0] * baseline, DEFAULT_RANGE[1] * baseline)
+
+
+def _distances(cameras: Cameras) -> Float[Tensor, "view view"]:
+    centres = cameras.extrinsics[:, :3, 3].double()
+    distances: Tensor = torch.linalg.vector_norm(centres[:, None] - centres, dim=-1)
+    return distances
+
+
+def _pairs(cameras: Cameras) -> list[tuple[int, int]]:
+    """The closest pairs of views that stand apart and look the same way (within 60 degrees), at most _MAX_PAIRS."""
+    distances = _distances(cameras)
+    forward = cameras.extrinsics[:, :3, 2]
+    cosines = forward @ forward.T
+    apart = distances > 1e-4 * distances.max()
+    pairs = [pair for pair in itertools.combinations(range(cameras.num_views), 2) if apart[pair]]
+    facing = [pair for pair in pairs if cosines[pair] > 0.5] or pairs
+    return sorted(facing, key=lambda pair: distances[pair].item())[:_MAX_PAIRS]
+
+
+def _small_grey(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 1 small_height small_width"]:
+    scale = min(1.0, _LONG_SIDE / max(images.shape[-2:]))
+    grey = images.mean(dim=1, keepdim=True)
+    size = [max(1, round(side * scale)) for side in images.shape[-2:]]
+    return F.interpolate(grey, size, mode="bilinear", antialias=True, align_corners=False)
+
+
+def _agreed_depths(grey: Float[Tensor, "2 1 height width"], cameras: Cameras) -> Float[Tensor, " n"]:
+    """Depths in the first of two views at pixels where both views find the same point."""
+    there, seen_there = _sweep(grey, cameras)
+    back, seen_back = _sweep(grey.flip(0), cameras.select([1, 0]))
+    uv, depth_in_second = _project_into_second(there[None], cameras)
+    grid = 2 * uv - 1
+    found = F.grid_sample(back.log()[None, None], grid, mode="nearest", align_corners=False)[0, 0]
+    found_is_good = F.grid_sample(seen_back.float()[None, None], grid, mode="nearest", align_corners=False)[0, 0] > 0.5
+    agrees = (found - depth_in_second[0].clamp_min(1e-12).log()).abs() < 1.5 * _LOG_STEP
+    return there[seen_there & found_is_good & agrees & (depth_in_second[0] > 0)]
+
+
+def _sweep(
+    grey: Float[Tensor, "2 1 height width"], cameras: Cameras
+) -> tuple[Float[Tensor, "height width"], Bool[Tensor, "height width"]]:
+    """Best depth of each pixel of the first view, and whether it is clear and well matched."""
+    height, width = grey.shape[-2:]
+    baseline = _distances(cameras)[0, 1]
+    steps = torch.linspace(0, 1, _NUM_DEPTHS, dtype=torch.float64, device=grey.device)
+    depths = (baseline * _SWEEP[0] * (_SWEEP[1] / _SWEEP[0]) ** steps).to(grey.dtype)
+    uv, depth_in_second = _project_into_second(depths[:, None, None].expand(-1, height, width), cameras)
+    warped = F.grid_sample(grey[1:].expand(_NUM_DEPTHS, -1, -1, -1), 2 * uv - 1, align_corners=False)
+    correlation, contrast = _correlation(grey[:1], warped)
+    visible = (depth_in_second > 0) & ((uv > 0) & (uv < 1)).all(dim=-1)
+    correlation = correlation[:, 0].masked_fill(~visible, -1.0)
+    best, index = correlation.max(dim=0)
+    is_near_best = (torch.arange(_NUM_DEPTHS, device=grey.device)[:, None, None] - index).abs() <= 4
+    runner_up = correlation.masked_fill(is_near_best, -1.0).amax(dim=0)
+    is_clear = (best > _MIN_CORRELATION) & (best - runner_up > _MIN_LEAD) & (contrast[0, 0] > _MIN_CONTRAST)
+    return depths[index], is_clear & (index > 0) & (index < _NUM_DEPTHS - 1)
+
+
+def _project_into_second(
+    depths: Float[Tensor, "depth height width"], cameras: Cameras
+) -> tuple[Float[Tensor, "depth height width 2"], Float[Tensor, "depth height width"]]:
+    """Where points at these depths of the first view lie in the second (normalised by its size), and their depth."""
+    first, second = cameras.select([0]), cameras.select([1])
+    rays = pixel_rays(first, *depths.shape[-2:])
+    directions = camera_to_world_points(first, rays)[0] - first.extrinsics[0, :3, 3]
+    offset = first.extrinsics[0, :3, 3] - second.extrinsics[0, :3, 3]
+    points = (directions * depths[..., None] + offset) @ second.extrinsics[0, :3, :3]
+    uv = points @ second.intrinsics[0].T
+    return uv[..., :2] / uv[..., 2:].clamp_min(1e-9 * depths.amax()), points[..., 2]
+
+
+def _correlation(
+    first: Float[Tensor, "1 1 height width"], second: Float[Tensor, "depth 1 height width"]
+) -> tuple[Float[Tensor, "depth 1 height width"], Float[Tensor, "1 1 height width"]]:
+    """Normalised cross-correlation over windows, and the standard deviation inside the windows of `first`."""
+    mean_first, mean_second = _window_mean(first), _window_mean(second)
+    variance_first = (_window_mean(first**2) - mean_first**2).clamp_min(0)
+    variance_second = (_window_mean(second**2) - mean_second**2).clamp_min(0)
+    covariance = _window_mean(first * second) - mean_first * mean_second
+    return covariance / (variance_first * variance_second + 1e-10).sqrt(), variance_first.sqrt()
+
+
+def _window_mean(image: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "batch 1 height width"]:
+    return F.avg_pool2d(image, _WINDOW, stride=1, padding=_WINDOW // 2, count_include_pad=False)
