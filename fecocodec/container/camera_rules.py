@@ -38,9 +38,9 @@ def _depth_problems(near: float, far: float) -> Iterator[str]:
     if not near < far:
         yield f"near is {near} and far is {far}, near must be less than far; correct the depth range and encode again"
     if near < MIN_NEAR:
-        yield f"near is {near}, it must be at least 2^-60; choose another unit of length and encode again"
+        yield f"near is {near}, it must be positive (at least 2^-60); correct the depth range and encode again"
     if far > MAX_LENGTH:
-        yield f"far is {far}, it must be at most 2^60; choose another unit of length and encode again"
+        yield f"far is {far}, it must be at most 2^60; correct the depth range and encode again"
 
 
 def _view_problems(extrinsics: tuple[float, ...], intrinsics: tuple[float, ...]) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """A whole `.fcs` stream: header, cameras, one payload per stage, metadata (FORMAT.md, section 3)."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from fecocodec.container.camera_rules import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
@@ -41,6 +42,13 @@ class IntactPart:
     damage: str | None
 
 
+class _Section(NamedTuple):
+    """A section whose CRC holds and whose kind is in its place."""
+
+    head: SectionHead
+    payload: bytes
+
+
 def write_stream(stream: Stream) -> bytes:
     """The bytes of a stream; the same stream gives the same bytes. Raises BitstreamError for a field it cannot hold."""
     header, cameras = stream.header, stream.cameras
@@ -61,21 +69,18 @@ def write_stream(stream: Stream) -> bytes:
 def read_stream(data: bytes) -> Stream:
     """Read a whole stream, checking every rule of the format; raises BitstreamError for the first one broken."""
     parsed = read_header(data)
-    payloads: dict[int, bytes] = {}
-    places: dict[int, str] = {}
-    end = parsed.end
-    for head, payload in _sections(data, parsed):
-        payloads[head.kind], places[head.kind] = payload, head.place
-        end = head.end
+    sections = list(_sections(data, parsed))
+    end = sections[-1].head.end
     if end != len(data):
         raise BitstreamError(
             f"end at byte {end}: {len(data) - end} bytes follow the last section; the file is damaged or was "
             "joined with another, copy or encode it again"
         )
-    metadata = None
-    if SectionKind.METADATA in payloads:
-        metadata = unpack_metadata(payloads[SectionKind.METADATA], places[SectionKind.METADATA])
-    return _assemble(parsed.header, payloads, places, parsed.header.num_stages, metadata)
+    stream = _assemble(parsed.header, sections, parsed.header.num_stages)
+    for section in sections:
+        if section.head.kind == SectionKind.METADATA:
+            return replace(stream, metadata=unpack_metadata(section.payload, section.head.place))
+    return stream
 
 
 def read_prefix(data: bytes, num_stages: int) -> Stream:
@@ -86,14 +91,12 @@ def read_prefix(data: bytes, num_stages: int) -> Stream:
     parsed = read_header(data)
     if not 1 <= num_stages <= parsed.header.num_stages:
         raise InputError(f"{num_stages} stages asked for, the stream has {parsed.header.num_stages}; ask for fewer")
-    last = STAGE_KINDS[num_stages - 1]
-    payloads: dict[int, bytes] = {}
-    places: dict[int, str] = {}
-    for head, payload in _sections(data, parsed):
-        payloads[head.kind], places[head.kind] = payload, head.place
-        if head.kind == last:
+    sections = []
+    for section in _sections(data, parsed):
+        sections.append(section)
+        if section.head.kind == STAGE_KINDS[num_stages - 1]:
             break
-    return _assemble(parsed.header, payloads, places, num_stages, None)
+    return _assemble(parsed.header, sections, num_stages)
 
 
 def read_intact(data: bytes) -> IntactPart:
@@ -110,7 +113,7 @@ def read_intact(data: bytes) -> IntactPart:
     raise damage
 
 
-def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[tuple[SectionHead, bytes]]:
+def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[_Section]:
     """The sections in order, each checked as it is reached."""
     offset, previous = parsed.end, None
     for _ in range(parsed.num_sections):
@@ -121,18 +124,18 @@ def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[tuple[SectionHead, 
             raise BitstreamError(
                 f"{head.place}: the header announces {parsed.header.num_stages} stage, this is one more; {_BAD_WRITER}"
             )
-        yield head, payload
+        yield _Section(head, payload)
         offset, previous = head.end, head
 
 
-def _assemble(
-    header: Header, payloads: dict[int, bytes], places: dict[int, str], num_stages: int, metadata: Metadata | None
-) -> Stream:
+def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stream:
+    """A stream of these sections, without metadata."""
+    found = {section.head.kind: section for section in sections}
     stage_kinds = STAGE_KINDS[:num_stages]
     for kind in (SectionKind.CAMERAS, *stage_kinds):
-        if kind not in payloads:
+        if kind not in found:
             raise BitstreamError(f"section {section_name(kind)}: it is missing; {_BAD_WRITER}")
-    place = places[SectionKind.CAMERAS]
-    cameras = unpack_cameras(payloads[SectionKind.CAMERAS], header.num_views, place)
-    check_cameras(cameras, place)
-    return Stream(header, cameras, tuple(payloads[kind] for kind in stage_kinds), metadata)
+    head, payload = found[SectionKind.CAMERAS]
+    cameras = unpack_cameras(payload, header.num_views, head.place)
+    check_cameras(cameras, head.place)
+    return Stream(header, cameras, tuple(found[kind].payload for kind in stage_kinds))
