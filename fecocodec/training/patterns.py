@@ -93,7 +93,7 @@ def _bricks(rng: np.random.Generator, side: int) -> Float[ndarray, "side side"]:
 
 
 def _boards(rng: np.random.Generator, side: int) -> Float[ndarray, "side side"]:
-    row, column = _grid(side)
+    _, column = _grid(side)
     boards = int(rng.integers(1, 7))
     board = (column * boards).astype(int)
     bend = _noise(rng, side, 3, 3) * rng.uniform(0.05, 0.3)

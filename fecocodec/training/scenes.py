@@ -1,6 +1,6 @@
 """Procedural scenes without limit: photo-like views of random worlds with exact cameras and depth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -30,12 +30,10 @@ class ProceduralWorld:
 
     textures: Textures
     complexity: tuple[float, float] = (0.0, 1.0)
-    path: PathRange = PathRange()
+    path: PathRange = field(default_factory=PathRange)
     decades: float = 4.0
 
-    def sample(
-        self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]
-    ) -> Sample:
+    def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
         """One scene with exact depth; size is (height, width) in pixels. The same for the same generator state."""
         rng = np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))
         complexity = float(rng.uniform(*self.complexity))

@@ -4,11 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float, UInt8
 from numpy import ndarray
-from PIL import Image
+from torch import Tensor
 
 from fecocodec.errors import InputError
+from fecocodec.formats.images import IMAGE_SUFFIXES, read_image
 from fecocodec.training.patterns import draw_patterns
 
 TEXTURE_SIDE = 128
@@ -45,34 +48,37 @@ def pattern_textures(num_textures: int, seed: int = 0) -> Textures:
 
 def textures_from_folder(folder: Path) -> Textures:
     """Every WebP, PNG or JPEG of a folder, its middle square scaled to the texture size."""
-    images = [_square(image, min(image.size)) for image in _open_images(folder)]
-    return pyramid_of(np.stack(images))
+    paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in IMAGE_SUFFIXES)
+    if not paths:
+        raise InputError(f"{folder}: no images to use as textures; give a folder that holds some.")
+    return pyramid_of(np.stack([_middle_square(read_image(path)) for path in paths]))
 
 
 def textures_from_photographs(folder: Path, num_crops: int, seed: int = 0) -> Textures:
     """Random square crops of the photographs below a folder (`*/images/*`); the same for the same seed."""
     rng = np.random.default_rng(seed)
-    paths = sorted(path for path in folder.glob("*/images/*") if path.suffix.lower() in (".jpg", ".jpeg", ".png"))
+    paths = sorted(path for path in folder.glob("*/images/*") if path.suffix.lower() in IMAGE_SUFFIXES)
     if not paths:
         raise InputError(f"{folder}: no photographs in */images; give the folder that holds the training scenes.")
-    return pyramid_of(np.stack([_random_crop(paths[rng.integers(len(paths))], rng) for _ in range(num_crops)]))
+    return pyramid_of(
+        np.stack([_random_square(read_image(paths[rng.integers(len(paths))]), rng) for _ in range(num_crops)])
+    )
 
 
-def _open_images(folder: Path) -> list[Image.Image]:
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in (".webp", ".png", ".jpg", ".jpeg"))
-    if not paths:
-        raise InputError(f"{folder}: no WebP, PNG or JPEG textures; give a folder that holds some.")
-    return [Image.open(path).convert("RGB") for path in paths]
+def _middle_square(image: Float[Tensor, "3 height width"]) -> UInt8[ndarray, "side side 3"]:
+    side = min(image.shape[1:])
+    return _square(image, (image.shape[1] - side) // 2, (image.shape[2] - side) // 2, side)
 
 
-def _square(image: Image.Image, side: int, left_top: tuple[int, int] | None = None) -> UInt8[ndarray, "side side 3"]:
-    left, top = left_top or ((image.width - side) // 2, (image.height - side) // 2)
-    crop = image.crop((left, top, left + side, top + side))
-    return np.asarray(crop.resize((TEXTURE_SIDE, TEXTURE_SIDE), Image.Resampling.LANCZOS))
+def _random_square(image: Float[Tensor, "3 height width"], rng: np.random.Generator) -> UInt8[ndarray, "side side 3"]:
+    most = min(image.shape[1:])
+    side = int(rng.integers(most // 3, most + 1))
+    top, left = int(rng.integers(image.shape[1] - side + 1)), int(rng.integers(image.shape[2] - side + 1))
+    return _square(image, top, left, side)
 
 
-def _random_crop(path: Path, rng: np.random.Generator) -> UInt8[ndarray, "side side 3"]:
-    image = Image.open(path).convert("RGB")
-    side = int(rng.integers(min(image.size) // 3, min(image.size) + 1))
-    corner = (int(rng.integers(image.width - side + 1)), int(rng.integers(image.height - side + 1)))
-    return _square(image, side, corner)
+def _square(image: Float[Tensor, "3 height width"], top: int, left: int, side: int) -> UInt8[ndarray, "side side 3"]:
+    window = image[None, :, top : top + side, left : left + side]
+    scaled = F.interpolate(window, (TEXTURE_SIDE, TEXTURE_SIDE), mode="bicubic", antialias=True, align_corners=False)
+    texels: ndarray = rearrange((scaled[0].clamp(0, 1) * 255).round().byte(), "rgb h w -> h w rgb").numpy()
+    return texels

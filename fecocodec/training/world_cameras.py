@@ -170,5 +170,3 @@ def shared_view(cameras: Pinholes, depth: Float[ndarray, "view height width"], f
     in_frame = (seen[..., 2] > 1e-3) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
     found = depth[second][np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
     return float((in_frame & (z < found * 1.15)).mean())
-
-

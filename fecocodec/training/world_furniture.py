@@ -191,7 +191,9 @@ def _figure(rng: np.random.Generator, builder: Builder, palette: Palette, spot: 
     place.add(ELLIPSOID, (0, -1.55 * size, 0), (0.32 * size, 0.34 * size, 0.32 * size), head)
     for side in (-1, 1):
         place.add(CYLINDER, (side * 0.2 * size, -0.2 * size, 0), (0.12 * size, 0.22 * size, 0.12 * size), body)
-        place.add(ELLIPSOID, (side * 0.45 * size, -0.9 * size, -0.15 * size), (0.1 * size, 0.35 * size, 0.1 * size), body)
+        place.add(
+            ELLIPSOID, (side * 0.45 * size, -0.9 * size, -0.15 * size), (0.1 * size, 0.35 * size, 0.1 * size), body
+        )
 
 
 def floating(

@@ -2,17 +2,14 @@
 
 import math
 
-import numba
-
+from fecocodec.rendering.compilation import compiled
 from fecocodec.training.world_solids import BOX, CYLINDER, ELLIPSOID
 
 MISS = 1e30
 """Start of the interval of a ray that misses; the end is then smaller."""
 
-_compiled = numba.njit(cache=True, fastmath=True, inline="never")
 
-
-@_compiled
+@compiled
 def slab(origin, direction):
     """Interval in which one coordinate lies in [-1, 1]."""
     if abs(direction) < 1e-12:
@@ -22,7 +19,7 @@ def slab(origin, direction):
     return min(first, second), max(first, second)
 
 
-@_compiled
+@compiled
 def meet(kind, ox, oy, oz, dx, dy, dz):
     """(start, end) of the ray inside the solid, in units of the direction; start > end when it misses."""
     if kind == BOX:
@@ -37,7 +34,7 @@ def meet(kind, ox, oy, oz, dx, dy, dz):
     return _meet_cone(ox, oy, oz, dx, dy, dz)
 
 
-@_compiled
+@compiled
 def _meet_sphere(ox, oy, oz, dx, dy, dz):
     a = dx * dx + dy * dy + dz * dz
     b = ox * dx + oy * dy + oz * dz
@@ -49,7 +46,7 @@ def _meet_sphere(ox, oy, oz, dx, dy, dz):
     return (-b - root) / a, (-b + root) / a
 
 
-@_compiled
+@compiled
 def _meet_cylinder(ox, oy, oz, dx, dy, dz):
     a = dx * dx + dz * dz + 1e-18
     b = ox * dx + oz * dz
@@ -62,7 +59,7 @@ def _meet_cylinder(ox, oy, oz, dx, dy, dz):
     return max(start, (-b - root) / a), min(end, (-b + root) / a)
 
 
-@_compiled
+@compiled
 def _meet_cone(ox, oy, oz, dx, dy, dz):
     """Apex at y = -1, base of radius 1 at y = 1: x^2 + z^2 <= ((y + 1) / 2)^2."""
     height = oy + 1.0
@@ -86,7 +83,7 @@ def _meet_cone(ox, oy, oz, dx, dy, dz):
     return start, min(end, min(first, second))
 
 
-@_compiled
+@compiled
 def normal_and_chart(kind, x, y, z, hx, hy, hz):
     """At a surface point in unit coordinates: outward normal (unit coordinates, any length), texture position in metres,
     and the number of the smooth face that the point belongs to."""
@@ -104,7 +101,7 @@ def normal_and_chart(kind, x, y, z, hx, hy, hz):
     return x, -0.25 * (y + 1.0), z, math.atan2(x, z) * max(hx, hz), y * hy, 0
 
 
-@_compiled
+@compiled
 def _box_chart(x, y, z, hx, hy, hz):
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
@@ -112,5 +109,3 @@ def _box_chart(x, y, z, hx, hy, hz):
     if ay >= az:
         return 0.0, math.copysign(1.0, y), 0.0, x * hx, z * hz, 2 if y < 0.0 else 3
     return 0.0, 0.0, math.copysign(1.0, z), x * hx, y * hy, 4 if z < 0.0 else 5
-
-

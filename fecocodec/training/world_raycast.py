@@ -3,17 +3,15 @@
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from fecocodec.rendering.compilation import compiled
 from fecocodec.training.textures import Textures
 from fecocodec.training.world_intersect import meet, normal_and_chart
 from fecocodec.training.world_shading import add_light, surface_colour, to_local, visibility_and_occlusion
 from fecocodec.training.world_solids import NUM_ROOM_FACES, World
-
-_compiled = numba.njit(cache=True, fastmath=True, inline="never")
 
 _TILE = 16
 _NEAREST = 0.02
@@ -64,7 +62,7 @@ def _solids(world: World) -> tuple[ndarray, ...]:
     return world.kinds, world.centres, world.halves, frames, world.radii
 
 
-@_compiled
+@compiled
 def _cast_depth_view(solids, room, eye, optics, depth):
     candidates = np.arange(len(solids[0]))
     for row in range(depth.shape[0]):
@@ -73,7 +71,7 @@ def _cast_depth_view(solids, room, eye, optics, depth):
             depth[row, column] = _first_hit(solids, candidates, len(candidates), room, eye, ray)[0]
 
 
-@_compiled
+@compiled
 def _cast_view(solids, room, surfaces, lights, eye, optics, image, depth):
     height, width = depth.shape
     faces = np.empty((height, width), np.int64)
@@ -91,7 +89,7 @@ def _cast_view(solids, room, surfaces, lights, eye, optics, image, depth):
     _smooth_edges(solids, lists, counts, room, surfaces, lights, eye, optics, faces, image)
 
 
-@_compiled
+@compiled
 def _smooth_edges(solids, lists, counts, room, surfaces, lights, eye, optics, faces, image):
     """Four more rays (a turned square) through every pixel whose neighbour shows another face."""
     height, width = faces.shape
@@ -117,7 +115,7 @@ def _smooth_edges(solids, lists, counts, room, surfaces, lights, eye, optics, fa
                     image[row, column, channel] += 0.25 * min(colour[channel], 4.0)
 
 
-@_compiled
+@compiled
 def _ray(optics, u, v):
     """World direction through an image position in pixels, scaled to one unit along the optical axis."""
     rotation, focal, centre_u, centre_v = optics
@@ -129,7 +127,7 @@ def _ray(optics, u, v):
     )
 
 
-@_compiled
+@compiled
 def _first_hit(solids, candidates, num_candidates, room, eye, ray):
     """(depth, solid) of the nearest surface; solid -1 is the room."""
     kinds, centres, halves, frames, _ = solids
@@ -151,7 +149,7 @@ def _first_hit(solids, candidates, num_candidates, room, eye, ray):
     return nearest, hit
 
 
-@_compiled
+@compiled
 def _cast_ray(solids, candidates, num_candidates, room, surfaces, lights, eye, optics, u, v, colour):
     """Colour (written in place) through an image position; returns depth and the number of the face that was hit."""
     ray = _ray(optics, u, v)
@@ -171,7 +169,7 @@ def _cast_ray(solids, candidates, num_candidates, room, surfaces, lights, eye, o
     return depth, face
 
 
-@_compiled
+@compiled
 def _surface_at(solids, room, point, solid):
     """(unit normal, texture position in metres (2), number of the face, number of the surface)"""
     kinds, centres, halves, frames, _ = solids
@@ -194,7 +192,7 @@ def _surface_at(solids, room, point, solid):
     return normal, chart_u, chart_v, 8 * (solid + 1) + face, NUM_ROOM_FACES + solid
 
 
-@_compiled
+@compiled
 def _corner_share(room, point):
     """Darkening towards the edges of the room, where less of the surroundings is open."""
     share = 1.0
@@ -205,7 +203,7 @@ def _corner_share(room, point):
     return share
 
 
-@_compiled
+@compiled
 def _solids_by_tile(solids, eye, optics, height, width):
     """For every tile the solids that may show in it, from the image bounds of their boxes."""
     rows, columns = (height + _TILE - 1) // _TILE, (width + _TILE - 1) // _TILE
@@ -221,7 +219,7 @@ def _solids_by_tile(solids, eye, optics, height, width):
     return lists, counts
 
 
-@_compiled
+@compiled
 def _image_bounds(solids, solid, eye, optics, height, width):
     """(left, top, right, bottom) in pixels; empty when behind the camera, all of the image when it reaches behind."""
     _, centres, halves, frames, _ = solids

@@ -2,19 +2,16 @@
 
 import math
 
-import numba
-
+from fecocodec.rendering.compilation import compiled
 from fecocodec.training.textures import TEXTURE_SIDE
 from fecocodec.training.world_intersect import meet
-
-_compiled = numba.njit(cache=True, fastmath=True, inline="never")
 
 _NUM_LEVELS = TEXTURE_SIDE.bit_length()
 _OCCLUSION_REACH = 0.02
 """Solids that fill less of the sky than this do not darken a point."""
 
 
-@_compiled
+@compiled
 def to_local(frames, halves, solid, x, y, z):
     """Turn and scale a world vector into unit coordinates of a solid (frames: world-to-local rotations)."""
     frame = frames[solid]
@@ -25,7 +22,7 @@ def to_local(frames, halves, solid, x, y, z):
     )
 
 
-@_compiled
+@compiled
 def _texel(texels, texture, level, u, v, channel_sums, share):
     """Add share times the bilinear, tiling texture value (linear light, gamma 2) at one level to the sums."""
     side = TEXTURE_SIDE >> level
@@ -44,7 +41,7 @@ def _texel(texels, texture, level, u, v, channel_sums, share):
             channel_sums[channel] += weight * value * value
 
 
-@_compiled
+@compiled
 def surface_colour(texels, texture, row, chart_u, chart_v, footprint, colour):
     """Colour without light. footprint: metres on the surface that one pixel covers."""
     share = row[4]
@@ -61,7 +58,7 @@ def surface_colour(texels, texture, row, chart_u, chart_v, footprint, colour):
         colour[channel] = share * colour[channel] * row[5 + channel] + (1.0 - share) * row[8 + channel]
 
 
-@_compiled
+@compiled
 def visibility_and_occlusion(solids, point, normal, light, skipped, softness):
     """(share of the key light that arrives, share of the surroundings that solids leave open).
 
@@ -97,7 +94,7 @@ def visibility_and_occlusion(solids, point, normal, light, skipped, softness):
     return (max(visible, 0.0) if is_lit else 0.0), 1.0 - min(occluded, 0.75)
 
 
-@_compiled
+@compiled
 def add_light(row, lights, point, normal, view, visible, open_share, colour):
     """Turn the surface colour into light towards the viewer, in place: Lambert, and Blinn-Phong for the highlight."""
     key = lambert(lights[0], point, normal) * visible
@@ -109,7 +106,7 @@ def add_light(row, lights, point, normal, view, visible, open_share, colour):
         colour[channel] = colour[channel] * light + highlight * lights[1, channel]
 
 
-@_compiled
+@compiled
 def lambert(light, point, normal):
     """Cosine between the normal and the direction to a light, at least 0."""
     x, y, z = light[0] - point[0], light[1] - point[1], light[2] - point[2]
@@ -117,7 +114,7 @@ def lambert(light, point, normal):
     return max(cosine, 0.0)
 
 
-@_compiled
+@compiled
 def _highlight(light, point, normal, view, shininess):
     x, y, z = light[0] - point[0], light[1] - point[1], light[2] - point[2]
     length = math.sqrt(x * x + y * y + z * z)
