@@ -1,0 +1,308 @@
+"""Second reader of `.fcs` streams, written from FORMAT.md alone: prints address | length | value | meaning.
+
+Usage: python read_stream.py FILE
+Needs the standard library and zstandard. Section numbers in comments are those of FORMAT.md. It is laid out like the
+document and takes its steps in the same order; it shares no code with the product, so that each can catch the other.
+"""
+
+import json
+import math
+import struct
+import sys
+import zlib
+from typing import Any, NamedTuple
+
+import zstandard
+
+CAMERAS, B1, B2, METADATA = 0x90, 0xA0, 0xB0, 0x40
+NAMES = {CAMERAS: "cameras", B1: "B1", B2: "B2", METADATA: "metadata"}
+LONGEST = {CAMERAS: 2048, METADATA: 65536}  # other kinds: 2^26
+
+
+class RefusedError(Exception):
+    """A rule of FORMAT.md that the stream breaks."""
+
+
+class Field(NamedTuple):
+    """One row of the printout; address and length in bytes. Fields inside compressed data carry its address."""
+
+    address: int
+    length: int
+    value: Any
+    meaning: str
+
+
+class Contents(NamedTuple):
+    """Everything a stream says, in plain types. rotations and centres: one a view; intrinsics: fx fy cx cy."""
+
+    fields: list[Field]
+    header: dict[str, Any]
+    near: float
+    far: float
+    intrinsics: list[tuple[float, ...]]
+    rotations: list[tuple[float, ...]]
+    centres: list[tuple[float, ...]]
+    payloads: list[bytes]
+    metadata: dict[str, Any] | None
+
+
+class Cursor:
+    """Takes fields off the front of the stream and notes each."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.address = 0
+        self.fields: list[Field] = []
+
+    def take(self, length: int, meaning: str) -> bytes:
+        if self.address + length > len(self.data):
+            raise RefusedError(
+                f"byte {self.address}: the stream ends after {len(self.data)} bytes, within the {meaning}"
+            )
+        raw = self.data[self.address : self.address + length]
+        self.fields.append(Field(self.address, length, raw, meaning))
+        self.address += length
+        return raw
+
+    def number(self, length: int, meaning: str) -> int:
+        value = int.from_bytes(self.take(length, meaning), "little")
+        self.fields[-1] = self.fields[-1]._replace(value=value)
+        return value
+
+
+def require(condition: bool, address: int, sentence: str) -> None:
+    if not condition:
+        raise RefusedError(f"byte {address}: {sentence}")
+
+
+def read(data: bytes) -> Contents:
+    """Read a whole stream (section 9)."""
+    cursor = Cursor(data)
+    header = read_header(cursor)
+    sections = read_sections(cursor, header)
+    require(cursor.address == len(data), cursor.address, "bytes follow the last section")
+    for kind in [CAMERAS, B1, B2][: 1 + header["stages"]]:
+        require(kind in sections, cursor.address, f"there is no section {NAMES[kind]}")
+    near, far, intrinsics, rotations, centres = read_cameras(cursor, *sections[CAMERAS], header["views"])
+    check_cameras(sections[CAMERAS][0], near, far, intrinsics, rotations, centres)
+    metadata = read_metadata(cursor, *sections[METADATA]) if METADATA in sections else None
+    payloads = [sections[kind][1] for kind in [B1, B2][: header["stages"]]]
+    return Contents(cursor.fields, header, near, far, intrinsics, rotations, centres, payloads, metadata)
+
+
+def read_header(cursor: Cursor) -> dict[str, Any]:
+    """Section 4."""
+    signature = cursor.take(8, "signature")
+    require(signature == bytes.fromhex("89 46 43 53 0d 0a 1a 0a"), 0, "this is no .fcs signature")
+    header: dict[str, Any] = {}
+    header["major"] = cursor.number(1, "major version")
+    require(header["major"] == 1, 8, f"major version {header['major']} is not 1")
+    header["minor"] = cursor.number(1, "minor version")
+    header["model_id"] = cursor.take(8, "model id")
+    header["views"] = cursor.number(1, "number of views")
+    header["stages"] = cursor.number(1, "number of stages")
+    require(header["stages"] in (1, 2), 19, f"{header['stages']} stages are not 1 or 2")
+    header["height"] = cursor.number(2, "height in pixels")
+    header["width"] = cursor.number(2, "width in pixels")
+    header["lambda_q"] = cursor.number(2, "lambda_q: lambda = 1e-5 * exp(lambda_q / 256)")
+    header["sections"] = cursor.number(1, "number of sections")
+    reserved = cursor.number(1, "reserved")
+    header["digests"] = [cursor.take(8, f"symbol digest of stage {stage + 1}") for stage in range(header["stages"])]
+    computed = zlib.crc32(cursor.data[: cursor.address])
+    require(cursor.number(4, "CRC-32 of the header") == computed, 0, "the CRC-32 of the header does not hold")
+    require(reserved == 0, 27, "the reserved byte is not 0")
+    check_limits(header)
+    return header
+
+
+def check_limits(header: dict[str, Any]) -> None:
+    """Sections 4 and 10."""
+    require(1 <= header["views"] <= 16, 18, "the number of views is not 1 to 16")
+    require(16 <= header["height"] <= 4096, 20, "the height is not 16 to 4096")
+    require(16 <= header["width"] <= 4096, 22, "the width is not 16 to 4096")
+    require(header["lambda_q"] <= 1768, 24, "lambda_q is above 1768")
+    require(1 + header["stages"] <= header["sections"] <= 16, 26, "the number of sections is not 1 + stages to 16")
+    padded_height, padded_width = (32 * math.ceil(header[side] / 32) for side in ("height", "width"))
+    require(header["views"] * padded_height * padded_width <= 2**24, 18, "the views have more than 2^24 padded pixels")
+
+
+def read_sections(cursor: Cursor, header: dict[str, Any]) -> dict[int, tuple[int, bytes]]:
+    """Section 5: address and payload of each kind."""
+    sections: dict[int, tuple[int, bytes]] = {}
+    last_number = -1
+    for _ in range(header["sections"]):
+        start = cursor.address
+        kind = cursor.number(1, "kind of section")
+        name = NAMES.get(kind, f"unknown {kind:#04x}")
+        cursor.fields[-1] = cursor.fields[-1]._replace(meaning=f"kind of section: {name}")
+        length = cursor.number(4, f"{name}: length of payload")
+        stored = cursor.number(4, f"{name}: CRC-32")
+        require(length <= LONGEST.get(kind, 2**26), start, f"the length of section {name} is over its limit")
+        payload = cursor.take(length, f"{name}: payload")
+        computed = zlib.crc32(cursor.data[start : start + 5] + payload)
+        require(stored == computed, start, f"the CRC-32 of section {name} does not hold")
+        require(kind in NAMES or kind ^ 0x80 not in NAMES, start, f"section {name} has the wrong critical bit")
+        require(kind in NAMES or kind < 0x80, start, f"section {name} is critical")
+        require(kind & 0x7F > last_number, start, f"section {name} is out of order or appears twice")
+        require(kind != B2 or header["stages"] == 2, start, "there is a B2 in a stream of one stage")
+        last_number = kind & 0x7F
+        sections[kind] = start, payload
+    return sections
+
+
+def read_cameras(cursor: Cursor, start: int, payload: bytes, views: int) -> tuple[Any, ...]:
+    """Section 6.1: near, far, intrinsics, rotations, centres."""
+    content = inflate(start, payload, 1 + 4 * (2 + 4 * views + 12 * views))
+    require(len(content) > 0 and content[0] in (1, views), start, "the sets of intrinsics are not 1 or one a view")
+    sets = content[0]
+    count = 2 + 4 * sets + 12 * views
+    require(len(content) == 1 + 4 * count, start, "the cameras do not inflate to the right size")
+    words = [bytes(content[1 + plane * count + i] for plane in range(4)) for i in range(count)]
+    cursor.fields.append(Field(start + 9, len(payload), sets, "inflated: sets of intrinsics"))
+
+    def floats(first: int, number: int) -> list[float]:
+        return [struct.unpack(">f", word)[0] for word in words[first : first + number]]
+
+    near, far = floats(0, 2)
+    intrinsics = list(zip(*(floats(2 + part * sets, sets) for part in range(4)), strict=True)) * (views // sets)
+    poses = 2 + 4 * sets
+    rotations = [
+        read_rotation([int.from_bytes(words[poses + part * views + view], "big") for part in range(9)])
+        for view in range(views)
+    ]
+    centres = list(zip(*(floats(poses + (9 + part) * views, views) for part in range(3)), strict=True))
+    for value, meaning in ((near, "near"), (far, "far")):
+        cursor.fields.append(Field(start + 9, len(payload), value, f"inflated: {meaning}"))
+    for view in range(views):
+        for values, meaning in (
+            (intrinsics[view], "fx fy cx cy"),
+            (rotations[view], "rotation, row-major"),
+            (centres[view], "camera centre"),
+        ):
+            cursor.fields.append(Field(start + 9, len(payload), values, f"inflated: view {view + 1}: {meaning}"))
+    return near, far, intrinsics, rotations, centres
+
+
+def inflate(start: int, payload: bytes, most: int) -> bytes:
+    """Section 6, with the bound of section 9, step 5."""
+    inflater = zlib.decompressobj(wbits=-15)
+    try:
+        content = inflater.decompress(payload, most + 1)
+    except zlib.error as error:
+        raise RefusedError(f"byte {start}: the cameras are no Deflate data ({error})") from error
+    require(len(content) <= most, start, "the cameras inflate to too much")
+    require(inflater.eof and not inflater.unused_data, start, "the Deflate data does not end with the payload")
+    return content
+
+
+def read_rotation(words: list[int]) -> tuple[float, ...]:
+    """Section 6.2."""
+    r20, r21, r10 = (float_of_bits(word) for word in words[:3])
+    r22 = add_difference(words[3], root(1 - r20 * r20 - r21 * r21))
+    r00 = add_difference(words[4], root(1 - r20 * r20 - r10 * r10))
+    r01 = add_difference(words[5], -ratio(r10 * r22 + (r00 * r20) * r21, r00 * r00 + r10 * r10))
+    r11 = add_difference(words[6], ratio(r00 * r22 - (r10 * r20) * r21, r00 * r00 + r10 * r10))
+    r02 = add_difference(words[7], r10 * r21 - r20 * r11)
+    r12 = add_difference(words[8], r20 * r01 - r00 * r21)
+    return r00, r01, r02, r10, r11, r12, r20, r21, r22
+
+
+def add_difference(word: int, prediction: float) -> float:
+    if math.isnan(prediction) or abs(prediction) > 1.5:
+        prediction = 0.0
+    bits: int = struct.unpack("<I", struct.pack("<f", prediction))[0]
+    if bits == 0x80000000:
+        bits = 0
+    z = word // 2
+    m = z // 2 if z % 2 == 0 else -(z + 1) // 2
+    magnitude = (bits % 2**31 + m) % 2**31
+    sign = bits // 2**31 ^ word % 2
+    return float_of_bits(sign * 2**31 + magnitude)
+
+
+def float_of_bits(bits: int) -> float:
+    value: float = struct.unpack("<f", struct.pack("<I", bits))[0]
+    return value
+
+
+def root(x: float) -> float:
+    return math.sqrt(x) if x > 0 else 0.0
+
+
+def ratio(a: float, b: float) -> float:
+    return a / b if b > 0 else 0.0
+
+
+def check_cameras(start: int, near: float, far: float, intrinsics: Any, rotations: Any, centres: Any) -> None:
+    """Section 6.3."""
+    everything = [near, far, *(value for group in (*intrinsics, *rotations, *centres) for value in group)]
+    require(all(math.isfinite(value) for value in everything), start, "a camera value is not finite")
+    require(2**-60 <= near < far <= 2**60, start, "near and far are not 2^-60 <= near < far <= 2^60")
+    for r00, r01, r02, r10, r11, r12, r20, r21, r22 in rotations:
+        rows = [(r00, r01, r02), (r10, r11, r12), (r20, r21, r22)]
+        products = [p[0] * q[0] + p[1] * q[1] + p[2] * q[2] - (p is q) for p in rows for q in rows]
+        orthonormal = max(abs(a) for row in rows for a in row) <= 2 and max(abs(a) for a in products) <= 0.001
+        require(orthonormal, start, "a rotation is not orthonormal within 0.001")
+        determinant = r00 * (r11 * r22 - r12 * r21) - r01 * (r10 * r22 - r12 * r20) + r02 * (r10 * r21 - r11 * r20)
+        require(determinant >= 0, start, "a pose is mirrored")
+    require(max(abs(value) for centre in centres for value in centre) <= 2**60, start, "a camera is too far away")
+    for fx, fy, cx, cy in intrinsics:
+        require(min(fx, fy) >= 2**-10 and max(fx, fy) <= 2**10, start, "a focal length is not 2^-10 to 2^10")
+        require(max(abs(cx), abs(cy)) <= 2**10, start, "a principal point is above 2^10")
+
+
+def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
+    """Section 8."""
+    try:
+        require(
+            zstandard.get_frame_parameters(payload).content_size <= 65536, start, "metadata does not state its size"
+        )
+        content = zstandard.ZstdDecompressor().decompress(payload, allow_extra_data=False)
+        value = json.loads(content.decode("utf-8"), object_pairs_hook=unique_keys)
+        # What is no UTF-8 (half a surrogate pair) or no JSON number (NaN, infinity) cannot be written again.
+        json.dumps(value, ensure_ascii=False, allow_nan=False).encode("utf-8")
+    except (zstandard.ZstdError, ValueError, RecursionError) as error:
+        raise RefusedError(f"byte {start}: the metadata cannot be read ({error})") from error
+    require(isinstance(value, dict), start, "the metadata is no JSON object")
+    require(depth(value) <= 8, start, "the metadata is nested more than 8 deep")
+    cursor.fields.append(Field(start + 9, len(payload), value, "decompressed: metadata"))
+    return value  # type: ignore[no-any-return]
+
+
+def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(dict(pairs)) != len(pairs):
+        raise ValueError("a key appears twice")
+    return dict(pairs)
+
+
+def depth(value: Any) -> int:
+    if not isinstance(value, dict | list):
+        return 0
+    return 1 + max(map(depth, value.values() if isinstance(value, dict) else value), default=0)
+
+
+def show(value: Any) -> str:
+    if isinstance(value, bytes):
+        return value.hex(" ") if len(value) <= 16 else f"{value[:8].hex(' ')} ... {value[-4:].hex(' ')}"
+    if isinstance(value, tuple):
+        return " ".join(f"{part:.9g}" for part in value)
+    return json.dumps(value)
+
+
+def main(arguments: list[str]) -> int:
+    if len(arguments) != 2:
+        print("usage: python read_stream.py FILE", file=sys.stderr)
+        return 1
+    try:
+        with open(arguments[1], "rb") as file:
+            contents = read(file.read())
+    except (OSError, RefusedError) as error:
+        print(f"{arguments[1]}: {error}", file=sys.stderr)
+        return 1
+    for field in contents.fields:
+        print(f"{field.address:08x} | {field.length:7} | {show(field.value)} | {field.meaning}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))
