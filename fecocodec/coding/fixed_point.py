@@ -23,13 +23,21 @@ MAX_INPUTS = 1 << 20  # |accumulator| <= MAX_INPUTS * 2^30 + 2^24 < 2^53
 
 
 class _RoundThrough(torch.autograd.Function):
-    """floor(x + 1/2), clamped; the gradient passes, except where it would push a clamped value further out."""
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, lowest: int, highest: int) -> Tensor:
+        return torch.add(x, 0.5).floor_().clamp_(lowest, highest)
 
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
+        return grad, None, None
+
+
+class _ClampThrough(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor, lowest: int, highest: int) -> Tensor:
         ctx.save_for_backward(x)
         ctx.limits = lowest, highest
-        return torch.add(x, 0.5).floor_().clamp_(lowest, highest)
+        return x.clamp(lowest, highest)
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
@@ -39,18 +47,8 @@ class _RoundThrough(torch.autograd.Function):
         return grad.masked_fill(outwards, 0.0), None, None
 
 
-class _ClampThrough(_RoundThrough):
-    """The same without rounding."""
-
-    @staticmethod
-    def forward(ctx: Any, x: Tensor, lowest: int, highest: int) -> Tensor:
-        ctx.save_for_backward(x)
-        ctx.limits = lowest, highest
-        return x.clamp(lowest, highest)
-
-
 def round_through(x: Float[Tensor, "*shape"], lowest: int, highest: int) -> Float[Tensor, "*shape"]:
-    """floor(x + 1/2) clamped to [lowest, highest], with a straight-through gradient."""
+    """floor(x + 1/2) clamped to [lowest, highest]; the gradient is that of x, also where it is clamped."""
     result: Tensor = _RoundThrough.apply(x, lowest, highest)
     return result
 
@@ -67,10 +65,10 @@ def saturate(x_q8: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
 
 
 class FixedPointLinear(nn.Module):
-    """x [group row in] -> x @ weight + bias -> round to Q8, clamp to int16 -> [group row out]; one matrix per group.
+    """inputs [group row in] -> side by side @ weight + bias -> round to Q8, clamp to int16 -> [group row out].
 
-    Inputs that are not given (a narrower x) count as zero. Parameters are real numbers; their integers are
-    weight * 2^12 (int16) and bias * 2^20 (int32), rounded half up.
+    Every group has its own matrix. Inputs that are not given count as zero. Parameters are real numbers; their integers
+    are weight * 2^12 (int16) and bias * 2^20 (int32), rounded half up.
     """
 
     def __init__(self, num_inputs: int, num_outputs: int, num_groups: int = 1, gain: float = math.sqrt(2.0)) -> None:
@@ -88,10 +86,14 @@ class FixedPointLinear(nn.Module):
         """Q20 integers, held as floats."""
         return round_through(self.bias * (1 << BIAS_BITS), -BIAS_LIMIT, BIAS_LIMIT)
 
-    def forward(self, x_q8: Float[Tensor, "group row given"]) -> Float[Tensor, "group row out"]:
-        weight = (self.rounded_weight() / (1 << WEIGHT_BITS)).to(x_q8.dtype)
-        bias = (self.rounded_bias() / (1 << (BIAS_BITS - 8))).to(x_q8.dtype)
-        sums = torch.baddbmm(bias[:, None], x_q8, weight[:, : x_q8.shape[-1]])
+    def forward(self, *inputs_q8: Float[Tensor, "group row _"]) -> Float[Tensor, "group row out"]:
+        dtype = inputs_q8[0].dtype
+        weight = (self.rounded_weight() / (1 << WEIGHT_BITS)).to(dtype)
+        sums = (self.rounded_bias() / (1 << (BIAS_BITS - 8))).to(dtype)[:, None]
+        widths = [x.shape[-1] for x in inputs_q8]
+        rows = weight.split([*widths, weight.shape[1] - sum(widths)], dim=1)
+        for x_q8, part in zip(inputs_q8, rows[:-1], strict=True):
+            sums = torch.baddbmm(sums, x_q8, part)
         return round_through(sums, ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
 
 

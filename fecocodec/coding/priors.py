@@ -9,7 +9,8 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.coding.fixed_point import ONE_Q8, FixedPointLinear, saturate
-from fecocodec.coding.quadtree import NUM_PHASES, NUM_STEPS, merge_phases, neighbourhoods, split_phases
+from fecocodec.coding.quadtree import NUM_PHASES, NUM_STEPS, merge_phases, neighbourhoods, phase_neighbourhoods
+from fecocodec.entropy.tables import NUM_TABLES, SIGMA_ONE_INDEX
 
 NUM_STAGES = 2
 LAMBDA_Q_HIGHEST = 1769  # round(256 * ln(1e-2 / 1e-5))
@@ -26,8 +27,16 @@ class EntropyParameters:
     standard deviation 1, 256 for 2^(8/7) (eight tables further).
     """
 
-    mean_q8: Float[Tensor, "..."]
-    position_q8: Float[Tensor, "..."]
+    mean_q8: Float[Tensor, "*shape"]
+    position_q8: Float[Tensor, "*shape"]
+
+    def table_position(self) -> Float[Tensor, "*shape"]:
+        """The number of the table, before it is rounded and clamped."""
+        return self.position_q8 / POSITIONS_PER_TABLE_Q8 + SIGMA_ONE_INDEX
+
+    def table_index(self) -> Int[Tensor, "*shape"]:
+        """The number of the table, in [0, 64)."""
+        return (self.table_position() + 0.5).floor().clamp(0, NUM_TABLES - 1).long()
 
 
 def condition_vector(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "item 4"]:
@@ -41,9 +50,10 @@ def condition_vector(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor
     return condition
 
 
-def _apply_rows(layer: FixedPointLinear, x_q8: Float[Tensor, "... given"]) -> Float[Tensor, "... out"]:
-    rows: Tensor = layer(x_q8.reshape(1, -1, x_q8.shape[-1]))
-    return rows.reshape(*x_q8.shape[:-1], -1)
+def _apply_rows(layer: FixedPointLinear, *inputs_q8: Float[Tensor, "... _"]) -> Float[Tensor, "... out"]:
+    """One layer at every position."""
+    rows: Tensor = layer(*(x.reshape(1, -1, x.shape[-1]) for x in inputs_q8))
+    return rows.view(*inputs_q8[0].shape[:-1], -1)
 
 
 class ContextNetwork(nn.Module):
@@ -59,11 +69,9 @@ class ContextNetwork(nn.Module):
         self.leave = FixedPointLinear(width, 2 * quarter, NUM_PHASES, gain=0.1)
 
     def forward(self, inputs_q8: Sequence[Float[Tensor, "4 item row column _"]]) -> EntropyParameters:
-        x = torch.cat(list(inputs_q8), dim=-1)
-        layout = x.shape[:-1]
-        x = torch.relu(self.enter(x.flatten(1, 3)))
-        x = self.leave(torch.relu(self.middle(x)))
-        mean_q8, position_q8 = x.unflatten(1, layout[1:]).chunk(2, dim=-1)
+        x = torch.relu_(self.enter(*(part.flatten(1, 3) for part in inputs_q8)))
+        x = self.leave(torch.relu_(self.middle(x)))
+        mean_q8, position_q8 = x.unflatten(1, inputs_q8[0].shape[1:4]).chunk(2, dim=-1)
         return EntropyParameters(mean_q8, position_q8)
 
 
@@ -102,19 +110,18 @@ class LatentPrior(nn.Module):
     ) -> Float[Tensor, "4 item row column width"]:
         """What y's networks know before its first step. `context_q8`: y_hat of the stage before, None in the first."""
         spread = condition_q8[:, None, None]
-        x = torch.cat([spread.expand(*z_hat_q8.shape[:3], -1), neighbourhoods(saturate(z_hat_q8))], dim=-1)
-        x = torch.relu(_apply_rows(self.up_16, torch.relu(_apply_rows(self.enter, x))))
+        x = neighbourhoods(saturate(z_hat_q8))
+        x = torch.relu_(_apply_rows(self.enter, x, spread.expand(*x.shape[:3], -1)))
+        x = torch.relu_(_apply_rows(self.up_16, x))
         x = merge_phases(rearrange(x, "n i j (phase c) -> phase n i j c", phase=NUM_PHASES))
-        x = torch.relu(_apply_rows(self.around_16, neighbourhoods(x)))
-        x = torch.relu(_apply_rows(self.up_8, x))
+        x = torch.relu_(_apply_rows(self.around_16, neighbourhoods(x)))
+        x = torch.relu_(_apply_rows(self.up_8, x))
         x = rearrange(x, "n i j (phase c) -> phase n i j c", phase=NUM_PHASES)
-        inputs = [x, spread.expand(*x.shape[:-1], -1)]
-        if context_q8 is not None:
-            inputs.append(split_phases(neighbourhoods(saturate(context_q8))))
-        return torch.relu(_apply_rows(self.merge_8, torch.cat(inputs, dim=-1)))
+        around = [] if context_q8 is None else [phase_neighbourhoods(saturate(context_q8))]
+        return torch.relu_(_apply_rows(self.merge_8, x, spread.expand(*x.shape[:-1], -1), *around))
 
     def surroundings(
         self, y_hat_q8: Float[Tensor, "4 item row column quarter"]
     ) -> Float[Tensor, "4 item row column _"]:
         """The 3x3 neighbourhoods of one coded step, for the steps after it."""
-        return split_phases(neighbourhoods(saturate(merge_phases(y_hat_q8))))
+        return phase_neighbourhoods(merge_phases(saturate(y_hat_q8)))

@@ -44,26 +44,56 @@ def from_coding_order(
     return rearrange(coded[step, phase], "q (a b) n i j c -> n (q c) (i a) (j b)", a=2, b=2)
 
 
-class _Neighbourhoods(torch.autograd.Function):
-    """3x3 neighbourhoods; a function of its own because autograd's gradient of nine slices fills nine tensors."""
+def _rows_around(x: Tensor) -> tuple[Tensor, Tensor]:
+    """x with a border of zeros as a list of positions, and for each position of x the nine list entries around it."""
+    items, height, width, channels = x.shape
+    padded = torch.nn.functional.pad(x, (0, 0, 1, 1, 1, 1)).view(-1, channels)
+    number = torch.arange(padded.shape[0], device=x.device).view(items, height + 2, width + 2)
+    first = number[:, :height, :width, None]
+    offsets = number[0, :3, :3].reshape(9)
+    return padded, first + offsets
 
+
+def _add_around(grad: Tensor) -> Tensor:
+    """The transpose of taking neighbourhoods; by slices, which is faster than by index."""
+    items, height, width, columns = grad.shape
+    padded = grad.new_zeros(items, height + 2, width + 2, columns // 9)
+    for offset, part in enumerate(grad.chunk(9, dim=-1)):
+        i, j = divmod(offset, 3)
+        padded[:, i : i + height, j : j + width] += part
+    return padded[:, 1:-1, 1:-1]
+
+
+class _Neighbourhoods(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
-        height, width = x.shape[1:3]
-        padded = torch.nn.functional.pad(x, (0, 0, 1, 1, 1, 1))
-        return torch.cat([padded[:, i : i + height, j : j + width] for i in range(3) for j in range(3)], dim=-1)
+        padded, rows = _rows_around(x)
+        return padded.index_select(0, rows.flatten()).view(*x.shape[:3], -1)
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> Tensor:
-        items, height, width, columns = grad.shape
-        padded = grad.new_zeros(items, height + 2, width + 2, columns // 9)
-        for offset, part in enumerate(grad.chunk(9, dim=-1)):
-            i, j = divmod(offset, 3)
-            padded[:, i : i + height, j : j + width] += part
-        return padded[:, 1:-1, 1:-1]
+        return _add_around(grad)
+
+
+class _PhaseNeighbourhoods(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> Tensor:
+        padded, rows = _rows_around(x)
+        rows = split_phases(rows)
+        return padded.index_select(0, rows.flatten()).view(*rows.shape[:4], -1)
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> Tensor:
+        return _add_around(merge_phases(grad))
 
 
 def neighbourhoods(x: Float[Tensor, "item height width channel"]) -> Float[Tensor, "item height width columns"]:
     """3x3 surroundings of every position, 9 * channel columns (row offset, column offset, channel); zero outside."""
     result: Tensor = _Neighbourhoods.apply(x)
+    return result
+
+
+def phase_neighbourhoods(x: Float[Tensor, "item height width channel"]) -> Float[Tensor, "4 item row column columns"]:
+    """`split_phases(neighbourhoods(x))`, contiguous and in one copy."""
+    result: Tensor = _PhaseNeighbourhoods.apply(x)
     return result

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.coding.fixed_point import ONE_Q8, clamp_through, round_through
-from fecocodec.coding.priors import POSITIONS_PER_TABLE_Q8, EntropyParameters, LatentPrior, condition_vector
+from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
 from fecocodec.coding.walk import split_partitions, walk_latents
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SIGMA_ONE_INDEX, SYMBOL_LIMIT, TABLES_PER_OCTAVE
 
@@ -79,7 +79,7 @@ class _Meter:
 
     def exchange(self, partition: int, parameters: EntropyParameters) -> Tensor:
         residual = self.partitions[partition] - parameters.mean_q8 / ONE_Q8
-        index = clamp_through(SIGMA_ONE_INDEX + parameters.position_q8 / POSITIONS_PER_TABLE_Q8, 0, NUM_TABLES - 1)
+        index = clamp_through(parameters.table_position(), 0, NUM_TABLES - 1)
         skipped = index.detach() < FIRST_CODED_TABLE - 0.5
         self.bits.append(_zero_through(gaussian_bits(self.soften(residual), index), skipped))
         symbols = _zero_through(round_through(residual, -SYMBOL_LIMIT, SYMBOL_LIMIT), skipped)

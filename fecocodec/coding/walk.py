@@ -7,7 +7,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
 from fecocodec.coding.quadtree import NUM_STEPS, from_coding_order, to_coding_order
 
@@ -59,8 +58,3 @@ def walk_latents(
                 known.append(prior.surroundings(steps[-1]))
             steps.append(exchange(1 + step, network(known)))
         return WalkedLatents(z_hat_q8.permute(0, 3, 1, 2), from_coding_order(torch.stack(steps)))
-
-
-def to_real(x_q8: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """Q8 -> real values in float32, for the synthesis transform."""
-    return (x_q8 / ONE_Q8).float()

@@ -1,0 +1,144 @@
+"""Symbols <-> bytes, in one routine for both directions; the only file that knows constriction.
+
+A port exchanges a batch of symbols at a time. Within a batch, elements are grouped by table (ascending, stable), which is
+several times faster than in their own order; the batch's escapes follow. See `bitstream_spec/ENTROPY.md`, sections 2-4.
+"""
+
+from abc import ABC, abstractmethod
+from functools import cache
+from typing import TypeAlias
+
+import constriction
+import numpy as np
+from jaxtyping import Int, Int32
+
+from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT, load_tables
+from fecocodec.errors import BitstreamError
+
+_EXPONENT_CLASSES = 32
+_HIGHEST_EXPONENT = SYMBOL_LIMIT.bit_length() - 2  # an escape's excess is below 2^20
+
+models = constriction.stream.model
+AnsCoder = constriction.stream.stack.AnsCoder
+_Model: TypeAlias = models.Categorical | models.Uniform
+
+
+@cache
+def _table_model(table_index: int) -> models.Categorical:
+    # constriction gives entry i the frequency 1 + p_i * (2^24 - entries) / sum(p) with the sums rounded down: for these p
+    # the factor is 1 and every sum an integer, so the frequencies are exactly those of the table.
+    weights = load_tables()[table_index].frequencies.astype(np.float64) - 1.0
+    return models.Categorical(weights, lazy=False, perfect=False)
+
+
+class Port(ABC):
+    """One end of the exchange of symbols; `SymbolWriter` and `SymbolReader` differ only in `_code`."""
+
+    def exchange(
+        self, table_index: Int[np.ndarray, "*shape"], wanted: Int[np.ndarray, "*shape"] | None
+    ) -> Int32[np.ndarray, "*shape"]:
+        """Symbols of one batch as both ends have them afterwards.
+
+        table_index: in [0, 64); where it is below FIRST_CODED_TABLE nothing is coded and the symbol is 0. wanted: the
+        symbols to write, clamped to +-2^20; a reader ignores it. Raises BitstreamError if a reader finds an impossible
+        value.
+        """
+        tables = table_index.ravel()
+        order = np.argsort(tables.astype(np.uint8), kind="stable")  # of bytes: a radix sort
+        order = order[np.count_nonzero(tables < FIRST_CODED_TABLE) :]
+        symbols = np.zeros(tables.size, dtype=np.int32)
+        if order.size:
+            chosen = None if wanted is None else wanted.ravel()[order].clip(-SYMBOL_LIMIT, SYMBOL_LIMIT)
+            symbols[order] = self._exchange_grouped(tables[order], chosen)
+        return symbols.reshape(table_index.shape)
+
+    @abstractmethod
+    def _code(self, model: _Model, wanted: np.ndarray | None, count: int) -> np.ndarray:
+        """`count` entries of one model."""
+
+    @abstractmethod
+    def _code_uniform(self, wanted: np.ndarray | None, sizes: np.ndarray) -> np.ndarray:
+        """Entries in [0, size), each with its own size."""
+
+    def _exchange_grouped(self, tables: np.ndarray, wanted: np.ndarray | None) -> np.ndarray:
+        symbols = np.empty(tables.size, dtype=np.int64)
+        reaches = np.empty(tables.size, dtype=np.int64)
+        bounds = [0, *(np.flatnonzero(np.diff(tables)) + 1).tolist(), tables.size]
+        for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+            index = int(tables[begin])
+            reach, escape = load_tables()[index].reach, load_tables()[index].escape
+            entries = None
+            if wanted is not None:
+                entries = np.where(np.abs(wanted[begin:end]) <= reach, wanted[begin:end] + reach, escape)
+            symbols[begin:end] = self._code(_table_model(index), entries, end - begin) - reach
+            reaches[begin:end] = reach
+        escaped = np.flatnonzero(symbols > reaches)
+        if escaped.size:
+            symbols[escaped] = self._exchange_escapes(reaches[escaped], None if wanted is None else wanted[escaped])
+        return symbols
+
+    def _exchange_escapes(self, reaches: np.ndarray, wanted: np.ndarray | None) -> np.ndarray:
+        exponents, mantissas = None, None
+        if wanted is not None:
+            excess = np.abs(wanted) - reaches
+            exponents = np.frexp(excess.astype(np.float64))[1] - 1  # floor(log2(excess)), exact
+            mantissas = (excess - (1 << exponents)) * 2 + (wanted < 0)
+        exponents = self._code(models.Uniform(_EXPONENT_CLASSES), exponents, reaches.size)
+        if exponents.max() > _HIGHEST_EXPONENT:
+            raise BitstreamError(
+                f"Payload: an escape has the exponent {exponents.max()}, {_HIGHEST_EXPONENT} is the highest."
+            )
+        mantissas = self._code_uniform(mantissas, 2 << exponents)
+        magnitudes = reaches + (1 << exponents) + (mantissas >> 1)
+        if magnitudes.max() > SYMBOL_LIMIT:
+            raise BitstreamError(
+                f"Payload: a symbol has the magnitude {magnitudes.max()}, {SYMBOL_LIMIT} is the highest."
+            )
+        return np.where(mantissas & 1, -magnitudes, magnitudes)
+
+
+class SymbolWriter(Port):
+    """Collects symbols; `finish` gives the payload. ANS is a stack, so nothing is coded before the end is known."""
+
+    def __init__(self) -> None:
+        self._pending: list[tuple[np.ndarray, _Model, tuple[np.ndarray, ...]]] = []
+
+    def _code(self, model: _Model, wanted: np.ndarray | None, count: int) -> np.ndarray:
+        return self._push(wanted, model)
+
+    def _code_uniform(self, wanted: np.ndarray | None, sizes: np.ndarray) -> np.ndarray:
+        return self._push(wanted, models.Uniform(), sizes.astype(np.int32))
+
+    def _push(self, wanted: np.ndarray | None, model: _Model, *parameters: np.ndarray) -> np.ndarray:
+        if wanted is None:
+            raise ValueError("A SymbolWriter needs the symbols to write.")
+        self._pending.append((wanted.astype(np.int32), model, parameters))
+        return wanted.astype(np.int64)
+
+    def finish(self) -> bytes:
+        """The payload: little-endian 32-bit words."""
+        coder = AnsCoder()
+        for entries, model, parameters in reversed(self._pending):
+            coder.encode_reverse(entries, model, *parameters)
+        return coder.get_compressed().astype("<u4").tobytes()
+
+
+class SymbolReader(Port):
+    """Reads the symbols of a payload, in the batches in which they were written."""
+
+    def __init__(self, payload: bytes) -> None:
+        """Raises BitstreamError if the payload cannot be one."""
+        if len(payload) % 4 or payload[-4:] == bytes(4):
+            raise BitstreamError(f"Payload: {len(payload)} bytes are not whole words, the last of them not zero.")
+        self._coder = AnsCoder(np.frombuffer(payload, dtype="<u4").astype(np.uint32))
+
+    def _code(self, model: _Model, wanted: np.ndarray | None, count: int) -> np.ndarray:
+        return self._coder.decode(model, count).astype(np.int64)
+
+    def _code_uniform(self, wanted: np.ndarray | None, sizes: np.ndarray) -> np.ndarray:
+        return self._coder.decode(models.Uniform(), sizes.astype(np.int32)).astype(np.int64)
+
+    def finish(self) -> None:
+        """Raises BitstreamError unless the payload was used up exactly, as only the encoding of the symbols read is."""
+        if not self._coder.is_empty():
+            raise BitstreamError("Payload: symbols and bytes do not end together; the payload is damaged.")
