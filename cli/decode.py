@@ -5,9 +5,12 @@ from time import perf_counter
 
 import click
 
+from fecocodec.formats.atomic import require_writable
+
 from .options import FILE_PATH, device_option, json_option, overwrite_option, threads_option
 from .output import print_json, say
 from .progress import progress_bar
+from .stream import naming, read_bytes
 
 
 @click.command(
@@ -34,16 +37,15 @@ def command(stream: Path, output: Path, stages: int | None, device: str, overwri
 
     The result is a .ply with the usual 3DGS properties, which viewers such as SuperSplat open.
     """
-    from fecocodec.formats.atomic import require_writable
-
+    start = perf_counter()
     require_writable(output, overwrite=overwrite)
+    data = read_bytes(stream)
 
     from fecocodec import decode, write_ply
 
-    from .stream import naming, read_bytes
+    from .device import require_device
 
-    start = perf_counter()
-    data = read_bytes(stream)
+    require_device(device)
     with naming(stream), progress_bar() as on_progress:
         gaussians = decode(data, num_stages=stages, device=device, on_progress=on_progress)
     write_ply(output, gaussians, overwrite=overwrite)

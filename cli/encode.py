@@ -5,6 +5,10 @@ from time import perf_counter
 
 import click
 
+from fecocodec.container import inspect, quantise_lambda
+from fecocodec.formats.atomic import require_writable, write_atomically
+
+from .info import summary_fields
 from .options import FILE_PATH, device_option, json_option, overwrite_option, parse_size, threads_option
 from .output import print_json, say
 from .progress import progress_bar
@@ -64,17 +68,15 @@ def command(
     VIEWS holds images (PNG, JPEG, WebP, EXR) and their cameras: a transforms.json (nerfstudio, instant-ngp), a COLMAP
     sparse model, or a RealEstate10K camera file.
     """
-    from fecocodec.container import inspect, quantise_lambda
-    from fecocodec.formats.atomic import require_writable, write_atomically
-
+    start = perf_counter()
     require_writable(output, overwrite=overwrite)
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
 
     from fecocodec import encode, read_views
 
-    from .info import summary_fields
+    from .device import require_device
 
-    start = perf_counter()
+    require_device(device)
     chosen = resolve(views_folder, views)
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)

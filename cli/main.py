@@ -55,7 +55,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except click.Abort:
-        click.echo("fecosplat: interrupted; nothing was written", err=True)
+        click.echo("fecosplat: interrupted", err=True)
         return INTERRUPTED
     return code if isinstance(code, int) else 0
 

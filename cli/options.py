@@ -35,7 +35,12 @@ def json_option(function: Function) -> Function:
 
 def device_option(function: Function) -> Function:
     return click.option(
-        "--device", default="cpu", show_default=True, metavar="NAME", help="Where networks run: cpu, cuda, cuda:1 ..."
+        "--device",
+        default="cpu",
+        show_default=True,
+        metavar="NAME",
+        callback=_parse_device,
+        help="Where networks run: cpu, cuda, or cuda:N.",
     )(function)
 
 
@@ -48,6 +53,12 @@ def threads_option(function: Function) -> Function:
         is_eager=True,
         help="Processor threads to use at most.  [default: all cores]",
     )(function)
+
+
+def _parse_device(ctx: click.Context, param: click.Parameter, value: str) -> str:
+    if not re.fullmatch(r"cpu|cuda(:\d{1,2})?", value):
+        raise click.BadParameter(f"{value!r} is none of cpu, cuda, cuda:N", ctx, param)
+    return value
 
 
 def _limit_threads(ctx: click.Context, param: click.Parameter, value: int | None) -> None:

@@ -91,10 +91,11 @@ def _cameras(
 
         views = read_views(folder, views=resolve(folder, selection), size=size)
         return views.cameras, views.image_size, tuple(Path(name).stem for name in views.names)
+    data = read_bytes(scene)
     from fecocodec.receiver.decode import read_cameras
 
     with naming(scene):
-        cameras, image_size = read_cameras(read_bytes(scene))
+        cameras, image_size = read_cameras(data)
     return cameras, image_size, tuple(f"{view:02d}" for view in range(cameras.num_views))
 
 
@@ -119,6 +120,9 @@ def _output_files(output: Path, stem: str, names: tuple[str, ...], overwrite: bo
 def _gaussians(scene: Path, stages: int | None, device: str, on_progress: OnProgress) -> "Gaussians":
     from fecocodec import decode, read_ply
 
+    from .device import require_device
+
+    require_device(device)
     if scene.suffix.lower() == ".ply":
         return read_ply(scene).to(device)
     with naming(scene):

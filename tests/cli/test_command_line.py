@@ -1,0 +1,154 @@
+"""What holds for every command: help, versions, exit codes, and failures that leave nothing behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from fecosplat_cli.main import COMMANDS
+
+import fecocodec
+
+CONSOLE_SCRIPT = Path(sys.executable).with_name("fecosplat")
+
+
+def test_console_script_is_installed() -> None:
+    result = subprocess.run([CONSOLE_SCRIPT, "--version"], capture_output=True, text=True, check=True)
+    assert result.stdout == f"fecosplat {fecocodec.__version__}\n"
+
+
+def test_module_runs_like_the_script() -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "fecosplat_cli", "--version"], capture_output=True, text=True, check=True
+    )
+    assert result.stdout == f"fecosplat {fecocodec.__version__}\n"
+
+
+def test_help_lists_every_command(fecosplat) -> None:
+    result = fecosplat("--help")
+    assert result.code == 0
+    for command in COMMANDS:
+        assert f"\n  {command} " in result.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_has_examples(fecosplat, command: str) -> None:
+    result = fecosplat(command, "--help")
+    assert result.code == 0
+    assert result.out.count(f"fecosplat {command} ") >= 3
+
+
+def test_help_loads_no_numeric_library() -> None:
+    program = (
+        "import sys; from fecosplat_cli.main import run; run(['--help']); "
+        "print(sorted({'torch', 'numpy', 'rich'} & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("encod", "photos"), "No such command 'encod'"),
+        (("encode", "photos"), "Missing option '-o'"),
+        (("encode", "-o", "a.fcs"), "Missing argument 'VIEWS'"),
+        (("encode", "photos", "-o", "a.fcs", "--size", "256"), "'256' is not WIDTHxHEIGHT, such as 448x256"),
+        (("encode", "photos", "-o", "a.fcs", "--views", "0,,5"), "'0,,5' names an empty view"),
+        (("encode", "photos", "-o", "a.fcs", "--views", "spread:x"), "'spread:x' is not spread:COUNT"),
+        (("encode", "photos", "-o", "a.fcs", "--stages", "3"), "3 is not in the range 1<=x<=2"),
+        (("encode", "photos", "-o", "a.fcs", "--threads", "0"), "0 is not in the range x>=1"),
+        (("decode", "a.fcs", "-o", "a.ply", "--device", "gpu"), "'gpu' is none of cpu, cuda, cuda:N"),
+        (("render", "scene.ply", "-o", "out"), "need --cameras FOLDER"),
+        (("render", "scene.fcs", "-o", "out", "--views", "0"), "need --cameras FOLDER"),
+    ],
+)
+def test_wrong_usage_exits_with_2(fecosplat, arguments: tuple[str, ...], message: str) -> None:
+    result = fecosplat(*arguments)
+    assert (result.code, result.out) == (2, "")
+    assert message in result.err
+    assert "Traceback" not in result.err
+
+
+@pytest.mark.parametrize(
+    "arguments", [("info", "{}"), ("decode", "{}", "-o", "{folder}/a.ply"), ("render", "{}", "-o", "{folder}/images")]
+)
+def test_missing_stream_is_one_sentence(fecosplat, tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    missing = tmp_path / "missing.fcs"
+    result = fecosplat(*(argument.format(missing, folder=tmp_path) for argument in arguments))
+    assert (result.code, result.out) == (1, "")
+    assert result.err == f"fecosplat: {missing}: there is no such file; check the path\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_stream_that_is_a_folder_is_one_sentence(fecosplat, tmp_path: Path) -> None:
+    result = fecosplat("info", tmp_path)
+    assert (result.code, result.err) == (1, f"fecosplat: {tmp_path}: is a folder; give a .fcs file\n")
+
+
+@pytest.mark.parametrize("lmbda", ["1e-6", "0.1", "-1", "nan", "0"])
+def test_lambda_out_of_range_is_refused_before_reading(fecosplat, tmp_path: Path, lmbda: str) -> None:
+    result = fecosplat("encode", tmp_path / "no such folder", "-o", tmp_path / "a.fcs", "--lambda", lmbda)
+    assert (result.code, result.out) == (1, "")
+    assert result.err.startswith("fecosplat: lambda is ")
+    assert "1e-05 to 0.01" in result.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["encode", "decode"])
+def test_existing_output_is_refused_before_reading(fecosplat, tmp_path: Path, command: str) -> None:
+    output = tmp_path / "result"
+    output.write_text("precious")
+    result = fecosplat(command, tmp_path / "no such input", "-o", output)
+    assert (result.code, result.out) == (1, "")
+    assert result.err.startswith(f"fecosplat: {output}: the file exists already")
+    assert output.read_text() == "precious"
+
+
+@pytest.mark.parametrize("command", ["encode", "decode"])
+def test_output_in_a_missing_folder_is_refused_before_reading(fecosplat, tmp_path: Path, command: str) -> None:
+    result = fecosplat(command, tmp_path / "no such input", "-o", tmp_path / "missing" / "result")
+    assert result.code == 1
+    assert f"the folder {tmp_path / 'missing'} does not exist" in result.err
+
+
+def test_failed_overwrite_keeps_the_old_output(fecosplat, tmp_path: Path) -> None:
+    output = tmp_path / "result.fcs"
+    output.write_text("precious")
+    result = fecosplat("encode", tmp_path / "no such folder", "-o", output, "--overwrite")
+    assert result.code == 1
+    assert result.err.startswith(f"fecosplat: {tmp_path / 'no such folder'}: no such folder")
+    assert output.read_text() == "precious"
+    assert list(tmp_path.iterdir()) == [output]
+
+
+def test_missing_device_is_one_sentence(fecosplat, tmp_path: Path) -> None:
+    result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs", "--device", "cuda:99")
+    assert result.code == 1
+    assert result.err.startswith("fecosplat: device cuda:99 was asked for, but torch sees ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folder_without_cameras_is_one_sentence(fecosplat, tmp_path: Path) -> None:
+    result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs")
+    assert result.code == 1
+    assert result.err.startswith(f"fecosplat: {tmp_path}: no cameras found")
+    assert result.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interrupt_exits_with_130(tmp_path: Path) -> None:
+    """Ctrl-C while a command waits for its input: a pipe to which nobody writes."""
+    pipe = tmp_path / "scene.fcs"
+    os.mkfifo(pipe)
+    process = subprocess.Popen([CONSOLE_SCRIPT, "info", pipe], stderr=subprocess.PIPE, text=True)
+    writer = os.open(pipe, os.O_WRONLY)  # returns when the command has opened the pipe, so it is reading
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    os.close(writer)
+    assert process.returncode == 130
+    assert err.strip() == "fecosplat: interrupted"

@@ -1,0 +1,66 @@
+"""`fecosplat info`."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def test_json_describes_the_stream(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
+    result = fecosplat("info", stream_file, "--json")
+    fields = json.loads(result.out)
+    assert result.code == 0 and result.err == ""
+    assert (fields["views"], fields["height"], fields["width"], fields["stages"]) == (2, 256, 448, 2)
+    assert fields["lambda"] == pytest.approx(1e-3, rel=2e-3)
+    assert (fields["near"], fields["far"]) == (1.0, 10.0)
+    assert fields["bytes"] == len(stream_bytes)
+    assert fields["model_id"] == b"no model".hex()
+    assert [section["name"] for section in fields["sections"]] == ["cameras", "B1", "B2"]
+    assert fields["bytes"] == fields["overhead_bytes"] + sum(s["payload_bytes"] for s in fields["sections"])
+    assert fields["overhead_bytes"] <= 96
+    assert fields["damage"] is None
+
+
+def test_text_shows_size_and_sections(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
+    result = fecosplat("info", stream_file)
+    assert result.code == 0
+    assert "2 of 448x256" in result.out
+    assert f"{len(stream_bytes)} bytes" in result.out
+    assert [line.split()[1] for line in result.out.splitlines()[-4:]] == ["header", "cameras", "B1", "B2"]
+
+
+def test_damaged_section_is_described_and_fails(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
+    stream_file.write_bytes(stream_bytes[:-1] + bytes([stream_bytes[-1] ^ 1]))
+    result = fecosplat("info", stream_file, "--json")
+    assert result.code == 1
+    assert [section["intact"] for section in json.loads(result.out)["sections"]] == [True, True, False]
+    assert result.err.startswith(f"fecosplat: {stream_file}: section B2 at byte ")
+    assert "CRC-32" in result.err
+
+
+def test_file_cut_in_the_header_is_one_sentence(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
+    stream_file.write_bytes(stream_bytes[:20])
+    result = fecosplat("info", stream_file)
+    assert (result.code, result.out) == (1, "")
+    assert result.err == (
+        f"fecosplat: {stream_file}: header at byte 0: the file ends after 20 bytes, the header needs 28; "
+        "copy or download it again\n"
+    )
+
+
+@pytest.mark.parametrize("arguments", [(), ("scene.fcs", "--model")])
+def test_needs_a_file_or_the_model(fecosplat, arguments: tuple[str, ...]) -> None:
+    result = fecosplat("info", *arguments)
+    assert result.code == 2
+    assert "Give either a .fcs file or --model." in result.err
+
+
+def test_loads_neither_torch_nor_numpy(stream_file: Path) -> None:
+    program = (
+        "import sys; from fecosplat_cli.main import run; code = run(['info', sys.argv[1]]); "
+        "print(code, sorted({'torch', 'numpy', 'numba', 'scipy'} & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", program, stream_file], capture_output=True, text=True, check=True)
+    assert result.stdout.splitlines()[-1] == "0 []"
