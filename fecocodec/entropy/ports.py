@@ -1,12 +1,13 @@
 """Symbols <-> bytes, in one routine for both directions; the only file that knows constriction.
 
-A port exchanges a batch of symbols at a time. Within a batch, elements are grouped by table (ascending, stable), which is
-several times faster than in their own order; the batch's escapes follow. See `bitstream_spec/ENTROPY.md`, sections 2-4.
+A port exchanges a batch of symbols at a time. Within a batch, elements are grouped by table (ascending, stable), which
+is several times faster than in their own order; the batch's escapes follow (`bitstream_spec/ENTROPY.md`, section 3).
 """
 
 from abc import ABC, abstractmethod
 from functools import cache
-from typing import TypeAlias
+from itertools import pairwise
+from typing import Any, TypeAlias
 
 import constriction
 import numpy as np
@@ -18,17 +19,15 @@ from fecocodec.errors import BitstreamError
 _EXPONENT_CLASSES = 32
 _HIGHEST_EXPONENT = SYMBOL_LIMIT.bit_length() - 2  # an escape's excess is below 2^20
 
-models = constriction.stream.model
-AnsCoder = constriction.stream.stack.AnsCoder
-_Model: TypeAlias = models.Categorical | models.Uniform
+_Model: TypeAlias = Any  # constriction carries no types
 
 
 @cache
-def _table_model(table_index: int) -> models.Categorical:
-    # constriction gives entry i the frequency 1 + p_i * (2^24 - entries) / sum(p) with the sums rounded down: for these p
-    # the factor is 1 and every sum an integer, so the frequencies are exactly those of the table.
+def _table_model(table_index: int) -> _Model:
+    # constriction gives entry i the frequency 1 + p_i * (2^24 - entries) / sum(p), up to rounding: with these p the
+    # factor is 1 and every sum an integer, so the frequencies are exactly those of the table.
     weights = load_tables()[table_index].frequencies.astype(np.float64) - 1.0
-    return models.Categorical(weights, lazy=False, perfect=False)
+    return constriction.stream.model.Categorical(weights, lazy=False, perfect=False)
 
 
 class Port(ABC):
@@ -64,7 +63,7 @@ class Port(ABC):
         symbols = np.empty(tables.size, dtype=np.int64)
         reaches = np.empty(tables.size, dtype=np.int64)
         bounds = [0, *(np.flatnonzero(np.diff(tables)) + 1).tolist(), tables.size]
-        for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+        for begin, end in pairwise(bounds):
             index = int(tables[begin])
             reach, escape = load_tables()[index].reach, load_tables()[index].escape
             entries = None
@@ -83,16 +82,18 @@ class Port(ABC):
             excess = np.abs(wanted) - reaches
             exponents = np.frexp(excess.astype(np.float64))[1] - 1  # floor(log2(excess)), exact
             mantissas = (excess - (1 << exponents)) * 2 + (wanted < 0)
-        exponents = self._code(models.Uniform(_EXPONENT_CLASSES), exponents, reaches.size)
+        exponents = self._code(constriction.stream.model.Uniform(_EXPONENT_CLASSES), exponents, reaches.size)
         if exponents.max() > _HIGHEST_EXPONENT:
             raise BitstreamError(
-                f"Payload: an escape has the exponent {exponents.max()}, {_HIGHEST_EXPONENT} is the highest."
+                f"payload: an escape has the exponent {exponents.max()}, at most {_HIGHEST_EXPONENT} is allowed; "
+                "the payload is damaged"
             )
         mantissas = self._code_uniform(mantissas, 2 << exponents)
         magnitudes = reaches + (1 << exponents) + (mantissas >> 1)
         if magnitudes.max() > SYMBOL_LIMIT:
             raise BitstreamError(
-                f"Payload: a symbol has the magnitude {magnitudes.max()}, {SYMBOL_LIMIT} is the highest."
+                f"payload: a symbol is {magnitudes.max()} in magnitude, at most {SYMBOL_LIMIT} is allowed; "
+                "the payload is damaged"
             )
         return np.where(mantissas & 1, -magnitudes, magnitudes)
 
@@ -107,7 +108,7 @@ class SymbolWriter(Port):
         return self._push(wanted, model)
 
     def _code_uniform(self, wanted: np.ndarray | None, sizes: np.ndarray) -> np.ndarray:
-        return self._push(wanted, models.Uniform(), sizes.astype(np.int32))
+        return self._push(wanted, constriction.stream.model.Uniform(), sizes.astype(np.int32))
 
     def _push(self, wanted: np.ndarray | None, model: _Model, *parameters: np.ndarray) -> np.ndarray:
         if wanted is None:
@@ -117,10 +118,11 @@ class SymbolWriter(Port):
 
     def finish(self) -> bytes:
         """The payload: little-endian 32-bit words."""
-        coder = AnsCoder()
+        coder = constriction.stream.stack.AnsCoder()
         for entries, model, parameters in reversed(self._pending):
             coder.encode_reverse(entries, model, *parameters)
-        return coder.get_compressed().astype("<u4").tobytes()
+        words: np.ndarray = coder.get_compressed()
+        return words.astype("<u4").tobytes()
 
 
 class SymbolReader(Port):
@@ -129,16 +131,21 @@ class SymbolReader(Port):
     def __init__(self, payload: bytes) -> None:
         """Raises BitstreamError if the payload cannot be one."""
         if len(payload) % 4 or payload[-4:] == bytes(4):
-            raise BitstreamError(f"Payload: {len(payload)} bytes are not whole words, the last of them not zero.")
-        self._coder = AnsCoder(np.frombuffer(payload, dtype="<u4").astype(np.uint32))
+            raise BitstreamError(
+                f"payload: its {len(payload)} bytes are not 32-bit words of which the last is not zero; "
+                "the payload is damaged"
+            )
+        self._coder = constriction.stream.stack.AnsCoder(np.frombuffer(payload, dtype="<u4").astype(np.uint32))
 
     def _code(self, model: _Model, wanted: np.ndarray | None, count: int) -> np.ndarray:
-        return self._coder.decode(model, count).astype(np.int64)
+        entries: np.ndarray = self._coder.decode(model, count)
+        return entries.astype(np.int64)
 
     def _code_uniform(self, wanted: np.ndarray | None, sizes: np.ndarray) -> np.ndarray:
-        return self._coder.decode(models.Uniform(), sizes.astype(np.int32)).astype(np.int64)
+        entries: np.ndarray = self._coder.decode(constriction.stream.model.Uniform(), sizes.astype(np.int32))
+        return entries.astype(np.int64)
 
     def finish(self) -> None:
         """Raises BitstreamError unless the payload was used up exactly, as only the encoding of the symbols read is."""
         if not self._coder.is_empty():
-            raise BitstreamError("Payload: symbols and bytes do not end together; the payload is damaged.")
+            raise BitstreamError("payload: its symbols and its bytes do not end together; the payload is damaged")
