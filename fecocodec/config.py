@@ -1,0 +1,32 @@
+"""Sizes of the networks. A stream's model id covers the weights, and so these numbers too."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ReceiverConfig:
+    """What `decode` must know to build its networks; stored with the receiver's weights."""
+
+    state_channels: int = 128  # C of the paper: features, S0..S2, at 1/4 resolution
+    latent_channels: int = 32  # y, at 1/8 resolution
+    hyper_channels: int = 16  # z, at 1/32 resolution
+    synthesis_channels: int = 168  # inner width of g_s at 1/8
+    synthesis_depth: int = 2
+    fine_hidden: int = 96  # inner width of the blocks at 1/4 resolution
+    predictor_channels: tuple[int, int] = (176, 264)  # widths of P at 1/8 and 1/16
+    num_neighbours: int = 16  # k of the KNN attention
+    attention_channels: int = 48
+
+
+@dataclass(frozen=True)
+class SenderConfig:
+    """Sizes of the compact sender."""
+
+    num_candidates: int = 48  # inverse depths of the plane sweep
+    matching_channels: int = 48
+    stem_channels: int = 96
+    fusion_channels: tuple[int, int, int] = (128, 192, 256)  # at 1/4, 1/8, 1/16
+    attention_channels: int = 128
+    analysis_channels: int = 160  # inner width of g_a at 1/8
+    fine_hidden: int = 96
+    num_source_views: int = 2  # nearest other views that a view is matched against

@@ -1,0 +1,109 @@
+"""Blocks shared by the sender's and the receiver's networks; maps are `[item channel height width]`, item = (batch view)."""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+CONDITION_CHANNELS = 64
+
+
+class RateEmbedding(nn.Module):
+    """(lambda_q, stage) -> MLP -> condition that every `Block2d` of the codec is modulated by.
+
+    The paper conditions on log(lambda) (section 3.4); `lambda_q` is that logarithm in the fixed point of the container.
+    """
+
+    def __init__(self, largest_lambda_q: int) -> None:
+        super().__init__()
+        self.largest_lambda_q = largest_lambda_q
+        self.mlp = nn.Sequential(
+            nn.Linear(3, CONDITION_CHANNELS), nn.GELU(), nn.Linear(CONDITION_CHANNELS, CONDITION_CHANNELS), nn.GELU()
+        )
+
+    def forward(self, lambda_q: Float[Tensor, " item"], stage: int) -> Float[Tensor, "item condition"]:
+        """Condition of each item; stage is 1 or 2."""
+        position = 2.0 * lambda_q / self.largest_lambda_q - 1.0
+        is_second = torch.full_like(position, float(stage == 2))
+        return self.mlp(torch.stack((position, position * is_second, is_second), dim=-1))
+
+
+class ChannelNorm(nn.Module):
+    """Layer normalisation over the channels of each position of a map, without affine part."""
+
+    def forward(self, x: Float[Tensor, "item channel h w"]) -> Float[Tensor, "item channel h w"]:
+        channels_last = x.permute(0, 2, 3, 1)
+        return F.layer_norm(channels_last, channels_last.shape[-1:]).permute(0, 3, 1, 2)
+
+
+class AdaptiveNorm(nn.Module):
+    """AdaLN: gamma(condition) * LN(x) + beta(condition), per channel (paper, equation of section 3.4)."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.norm = ChannelNorm()
+        self.modulation = nn.Linear(CONDITION_CHANNELS, 2 * channels)
+        nn.init.normal_(self.modulation.weight, std=0.01)
+        nn.init.zeros_(self.modulation.bias)
+
+    def forward(
+        self, x: Float[Tensor, "item channel h w"], condition: Float[Tensor, "item condition"]
+    ) -> Float[Tensor, "item channel h w"]:
+        gamma, beta = self.modulation(condition)[:, :, None, None].chunk(2, dim=1)
+        return torch.addcmul(beta, self.norm(x), 1.0 + gamma)
+
+
+class Block2d(nn.Module):
+    """x -> AdaLN(condition) -> 3x3 conv -> GELU -> 1x1 conv -> + x: the codec's 2D block.
+
+    A dense 3x3 convolution runs three times as many operations a second on a CPU as a depthwise one, so the block is
+    wide and short instead of a chain of depthwise layers.
+    """
+
+    def __init__(self, channels: int, hidden: int) -> None:
+        super().__init__()
+        self.norm = AdaptiveNorm(channels)
+        self.spatial = nn.Conv2d(channels, hidden, 3, padding=1)
+        self.pointwise = nn.Conv2d(hidden, channels, 1)
+
+    def forward(
+        self, x: Float[Tensor, "item channel h w"], condition: Float[Tensor, "item condition"]
+    ) -> Float[Tensor, "item channel h w"]:
+        return x + self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
+
+
+class PlainBlock2d(nn.Module):
+    """`Block2d` without a condition, for networks that must not depend on lambda (the extractor)."""
+
+    def __init__(self, channels: int, hidden: int) -> None:
+        super().__init__()
+        self.norm = ChannelNorm()
+        self.spatial = nn.Conv2d(channels, hidden, 3, padding=1)
+        self.pointwise = nn.Conv2d(hidden, channels, 1)
+
+    def forward(self, x: Float[Tensor, "item channel h w"]) -> Float[Tensor, "item channel h w"]:
+        return x + self.pointwise(F.gelu(self.spatial(self.norm(x)), approximate="tanh"))
+
+
+class BlockChain(nn.ModuleList):
+    """Several `Block2d` one after the other."""
+
+    def __init__(self, channels: int, hidden: int, depth: int) -> None:
+        super().__init__(Block2d(channels, hidden) for _ in range(depth))
+
+    def forward(
+        self, x: Float[Tensor, "item channel h w"], condition: Float[Tensor, "item condition"]
+    ) -> Float[Tensor, "item channel h w"]:
+        for block in self:
+            x = block(x, condition)
+        return x
+
+
+def downsample(in_channels: int, out_channels: int) -> nn.Conv2d:
+    """Downsample by two: 2x2 convolution of stride 2."""
+    return nn.Conv2d(in_channels, out_channels, 2, stride=2)
+
+
+def upsample(in_channels: int, out_channels: int) -> nn.Sequential:
+    """Upsample by two: 1x1 convolution and pixel shuffle."""
+    return nn.Sequential(nn.Conv2d(in_channels, 4 * out_channels, 1), nn.PixelShuffle(2))

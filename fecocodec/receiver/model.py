@@ -1,0 +1,46 @@
+"""The receiver: all that `decode` loads."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.coding.priors import LatentPrior
+from fecocodec.config import ReceiverConfig
+from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.layers.blocks import RateEmbedding
+from fecocodec.receiver.predictor import Prediction, Predictor
+from fecocodec.receiver.state import StateUpdate
+from fecocodec.receiver.synthesis import Synthesis
+
+
+class Receiver(nn.Module):
+    """payload -> prior -> y_hat -> g_s -> U -> S (twice) -> P -> Gaussians; every part is shared by the two stages."""
+
+    def __init__(self, config: ReceiverConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.prior = LatentPrior(config.latent_channels, config.hyper_channels)
+        self.embedding = RateEmbedding(LAMBDA_Q_MAX)
+        self.synthesis = Synthesis(config)
+        self.update = StateUpdate(config)
+        self.predictor = Predictor(config)
+
+    def condition(self, lambda_q: Float[Tensor, " item"], stage: int) -> Float[Tensor, "item condition"]:
+        """Condition of the 2D blocks for these items in this stage (1 or 2)."""
+        return self.embedding(lambda_q, stage)
+
+    def next_state(
+        self,
+        state: Float[Tensor, "item channel h4 w4"],
+        y_hat: Float[Tensor, "item latent h8 w8"],
+        condition: Float[Tensor, "item condition"],
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        """S_k = U(concat(S_{k-1}, g_s(y_hat_k))) (paper, stage I and stage II)."""
+        return self.update(state, self.synthesis(y_hat, condition), condition)
+
+    def predict(
+        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: Float[Tensor, "item condition"]
+    ) -> Prediction:
+        """G_k = P(S_k, cameras); cameras has one batch dimension."""
+        return self.predictor(state, cameras, condition)

@@ -1,0 +1,64 @@
+"""Attention of every 3D point over its nearest points of all views."""
+
+import torch
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.geometry.neighbours import nearest_neighbours
+
+NUM_HEADS = 4
+OFFSET_CHANNELS = 4  # relative position (3) and its length
+LARGEST_OFFSET = 4.0  # offsets are measured in depths of the point; farther ones are clamped
+
+
+class NeighbourAttention(nn.Module):
+    """Points and features of one scene -> features, by attention over the k nearest points (Zhao et al., "Point
+    Transformer", 2021, reduced to scalar attention with a relative position bias).
+
+    Offsets are rotated into the camera that saw the point and divided by its depth: the result depends neither on the
+    unit of length nor on the world's axes.
+    """
+
+    def __init__(self, channels: int, attention_channels: int, num_neighbours: int) -> None:
+        super().__init__()
+        self.num_neighbours = num_neighbours
+        heads = torch.eye(NUM_HEADS).repeat_interleave(attention_channels // NUM_HEADS, dim=0)
+        self.register_buffer("head_of_channel", heads, persistent=False)  # [attention head], 0 or 1
+        self.query_scale = (attention_channels // NUM_HEADS) ** -0.5
+        self.norm = nn.LayerNorm(channels)
+        self.query = nn.Linear(channels, attention_channels)
+        self.key_value = nn.Linear(channels, 2 * attention_channels)
+        self.offset_bias = nn.Sequential(nn.Linear(OFFSET_CHANNELS, 16), nn.ReLU(), nn.Linear(16, NUM_HEADS))
+        self.output = nn.Linear(attention_channels + NUM_HEADS * OFFSET_CHANNELS, channels)
+
+    def forward(
+        self,
+        features: Float[Tensor, "point channel"],
+        points: Float[Tensor, "point 3"],
+        depth: Float[Tensor, " point"],
+        world_to_view: Float[Tensor, "point 3 3"],
+    ) -> Float[Tensor, "point channel"]:
+        """What to add to the features. points: world frame. depth: of each point in the view that saw it. world_to_view:
+        rotation of that view.
+
+        All heads share one batched product each way, by queries that are zero outside their head's channels: at these
+        sizes that beats splitting and copying.
+        """
+        neighbours = nearest_neighbours(points, self.num_neighbours)
+        offsets = _relative_offsets(points, neighbours, depth, world_to_view)
+        normed = self.norm(features)
+        key, value = self.key_value(normed)[neighbours].chunk(2, dim=-1)  # [point k attention]
+        query = self.query_scale * self.query(normed)[..., None] * self.head_of_channel  # [point attention head]
+        weights = (key @ query + self.offset_bias(offsets)).softmax(dim=1)  # [point k head]
+        weights = weights.transpose(1, 2)
+        gathered = ((weights @ value) * self.head_of_channel.T).sum(dim=1)
+        return self.output(torch.cat((gathered, rearrange(weights @ offsets, "p head c -> p (head c)")), dim=-1))
+
+
+def _relative_offsets(points: Tensor, neighbours: Tensor, depth: Tensor, world_to_view: Tensor) -> Tensor:
+    """Offsets to the neighbours in view axes, in units of depth, and their lengths: [point k 4]."""
+    offsets = (points[neighbours] - points[:, None]) / depth[:, None, None]
+    offsets = (offsets @ world_to_view.transpose(-1, -2)).clamp(-LARGEST_OFFSET, LARGEST_OFFSET)
+    length = offsets.square().sum(dim=-1, keepdim=True).add(1e-12).sqrt()
+    return 10.0 * torch.cat((offsets, length), dim=-1)  # neighbours lie near 0.01 to 0.1 depths away

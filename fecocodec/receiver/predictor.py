@@ -1,0 +1,127 @@
+"""Gaussian predictor P: implicit Gaussian state and cameras -> 3D Gaussians."""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange, repeat
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.config import ReceiverConfig
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays, rays_through
+from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
+from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
+from fecocodec.layers.blocks import Block2d, upsample, downsample
+from fecocodec.receiver.neighbour_attention import NeighbourAttention
+
+PER_CELL = 4  # Gaussians per cell of the 1/4 grid: one per 2x2 pixels
+LARGEST_OFFSET_CELLS = 1.0  # how far a Gaussian may leave its place, in cells of the 1/2 grid
+LARGEST_DISPARITY_STEP = 0.08  # how far a Gaussian may leave its cell's relative disparity
+LARGEST_LOG_SCALE = 2.5  # scales lie within exp(+-2.5) of the footprint
+RAW = {"opacity": 1, "offset": 2, "disparity": 1, "scale": 3, "rotation": 4, "colour": 3}  # head outputs a Gaussian
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Gaussians of every scene of the batch, ordered (view, row, column) on the 1/2 grid, and the disparity at 1/4."""
+
+    gaussians: Gaussians
+    relative_disparity: Float[Tensor, "batch view h4 w4"]
+
+
+class Predictor(nn.Module):
+    """S -> U-Net (1/4, 1/8, 1/16) -> depth (1/4) -> back-projection -> KNN attention in 3D (1/8) -> head -> pixel shuffle -> Gaussians.
+
+    The attention works on points at 1/8: at 1/4 it took 47 of 115 ms of decoding (docs/experiments.md).
+    """
+
+    def __init__(self, config: ReceiverConfig) -> None:
+        super().__init__()
+        fine, (middle, coarse) = config.state_channels, config.predictor_channels
+        self.down_fine, self.down_middle = downsample(fine, middle), downsample(middle, coarse)
+        self.middle_in, self.middle_out = Block2d(middle, middle), Block2d(middle, middle)
+        self.coarse = Block2d(coarse, coarse)
+        self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
+        self.fine = Block2d(fine, config.fine_hidden)
+        self.depth_head = nn.Conv2d(fine, 1, 3, padding=1)
+        self.attention = NeighbourAttention(fine, config.attention_channels, config.num_neighbours)
+        outputs = sum(RAW.values())
+        self.head = nn.Sequential(nn.Conv2d(fine, fine, 1), nn.GELU(approximate="tanh"), nn.Conv2d(fine, PER_CELL * outputs, 1))
+        nn.init.normal_(self.head[2].weight, std=0.02)
+        nn.init.zeros_(self.head[2].bias)
+
+    def forward(
+        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: Float[Tensor, "item condition"]
+    ) -> Prediction:
+        """item = (batch view); cameras has one batch dimension. Means come out in the frame and unit of the cameras."""
+        views = cameras.num_views
+        features = self._trunk(state, condition)
+        relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
+        relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
+        features = self._attend(features, relative, cameras)
+        raw = rearrange(F.pixel_shuffle(self.head(features).float(), 2), "(b v) c h w -> b v h w c", v=views)
+        return Prediction(self._activate(raw, relative, cameras), relative)
+
+    def _trunk(self, state: Tensor, condition: Tensor) -> Tensor:
+        middle = self.middle_in(self.down_fine(state), condition)
+        coarse = self.coarse(self.down_middle(middle), condition)
+        middle = self.middle_out(middle + self.up_coarse(coarse), condition)
+        return self.fine(state + self.up_middle(middle), condition)
+
+    def _attend(self, features: Tensor, relative: Tensor, cameras: Cameras) -> Tensor:
+        """KNN attention over the points of all views of a scene, scene by scene, at half the features' resolution."""
+        views = cameras.num_views
+        pooled = F.avg_pool2d(features, 2)
+        relative = rearrange(F.avg_pool2d(rearrange(relative, "b v h w -> (b v) 1 h w"), 2), "(b v) 1 h w -> b v h w", v=views)
+        height, width = relative.shape[-2:]
+        depth = depth_from_relative_disparity(relative, cameras)
+        points = camera_to_world_points(cameras, pixel_rays(cameras, height, width) * depth[..., None])
+        scenes = zip(
+            rearrange(pooled, "(b v) c h w -> b (v h w) c", v=views),
+            rearrange(points, "b v h w xyz -> b (v h w) xyz"),
+            rearrange(depth, "b v h w -> b (v h w)"),
+            repeat(cameras.world_to_camera[..., :3, :3], "b v i j -> b (v h w) i j", h=height, w=width),
+            strict=True,
+        )
+        found = torch.stack([self.attention(*scene) for scene in scenes])
+        found = rearrange(found, "b (v h w) c -> (b v) c h w", v=views, h=height)
+        return features + F.interpolate(found, scale_factor=2.0, mode="nearest")
+
+    def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:
+        """Raw head outputs on the 1/2 grid -> bounded Gaussian attributes; float32 throughout."""
+        views, height, width = raw.shape[1:4]
+        opacity, offset, disparity, scale, rotation, colour = raw.split([*RAW.values()], dim=-1)
+        fine = F.interpolate(rearrange(relative, "b v h w -> (b v) 1 h w"), scale_factor=2.0, mode="bilinear", align_corners=False)
+        fine = rearrange(fine, "(b v) 1 h w -> b v h w", v=views) + LARGEST_DISPARITY_STEP * torch.tanh(disparity[..., 0])
+        depth = depth_from_relative_disparity(fine, cameras)
+        rays = rays_through(cameras, _cell_positions(raw, height, width) + _offset_uv(offset, height, width))
+        footprint = depth / (cameras.intrinsics[..., 0, 0, None, None] * width)  # of a cell of the 1/2 grid, scene units
+        scales = footprint[..., None] * torch.exp(LARGEST_LOG_SCALE * torch.tanh(scale / LARGEST_LOG_SCALE) - 0.4)
+        identity = raw.new_tensor([1.0, 0.0, 0.0, 0.0])
+        local = F.normalize(rotation + identity, dim=-1)
+        view_to_world = quaternion_from_matrix(cameras.extrinsics[..., :3, :3])[..., None, None, :]
+        harmonics = (torch.sigmoid(2.0 * colour) - 0.5) / SH_DEGREE_0
+        return Gaussians(
+            means=rearrange(camera_to_world_points(cameras, rays * depth[..., None]), "b v h w xyz -> b (v h w) xyz"),
+            scales=rearrange(scales, "b v h w xyz -> b (v h w) xyz"),
+            rotations=rearrange(multiply(view_to_world, local), "b v h w q -> b (v h w) q"),
+            opacities=rearrange(torch.sigmoid(opacity[..., 0] + 2.0), "b v h w -> b (v h w)"),
+            harmonics=rearrange(harmonics, "b v h w rgb -> b (v h w) 1 rgb"),
+        )
+
+
+def _cell_positions(like: Tensor, height: int, width: int) -> Float[Tensor, "height width 2"]:
+    """Normalised image position (u, v) of the centre of each cell."""
+    v, u = torch.meshgrid(
+        (torch.arange(height, device=like.device, dtype=like.dtype) + 0.5) / height,
+        (torch.arange(width, device=like.device, dtype=like.dtype) + 0.5) / width,
+        indexing="ij",
+    )
+    return torch.stack((u, v), dim=-1)
+
+
+def _offset_uv(offset: Tensor, height: int, width: int) -> Tensor:
+    """Image-plane offset in normalised units, at most `LARGEST_OFFSET_CELLS` cells."""
+    return LARGEST_OFFSET_CELLS * torch.tanh(offset) / offset.new_tensor([width, height])

@@ -1,0 +1,31 @@
+"""State update U: implicit Gaussian state and decoded features -> next state."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.config import ReceiverConfig
+from fecocodec.layers.blocks import Block2d
+
+
+class StateUpdate(nn.Module):
+    """concat(S, g_s(y_hat)) -> 1x1 conv -> 2D block -> next S, all at 1/4; also holds the learned start S0."""
+
+    def __init__(self, config: ReceiverConfig) -> None:
+        super().__init__()
+        channels = config.state_channels
+        self.initial_state = nn.Parameter(0.02 * torch.randn(1, channels, 1, 1))
+        self.join = nn.Conv2d(2 * channels, channels, 1)
+        self.block = Block2d(channels, config.fine_hidden)
+
+    def start(self, num_items: int, height4: int, width4: int) -> Float[Tensor, "item channel h4 w4"]:
+        """S0, the same at every position of every view."""
+        return self.initial_state.expand(num_items, -1, height4, width4)
+
+    def forward(
+        self,
+        state: Float[Tensor, "item channel h4 w4"],
+        features: Float[Tensor, "item channel h4 w4"],
+        condition: Float[Tensor, "item condition"],
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        return self.block(self.join(torch.cat((state, features), dim=1)), condition)

@@ -1,0 +1,30 @@
+"""Synthesis transform g_s: decoded latent -> feature update at 1/4 resolution."""
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.config import ReceiverConfig
+from fecocodec.layers.blocks import BlockChain, upsample
+
+# A fresh sender's latents have a standard deviation of a few of these: training starts at a high rate, where rounding
+# hardly hurts. g_a multiplies by it, g_s divides.
+LATENT_GAIN = 8.0
+
+
+class Synthesis(nn.Module):
+    """y_hat (1/8) -> 3x3 conv -> 2D blocks at 1/8 -> upsample -> features (1/4).
+
+    No block at 1/4: the state update has one, and a second cost a tenth of the decoding time (docs/experiments.md).
+    """
+
+    def __init__(self, config: ReceiverConfig) -> None:
+        super().__init__()
+        width = config.synthesis_channels
+        self.input = nn.Conv2d(config.latent_channels, width, 3, padding=1)
+        self.coarse = BlockChain(width, width, config.synthesis_depth)
+        self.up = upsample(width, config.state_channels)
+
+    def forward(
+        self, y_hat: Float[Tensor, "item latent h8 w8"], condition: Float[Tensor, "item condition"]
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        return self.up(self.coarse(self.input(y_hat / LATENT_GAIN), condition))

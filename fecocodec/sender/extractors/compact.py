@@ -1,0 +1,94 @@
+"""The compact multi-view extractor E_mv: posed photographs -> geometry-aware features at 1/4 resolution."""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.config import SenderConfig
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.layers.blocks import ChannelNorm, PlainBlock2d, upsample, downsample
+from fecocodec.sender.extractors.cross_view import CrossViewAttention
+from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
+
+
+@dataclass(frozen=True)
+class Matching:
+    """What matching the views against each other gives, before fusion; item = (batch view)."""
+
+    appearance: Float[Tensor, "item stem h4 w4"]
+    cost: Float[Tensor, "item candidate h4 w4"]
+    relative_disparity: Float[Tensor, "item 1 h4 w4"]  # expectation over the candidates' softmax
+    confidence: Float[Tensor, "item 1 h4 w4"]  # largest probability
+
+
+class CompactExtractor(nn.Module):
+    """images -> CNN (1/4) -> cross-view attention (1/8) -> plane sweep -> U-Net (1/4, 1/8, 1/16) -> F1.
+
+    The U-Net also sees the pixels themselves (pixel unshuffle 4): the latent must carry colour, not only geometry.
+    """
+
+    def __init__(self, config: SenderConfig, channels: int) -> None:
+        super().__init__()
+        self.config = config
+        stem, (fine, middle, coarse) = config.stem_channels, config.fusion_channels
+        self.stem = nn.Sequential(
+            nn.Conv2d(3, 32, 5, stride=2, padding=2),
+            nn.GELU(approximate="tanh"),
+            nn.Conv2d(32, stem, 3, stride=2, padding=1),
+            PlainBlock2d(stem, stem),
+            PlainBlock2d(stem, stem),
+        )
+        self.down_stem = downsample(stem, config.attention_channels)
+        self.cross_view = nn.ModuleList(CrossViewAttention(config.attention_channels) for _ in range(2))
+        self.up_attended = upsample(config.attention_channels, stem)
+        self.matching_head = nn.Conv2d(stem, config.matching_channels, 3, padding=1)
+        self.log_temperature = nn.Parameter(torch.tensor(2.3))
+        self.input = nn.Conv2d(2 * stem + config.num_candidates + 2 + 48, fine, 1)
+        self.fine_in, self.fine_out = PlainBlock2d(fine, fine), PlainBlock2d(fine, fine)
+        self.middle_in, self.middle_out = PlainBlock2d(middle, middle), PlainBlock2d(middle, middle)
+        self.coarse = nn.Sequential(PlainBlock2d(coarse, coarse), PlainBlock2d(coarse, coarse))
+        self.down_fine, self.down_middle = downsample(fine, middle), downsample(middle, coarse)
+        self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
+        self.output = nn.Sequential(ChannelNorm(), nn.Conv2d(fine, channels, 1))
+
+    def forward(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        """images: sRGB in [0, 1], sides multiples of 32. cameras: one batch dimension, normalised scenes."""
+        return self.fuse(images, self.match(images, cameras))
+
+    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Matching:
+        """Per-view features, exchanged between views, and the cost volume they give."""
+        batch, views = images.shape[:2]
+        appearance = self.stem(_flat(images) * 2.0 - 1.0)
+        sources = nearest_views(cameras, self.config.num_source_views)
+        attended = rearrange(self.down_stem(appearance), "(b v) c h w -> b v c h w", v=views)
+        for layer in self.cross_view:
+            attended = layer(attended, sources)
+        appearance = torch.cat((appearance, self.up_attended(_flat(attended))), dim=1)
+        stem = self.config.stem_channels
+        features = F.normalize(self.matching_head(appearance[:, :stem] + appearance[:, stem:]).float(), dim=1)
+        features = rearrange(features, "(b v) c h w -> b v c h w", b=batch)
+        cost = _flat(cost_volume(features, cameras, sources, self.config.num_candidates)) * self.log_temperature.exp()
+        probability = cost.softmax(dim=1)
+        candidates = torch.linspace(0.0, 1.0, self.config.num_candidates, device=images.device)
+        expected = torch.einsum("idhw,d->ihw", probability, candidates)[:, None]
+        return Matching(appearance, cost, expected, probability.amax(dim=1, keepdim=True))
+
+    def fuse(self, images: Float[Tensor, "batch view 3 h w"], matching: Matching) -> Float[Tensor, "item channel h4 w4"]:
+        """U-Net over appearance, matching and pixels."""
+        pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
+        found = (matching.appearance, matching.cost / 8.0, 2.0 * matching.relative_disparity - 1.0, matching.confidence)
+        fine = self.fine_in(self.input(torch.cat((*found, pixels), dim=1)))
+        middle = self.middle_in(self.down_fine(fine))
+        coarse = self.coarse(self.down_middle(middle))
+        middle = self.middle_out(middle + self.up_coarse(coarse))
+        return self.output(self.fine_out(fine + self.up_middle(middle)))
+
+
+def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
+    return rearrange(x, "b v c h w -> (b v) c h w")

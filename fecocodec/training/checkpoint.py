@@ -1,0 +1,27 @@
+"""Checkpoints of a running training: everything needed to go on exactly."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from fecocodec.errors import ModelError
+
+
+def save_checkpoint(path: Path, contents: dict[str, Any]) -> None:
+    """Write under a temporary name and rename, so that a stop at any moment leaves a whole file."""
+    partial = path.with_suffix(".partial")
+    torch.save(contents, partial)
+    os.replace(partial, path)
+
+
+def load_checkpoint(path: Path) -> dict[str, Any]:
+    """Read what `save_checkpoint` wrote; raises ModelError for anything else."""
+    try:
+        contents: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:
+        raise ModelError(f"{path}: not a training checkpoint ({type(error).__name__}); delete it or name another.") from error
+    return contents
+
+

@@ -1,0 +1,57 @@
+"""Batches from the data sources, normalised as the codec normalises scenes."""
+
+from dataclasses import dataclass
+
+import torch
+
+from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.normalisation import normalise_scene
+from fecocodec.training.objective import Batch
+from fecocodec.training.photographs import Photographs
+from fecocodec.training.samples import Sample
+from fecocodec.training.scenes import ProceduralWorld
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where samples come from. photographs: None trains on procedural scenes alone."""
+
+    world: ProceduralWorld
+    photographs: Photographs | None
+
+
+@dataclass(frozen=True)
+class BatchShape:
+    """Scenes, views and pixels of a batch; size is (height, width)."""
+
+    num_scenes: int
+    num_context: int
+    num_target: int
+    size: tuple[int, int]
+
+
+def draw_batch(sources: Sources, generator: torch.Generator, shape: BatchShape, photograph_share: float) -> Batch:
+    """A batch in which each scene is a photographed one with probability `photograph_share`; lambda is log-uniform."""
+    samples = [_draw(sources, generator, shape, photograph_share) for _ in range(shape.num_scenes)]
+    normalised = [normalise_scene(sample.views.cameras) for sample in samples]
+    cameras = [cameras for cameras, _ in normalised]
+    depths = [
+        torch.full_like(sample.views.images[:, 0], float("nan")) if sample.depth is None else sample.depth / frame.scale
+        for sample, (_, frame) in zip(samples, normalised, strict=True)
+    ]
+    return Batch(
+        images=torch.stack([sample.views.images for sample in samples]),
+        cameras=Cameras(
+            *(torch.stack([getattr(c, name) for c in cameras]) for name in ("extrinsics", "intrinsics", "near", "far"))
+        ),
+        depth=torch.stack(depths).float(),
+        num_context=shape.num_context,
+        lambda_q=torch.randint(0, LAMBDA_Q_MAX + 1, (shape.num_scenes,), generator=generator),
+    )
+
+
+def _draw(sources: Sources, generator: torch.Generator, shape: BatchShape, photograph_share: float) -> Sample:
+    is_photograph = float(torch.rand((), generator=generator)) < photograph_share
+    source = sources.photographs if is_photograph and sources.photographs is not None else sources.world
+    return source.sample(generator, num_context=shape.num_context, num_target=shape.num_target, size=shape.size)

@@ -1,0 +1,146 @@
+"""One training pass: both stages of the codec on a batch, and the loss of the paper's section 3.4 plus depth supervision."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from fecocodec.coding.rate import estimate_latents, uniform_noise
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.depth import relative_disparity_from_depth
+from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.predictor import Prediction
+from fecocodec.rendering.metrics import ssim
+from fecocodec.rendering.rasterizer import Rendering, render
+from fecocodec.sender.model import Sender
+
+SSIM_WEIGHT = 0.03
+MATCHING_WEIGHT = 0.5
+DISPARITY_WEIGHT = 0.5
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Scenes with equally many views of one size: the first `num_context` views are coded, the others are targets.
+
+    depth: exact depth of procedural scenes, NaN for photographs. cameras: normalised scenes.
+    """
+
+    images: Float[Tensor, "batch view 3 h w"]
+    cameras: Cameras
+    depth: Float[Tensor, "batch view h w"]
+    num_context: int
+    lambda_q: Int[Tensor, " batch"]
+
+
+@dataclass(frozen=True)
+class StageOutcome:
+    """What one stage of a training pass produced."""
+
+    prediction: Prediction
+    renderings: list[Rendering]  # one per scene, all its views
+    estimated_bits: Float[Tensor, " batch"]
+
+
+Coding = Callable[..., tuple[Tensor, Tensor]]  # (y, lambda_q, stage, context) -> y_hat, bits per item
+
+
+def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
+    """The coding of the rate-distortion phases: rounding with straight-through gradients and an estimated rate."""
+
+    def code(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | None) -> tuple[Tensor, Tensor]:
+        estimate = estimate_latents(
+            receiver.prior, y, sender.hyper_analysis(y), lambda_q, stage, context, uniform_noise()
+        )
+        return estimate.y_hat, estimate.bits_y + estimate.bits_z
+
+    return code
+
+
+def bypass_coding(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | None) -> tuple[Tensor, Tensor]:
+    """The warm-up: latents get the noise of rounding, nothing is coded."""
+    return y + torch.rand_like(y) - 0.5, y.new_zeros(y.shape[0])
+
+
+def run_stages(
+    sender: Sender, receiver: Receiver, batch: Batch, coding: Coding, num_stages: int
+) -> tuple[list[StageOutcome], Float[Tensor, "batch view h4 w4"]]:
+    """Code, decode and render a batch; also returns the extractor's own relative disparity at 1/4."""
+    views = batch.num_context
+    images, cameras = batch.images[:, :views], batch.cameras.select(list(range(views)))
+    lambda_q = batch.lambda_q.repeat_interleave(views)
+    matching = sender.extractor.match(images, cameras)
+    features = sender.extractor.fuse(images, matching)
+    state = receiver.update.start(features.shape[0], *features.shape[-2:])
+    outcomes: list[StageOutcome] = []
+    context = None
+    for stage in range(1, num_stages + 1):
+        condition = receiver.condition(lambda_q, stage)
+        if stage == 2:
+            rendered = torch.stack([rendering.color[:views] for rendering in outcomes[0].renderings]).detach()
+            features = sender.feedback(_flat(images), _flat(rendered), condition)
+        y = sender.analysis(features, state, condition)
+        y_hat, bits = coding(y, lambda_q, stage, context)
+        state, context = receiver.next_state(state, y_hat, condition), y_hat
+        prediction = receiver.predict(state, cameras, condition)
+        # Stage 1 is judged on the context views, which feedback needs anyway, and one target; stage 2 on all views.
+        seen = batch.cameras if stage == 2 else batch.cameras.select(list(range(views + 1)))
+        renderings = [
+            render(prediction.gaussians.scene(scene), _scene(seen, scene), tuple(batch.images.shape[-2:]))
+            for scene in range(batch.images.shape[0])
+        ]
+        outcomes.append(StageOutcome(prediction, renderings, rearrange(bits, "(b v) -> b v", v=views).sum(dim=1)))
+    return outcomes, rearrange(matching.relative_disparity, "(b v) 1 h w -> b v h w", v=views)
+
+
+def loss_of(
+    batch: Batch, outcomes: list[StageOutcome], matched: Float[Tensor, "batch view h4 w4"], disparity_weight: float
+) -> tuple[Float[Tensor, ""], dict[str, float]]:
+    """sum over stages of lambda * R + L_render (paper, training strategy), plus L1 on relative disparity where depth is
+    known. R is in bits per context pixel. Returns the loss and its parts for the log."""
+    pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
+    lmbda = 1e-5 * torch.exp(batch.lambda_q / 256.0)
+    truth = _true_disparity(batch)
+    total = disparity_weight * MATCHING_WEIGHT * _masked_l1(matched, truth)
+    parts = {"matching": float(_masked_l1(matched, truth))}
+    for stage, outcome in enumerate(outcomes, start=1):
+        rendered = torch.stack([rendering.color for rendering in outcome.renderings])
+        images = batch.images[:, : rendered.shape[1]]
+        squared = (rendered - images).square().mean(dim=(0, 2, 3, 4))
+        structure = 1.0 - ssim(_flat(rendered), _flat(images))
+        rate = outcome.estimated_bits / pixels
+        disparity = _masked_l1(outcome.prediction.relative_disparity, truth)
+        total = total + squared.mean() + SSIM_WEIGHT * structure.mean() + (lmbda * rate).mean()
+        total = total + disparity_weight * DISPARITY_WEIGHT * disparity
+        parts |= {
+            f"mse{stage}": float(squared[batch.num_context :].mean()),
+            f"mse_context{stage}": float(squared[: batch.num_context].mean()),
+            f"bpp{stage}": float(rate.mean()),
+            f"disparity{stage}": float(disparity),
+        }
+    return total, parts
+
+
+def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:
+    views = batch.num_context
+    relative = relative_disparity_from_depth(batch.depth[:, :views], batch.cameras)
+    pooled = F.avg_pool2d(relative.flatten(0, 1)[:, None], 4)[:, 0]
+    return rearrange(pooled, "(b v) h w -> b v h w", v=views)
+
+
+def _masked_l1(found: Tensor, truth: Tensor) -> Float[Tensor, ""]:
+    known = torch.isfinite(truth)
+    difference = (found - torch.where(known, truth.clamp(-0.05, 1.05), found.detach())).abs()
+    return difference.mean()
+
+
+def _scene(cameras: Cameras, scene: int) -> Cameras:
+    return Cameras(cameras.extrinsics[scene], cameras.intrinsics[scene], cameras.near[scene], cameras.far[scene])
+
+
+def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
+    return rearrange(x, "b v c h w -> (b v) c h w")
