@@ -13,8 +13,8 @@ from fecocodec.geometry.views import Views
 from fecocodec.training.samples import Sample
 from fecocodec.training.textures import Textures
 from fecocodec.training.world_cameras import PathRange, hold_cameras
+from fecocodec.training.world_images import Pinholes, cast_images
 from fecocodec.training.world_layout import lay_out
-from fecocodec.training.world_raycast import Pinholes, cast_images
 from fecocodec.training.world_solids import random_rotation
 
 

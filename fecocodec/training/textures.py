@@ -33,7 +33,7 @@ class Textures:
 
 def pyramid_of(images: UInt8[ndarray, "texture side side 3"]) -> Textures:
     """Build the mip levels by averaging 2x2 texels."""
-    level = images.astype(np.float32)
+    level: ndarray = images.astype(np.float32)
     levels = [images.reshape(len(images), -1, 3)]
     while level.shape[1] > 1:
         level = (level[:, ::2, ::2] + level[:, 1::2, ::2] + level[:, ::2, 1::2] + level[:, 1::2, 1::2]) / 4

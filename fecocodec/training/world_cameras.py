@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from fecocodec.training.world_images import Pinholes, cast_depth
 from fecocodec.training.world_layout import Stage
-from fecocodec.training.world_raycast import Pinholes, cast_depth
 
 Pose = tuple[ndarray, ndarray]
 """Position of the camera and the point that it looks at, metres."""
@@ -48,8 +48,9 @@ def hold_cameras(
             baseline *= 0.65
     # Everything is in the way: the middle of the room, looking along it with hardly any motion.
     middle = stage.world.room_centre
-    ahead = middle + [0.0, 0.0, 0.9 * stage.world.room_half[2]]
-    return _along(rng, lambda t: (middle + [0.1 * t, 0.0, 0.0], ahead), 0.3, num_context, num_target, pinhole)
+    ahead = middle + np.array([0.0, 0.0, 0.9 * stage.world.room_half[2]])
+    step = np.array([0.1, 0.0, 0.0])
+    return _along(rng, lambda t: (middle + t * step, ahead), 0.3, num_context, num_target, pinhole)
 
 
 def _lens(rng: np.random.Generator, path: PathRange, size: tuple[int, int]) -> Pinholes:

@@ -85,8 +85,8 @@ def _meet_cone(ox, oy, oz, dx, dy, dz):
 
 @compiled
 def normal_and_chart(kind, x, y, z, hx, hy, hz):
-    """At a surface point in unit coordinates: outward normal (unit coordinates, any length), texture position in metres,
-    and the number of the smooth face that the point belongs to."""
+    """At a surface point in unit coordinates: outward normal (3, unit coordinates, any length), texture
+    position in metres (2), and the number of the smooth face that the point belongs to."""
     radial = math.sqrt(x * x + z * z)
     if kind == BOX:
         return _box_chart(x, y, z, hx, hy, hz)

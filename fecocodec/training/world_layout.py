@@ -34,7 +34,7 @@ def lay_out(rng: np.random.Generator, num_textures: int, complexity: float) -> S
 
 def _count(rng: np.random.Generator, complexity: float, most: int) -> int:
     """A number of things that grows with complexity."""
-    return int(round(most * complexity * rng.uniform(0.6, 1.0)))
+    return round(most * complexity * float(rng.uniform(0.6, 1.0)))
 
 
 def _room(rng: np.random.Generator, palette: Palette, complexity: float) -> Stage:

@@ -1,248 +1,127 @@
-"""Images and depth of a procedural world by ray casting on one core: tiles, one ray a pixel, more where surfaces change."""
+"""Where the rays of a camera end, compiled: the nearest surface, its normal and its texture position.
+
+A camera is a table of 5 x 3 numbers: the camera-to-world rotation by rows, the position, and (focal length, centre u,
+centre v) in pixels. Solids are the table of `world_tables`; a room is its centre and half size.
+"""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray
 
 from fecocodec.rendering.compilation import compiled
-from fecocodec.training.textures import Textures
 from fecocodec.training.world_intersect import meet, normal_and_chart
-from fecocodec.training.world_shading import add_light, surface_colour, to_local, visibility_and_occlusion
-from fecocodec.training.world_solids import NUM_ROOM_FACES, World
+from fecocodec.training.world_shading import to_unit
+from fecocodec.training.world_solids import BOX, NUM_ROOM_FACES
+from fecocodec.training.world_tables import CENTRE, FRAME, HALF, KIND
 
-_TILE = 16
+EYE, OPTICS = 3, 4
+TILE = 16
 _NEAREST = 0.02
 """Metres in front of a camera within which nothing is seen."""
-
-
-@dataclass(frozen=True)
-class Pinholes:
-    """Cameras of one size: positions and camera-to-world rotations in metres, focal length and centre in pixels."""
-
-    eyes: Float[ndarray, "view 3"]
-    rotations: Float[ndarray, "view 3 3"]
-    focal: float
-    centre: tuple[float, float]
-    size: tuple[int, int]
-
-
-def cast_images(
-    world: World, textures: Textures, cameras: Pinholes
-) -> tuple[Float[ndarray, "view height width 3"], Float[ndarray, "view height width"]]:
-    """Linear light in [0, inf) and z-depth in metres at pixel centres."""
-    solids = _solids(world)
-    height, width = cameras.size
-    images = np.empty((len(cameras.eyes), height, width, 3), dtype=np.float32)
-    depth = np.empty((len(cameras.eyes), height, width), dtype=np.float32)
-    surfaces = (world.surface_textures, world.surface_rows, textures.texels)
-    room = np.stack((world.room_centre, world.room_half))
-    for view, (eye, rotation) in enumerate(zip(cameras.eyes, cameras.rotations, strict=True)):
-        optics = (np.ascontiguousarray(rotation), cameras.focal, *cameras.centre)
-        _cast_view(solids, room, surfaces, world.lights.rows(), eye, optics, images[view], depth[view])
-    return images, depth
-
-
-def cast_depth(world: World, cameras: Pinholes) -> Float[ndarray, "view height width"]:
-    """z-depth alone, in metres; for judging a camera path before rendering it."""
-    solids = _solids(world)
-    height, width = cameras.size
-    depth = np.empty((len(cameras.eyes), height, width), dtype=np.float32)
-    room = np.stack((world.room_centre, world.room_half))
-    for view, (eye, rotation) in enumerate(zip(cameras.eyes, cameras.rotations, strict=True)):
-        optics = (np.ascontiguousarray(rotation), cameras.focal, *cameras.centre)
-        _cast_depth_view(solids, room, eye, optics, depth[view])
-    return depth
-
-
-def _solids(world: World) -> tuple[ndarray, ...]:
-    frames = np.ascontiguousarray(world.rotations.transpose(0, 2, 1))
-    return world.kinds, world.centres, world.halves, frames, world.radii
+_FACES_PER_SOLID = 8
 
 
 @compiled
-def _cast_depth_view(solids, room, eye, optics, depth):
-    candidates = np.arange(len(solids[0]))
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            ray = _ray(optics, column + 0.5, row + 0.5)
-            depth[row, column] = _first_hit(solids, candidates, len(candidates), room, eye, ray)[0]
-
-
-@compiled
-def _cast_view(solids, room, surfaces, lights, eye, optics, image, depth):
-    height, width = depth.shape
-    faces = np.empty((height, width), np.int64)
-    lists, counts = _solids_by_tile(solids, eye, optics, height, width)
-    tiles_across = (width + _TILE - 1) // _TILE
-    colour = np.empty(3)
-    for row in range(height):
-        for column in range(width):
-            tile = (row // _TILE) * tiles_across + column // _TILE
-            depth[row, column], faces[row, column] = _cast_ray(
-                solids, lists[tile], counts[tile], room, surfaces, lights, eye, optics, column + 0.5, row + 0.5, colour
-            )
-            for channel in range(3):
-                image[row, column, channel] = colour[channel]
-    _smooth_edges(solids, lists, counts, room, surfaces, lights, eye, optics, faces, image)
-
-
-@compiled
-def _smooth_edges(solids, lists, counts, room, surfaces, lights, eye, optics, faces, image):
-    """Four more rays (a turned square) through every pixel whose neighbour shows another face."""
-    height, width = faces.shape
-    tiles_across = (width + _TILE - 1) // _TILE
-    colour = np.empty(3)
-    for row in range(height):
-        for column in range(width):
-            face = faces[row, column]
-            if (
-                face == faces[max(row - 1, 0), column]
-                and face == faces[min(row + 1, height - 1), column]
-                and face == faces[row, max(column - 1, 0)]
-                and face == faces[row, min(column + 1, width - 1)]
-            ):
-                continue
-            tile = (row // _TILE) * tiles_across + column // _TILE
-            image[row, column] = 0.0
-            for corner in range(4):
-                u = column + 0.5 + (-0.125, 0.375, 0.125, -0.375)[corner]
-                v = row + 0.5 + (-0.375, -0.125, 0.375, 0.125)[corner]
-                _cast_ray(solids, lists[tile], counts[tile], room, surfaces, lights, eye, optics, u, v, colour)
-                for channel in range(3):
-                    image[row, column, channel] += 0.25 * min(colour[channel], 4.0)
-
-
-@compiled
-def _ray(optics, u, v):
+def ray_through(camera, u, v):
     """World direction through an image position in pixels, scaled to one unit along the optical axis."""
-    rotation, focal, centre_u, centre_v = optics
-    x, y = (u - centre_u) / focal, (v - centre_v) / focal
+    x, y = (u - camera[OPTICS, 1]) / camera[OPTICS, 0], (v - camera[OPTICS, 2]) / camera[OPTICS, 0]
     return (
-        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2],
-        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2],
-        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2],
+        camera[0, 0] * x + camera[0, 1] * y + camera[0, 2],
+        camera[1, 0] * x + camera[1, 1] * y + camera[1, 2],
+        camera[2, 0] * x + camera[2, 1] * y + camera[2, 2],
     )
 
 
 @compiled
-def _first_hit(solids, candidates, num_candidates, room, eye, ray):
-    """(depth, solid) of the nearest surface; solid -1 is the room."""
-    kinds, centres, halves, frames, _ = solids
+def first_hit(solids, candidates, begin, end, room, camera, ray):
+    """(depth, solid) of the nearest surface among candidates[begin:end] and the room; solid -1 is the room."""
     nearest = 1e30
     for axis in range(3):
         direction = ray[axis]
         if abs(direction) > 1e-12:
             wall = room[0, axis] + math.copysign(room[1, axis], direction)
-            nearest = min(nearest, (wall - eye[axis]) / direction)
+            nearest = min(nearest, (wall - camera[EYE, axis]) / direction)
     hit = -1
-    for index in range(num_candidates):
+    for index in range(begin, end):
         solid = candidates[index]
-        x, y, z = eye[0] - centres[solid, 0], eye[1] - centres[solid, 1], eye[2] - centres[solid, 2]
-        ox, oy, oz = to_local(frames, halves, solid, x, y, z)
-        dx, dy, dz = to_local(frames, halves, solid, ray[0], ray[1], ray[2])
-        start, end = meet(kinds[solid], ox, oy, oz, dx, dy, dz)
-        if start < end and _NEAREST < start < nearest:
-            nearest, hit = start, solid
+        x, y, z = _from_centre(solids, solid, camera[EYE, 0], camera[EYE, 1], camera[EYE, 2])
+        ox, oy, oz = to_unit(solids, solid, x, y, z)
+        dx, dy, dz = to_unit(solids, solid, ray[0], ray[1], ray[2])
+        enter, leave = meet(solids[solid, KIND], ox, oy, oz, dx, dy, dz)
+        if enter < leave and _NEAREST < enter < nearest:
+            nearest, hit = enter, solid
     return nearest, hit
 
 
 @compiled
-def _cast_ray(solids, candidates, num_candidates, room, surfaces, lights, eye, optics, u, v, colour):
-    """Colour (written in place) through an image position; returns depth and the number of the face that was hit."""
-    ray = _ray(optics, u, v)
-    depth, solid = _first_hit(solids, candidates, num_candidates, room, eye, ray)
-    point = (eye[0] + ray[0] * depth, eye[1] + ray[1] * depth, eye[2] + ray[2] * depth)
-    normal, chart_u, chart_v, face, surface = _surface_at(solids, room, point, solid)
-    length = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2])
-    view = (ray[0] / length, ray[1] / length, ray[2] / length)
-    slant = max(abs(view[0] * normal[0] + view[1] * normal[1] + view[2] * normal[2]), 0.04)
-    footprint = depth * length / optics[1] / math.sqrt(slant)
-    texture_of, rows, texels = surfaces
-    row = rows[surface]
-    surface_colour(texels, texture_of[surface], row, chart_u, chart_v, footprint, colour)
-    if row[13] < 1.0:
-        visible, open_share = visibility_and_occlusion(solids, point, normal, lights[0], solid, lights[5, 0])
-        add_light(row, lights, point, normal, view, visible, open_share * _corner_share(room, point), colour)
-    return depth, face
-
-
-@compiled
-def _surface_at(solids, room, point, solid):
-    """(unit normal, texture position in metres (2), number of the face, number of the surface)"""
-    kinds, centres, halves, frames, _ = solids
+def surface_at(solids, room, point, solid):
+    """(unit normal, texture position in metres (2), number of the smooth face, number of the surface)"""
     if solid < 0:
         x, y, z = point[0] - room[0, 0], point[1] - room[0, 1], point[2] - room[0, 2]
         hx, hy, hz = room[1, 0], room[1, 1], room[1, 2]
-        nx, ny, nz, chart_u, chart_v, face = normal_and_chart(0, x / hx, y / hy, z / hz, hx, hy, hz)
+        nx, ny, nz, chart_u, chart_v, face = normal_and_chart(BOX, x / hx, y / hy, z / hz, hx, hy, hz)
         return (-nx, -ny, -nz), chart_u, chart_v, face, face
-    x, y, z = point[0] - centres[solid, 0], point[1] - centres[solid, 1], point[2] - centres[solid, 2]
-    x, y, z = to_local(frames, halves, solid, x, y, z)
-    hx, hy, hz = halves[solid, 0], halves[solid, 1], halves[solid, 2]
-    nx, ny, nz, chart_u, chart_v, face = normal_and_chart(kinds[solid], x, y, z, hx, hy, hz)
-    nx, ny, nz = nx / hx, ny / hy, nz / hz
-    frame = frames[solid]
-    wx = frame[0, 0] * nx + frame[1, 0] * ny + frame[2, 0] * nz
-    wy = frame[0, 1] * nx + frame[1, 1] * ny + frame[2, 1] * nz
-    wz = frame[0, 2] * nx + frame[1, 2] * ny + frame[2, 2] * nz
+    x, y, z = _from_centre(solids, solid, point[0], point[1], point[2])
+    x, y, z = to_unit(solids, solid, x, y, z)
+    hx, hy, hz = solids[solid, HALF], solids[solid, HALF + 1], solids[solid, HALF + 2]
+    nx, ny, nz, chart_u, chart_v, face = normal_and_chart(solids[solid, KIND], x, y, z, hx, hy, hz)
+    # Normals go through the transposed inverse of unit-to-world, which is the transpose of the stored matrix.
+    wx = solids[solid, FRAME] * nx + solids[solid, FRAME + 3] * ny + solids[solid, FRAME + 6] * nz
+    wy = solids[solid, FRAME + 1] * nx + solids[solid, FRAME + 4] * ny + solids[solid, FRAME + 7] * nz
+    wz = solids[solid, FRAME + 2] * nx + solids[solid, FRAME + 5] * ny + solids[solid, FRAME + 8] * nz
     length = math.sqrt(wx * wx + wy * wy + wz * wz)
-    normal = (wx / length, wy / length, wz / length)
-    return normal, chart_u, chart_v, 8 * (solid + 1) + face, NUM_ROOM_FACES + solid
+    face += _FACES_PER_SOLID * (solid + 1)
+    return (wx / length, wy / length, wz / length), chart_u, chart_v, face, NUM_ROOM_FACES + solid
 
 
 @compiled
-def _corner_share(room, point):
-    """Darkening towards the edges of the room, where less of the surroundings is open."""
-    share = 1.0
-    for axis in range(3):
-        gap = room[1, axis] - abs(point[axis] - room[0, axis])
-        if gap > 1e-4 * room[1, axis]:
-            share *= 1.0 - 0.35 * math.exp(-3.0 * gap)
-    return share
+def _from_centre(solids, solid, x, y, z):
+    return x - solids[solid, CENTRE], y - solids[solid, CENTRE + 1], z - solids[solid, CENTRE + 2]
 
 
 @compiled
-def _solids_by_tile(solids, eye, optics, height, width):
-    """For every tile the solids that may show in it, from the image bounds of their boxes."""
-    rows, columns = (height + _TILE - 1) // _TILE, (width + _TILE - 1) // _TILE
-    lists = np.empty((rows * columns, max(len(solids[0]), 1)), np.int64)
-    counts = np.zeros(rows * columns, np.int64)
-    for solid in range(len(solids[0])):
-        left, top, right, bottom = _image_bounds(solids, solid, eye, optics, height, width)
-        for row in range(max(int(top // _TILE), 0), min(int(bottom // _TILE) + 1, rows)):
-            for column in range(max(int(left // _TILE), 0), min(int(right // _TILE) + 1, columns)):
-                tile = row * columns + column
-                lists[tile, counts[tile]] = solid
-                counts[tile] += 1
-    return lists, counts
+def solids_by_tile(solids, camera, height, width):
+    """(solids, starts): the solids that may show in tile t, counted by rows, are solids[starts[t] : starts[t + 1]]."""
+    rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
+    lists = np.empty(rows * columns * len(solids), np.int64)
+    starts = np.zeros(rows * columns + 1, np.int64)
+    bounds = np.empty((len(solids), 4))
+    for solid in range(len(solids)):
+        bounds[solid] = _image_bounds(solids, solid, camera, height, width)
+    count = 0
+    for tile in range(rows * columns):
+        top, left = tile // columns * TILE, tile % columns * TILE
+        for solid in range(len(solids)):
+            if bounds[solid, 0] < left + TILE and bounds[solid, 2] > left and bounds[solid, 1] < top + TILE:
+                if bounds[solid, 3] > top:
+                    lists[count] = solid
+                    count += 1
+        starts[tile + 1] = count
+    return lists, starts
 
 
 @compiled
-def _image_bounds(solids, solid, eye, optics, height, width):
-    """(left, top, right, bottom) in pixels; empty when behind the camera, all of the image when it reaches behind."""
-    _, centres, halves, frames, _ = solids
-    rotation, focal, centre_u, centre_v = optics
-    frame = frames[solid]
+def _image_bounds(solids, solid, camera, height, width):
+    """(left, top, right, bottom) of its box in pixels; all of the image when it reaches behind the camera."""
     left, top, right, bottom = 1e9, 1e9, -1e9, -1e9
+    cx, cy, cz = _from_centre(solids, solid, camera[EYE, 0], camera[EYE, 1], camera[EYE, 2])
     num_behind = 0
     for corner in range(8):
-        sx = halves[solid, 0] * (1.0 if corner & 1 else -1.0)
-        sy = halves[solid, 1] * (1.0 if corner & 2 else -1.0)
-        sz = halves[solid, 2] * (1.0 if corner & 4 else -1.0)
-        wx = centres[solid, 0] - eye[0] + frame[0, 0] * sx + frame[1, 0] * sy + frame[2, 0] * sz
-        wy = centres[solid, 1] - eye[1] + frame[0, 1] * sx + frame[1, 1] * sy + frame[2, 1] * sz
-        wz = centres[solid, 2] - eye[2] + frame[0, 2] * sx + frame[1, 2] * sy + frame[2, 2] * sz
-        z = rotation[0, 2] * wx + rotation[1, 2] * wy + rotation[2, 2] * wz
+        # Rows of the matrix are axes over half sizes, so an axis times its half size is row * half^2.
+        wx, wy, wz = -cx, -cy, -cz
+        for axis in range(3):
+            half = solids[solid, HALF + axis]
+            reach = half * half * (1.0 if (corner >> axis) & 1 else -1.0)
+            wx += solids[solid, FRAME + 3 * axis] * reach
+            wy += solids[solid, FRAME + 3 * axis + 1] * reach
+            wz += solids[solid, FRAME + 3 * axis + 2] * reach
+        z = camera[0, 2] * wx + camera[1, 2] * wy + camera[2, 2] * wz
         if z < _NEAREST:
             num_behind += 1
             continue
-        u = centre_u + focal * (rotation[0, 0] * wx + rotation[1, 0] * wy + rotation[2, 0] * wz) / z
-        v = centre_v + focal * (rotation[0, 1] * wx + rotation[1, 1] * wy + rotation[2, 1] * wz) / z
-        left, right = min(left, u), max(right, u)
-        top, bottom = min(top, v), max(bottom, v)
+        u = camera[OPTICS, 1] + camera[OPTICS, 0] * (camera[0, 0] * wx + camera[1, 0] * wy + camera[2, 0] * wz) / z
+        v = camera[OPTICS, 2] + camera[OPTICS, 0] * (camera[0, 1] * wx + camera[1, 1] * wy + camera[2, 1] * wz) / z
+        left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
     if 0 < num_behind < 8:
-        return 0.0, 0.0, width - 1.0, height - 1.0
-    # int() of a bound far outside would overflow, and nothing outside the image matters.
-    return max(left, -1e6), max(top, -1e6), min(right, 1e6), min(bottom, 1e6)
+        return 0.0, 0.0, float(width), float(height)
+    return left, top, right, bottom

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 BOX, ELLIPSOID, CYLINDER, CONE = range(4)
-"""Kinds of solid. Each fills the local cube [-1, 1]^3; cylinders and cones stand along y, the apex of a cone is up (-y)."""
+"""Kinds of solid. Each fills the local cube [-1, 1]^3; cylinders and cones stand along y, the apex is up (-y)."""
 
 NUM_ROOM_FACES = 6
 """Surfaces 0..5 belong to the room, in the order -x +x -y +y -z +z; surface 6 + i belongs to solid i."""
@@ -32,25 +32,12 @@ class Material:
     shininess: float = 20.0
     glow: float = 0.0
 
-    def row(self) -> list[float]:
-        """The numbers that the ray caster reads, in the order that it expects."""
-        return [
-            *self.texture_scale,
-            *self.texture_offset,
-            self.texture_share,
-            *self.tint,
-            *self.plain,
-            self.gloss,
-            self.shininess,
-            self.glow,
-        ]
-
 
 @dataclass(frozen=True)
 class Lights:
     """A key light that casts shadows, a fill light that does not, and light from everywhere.
 
-    key, fill: positions in metres (far away for the sun). *_colour: linear light reaching a surface that faces the light.
+    key, fill: positions in metres (far away for the sun). *_colour: linear light that reaches a surface facing them.
     softness: shadows fade in over this fraction of the distance to what casts them.
     """
 
@@ -60,10 +47,6 @@ class Lights:
     fill_colour: Float[ndarray, "3"]
     ambient: Float[ndarray, "3"]
     softness: float
-
-    def rows(self) -> Float[ndarray, "6 3"]:
-        softness = np.full(3, self.softness)
-        return np.stack((self.key, self.key_colour, self.fill, self.fill_colour, self.ambient, softness))
 
 
 @dataclass(frozen=True)
@@ -76,16 +59,8 @@ class World:
     centres: Float[ndarray, "solid 3"]
     halves: Float[ndarray, "solid 3"]
     rotations: Float[ndarray, "solid 3 3"]
-    surface_textures: Int[ndarray, "surface"]
-    surface_rows: Float[ndarray, "surface 14"]
+    surfaces: tuple[Material, ...]
     lights: Lights
-
-    @property
-    def radii(self) -> Float[ndarray, "solid"]:
-        """Radii of bounding spheres."""
-        ellipsoids = self.kinds == ELLIPSOID
-        lengths: ndarray = np.where(ellipsoids, self.halves.max(-1), np.linalg.norm(self.halves, axis=-1))
-        return lengths
 
 
 @dataclass
@@ -115,7 +90,6 @@ class Builder:
 
     def build(self, room: tuple[ndarray, ndarray], faces: list[Material], lights: Lights) -> World:
         """The finished world; room is its centre and half size, faces the six materials of the room."""
-        surfaces = [*faces, *self.materials]
         return World(
             room_centre=np.asarray(room[0], dtype=np.float64),
             room_half=np.asarray(room[1], dtype=np.float64),
@@ -123,8 +97,7 @@ class Builder:
             centres=np.array(self.centres, dtype=np.float64).reshape(-1, 3),
             halves=np.array(self.halves, dtype=np.float64).reshape(-1, 3),
             rotations=np.array(self.rotations, dtype=np.float64).reshape(-1, 3, 3),
-            surface_textures=np.array([material.texture for material in surfaces], dtype=np.int64),
-            surface_rows=np.array([material.row() for material in surfaces], dtype=np.float64),
+            surfaces=(*faces, *self.materials),
             lights=lights,
         )
 
