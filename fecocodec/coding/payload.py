@@ -43,7 +43,7 @@ def encode_latents(
 ) -> tuple[bytes, CodedLatents]:
     """Payload of one stage (1 or 2), and what a receiver will have of it.
 
-    lambda_q: round(256 ln(lambda / 1e-5)) in [0, 1769]. context_y_hat: in stage 2 y_hat of stage 1, else None. Any
+    lambda_q: round(256 ln(lambda / 1e-5)) in [0, 1768]. context_y_hat: in stage 2 y_hat of stage 1, else None. Any
     latent can be coded, however large; raises InputError for NaN.
     """
     if bool(y.isnan().any() | z.isnan().any()):

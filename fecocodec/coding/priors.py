@@ -13,8 +13,7 @@ from fecocodec.coding.quadtree import NUM_PHASES, NUM_STEPS, merge_phases, neigh
 from fecocodec.entropy.tables import NUM_TABLES, SIGMA_ONE_INDEX
 
 NUM_STAGES = 2
-LAMBDA_Q_HIGHEST = 1769  # round(256 * ln(1e-2 / 1e-5))
-LAMBDA_Q_CENTRE = 885
+LAMBDA_Q_CENTRE = 884  # of [0, 1768], the range of round(256 * ln(lambda / 1e-5)) for lambda up to 1e-2
 NUM_CONDITIONS = 2 * NUM_STAGES
 POSITIONS_PER_TABLE_Q8 = 32  # an output of 1.0 moves eight tables: outputs of networks are better behaved near 1
 
@@ -42,7 +41,7 @@ class EntropyParameters:
 def condition_vector(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "item 4"]:
     """What the networks are told of stage (1 or 2) and lambda: one stage's [1, ln(lambda) centred], zero for the other.
 
-    lambda_q = round(256 ln(lambda / 1e-5)) in [0, 1769]; the result is Q8.
+    lambda_q = round(256 ln(lambda / 1e-5)) in [0, 1768]; the result is Q8.
     """
     condition = torch.zeros(len(lambda_q), NUM_CONDITIONS, device=lambda_q.device)
     condition[:, stage - 1] = ONE_Q8

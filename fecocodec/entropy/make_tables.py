@@ -26,11 +26,12 @@ def _upper_tail(distance_in_sigmas: float) -> float:
 def gaussian_frequencies(sigma: float) -> list[int]:
     """Integer frequencies of the symbols -reach..reach and, last, the escape; they sum to 2^24."""
     reach = math.ceil(_REACH_IN_SIGMAS * sigma) + 1
+    escape = _LEAST_ESCAPE_FREQUENCY + round(2.0 * _upper_tail((reach + 0.5) / sigma) * _TOTAL)
+    to_share = _TOTAL - escape - (2 * reach + 1) * _LEAST_FREQUENCY
     half = []
     for magnitude in range(reach, 0, -1):
         mass = _upper_tail((magnitude - 0.5) / sigma) - _upper_tail((magnitude + 0.5) / sigma)
-        half.append(max(_LEAST_FREQUENCY, round(mass * _TOTAL)))
-    escape = max(_LEAST_ESCAPE_FREQUENCY, round(2.0 * _upper_tail((reach + 0.5) / sigma) * _TOTAL))
+        half.append(_LEAST_FREQUENCY + math.floor(mass * to_share))
     centre = _TOTAL - 2 * sum(half) - escape
     return [*half, centre, *reversed(half), escape]
 

@@ -95,7 +95,8 @@ class Port(ABC):
                 f"payload: a symbol is {magnitudes.max()} in magnitude, at most {SYMBOL_LIMIT} is allowed; "
                 "the payload is damaged"
             )
-        return np.where(mantissas & 1, -magnitudes, magnitudes)
+        symbols: np.ndarray = np.where(mantissas & 1, -magnitudes, magnitudes)
+        return symbols
 
 
 class SymbolWriter(Port):

@@ -1,0 +1,129 @@
+"""What a writer was given, a reader gets; and a payload means what the specification says."""
+
+import numpy as np
+import pytest
+from ans_reference import ReferenceAns, decode_batch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fecocodec.entropy.digest import symbol_digest
+from fecocodec.entropy.ports import SymbolReader, SymbolWriter
+from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT, load_tables
+from fecocodec.errors import BitstreamError
+
+Batches = list[tuple[np.ndarray, np.ndarray]]
+
+SYMBOLS = st.one_of(
+    st.integers(-3, 3), st.integers(-400, 400), st.integers(-SYMBOL_LIMIT, SYMBOL_LIMIT), st.integers(-(2**40), 2**40)
+)
+BATCH = st.lists(st.tuples(st.integers(0, 63), SYMBOLS), max_size=40).map(
+    lambda pairs: (
+        np.array([table for table, _ in pairs], dtype=np.int64),
+        np.array([symbol for _, symbol in pairs], dtype=np.int64),
+    )
+)
+
+
+def write(batches: Batches) -> tuple[bytes, list[np.ndarray]]:
+    writer = SymbolWriter()
+    kept = [writer.exchange(tables, symbols) for tables, symbols in batches]
+    return writer.finish(), kept
+
+
+def is_noticed(payload: bytes, tables: np.ndarray, digest: bytes) -> bool:
+    try:
+        reader = SymbolReader(payload)
+        found = reader.exchange(tables, None)
+        reader.finish()
+    except BitstreamError:
+        return True
+    return symbol_digest([found]) != digest
+
+
+def gaussian_batch(seed: int, size: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    tables = rng.integers(0, 64, size)
+    return tables, np.round(rng.normal(size=size) * 2.0 ** ((tables - 22) / 7)).astype(np.int64)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(BATCH, max_size=4))
+def test_round_trip_of_any_symbols(batches: Batches):
+    payload, kept = write(batches)
+    reader = SymbolReader(payload)
+    for (tables, symbols), mine in zip(batches, kept, strict=True):
+        expected = np.where(tables < FIRST_CODED_TABLE, 0, symbols.clip(-SYMBOL_LIMIT, SYMBOL_LIMIT))
+        assert np.array_equal(mine, expected)
+        assert np.array_equal(reader.exchange(tables, None), expected)
+    reader.finish()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(BATCH, max_size=3))
+def test_payload_is_what_the_specification_says(batches: Batches):
+    payload, kept = write(batches)
+    ans = ReferenceAns(payload)
+    for (tables, _), mine in zip(batches, kept, strict=True):
+        assert np.array_equal(decode_batch(ans, tables), mine)
+    assert ans.is_empty()
+
+
+@pytest.mark.parametrize("table", [FIRST_CODED_TABLE, 22, 63])
+def test_symbols_around_the_escape_and_at_the_limits(table: int):
+    reach = load_tables()[table].reach
+    values = [reach, reach + 1, reach + 2, reach + 3, SYMBOL_LIMIT - 1, SYMBOL_LIMIT]
+    symbols = np.array([*values, *(-value for value in values)])
+    tables = np.full(symbols.shape, table)
+    payload, _ = write([(tables, symbols)])
+    reader = SymbolReader(payload)
+    assert np.array_equal(reader.exchange(tables, None), symbols)
+    reader.finish()
+
+
+def test_payload_is_as_long_as_the_tables_say():
+    tables, symbols = gaussian_batch(seed=1, size=20_000)
+    bits = 0.0
+    for table, symbol in zip(tables, symbols, strict=True):
+        entries = load_tables()[table]
+        if table >= FIRST_CODED_TABLE and abs(symbol) <= entries.reach:
+            bits += 24 - np.log2(float(entries.frequencies[symbol + entries.reach]))
+    payload, _ = write([(tables, symbols)])
+    assert bits <= 8 * len(payload) <= bits + 400, "at most a few escapes and the last state beyond the ideal length"
+
+
+def test_nothing_coded_is_an_empty_payload():
+    tables = np.zeros((2, 3), dtype=np.int64)
+    payload, kept = write([(tables, np.full((2, 3), 7))])
+    assert payload == b"" and not kept[0].any()
+    reader = SymbolReader(payload)
+    assert np.array_equal(reader.exchange(tables, None), kept[0])
+    reader.finish()
+
+
+def test_damaged_payloads_are_noticed():
+    """A state that ends empty is the encoding of exactly the symbols read, so damage must change them or be found."""
+    tables, symbols = gaussian_batch(seed=2, size=500)
+    payload, kept = write([(tables, symbols)])
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        damaged = bytearray(payload)
+        damaged[rng.integers(len(payload))] ^= 1 << rng.integers(8)
+        assert is_noticed(bytes(damaged), tables, symbol_digest(kept))
+    for cut in range(len(payload)):
+        assert is_noticed(payload[:cut], tables, symbol_digest(kept))
+
+
+@pytest.mark.parametrize("payload", [b"\1", b"\1\2\3\4\5", bytes(4), b"\1\0\0\0" + bytes(4)])
+def test_bytes_that_are_no_words_are_refused(payload: bytes):
+    with pytest.raises(BitstreamError, match="32-bit words"):
+        SymbolReader(payload)
+
+
+def test_an_escape_beyond_the_limit_is_refused():
+    """All ones select the last entries: escape, exponent 31."""
+    with pytest.raises(BitstreamError, match="exponent 31"):
+        SymbolReader(b"\xff" * 64).exchange(np.array([30]), None)
+
+
+def test_digest_is_blake2b_of_little_endian_int32():
+    assert symbol_digest([np.array([1, -1]), np.array([[2]])]).hex() == "80c7482143097006"
