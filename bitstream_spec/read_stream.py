@@ -266,7 +266,8 @@ def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
     require(isinstance(value, dict), start, "the metadata is no JSON object")
     require(depth(value) <= 8, start, "the metadata is nested more than 8 deep")
     cursor.fields.append(Field(start + 9, len(payload), value, "decompressed: metadata"))
-    return value  # type: ignore[no-any-return]
+    metadata: dict[str, Any] = value
+    return metadata
 
 
 def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -1,0 +1,168 @@
+"""The reader written from FORMAT.md alone agrees with the product, on good and on faulty streams."""
+
+import ast
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fecocodec.container import PackedCameras, Stream, read_stream, write_stream
+from fecocodec.errors import BitstreamError
+from tests.container.example_streams import CAMERAS, METADATA, sealed_section, streams
+from tests.container.faulty_streams import (
+    B1_SECTION,
+    B2_SECTION,
+    CAMERA_SECTION,
+    FAULTS,
+    GOOD,
+    METADATA_SECTION,
+    Fault,
+    stream_of,
+)
+
+# The type checks of the tests pick an element to look at with `random`, also while a strategy builds a stream.
+pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
+
+SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
+READER = SPECIFICATION / "read_stream.py"
+
+
+def load_reader() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("read_stream", READER)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+second_reader = load_reader()
+
+
+def assert_same_contents(data: bytes) -> None:
+    ours, theirs = read_stream(data), second_reader.read(data)
+    header = ours.header
+    assert theirs.header == {
+        "major": header.version.major,
+        "minor": header.version.minor,
+        "model_id": header.model_id,
+        "views": header.num_views,
+        "stages": header.num_stages,
+        "height": header.height,
+        "width": header.width,
+        "lambda_q": header.lambda_q,
+        "sections": theirs.header["sections"],
+        "digests": list(header.symbol_digests),
+    }
+    poses = tuple(
+        r[0:3] + c[0:1] + r[3:6] + c[1:2] + r[6:9] + c[2:3]
+        for r, c in zip(theirs.rotations, theirs.centres, strict=True)
+    )
+    assert ours.cameras == PackedCameras(poses, tuple(theirs.intrinsics), theirs.near, theirs.far)
+    assert ours.payloads == tuple(theirs.payloads)
+    assert ours.metadata == theirs.metadata
+
+
+@given(streams())
+def test_both_readers_see_the_same_stream(stream: Stream) -> None:
+    assert_same_contents(write_stream(stream))
+
+
+@given(streams())
+def test_the_fields_cover_every_byte_once(stream: Stream) -> None:
+    data = write_stream(stream)
+    fields = [
+        field for field in second_reader.read(data).fields if not field.meaning.startswith(("inflated", "decompressed"))
+    ]
+    end = 0
+    for field in fields:
+        assert field.address == end
+        end += field.length
+    assert end == len(data)
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.rule}: {fault.cause}")
+def test_both_readers_refuse_a_faulty_stream(fault: Fault) -> None:
+    with pytest.raises(second_reader.RefusedError):
+        second_reader.read(fault.data)
+
+
+@given(st.data())
+def test_both_readers_judge_bent_content_alike(data: st.DataObject) -> None:
+    """Camera and metadata payloads with changed bytes under a CRC that holds."""
+    kind, original = data.draw(st.sampled_from([(CAMERAS, CAMERA_SECTION[9:]), (METADATA, METADATA_SECTION[9:])]))
+    payload = bytearray(original)
+    for position in data.draw(st.lists(st.integers(0, len(payload) - 1), min_size=1, max_size=3)):
+        payload[position] = data.draw(st.integers(0, 255))
+    section = sealed_section(kind, bytes(payload))
+    sections = [section] if kind == CAMERAS else [CAMERA_SECTION]
+    sections += [B1_SECTION, B2_SECTION]
+    sections += [section] if kind == METADATA else []
+    bent = stream_of(*sections)
+    try:
+        read_stream(bent)
+    except BitstreamError:
+        with pytest.raises(second_reader.RefusedError):
+            second_reader.read(bent)
+    else:
+        assert_same_contents(bent)
+
+
+def test_every_rule_of_the_specification_is_broken_by_a_test() -> None:
+    table = (SPECIFICATION / "FORMAT.md").read_text().split("## 12. Errors")[1].split("## 13.")[0]
+    rules = re.findall(r"^\| (.+?) \|", table, re.MULTILINE)[1:]
+    assert set(rules) == {fault.rule for fault in FAULTS}
+    assert len(rules) == len(set(rules))
+
+
+def worked_example() -> bytes:
+    text = (SPECIFICATION / "FORMAT.md").read_text().split("## 13. Worked example")[1]
+    return bytes.fromhex("".join(re.findall(r"^00[0-9a-f]0  (.+)$", text, re.MULTILINE)))
+
+
+def test_the_worked_example_is_a_stream_and_says_what_the_text_says() -> None:
+    data = worked_example()
+    assert_same_contents(data)
+    stream = read_stream(data)
+    assert (stream.header.num_views, stream.header.height, stream.header.width) == (1, 64, 96)
+    assert stream.payloads == (bytes.fromhex("de ad be ef"),)
+    assert stream.cameras.intrinsics == ((1.25, 1.875, 0.5, 0.5),)
+    assert (stream.cameras.near, stream.cameras.far) == (1.0, 100.0)
+    assert stream.cameras.extrinsics[0][3::4] == (1.0, 2.0, 3.0)
+    assert [round(value, 8) for value in stream.cameras.extrinsics[0][8:11]] == [-0.47942555, 0.2171174, 0.85030067]
+
+
+def test_the_program_prints_every_field(tmp_path: Path) -> None:
+    file = tmp_path / "scene.fcs"
+    file.write_bytes(worked_example())
+    result = subprocess.run([sys.executable, "-I", READER, file], capture_output=True, text=True, check=True)
+    lines = result.stdout.splitlines()
+    assert lines[0] == "00000000 |       8 | 89 46 43 53 0d 0a 1a 0a | signature"
+    assert "00000067 |       4 | de ad be ef | B1: payload" in lines
+    assert all(re.fullmatch(r"[0-9a-f]{8} \| +\d+ \| .+ \| .+", line) for line in lines)
+
+
+@pytest.mark.parametrize("content", [b"", GOOD[:100], b"not a stream at all"])
+def test_the_program_refuses_with_one_sentence(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "scene.fcs"
+    file.write_bytes(content)
+    result = subprocess.run([sys.executable, "-I", READER, file], capture_output=True, text=True, check=False)
+    assert result.returncode == 1
+    assert result.stdout == ""
+    assert result.stderr.startswith(f"{file}: byte ")
+    assert result.stderr.count("\n") == 1
+
+
+def test_the_second_reader_shares_no_code_with_the_product() -> None:
+    imported = {
+        name
+        for node in ast.walk(ast.parse(READER.read_text()))
+        for name in ([node.module] if isinstance(node, ast.ImportFrom) else getattr(node, "names", []))
+    }
+    names = {name if isinstance(name, str) else name.name for name in imported if name is not None}
+    assert names <= {"json", "math", "struct", "sys", "zlib", "zstandard", "typing"}

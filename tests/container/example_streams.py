@@ -1,0 +1,104 @@
+"""Streams for tests: a fixed one, generated ones, and sealed ones whose parts are chosen byte by byte."""
+
+import struct
+import zlib
+
+from hypothesis import strategies as st
+
+from fecocodec.container import LAMBDA_Q_MAX, FormatVersion, Header, PackedCameras, Stream
+
+SIGNATURE = b"\x89FCS\r\n\x1a\n"
+CAMERAS, B1, B2, METADATA = 0x90, 0xA0, 0xB0, 0x40
+TURNED = (0.36, 0.48, -0.8, -0.8, 0.6, 0.0, 0.48, 0.64, 0.6)  # a rotation with exact decimals
+
+
+def float32(value: float) -> float:
+    rounded: float = struct.unpack("<f", struct.pack("<f", value))[0]
+    return rounded
+
+
+def pose(rotation: tuple[float, ...], position: tuple[float, ...]) -> tuple[float, ...]:
+    rows = (rotation[3 * row : 3 * row + 3] + position[row : row + 1] for row in range(3))
+    return tuple(float32(value) for row in rows for value in row)
+
+
+def example_cameras() -> PackedCameras:
+    level = pose((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    turned = pose(TURNED, (0.25, -1.5, 3.3))
+    lens = tuple(float32(value) for value in (0.9, 1.6, 0.5, 0.5))
+    return PackedCameras((level, turned), (lens, lens), 0.5, 100.0)
+
+
+def example_stream() -> Stream:
+    """Two views, two stages, metadata."""
+    header = Header(b"modelid8", 2, 256, 448, 1179, (b"digest 1", b"digest 2"))
+    return Stream(header, example_cameras(), (b"first payload", b"second payload"), {"name": "fox", "views": [2, 4]})
+
+
+def sealed_section(kind: int, payload: bytes) -> bytes:
+    head = struct.pack("<BI", kind, len(payload))
+    return head + struct.pack("<I", zlib.crc32(head + payload)) + payload
+
+
+def sealed_header(
+    *, major: int = 1, minor: int = 0, views: int = 2, stages: int = 2, height: int = 256, width: int = 448,
+    lambda_q: int = 1179, sections: int = 4, reserved: int = 0,
+) -> bytes:  # fmt: skip
+    """A header with a CRC that holds, whatever its fields say."""
+    fields = (major, minor, b"modelid8", views, stages, height, width, lambda_q, sections, reserved)
+    content = SIGNATURE + struct.pack("<BB8sBBHHHBB", *fields) + b"digest 1digest 2"[: 8 * stages]
+    return content + struct.pack("<I", zlib.crc32(content))
+
+
+@st.composite
+def rotations(draw: st.DrawFn) -> tuple[float, ...]:
+    """Rotations from quaternions, rounded to float32, row-major."""
+    w, x, y, z = (draw(st.floats(-1, 1)) for _ in range(4))
+    square = w * w + x * x + y * y + z * z
+    if square < 1e-3:
+        return TURNED
+    s = 2.0 / square
+    return tuple(
+        float32(value)
+        for value in (
+            1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w),
+            s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w),
+            s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y),
+        )
+    )  # fmt: skip
+
+
+positions = st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3)
+lenses = st.tuples(*[st.floats(0.125, 16, width=32)] * 2, *[st.floats(-1, 2, width=32)] * 2)
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    max_leaves=4,
+)
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> Stream:
+    """Any stream that keeps the rules."""
+    views = draw(st.integers(1, 16))
+    lens = draw(lenses)
+    near = draw(st.floats(0.0625, 8, width=32))
+    cameras = PackedCameras(
+        tuple(pose(draw(rotations()), draw(positions)) for _ in range(views)),
+        (lens,) * views if draw(st.booleans()) else tuple(draw(lenses) for _ in range(views)),
+        near,
+        float32(near * draw(st.floats(1.5, 1e6))),
+    )
+    stages = draw(st.integers(1, 2))
+    eight_bytes = st.binary(min_size=8, max_size=8)
+    header = Header(
+        model_id=draw(eight_bytes),
+        num_views=views,
+        height=draw(st.integers(16, 1024)),
+        width=draw(st.integers(16, 1024)),
+        lambda_q=draw(st.integers(0, LAMBDA_Q_MAX)),
+        symbol_digests=tuple(draw(eight_bytes) for _ in range(stages)),
+        version=FormatVersion(1, draw(st.integers(0, 255))),
+    )
+    metadata = draw(st.none() | st.dictionaries(st.text(max_size=4), json_values, max_size=3))
+    return Stream(header, cameras, tuple(draw(st.binary(max_size=64)) for _ in range(stages)), metadata)

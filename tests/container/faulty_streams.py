@@ -1,0 +1,232 @@
+"""Each rule of FORMAT.md, section 12, broken at least once, with what the message must say."""
+
+import zlib
+from dataclasses import dataclass, replace
+
+import zstandard
+
+from fecocodec.container import PackedCameras, write_stream
+from fecocodec.container.cameras import pack_cameras
+from fecocodec.container.metadata import pack_metadata
+from tests.container.example_streams import (
+    B1,
+    B2,
+    CAMERAS,
+    METADATA,
+    TURNED,
+    example_cameras,
+    example_stream,
+    pose,
+    sealed_header,
+    sealed_section,
+)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A stream that breaks one rule. rule: first column of the table. place, cause: parts of the message."""
+
+    rule: str
+    data: bytes
+    place: str
+    cause: str
+
+
+GOOD = write_stream(example_stream())
+CAMERA_SECTION = sealed_section(CAMERAS, pack_cameras(example_cameras()))
+B1_SECTION, B2_SECTION = sealed_section(B1, b"first payload"), sealed_section(B2, b"second payload")
+METADATA_SECTION = sealed_section(METADATA, pack_metadata({"name": "fox"}))
+B1_OFFSET = 48 + len(CAMERA_SECTION)
+B2_OFFSET = B1_OFFSET + len(B1_SECTION)
+END = B2_OFFSET + len(B2_SECTION)
+
+
+def stream_of(*sections: bytes, stages: int = 2) -> bytes:
+    return sealed_header(sections=len(sections), stages=stages) + b"".join(sections)
+
+
+def signature_faults() -> list[Fault]:
+    text_mode = "the signature was not changed by text mode"
+    faults = [
+        ("the stream starts with the signature", b"\x89PNG\r\n\x1a\n" + GOOD[8:], "found 89 50 4e 47"),
+        (text_mode, GOOD.replace(b"\r\n", b"\n"), "changed as if it were text"),
+        (text_mode, GOOD.replace(b"\n", b"\r\n"), "changed as if it were text"),
+        (text_mode, b"\x09" + GOOD[1:], "changed as if it were text"),
+    ]
+    return [Fault(rule, data, "signature at byte 0", cause) for rule, data, cause in faults]
+
+
+def header_faults() -> list[Fault]:
+    cut = "the whole header is there"
+    faults = [
+        (cut, b"", 0, "the file ends after 0 bytes"),
+        (cut, GOOD[:20], 0, "the file ends after 20 bytes, the header needs 28"),
+        (cut, GOOD[:47], 0, "the file ends after 47 bytes, the header needs 48"),
+        ("major version is not above 1", sealed_header(major=2), 8, "version 2.0 is newer than 1.x"),
+        ("major version is not below 1", sealed_header(major=0), 8, "there is no format version 0"),
+        ("number of stages", sealed_header(stages=0), 19, "the number of stages is 0"),
+        ("number of stages", sealed_header(stages=3), 19, "the number of stages is 3"),
+        ("header CRC-32", GOOD[:10] + b"M" + GOOD[11:], 0, "CRC-32 is 0x"),
+        ("reserved byte", sealed_header(reserved=1), 27, "the reserved byte is 1"),
+        ("number of views", sealed_header(views=0), 18, "the number of views is 0"),
+        ("number of views", sealed_header(views=17), 18, "the number of views is 17"),
+        ("height", sealed_header(height=15), 20, "the height is 15, allowed are 16 to 4096"),
+        ("width", sealed_header(width=4097), 22, "the width is 4097, allowed are 16 to 4096"),
+        ("lambda_q", sealed_header(lambda_q=1769), 24, "the quantised lambda is 1769, allowed are 0 to 1768"),
+        ("number of sections", sealed_header(sections=2), 26, "the number of sections is 2, allowed are 3 to 16"),
+        ("number of sections", sealed_header(sections=17), 26, "the number of sections is 17, allowed are 3 to 16"),
+        ("padded pixels", sealed_header(views=16, height=1025, width=1024), 18, "17301504 pixels after padding"),
+    ]
+    return [Fault(rule, data, f"header at byte {offset}: ", cause) for rule, data, offset, cause in faults]
+
+
+def cut_and_changed_section_faults() -> list[Fault]:
+    last = END - 1
+    too_long = GOOD[:49] + (2049).to_bytes(4, "little") + GOOD[53:]
+    changed_kind = GOOD[:B1_OFFSET] + b"\xa1" + GOOD[B1_OFFSET + 1 :]
+    faults = [
+        ("every section head is there", GOOD[:END], "", END, "inside or before the head"),
+        ("every section head is there", GOOD[: B1_OFFSET + 8], "", B1_OFFSET, "inside or before the head"),
+        ("length within the limit", too_long, "cameras ", 48, "its length is 2049, at most 2048"),
+        ("the whole payload is there", GOOD[:last], "B2 ", B2_OFFSET, f"after {last} bytes, the section needs {END}"),
+        ("section CRC-32", changed_kind, "0xa1 ", B1_OFFSET, "CRC-32 is 0x"),
+        ("section CRC-32", GOOD[: B2_OFFSET - 1] + b"!" + GOOD[B2_OFFSET:], "B1 ", B1_OFFSET, "CRC-32 is 0x"),
+        ("section CRC-32", GOOD[:last] + b"!" + GOOD[END:], "B2 ", B2_OFFSET, "CRC-32 is 0x"),
+    ]
+    return [Fault(rule, data, f"section {name}at byte {at}: ", cause) for rule, data, name, at, cause in faults] + [
+        Fault("nothing follows", GOOD + b"\0", f"end at byte {len(GOOD)}: ", "1 bytes follow the last section")
+    ]
+
+
+def section_order_faults() -> list[Fault]:
+    cameras, b1, b2, metadata = CAMERA_SECTION, B1_SECTION, B2_SECTION, METADATA_SECTION
+    missing = "cameras, B1, B2 are there"
+    wrong_bit = stream_of(cameras, sealed_section(0x20, b"first payload"), b2)
+    unknown = stream_of(cameras, sealed_section(0x95, b"needed"), b1, b2)
+    one_stage = stream_of(cameras, b1, b2, stages=1)
+    faults = [
+        (
+            "critical bit of a known kind",
+            wrong_bit,
+            f"0x20 at byte {B1_OFFSET}",
+            "the critical bit of this kind is wrong",
+        ),
+        ("unknown kinds are not critical", unknown, f"0x95 at byte {B1_OFFSET}", "unknown and marked as needed"),
+        ("no kind twice", stream_of(cameras, b1, b1, b2), f"B1 at byte {B2_OFFSET}", "it appears twice"),
+        ("ascending order", stream_of(b1, cameras, b2), f"cameras at byte {48 + len(b1)}", "before section B1"),
+        ("B2 only with two stages", one_stage, f"B2 at byte {B2_OFFSET - 8}", "the header announces 1 stage"),
+        (missing, stream_of(b1, b2, metadata), "cameras", "it is missing"),
+        (missing, stream_of(cameras, b2, metadata), "B1", "it is missing"),
+        (missing, stream_of(cameras, b1, metadata), "B2", "it is missing"),
+    ]
+    return [Fault(rule, data, f"section {place}: ", cause) for rule, data, place, cause in faults]
+
+
+def deflated(content: bytes) -> bytes:
+    compressor = zlib.compressobj(9, zlib.DEFLATED, -15)
+    return compressor.compress(content) + compressor.flush()
+
+
+def camera_payload_faults() -> list[Fault]:
+    payload = pack_cameras(example_cameras())
+    content = zlib.decompress(payload, -15)
+    faults = {
+        "Deflate data valid": (b"\xff" * 40, "no valid Deflate data"),
+        "Deflate data not too long": (deflated(bytes(500_000)), "inflates to more than the 137 bytes"),
+        "Deflate data has an end": (payload[:-1], "its Deflate data has no end"),
+        "nothing after the Deflate data": (payload + b"\0", "1 bytes follow its Deflate data"),
+        "K is 1 or N": (deflated(b"\3" + content[1:]), "it holds 3 sets of intrinsics"),
+        "content size": (deflated(content[:-1]), "inflates to 120 bytes, 2 views need 121"),
+    }
+    return [
+        Fault(
+            rule, stream_of(sealed_section(CAMERAS, bad), B1_SECTION, B2_SECTION), "section cameras at byte 48", cause
+        )
+        for rule, (bad, cause) in faults.items()
+    ]
+
+
+def camera_value_faults() -> list[Fault]:
+    good = example_cameras()
+    nan, infinity = float("nan"), float("inf")
+
+    def with_pose(second: tuple[float, ...]) -> PackedCameras:
+        return replace(good, extrinsics=(good.extrinsics[0], second))
+
+    def with_lens(*second: float) -> PackedCameras:
+        return replace(good, intrinsics=(good.intrinsics[0], second))
+
+    here = (0.0, 0.0, 0.0)
+    scaled = tuple(1.001 * value for value in TURNED)
+    mirrored = (-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    faults = [
+        ("finite near, far", replace(good, near=nan), "", "near is nan, it must be a finite float32 value"),
+        ("finite near, far", replace(good, far=infinity), "", "far is inf, it must be a finite float32 value"),
+        ("near < far", replace(good, near=100.0), "", "near must be less than far"),
+        ("near positive", replace(good, near=0.0), "", "near is 0.0, it must be positive"),
+        ("near positive", replace(good, near=-1.0), "", "near is -1.0, it must be positive"),
+        ("far not too large", replace(good, far=2.0**61), "", "it must be at most 2^60"),
+        ("finite camera values", with_pose(pose(TURNED, (0.0, nan, 0.0))), "camera 2 of 2", "ty is nan"),
+        ("finite camera values", with_pose(pose((infinity, *TURNED[1:]), here)), "camera 2 of 2", "r00 is inf"),
+        ("finite camera values", with_lens(1.0, 1.0, nan, 0.5), "camera 2 of 2", "cx is nan"),
+        ("rotation orthonormal", with_pose(pose(scaled, here)), "camera 2 of 2", "its rotation is not orthonormal"),
+        ("rotation orthonormal", with_pose(pose((0.0,) * 9, here)), "camera 2 of 2", "its rotation is not orthonormal"),
+        (
+            "rotation orthonormal",
+            with_pose(pose((1e30,) * 9, here)),
+            "camera 2 of 2",
+            "its rotation is not orthonormal",
+        ),
+        ("not mirrored", with_pose(pose(mirrored, here)), "camera 2 of 2", "its pose is mirrored"),
+        ("centre not too far", with_pose(pose(TURNED, (2.0**61, 0.0, 0.0))), "camera 2 of 2", "more than 2^60"),
+        ("focal lengths", with_lens(0.0, 1.0, 0.5, 0.5), "camera 2 of 2", "focal length fx is 0.0"),
+        ("focal lengths", with_lens(1.0, -1.0, 0.5, 0.5), "camera 2 of 2", "focal length fy is -1.0"),
+        ("principal point", with_lens(1.0, 1.0, 0.5, 1025.0), "camera 2 of 2", "principal point cy is 1025.0"),
+    ]
+    return [
+        Fault(
+            rule,
+            stream_of(sealed_section(CAMERAS, pack_cameras(cameras)), B1_SECTION, B2_SECTION),
+            f"section cameras at byte 48: {camera}",
+            cause,
+        )
+        for rule, cameras, camera, cause in faults
+    ]
+
+
+def metadata_faults() -> list[Fault]:
+    compress = zstandard.ZstdCompressor(level=19).compress
+    without_size = zstandard.ZstdCompressor(write_content_size=False).compress(b"{}")
+    faults = [
+        ("zstd frame valid, nothing after it", b"{}", "no valid zstd frame"),
+        ("zstd frame valid, nothing after it", compress(b"{}")[:-1], "no valid zstd frame"),
+        ("zstd frame valid, nothing after it", compress(b"{}") + b"\0", "no valid zstd frame"),
+        ("stated content size", without_size, "does not state a size of at most 65536 bytes"),
+        ("stated content size", compress(bytes(20_000_000)), "does not state a size of at most 65536 bytes"),
+        ("JSON as in section 8", compress(b"{"), "no valid JSON"),
+        ("JSON as in section 8", compress(b'{"a":"\xff"}'), "no valid JSON"),
+        ("JSON as in section 8", compress(b'{"a":1,"a":2}'), "a key appears twice"),
+        ("JSON as in section 8", compress(b'{"a":NaN}'), "NaN is not JSON"),
+        ("JSON as in section 8", compress(b'{"a":1e999}'), "the number 1e999 is too large"),
+        ("JSON as in section 8", compress(b'{"a":"\\ud800"}'), "no valid JSON"),
+        ("JSON as in section 8", compress(b'{"a":' + b"[" * 8 + b"]" * 8 + b"}"), "nested more than 8 deep"),
+        ("JSON as in section 8", compress(b"[" * 60_000), "no valid JSON"),
+        ("the JSON is an object", compress(b"[]"), "its JSON is not an object"),
+    ]
+    place = f"section metadata at byte {END}"
+    sections = (CAMERA_SECTION, B1_SECTION, B2_SECTION)
+    return [
+        Fault(rule, stream_of(*sections, sealed_section(METADATA, payload)), place, cause)
+        for rule, payload, cause in faults
+    ]
+
+
+FAULTS = (
+    *signature_faults(),
+    *header_faults(),
+    *cut_and_changed_section_faults(),
+    *section_order_faults(),
+    *camera_payload_faults(),
+    *camera_value_faults(),
+    *metadata_faults(),
+)

@@ -1,0 +1,43 @@
+"""The summary of a stream, whole and damaged."""
+
+import pytest
+
+from fecocodec.container import inspect, list_sections
+from fecocodec.errors import BitstreamError
+from tests.container.example_streams import example_stream
+from tests.container.faulty_streams import B1_OFFSET, B2_OFFSET, END, GOOD
+
+
+def test_a_whole_stream_is_described() -> None:
+    summary = inspect(GOOD)
+    assert summary.damage is None
+    assert summary.header == example_stream().header
+    assert summary.metadata == example_stream().metadata
+    assert (summary.near, summary.far) == (0.5, 100.0)
+    assert [section.name for section in summary.sections] == ["cameras", "B1", "B2", "metadata"]
+    assert [section.offset for section in summary.sections] == [48, B1_OFFSET, B2_OFFSET, END]
+    assert all(section.is_intact for section in summary.sections)
+    assert summary.total_bytes == summary.overhead_bytes + sum(section.length for section in summary.sections)
+    assert summary.overhead_bytes == summary.header_bytes + 4 * 9
+    assert summary.bits_per_pixel == 8 * len(GOOD) / (2 * 256 * 448)
+
+
+def test_sections_behind_a_damaged_one_are_found() -> None:
+    damaged = GOOD[: B2_OFFSET - 1] + b"!" + GOOD[B2_OFFSET:]
+    summary = inspect(damaged)
+    assert [section.is_intact for section in summary.sections] == [True, False, True, True]
+    assert summary.damage is not None and summary.damage.startswith(f"section B1 at byte {B1_OFFSET}: CRC-32")
+    assert summary.near is None
+
+
+@pytest.mark.parametrize("length", range(48, len(GOOD)))
+def test_a_cut_stream_is_described_as_far_as_it_goes(length: int) -> None:
+    summary = inspect(GOOD[:length])
+    assert summary.damage is not None and f"the file ends after {length} bytes" in summary.damage
+    whole = [section for section in list_sections(GOOD) if section.offset + 9 + section.length <= length]
+    assert [section for section in summary.sections if section.is_intact] == whole
+
+
+def test_without_a_header_there_is_nothing_to_describe() -> None:
+    with pytest.raises(BitstreamError, match="the header needs 48"):
+        inspect(GOOD[:47])

@@ -1,0 +1,110 @@
+"""What is written is read back; prefixes, newer minor versions and the cost of the container."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+
+from fecocodec.container import (
+    FormatVersion,
+    Stream,
+    list_sections,
+    read_intact,
+    read_prefix,
+    read_stream,
+    write_stream,
+)
+from fecocodec.container.cameras import pack_cameras
+from fecocodec.errors import BitstreamError, InputError
+from tests.container.example_streams import example_stream, sealed_header, sealed_section, streams
+from tests.container.faulty_streams import B1_SECTION, B2_OFFSET, B2_SECTION, CAMERA_SECTION, END, GOOD
+
+# The type checks of the tests pick an element to look at with `random`, also while a strategy builds a stream.
+pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
+
+
+@given(streams())
+def test_a_stream_is_read_back_as_written(stream: Stream) -> None:
+    data = write_stream(stream)
+    assert read_stream(data) == stream
+    assert write_stream(read_stream(data)) == data
+
+
+@given(streams())
+def test_a_prefix_ends_after_its_payload(stream: Stream) -> None:
+    data = write_stream(stream)
+    b1 = next(section for section in list_sections(data) if section.name == "B1")
+    cut = data[: b1.offset + 9 + b1.length]
+    expected = replace(stream, payloads=stream.payloads[:1], metadata=None)
+    assert read_prefix(cut, 1) == expected
+    assert read_prefix(data, 1) == expected
+    assert read_prefix(cut + b"anything", 1) == expected
+    with pytest.raises(BitstreamError):
+        read_prefix(cut[:-1], 1)
+
+
+@pytest.mark.parametrize(("num_stages", "has_metadata", "overhead"), [(2, False, 75), (1, False, 58), (2, True, 84)])
+def test_header_and_sections_cost_what_the_specification_says(
+    num_stages: int, has_metadata: bool, overhead: int
+) -> None:
+    full = example_stream()
+    header = replace(full.header, symbol_digests=full.header.symbol_digests[:num_stages])
+    metadata = full.metadata if has_metadata else None
+    data = write_stream(Stream(header, full.cameras, full.payloads[:num_stages], metadata))
+    content = len(pack_cameras(full.cameras)) + sum(map(len, full.payloads[:num_stages]))
+    if has_metadata:
+        content += list_sections(data)[-1].length
+    assert len(data) - content == overhead
+    assert overhead <= 96
+
+
+def test_a_newer_minor_version_with_unknown_sections_is_read() -> None:
+    early, late = sealed_section(0x11, b"new and skippable"), sealed_section(0x7F, b"")
+    header = sealed_header(minor=9, sections=5)
+    stream = read_stream(header + CAMERA_SECTION + early + B1_SECTION + B2_SECTION + late)
+    expected = example_stream()
+    assert stream == replace(expected, header=replace(expected.header, version=FormatVersion(1, 9)), metadata=None)
+
+
+def test_asking_for_a_stage_that_is_not_there_is_refused() -> None:
+    one_stage = replace(example_stream().header, symbol_digests=(b"digest 1",))
+    data = write_stream(Stream(one_stage, example_stream().cameras, (b"only",)))
+    with pytest.raises(InputError, match="2 stages asked for, the stream has 1"):
+        read_prefix(data, 2)
+
+
+def test_the_intact_part_of_a_whole_stream_is_the_stream() -> None:
+    part = read_intact(GOOD)
+    assert part.stream == example_stream()
+    assert part.damage is None
+
+
+@pytest.mark.parametrize("cut", [B2_OFFSET, B2_OFFSET + 5, END - 1])
+def test_the_intact_part_of_a_cut_stream_is_its_first_stage(cut: int) -> None:
+    part = read_intact(GOOD[:cut])
+    assert part.stream == read_prefix(GOOD, 1)
+    assert part.damage is not None and f"the file ends after {cut} bytes" in part.damage
+
+
+def test_damaged_metadata_leaves_both_stages_intact() -> None:
+    part = read_intact(GOOD[:-1] + b"!")
+    assert part.stream == replace(example_stream(), metadata=None)
+    assert part.damage is not None and part.damage.startswith("section metadata at byte")
+
+
+def test_nothing_is_intact_without_the_first_stage() -> None:
+    with pytest.raises(BitstreamError, match="section B1 at byte"):
+        read_intact(GOOD[: B2_OFFSET - 1])
+
+
+def test_a_damaged_second_stage_is_answered_with_the_way_out() -> None:
+    with pytest.raises(BitstreamError, match=r"section B2 .*--stages 1"):
+        read_stream(GOOD[: END - 1])
+
+
+def test_the_container_needs_neither_torch_nor_numpy() -> None:
+    program = "import sys, fecocodec.container; print(*{'torch', 'numpy'} & set(sys.modules))"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == ""
