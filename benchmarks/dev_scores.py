@@ -1,0 +1,48 @@
+"""Rate and quality on an evaluation index, from encoded and decoded bytes.
+
+python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-3 1e-4] [--views 2] [--stages 2] [--size 256]
+"""
+
+import argparse
+from pathlib import Path
+from statistics import mean
+
+from fecocodec.container import quantise_lambda
+from fecocodec.evaluation.novel_views import Score, evaluate, read_index
+from fecocodec.sender.encode import load_profile
+
+
+def main() -> None:
+    """Print one line per lambda: mean over entries, then the mean PSNR by kind of entry (name without digits)."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name in ("model", "root", "index"):
+        parser.add_argument(name, type=Path)
+    parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5])
+    parser.add_argument("--views", type=int, default=2, help="only entries with so many context views")
+    parser.add_argument("--stages", type=int, default=2)
+    parser.add_argument("--size", type=int, default=256)
+    arguments = parser.parse_args()
+    profile = load_profile(arguments.model, "cpu")
+    entries = tuple(e for e in read_index(arguments.index) if len(e.context) == arguments.views)
+    size = (arguments.size, arguments.size)
+    print("lambda\tKiB\tPSNR\tSSIM\tcontext PSNR\tGaussians\tby kind")
+    for lmbda in arguments.lambdas:
+        lambda_q = quantise_lambda(lmbda)
+        scores = list(evaluate(profile, arguments.root, entries, lambda_q, arguments.stages, size))
+        print(
+            f"{lmbda:g}\t{mean(s.num_bytes for s in scores) / 1024:.2f}\t{mean(s.target_psnr for s in scores):.2f}\t"
+            f"{mean(s.target_ssim for s in scores):.3f}\t{mean(s.context_psnr for s in scores):.2f}\t"
+            f"{mean(s.num_gaussians for s in scores):.0f}\t{_by_kind(scores)}",
+            flush=True,
+        )
+
+
+def _by_kind(scores: list[Score]) -> str:
+    kinds: dict[str, list[float]] = {}
+    for score in scores:
+        kinds.setdefault(score.name.split("/")[-1].rstrip("0123456789"), []).append(score.target_psnr)
+    return " ".join(f"{kind} {mean(values):.2f}" for kind, values in kinds.items())
+
+
+if __name__ == "__main__":
+    main()

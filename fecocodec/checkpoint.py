@@ -1,0 +1,71 @@
+"""Shipped weights: safetensors files, found by the model id that streams carry."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+from torch import Tensor
+
+from fecocodec.errors import ModelError
+
+SHIPPED = Path(__file__).parent / "weights"
+DEFAULT_MODEL = "compact-1"
+RECEIVER_FILE, SENDER_FILE = "receiver.safetensors", "sender.safetensors"
+MODEL_ID_BYTES = 8
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Tensors of one file, the sizes they belong to, and the id: the first 8 bytes of the file's SHA-256."""
+
+    tensors: dict[str, Tensor]
+    config: dict[str, object]
+    model_id: bytes
+
+
+def serialise_weights(tensors: dict[str, Tensor], config: dict[str, object]) -> bytes:
+    """Bytes of a weights file: floats as fp16, integers as they are."""
+    stored = {
+        name: (value.half() if value.is_floating_point() else value).contiguous() for name, value in tensors.items()
+    }
+    return save(stored, metadata={"config": json.dumps(config, sort_keys=True)})
+
+
+def read_weights(path: Path) -> Weights:
+    """Read a weights file; floats come back as float32. Raises ModelError where it is missing or damaged."""
+    try:
+        data = path.read_bytes()
+        stored = load(data)
+        header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+        config = json.loads(header["__metadata__"]["config"])
+    except OSError as error:
+        raise ModelError(f"{path}: the weights cannot be read ({error.strerror}); reinstall the package.") from error
+    except (SafetensorError, KeyError, ValueError) as error:
+        raise ModelError(f"{path}: not a weights file of this codec, or damaged; reinstall the package.") from error
+    tensors = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
+    return Weights(tensors, config, hashlib.sha256(data).digest()[:MODEL_ID_BYTES])
+
+
+def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
+    """The receiver weights that a stream was made for; raises ModelError where the folder has none of that id."""
+    candidates = sorted(folder.glob(f"*/{RECEIVER_FILE}"))
+    for path in candidates:
+        if hashlib.sha256(path.read_bytes()).digest()[:MODEL_ID_BYTES] == model_id:
+            return path
+    known = ", ".join(path.parent.name for path in candidates) or "none"
+    raise ModelError(
+        f"the stream needs the receiver weights with model id {model_id.hex()}, but {folder} has {known}; "
+        "install the version of the package that made the file"
+    )
+
+
+def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], place: Path) -> None:
+    """Copy tensors into a network, all of them and no others; raises ModelError otherwise."""
+    try:
+        network.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise ModelError(f"{place}: the weights do not fit this version's networks; reinstall the package.") from error

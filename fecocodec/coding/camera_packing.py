@@ -1,0 +1,30 @@
+"""Cameras as tensors <-> cameras as the container holds them; both ends use what comes back."""
+
+import torch
+
+from fecocodec.container import PackedCameras
+from fecocodec.geometry.cameras import Cameras
+
+
+def pack(cameras: Cameras) -> PackedCameras:
+    """The float32 values of one scene's cameras; no batch dimension, no skew."""
+    intrinsics = cameras.intrinsics
+    entries = (intrinsics[:, 0, 0], intrinsics[:, 1, 1], intrinsics[:, 0, 2], intrinsics[:, 1, 2])
+    return PackedCameras(
+        extrinsics=tuple(map(tuple, cameras.extrinsics[:, :3].float().flatten(1).tolist())),
+        intrinsics=tuple(map(tuple, torch.stack(entries, dim=1).float().tolist())),
+        near=float(cameras.near.float()),
+        far=float(cameras.far.float()),
+    )
+
+
+def unpack(packed: PackedCameras) -> Cameras:
+    """Inverse of `pack`, exact."""
+    views = packed.num_views
+    extrinsics = torch.eye(4).repeat(views, 1, 1)
+    extrinsics[:, :3] = torch.tensor(packed.extrinsics).view(views, 3, 4)
+    intrinsics = torch.eye(3).repeat(views, 1, 1)
+    focal_x, focal_y, centre_x, centre_y = torch.tensor(packed.intrinsics).unbind(dim=1)
+    intrinsics[:, 0, 0], intrinsics[:, 1, 1] = focal_x, focal_y
+    intrinsics[:, 0, 2], intrinsics[:, 1, 2] = centre_x, centre_y
+    return Cameras(extrinsics, intrinsics, torch.tensor(packed.near), torch.tensor(packed.far))

@@ -1,0 +1,84 @@
+"""The novel-view protocol: encode context views to bytes, decode the bytes, render at target views, compare."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from fecocodec.errors import InputError
+from fecocodec.formats.scene_folder import read_views
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_stream
+from fecocodec.container import read_stream
+from fecocodec.rendering.metrics import psnr, ssim
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.encode import Profile, encode_with
+
+
+@dataclass(frozen=True)
+class IndexEntry:
+    """One line of an evaluation index: frames of a scene to code and frames to judge by."""
+
+    name: str
+    scene: str
+    context: tuple[int, ...]
+    target: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Score:
+    """Quality of one coded scene; PSNR in dB and SSIM are means over views, num_bytes is the whole file."""
+
+    name: str
+    num_bytes: int
+    num_gaussians: int
+    target_psnr: float
+    target_ssim: float
+    context_psnr: float
+
+
+def read_index(path: Path) -> tuple[IndexEntry, ...]:
+    """Entries `{"scene/label": {"context": [...], "target": [...]}}`; raises InputError for anything else."""
+    try:
+        entries = json.loads(path.read_text())
+        return tuple(
+            IndexEntry(name, name.split("/")[0], tuple(entry["context"]), tuple(entry["target"]))
+            for name, entry in entries.items()
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: not an evaluation index ({error}); see the protocol in docs/evaluation.md") from error
+
+
+def evaluate(
+    profile: Profile, root: Path, entries: tuple[IndexEntry, ...], lambda_q: int, num_stages: int, size: tuple[int, int]
+) -> Iterator[Score]:
+    """Scores of the entries one by one, every one from a stream of bytes that was written and read back."""
+    for entry in entries:
+        views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size)
+        yield score(profile, entry.name, views, len(entry.context), lambda_q, num_stages)
+
+
+def score(profile: Profile, name: str, views: Views, num_context: int, lambda_q: int, num_stages: int) -> Score:
+    """Code the first `num_context` views, judge by all."""
+    context = views.select(list(range(num_context)))
+    data = encode_with(profile, context, lambda_q, num_stages)
+    gaussians = decode_stream(read_stream(data), profile.receiver)
+    rendered = render_views(gaussians, views)
+    quality, structure = psnr(rendered, views.images), ssim(rendered, views.images)
+    return Score(
+        name=name,
+        num_bytes=len(data),
+        num_gaussians=gaussians.count,
+        target_psnr=float(quality[num_context:].mean()),
+        target_ssim=float(structure[num_context:].mean()),
+        context_psnr=float(quality[:num_context].mean()),
+    )
+
+
+@torch.inference_mode()
+def render_views(gaussians: Gaussians, views: Views) -> torch.Tensor:
+    """The Gaussians at the views' cameras, clamped to [0, 1]: `[view 3 height width]`."""
+    return render(gaussians, views.cameras, views.image_size).color.clamp(0.0, 1.0)

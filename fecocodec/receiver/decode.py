@@ -1,0 +1,100 @@
+"""`decode`: stream -> Gaussians, with the receiver's networks alone."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+import torch
+
+from fecocodec.checkpoint import SHIPPED, find_receiver
+from fecocodec.coding.camera_packing import unpack
+from fecocodec.coding.payload import decode_latents
+from fecocodec.container import Header, Stream, read_prefix, read_stream
+from fecocodec.errors import BitstreamError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
+from fecocodec.geometry.padding import inside_unpadded, pad_cameras, padded_size
+from fecocodec.receiver.load import load_receiver
+from fecocodec.receiver.model import Receiver
+
+OnProgress = Callable[[str, float], None]  # (what is being done, fraction done)
+LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians; they are not emitted
+STATE_FACTOR, LATENT_FACTOR = 4, 8
+
+
+def decode(
+    data: bytes,
+    *,
+    num_stages: int | None = None,
+    device: str = "cpu",
+    weights: Path = SHIPPED,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+) -> Gaussians:
+    """Gaussians of a `.fcs` stream in the world frame and unit of length of the photographs' cameras, on the CPU.
+
+    num_stages: decode only so many stages; what follows them in the stream may then be missing or damaged. device: where
+    the networks run. weights: folder that holds `<model>/receiver.safetensors`.
+
+    Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage it does not have,
+    ModelError where its weights are not found.
+    """
+    stream = read_stream(data) if num_stages is None else read_prefix(data, num_stages)
+    receiver = _receiver(find_receiver(stream.header.model_id, weights), device)
+    return decode_stream(stream, receiver, on_progress)
+
+
+def read_cameras(data: bytes) -> tuple[Cameras, tuple[int, int]]:
+    """The context views' cameras that a stream carries, and their image size (height, width)."""
+    stream = read_prefix(data, 1)
+    return unpack(stream.cameras), (stream.header.height, stream.header.width)
+
+
+@torch.inference_mode()
+def decode_stream(
+    stream: Stream, receiver: Receiver, on_progress: OnProgress = lambda _task, _fraction: None
+) -> Gaussians:
+    """Walk the stages of a stream that has been read, then predict; no rendering, no stage-1 Gaussians."""
+    header = stream.header
+    device = next(receiver.parameters()).device
+    height, width = padded_size(header.height, header.width)
+    size_8 = (header.num_views, height // LATENT_FACTOR, width // LATENT_FACTOR)
+    lambda_q = torch.full((header.num_views,), header.lambda_q, device=device)
+    state = receiver.update.start(header.num_views, height // STATE_FACTOR, width // STATE_FACTOR)
+    context = None
+    for stage, payload in enumerate(stream.payloads, start=1):
+        on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
+        coded = decode_latents(receiver.prior, payload, size_8, header.lambda_q, stage, context)
+        _check_digest(header, stage, coded.digest())
+        condition = receiver.condition(lambda_q, stage)
+        state, context = receiver.next_state(state, coded.y_hat, condition), coded.y_hat
+    on_progress("predicting Gaussians", 0.8)
+    return predict_scene(receiver, state, unpack(stream.cameras), header, condition)
+
+
+def predict_scene(
+    receiver: Receiver, state: torch.Tensor, cameras: Cameras, header: Header, condition: torch.Tensor
+) -> Gaussians:
+    """The Gaussians a state stands for, without those of the padding and those too faint to be drawn; on the CPU."""
+    normalised, frame = normalise_scene(cameras)
+    padded = pad_cameras(normalised, header.height, header.width).to(state.device)
+    batch = Cameras(padded.extrinsics[None], padded.intrinsics[None], padded.near[None], padded.far[None])
+    gaussians = receiver.predict(state, batch, condition).gaussians.scene(0).to("cpu")
+    is_needed = inside_unpadded(header.num_views, header.height, header.width)
+    is_needed &= (gaussians.opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
+    return denormalise_gaussians(gaussians.keep(is_needed), frame)
+
+
+@lru_cache(maxsize=2)
+def _receiver(path: Path, device: str) -> Receiver:
+    receiver, _ = load_receiver(path)
+    return receiver.to(device, memory_format=torch.channels_last)
+
+
+def _check_digest(header: Header, stage: int, found: bytes) -> None:
+    stored = header.symbol_digests[stage - 1]
+    if found != stored:
+        raise BitstreamError(
+            f"stage {stage}: the decoded symbols have digest {found.hex()}, the header says {stored.hex()}; "
+            "the file is damaged or was made by a faulty encoder, copy or encode it again"
+        )
