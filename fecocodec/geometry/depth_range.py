@@ -22,13 +22,16 @@ _MARGIN = 1.15  # the percentiles are widened by this factor on both sides
 _MAX_FAR_OVER_MEDIAN = 40 / 3  # sky and stray points push `far` no further than this
 
 _MAX_PAIRS = 4
-_LONG_SIDE = 128  # pixels of the small images
+_LONG_SIDE = 96  # pixels of the small images
 _WINDOW = 7  # pixels, side of the correlation window
 _SWEEP = (0.05, 500.0)  # baselines
 _NUM_DEPTHS = 128
 _MIN_CORRELATION = 0.8
 _MIN_LEAD = 0.05  # of the best correlation over the best one at a clearly different depth
 _MIN_CONTRAST = 0.01  # standard deviation inside the window, of a range of 1
+_NEIGHBOURHOOD = 5  # pixels, side of the square that a depth needs support in
+_MIN_LIKE_NEIGHBOURS = 9
+_ESTIMATE_MARGIN = 1.3  # what only one view sees is not matched, so the estimate is widened once more
 _LOG_STEP = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (_NUM_DEPTHS - 1)
 
 
@@ -56,7 +59,10 @@ def estimate_depth_range(views: Views) -> tuple[float, float]:
     grey = _small_grey(views.images)
     depths = torch.cat([_agreed_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
     baseline = _distances(views.cameras)[pairs[0]].item()
-    return bounds_of_depths(depths) or (DEFAULT_RANGE[0] * baseline, DEFAULT_RANGE[1] * baseline)
+    bounds = bounds_of_depths(depths)
+    if bounds is None:
+        return DEFAULT_RANGE[0] * baseline, DEFAULT_RANGE[1] * baseline
+    return bounds[0] / _ESTIMATE_MARGIN, bounds[1] * _ESTIMATE_MARGIN
 
 
 def _distances(cameras: Cameras) -> Float[Tensor, "view view"]:
@@ -92,7 +98,18 @@ def _agreed_depths(grey: Float[Tensor, "2 1 height width"], cameras: Cameras) ->
     found = F.grid_sample(back.log()[None, None], grid, mode="nearest", align_corners=False)[0, 0]
     found_is_good = F.grid_sample(seen_back.float()[None, None], grid, mode="nearest", align_corners=False)[0, 0] > 0.5
     agrees = (found - depth_in_second[0].clamp_min(1e-12).log()).abs() < 1.5 * _LOG_STEP
-    return there[seen_there & found_is_good & agrees & (depth_in_second[0] > 0)]
+    good = seen_there & found_is_good & agrees & (depth_in_second[0] > 0)
+    return there[good & _has_like_neighbours(there.log(), good)]
+
+
+def _has_like_neighbours(
+    log_depths: Float[Tensor, "height width"], good: Bool[Tensor, "height width"]
+) -> Bool[Tensor, "height width"]:
+    """Whether enough good pixels around lie at about the same depth; stray matches stand alone."""
+    around = F.unfold(log_depths[None, None], _NEIGHBOURHOOD, padding=_NEIGHBOURHOOD // 2)[0]
+    good_around = F.unfold(good.to(around.dtype)[None, None], _NEIGHBOURHOOD, padding=_NEIGHBOURHOOD // 2)[0] > 0.5
+    alike = good_around & ((around - log_depths.flatten()).abs() < 3 * _LOG_STEP)
+    return (alike.sum(dim=0) >= _MIN_LIKE_NEIGHBOURS).view_as(good)
 
 
 def _sweep(
