@@ -12,28 +12,24 @@ from torch.autograd.function import once_differentiable
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.rendering.compositing import composite, composite_backward
-from fecocodec.rendering.projection import project, project_backward
+from fecocodec.rendering.compositing import composite
+from fecocodec.rendering.compositing_backward import composite_backward
+from fecocodec.rendering.projection import project
+from fecocodec.rendering.projection_backward import project_backward
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
-from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, Vector3
+from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes
 from fecocodec.rendering.threads import run_in_ranges
-from fecocodec.rendering.tiles import TileGrid, front_to_back, sum_over_tiles, tile_lists
+from fecocodec.rendering.tiles import front_to_back, sum_over_tiles, tile_lists
 
-
-@dataclass(frozen=True)
-class _View:
-    """A camera, the background behind it and, once projected, the splats it sees."""
-
-    pinhole: Pinhole
-    eye: Vector3
-    grid: TileGrid
+Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], depth and alpha [height width], float32
 
 
 @dataclass(frozen=True)
 class _Projected:
-    """The splats of one view and the order in which they are composited."""
+    """What one camera sees of the Gaussians, and in which order it is composited."""
 
+    pinhole: Pinhole
     splats: np.ndarray
     order: Int32[np.ndarray, " visible"]
 
@@ -46,114 +42,82 @@ def render_on_cpu(
     near: float,
 ) -> Rendering:
     """See `rasterizer.render`. near: Gaussians whose mean is closer than this depth are not drawn."""
-    views = _views(cameras, image_size, near)
     fields = [field.to(torch.float32) for field in gaussians.fields()]
-    return Rendering(*_Rasterize.apply(*fields, views, np.asarray(background, np.float32)))
-
-
-def _views(cameras: Cameras, image_size: tuple[int, int], near: float) -> list[_View]:
-    height, width = image_size
-    grid = TileGrid(height, width)
-    views = []
-    for pose, world_to_camera, intrinsics in zip(
-        cameras.extrinsics.detach().double().tolist(),
-        cameras.world_to_camera.detach().double().tolist(),
-        cameras.intrinsics_px(height, width).detach().double().tolist(),
-        strict=True,
-    ):
-        pinhole = Pinhole(
-            rotation=tuple(tuple(row[:3]) for row in world_to_camera[:3]),
-            translation=tuple(row[3] for row in world_to_camera[:3]),
-            focal_x=intrinsics[0][0],
-            focal_y=intrinsics[1][1],
-            centre_x=intrinsics[0][2],
-            centre_y=intrinsics[1][2],
-            width=width,
-            height=height,
-            near=near,
-        )
-        views.append(_View(pinhole, tuple(row[3] for row in pose[:3]), grid))
-    return views
+    return Rendering(*_Rasterize.apply(*fields, pinholes(cameras, image_size, near), image_size, background))
 
 
 class _Rasterize(torch.autograd.Function):
-    """(means, scales, rotations, opacities, harmonics, views, background) -> (color, depth, alpha), all float32."""
+    """(means, scales, rotations, opacities, harmonics, pinholes, image_size, background) -> (color, depth, alpha)."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> tuple[Tensor, Tensor, Tensor]:
-        *fields, views, background = inputs
+        *fields, cameras, (height, width), background = inputs
         arrays = [_array(field) for field in fields]
-        height, width = (views[0].grid.height, views[0].grid.width) if views else (0, 0)
-        color = torch.empty(len(views), 3, height, width)
-        depth = torch.empty(len(views), height, width)
-        alpha = torch.empty(len(views), height, width)
+        color = fields[0].new_empty(len(cameras), 3, height, width)
+        depth, alpha = color.new_empty(len(cameras), height, width), color.new_empty(len(cameras), height, width)
         projected = []
-        for index, view in enumerate(views):
-            projected.append(_project(view, arrays))
-            images = tuple(image[index].numpy() for image in (color, depth, alpha))
-            _composite(view, projected[-1], background, images)
+        for view, pinhole in enumerate(cameras):
+            projected.append(_project(pinhole, arrays))
+            images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
+            _composite(projected[-1], np.asarray(background, np.float32), images)
         ctx.save_for_backward(*fields, color, depth, alpha)
-        ctx.views, ctx.projected = views, projected
+        ctx.projected = projected
         return color, depth, alpha
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, *output_gradients: Tensor) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Any, d_color: Tensor, d_depth: Tensor, d_alpha: Tensor) -> tuple[Tensor | None, ...]:
         *fields, color, depth, alpha = ctx.saved_tensors
         arrays = [_array(field) for field in fields]
-        gradients = [torch.zeros(field.shape) for field in fields]
-        for index, (view, projected) in enumerate(zip(ctx.views, ctx.projected, strict=True)):
-            images = [_array(image[index]) for image in (color, depth, alpha, *output_gradients)]
-            splat_gradients = _composite_backward(view, projected, images)
-            _project_backward(view, projected, arrays, splat_gradients, [gradient.numpy() for gradient in gradients])
-        return *gradients, None, None
+        gradients = [torch.zeros_like(field, memory_format=torch.contiguous_format) for field in fields]
+        for view, projected in enumerate(ctx.projected):
+            images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
+            d_images = (_array(d_color[view]), _array(d_depth[view]), _array(d_alpha[view]))
+            splat_gradients = _composite_backward(projected, images, d_images)
+            _project_backward(projected, arrays, splat_gradients, [_array(gradient) for gradient in gradients])
+        return *gradients, None, None, None
 
 
 def _array(tensor: Float[Tensor, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    """The values as a dense array; it shares memory with a tensor that is dense itself."""
     return tensor.detach().contiguous().numpy()
 
 
-def _project(view: _View, fields: Sequence[np.ndarray]) -> _Projected:
+def _project(pinhole: Pinhole, fields: Sequence[np.ndarray]) -> _Projected:
     means, scales, rotations, opacities, harmonics = fields
     splats = np.empty(len(means), SPLAT)
-    run_in_ranges(project, len(means), view.pinhole, means, scales, rotations, opacities, splats)
-    run_in_ranges(shade, len(means), view.eye, means, harmonics, splats)
-    return _Projected(splats, front_to_back(splats))
+    run_in_ranges(project, len(means), pinhole, means, scales, rotations, opacities, splats)
+    run_in_ranges(shade, len(means), pinhole.eye, means, harmonics, splats)
+    return _Projected(pinhole, splats, front_to_back(splats))
 
 
-def _composite(
-    view: _View, projected: _Projected, background: Float32[np.ndarray, "3"], images: tuple[np.ndarray, ...]
-) -> None:
-    for lists in tile_lists(view.grid, projected.splats, projected.order):
-        tiles = (lists.first, lists.offsets, lists.splat_of_hit)
-        run_in_ranges(composite, lists.stop - lists.first, *tiles, projected.splats, background, *images)
+def _composite(projected: _Projected, background: Float32[np.ndarray, "3"], images: Images) -> None:
+    splats, image_size = projected.splats, images[-1].shape
+    for tiles in tile_lists(splats, projected.order, image_size):
+        lists = (tiles.first, tiles.offsets, tiles.splat_of_hit)
+        run_in_ranges(composite, tiles.stop - tiles.first, *lists, splats, background, *images)
 
 
-def _composite_backward(
-    view: _View, projected: _Projected, images: Sequence[np.ndarray]
-) -> Float32[np.ndarray, "n fields"]:
-    """images: color, depth, alpha and their gradients."""
-    gradients = np.zeros((len(projected.splats), len(DIFFERENTIABLE_FIELDS)), np.float32)
-    for lists in tile_lists(view.grid, projected.splats, projected.order):
-        tiles = (lists.first, lists.offsets, lists.splat_of_hit)
-        hit_gradients = np.empty((len(lists.splat_of_hit), len(DIFFERENTIABLE_FIELDS)), np.float32)
-        run_in_ranges(composite_backward, lists.stop - lists.first, *tiles, projected.splats, *images, hit_gradients)
-        sum_over_tiles(lists, hit_gradients, gradients)
+def _composite_backward(projected: _Projected, images: Images, d_images: Images) -> Float32[np.ndarray, "n fields"]:
+    splats, image_size = projected.splats, images[-1].shape
+    gradients = np.zeros((len(splats), len(DIFFERENTIABLE_FIELDS)), np.float32)
+    for tiles in tile_lists(splats, projected.order, image_size):
+        lists = (tiles.first, tiles.offsets, tiles.splat_of_hit)
+        hit_gradients = np.empty((len(tiles.splat_of_hit), len(DIFFERENTIABLE_FIELDS)), np.float32)
+        run_in_ranges(composite_backward, tiles.stop - tiles.first, *lists, splats, images, d_images, hit_gradients)
+        sum_over_tiles(tiles, hit_gradients, gradients)
     return gradients
 
 
 def _project_backward(
-    view: _View,
     projected: _Projected,
     fields: Sequence[np.ndarray],
     splat_gradients: Float32[np.ndarray, "n fields"],
     gradients: Sequence[np.ndarray],
 ) -> None:
-    """Add this view's share to the gradients of means, scales, rotations, opacities and harmonics."""
+    """Add one view's share to the gradients of means, scales, rotations, opacities and harmonics."""
     means, scales, rotations, _, harmonics = fields
     d_means, *d_shapes, d_harmonics = gradients
-    splats, count = projected.splats, len(means)
-    run_in_ranges(
-        project_backward, count, view.pinhole, means, scales, rotations, splats, splat_gradients, d_means, *d_shapes
-    )
-    run_in_ranges(shade_backward, count, view.eye, means, harmonics, splats, splat_gradients, d_means, d_harmonics)
+    pinhole, seen = projected.pinhole, (projected.splats, splat_gradients)
+    run_in_ranges(project_backward, len(means), pinhole, means, scales, rotations, *seen, d_means, *d_shapes)
+    run_in_ranges(shade_backward, len(means), pinhole.eye, means, harmonics, *seen, d_means, d_harmonics)

@@ -29,8 +29,13 @@ def render_on_cuda(
             "run `pip install gsplat`, or move the Gaussians to the CPU."
         ) from error
     height, width = image_size
-    means, scales, rotations, opacities, harmonics = (field.to(torch.float32) for field in _finite(gaussians).fields())
-    cameras = cameras.to(means.device)
+    drawable = _finite(gaussians)
+    cameras = cameras.to(drawable.means.device)
+    backgrounds = drawable.means.new_tensor(background, dtype=torch.float32).repeat(cameras.num_views, 1)
+    if drawable.count == 0:
+        nothing = backgrounds.new_zeros(cameras.num_views, height, width)
+        return Rendering(backgrounds[:, :, None, None].expand(-1, -1, height, width), nothing, nothing)
+    means, scales, rotations, opacities, harmonics = (field.to(torch.float32) for field in drawable.fields())
     images, alpha, _ = rasterization(
         means=means,
         quats=rotations,
@@ -43,7 +48,8 @@ def render_on_cuda(
         height=height,
         near_plane=near,
         sh_degree=math.isqrt(harmonics.shape[-2]) - 1,
-        backgrounds=means.new_tensor(background).expand(cameras.num_views, 3).contiguous(),
+        packed=False,
+        backgrounds=backgrounds,
         render_mode="RGB+ED",
     )
     return Rendering(images[..., :3].permute(0, 3, 1, 2), images[..., 3], alpha[..., 0])

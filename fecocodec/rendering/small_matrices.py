@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """3x3 algebra on tuples: numba keeps tuples in registers, where small arrays would be allocated on the heap."""
 
 import math
@@ -6,39 +7,39 @@ from fecocodec.rendering.compilation import compiled
 
 
 @compiled
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
-def add(a, b):  # type: ignore[no-untyped-def]
+def add(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @compiled
-def scaled(factor, a):  # type: ignore[no-untyped-def]
+def scaled(factor, a):
     return factor * a[0], factor * a[1], factor * a[2]
 
 
 @compiled
-def transposed(m):  # type: ignore[no-untyped-def]
+def transposed(m):
     return (m[0][0], m[1][0], m[2][0]), (m[0][1], m[1][1], m[2][1]), (m[0][2], m[1][2], m[2][2])
 
 
 @compiled
-def apply(m, a):  # type: ignore[no-untyped-def]
+def apply(m, a):
     """m a"""
     return dot(m[0], a), dot(m[1], a), dot(m[2], a)
 
 
 @compiled
-def apply_transposed(m, a):  # type: ignore[no-untyped-def]
+def apply_transposed(m, a):
     """m^T a"""
     return add(add(scaled(a[0], m[0]), scaled(a[1], m[1])), scaled(a[2], m[2]))
 
 
 @compiled
-def rotation_columns(w, x, y, z):  # type: ignore[no-untyped-def]
+def rotation_columns(w, x, y, z):
     """The columns of the rotation matrix of a unit quaternion: the rotated axes."""
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
@@ -48,7 +49,7 @@ def rotation_columns(w, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def rotation_columns_backward(w, x, y, z, gradient):  # type: ignore[no-untyped-def]
+def rotation_columns_backward(w, x, y, z, gradient):
     """Gradient with respect to (w, x, y, z) of what `gradient` is with respect to `rotation_columns`."""
     (g00, g10, g20), (g01, g11, g21), (g02, g12, g22) = gradient
     return (
@@ -60,7 +61,7 @@ def rotation_columns_backward(w, x, y, z, gradient):  # type: ignore[no-untyped-
 
 
 @compiled
-def normalised(w, x, y, z):  # type: ignore[no-untyped-def]
+def normalised(w, x, y, z):
     """The unit quaternion along (w, x, y, z), and the length it had; NaN where that is 0."""
     length = math.sqrt(w * w + x * x + y * y + z * z)
     return (w / length, x / length, y / length, z / length), length

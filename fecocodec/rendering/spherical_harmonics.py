@@ -1,3 +1,4 @@
+# mypy: allow-untyped-defs
 """Colour of a Gaussian along the direction it is seen from: real spherical harmonics up to degree 3, and gradient.
 
 Order and signs of the basis as in Kerbl et al., "3D Gaussian Splatting", 2023 (after Sloan, "Efficient Spherical
@@ -13,6 +14,8 @@ from fecocodec.rendering.small_matrices import add
 
 MAX_COEFFICIENTS = 16  # (degree + 1)^2 at degree 3
 
+_BRIGHTEST = 1e30  # beyond this the float32 arithmetic that follows could overflow
+
 _C0 = 0.28209479177387814
 _C1 = 0.4886025119029199
 _C2 = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396)
@@ -20,8 +23,8 @@ _C3 = (0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.373176332590
 
 
 @compiled
-def shade(start, stop, eye, means, harmonics, splats):  # type: ignore[no-untyped-def]
-    """Fill the colour of the visible ones of splats[start:stop], clamped at 0; hide those whose colour is not finite.
+def shade(start, stop, eye, means, harmonics, splats):
+    """Fill the colour of the visible ones of splats[start:stop], clamped at 0; hide those without a finite one.
 
     eye: the camera's centre in the world frame.
     """
@@ -36,14 +39,14 @@ def shade(start, stop, eye, means, harmonics, splats):  # type: ignore[no-untype
             red += basis[k] * harmonics[i, k, 0]
             green += basis[k] * harmonics[i, k, 1]
             blue += basis[k] * harmonics[i, k, 2]
-        if not math.isfinite(red + green + blue):
+        if not abs(red) + abs(green) + abs(blue) < _BRIGHTEST:  # nor if it is NaN
             splats[i].radius_x = 0.0
             continue
         splats[i].red, splats[i].green, splats[i].blue = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
 
 
 @compiled
-def shade_backward(start, stop, eye, means, harmonics, splats, gradients, d_means, d_harmonics):  # type: ignore[no-untyped-def]
+def shade_backward(start, stop, eye, means, harmonics, splats, gradients, d_means, d_harmonics):
     """Add to d_means and d_harmonics what the colour columns of the splats' gradients pass on."""
     basis = np.empty(MAX_COEFFICIENTS)
     slopes = np.empty((MAX_COEFFICIENTS, 3))
@@ -69,7 +72,7 @@ def shade_backward(start, stop, eye, means, harmonics, splats, gradients, d_mean
 
 
 @compiled
-def _direction(eye, means, i):  # type: ignore[no-untyped-def]
+def _direction(eye, means, i):
     """Unit vector from the eye to the mean, and their distance."""
     x, y, z = means[i, 0] - eye[0], means[i, 1] - eye[1], means[i, 2] - eye[2]
     distance = math.sqrt(x * x + y * y + z * z)
@@ -77,7 +80,7 @@ def _direction(eye, means, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _evaluate(direction, count, basis):  # type: ignore[no-untyped-def]
+def _evaluate(direction, count, basis):
     """Write the first `count` basis functions at a unit direction."""
     x, y, z = direction
     basis[0] = _C0
@@ -98,7 +101,7 @@ def _evaluate(direction, count, basis):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _differentiate(direction, count, slopes):  # type: ignore[no-untyped-def]
+def _differentiate(direction, count, slopes):
     """Write the derivatives by x, y and z of the first `count` polynomials of `_evaluate`."""
     x, y, z = direction
     _set(slopes, 0, 1.0, 0.0, 0.0, 0.0)
@@ -123,5 +126,5 @@ def _differentiate(direction, count, slopes):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _set(slopes, k, factor, dx, dy, dz):  # type: ignore[no-untyped-def]
+def _set(slopes, k, factor, dx, dy, dz):
     slopes[k, 0], slopes[k, 1], slopes[k, 2] = factor * dx, factor * dy, factor * dz

@@ -1,9 +1,10 @@
-"""A splat: one Gaussian as one view sees it, flat on the image."""
+"""A splat: one Gaussian as one view sees it, flat on the image; and the pinhole camera it is seen through."""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from fecocodec.geometry.cameras import Cameras
 from fecocodec.rendering.compilation import compiled
 
 DIFFERENTIABLE_FIELDS = ("x", "y", "conic_xx", "conic_xy", "conic_yy", "opacity", "red", "green", "blue", "depth")
@@ -22,10 +23,15 @@ Vector3 = tuple[float, float, float]
 
 
 class Pinhole(NamedTuple):
-    """One camera in pixels: world-to-camera rotation (rows) and translation, intrinsics, image size, near limit."""
+    """One camera with an image size, in pixels, as kernels take it.
+
+    rotation (rows) and translation: world to camera. eye: the camera's centre in the world frame. near: Gaussians
+    whose mean is closer than this depth are not drawn.
+    """
 
     rotation: tuple[Vector3, Vector3, Vector3]
     translation: Vector3
+    eye: Vector3
     focal_x: float
     focal_y: float
     centre_x: float
@@ -33,6 +39,35 @@ class Pinhole(NamedTuple):
     width: int
     height: int
     near: float
+
+
+def pinholes(cameras: Cameras, image_size: tuple[int, int], near: float) -> list[Pinhole]:
+    """The views of one scene; image_size: (height, width)."""
+    height, width = image_size
+    return [
+        Pinhole(
+            rotation=(_vector(rows[0]), _vector(rows[1]), _vector(rows[2])),
+            translation=(rows[0][3], rows[1][3], rows[2][3]),
+            eye=(pose[0][3], pose[1][3], pose[2][3]),
+            focal_x=intrinsics[0][0],
+            focal_y=intrinsics[1][1],
+            centre_x=intrinsics[0][2],
+            centre_y=intrinsics[1][2],
+            width=width,
+            height=height,
+            near=near,
+        )
+        for pose, rows, intrinsics in zip(
+            cameras.extrinsics.tolist(),
+            cameras.world_to_camera.tolist(),
+            cameras.intrinsics_px(height, width).tolist(),
+            strict=True,
+        )
+    ]
+
+
+def _vector(row: list[float]) -> Vector3:
+    return row[0], row[1], row[2]
 
 
 @compiled

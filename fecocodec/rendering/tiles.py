@@ -1,37 +1,25 @@
-"""Which splats touch which tile of the image, front to back."""
+# mypy: allow-untyped-defs
+"""Which splats touch which tile of the image, front to back: lists of hits, a hit being a splat in a tile."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int32, Int64, UInt64
+from jaxtyping import Float32, Int32, Int64
 
 from fecocodec.rendering.compilation import compiled
 
 TILE_SIZE = 16  # pixels a side
-_MAX_HITS = 2**21  # (splat, tile) pairs held at once: about 100 MB of lists and gradients
+_MAX_HITS = 2**21  # held at once: about 100 MB of lists and gradients
 _INDEX_BITS = np.uint64(32)
 
 
 @dataclass(frozen=True)
-class TileGrid:
-    """An image cut into square tiles, counted row by row."""
-
-    height: int
-    width: int
-
-    @property
-    def columns(self) -> int:
-        return -(-self.width // TILE_SIZE)
-
-    @property
-    def rows(self) -> int:
-        return -(-self.height // TILE_SIZE)
-
-
-@dataclass(frozen=True)
 class TileLists:
-    """The splats of tiles `first` to `stop`: those of tile t are splat_of_hit[offsets[t - first] : offsets[t - first + 1]]."""
+    """The splats of tiles `first` to `stop`, front to back; tiles are counted row by row.
+
+    Those of tile t are splat_of_hit[offsets[t - first] : offsets[t - first + 1]].
+    """
 
     first: int
     stop: int
@@ -44,14 +32,17 @@ def front_to_back(splats: np.ndarray) -> Int32[np.ndarray, " visible"]:
     visible = np.flatnonzero(splats["radius_x"] > 0).astype(np.uint64)
     # The bits of positive floats sort as integers; with the index below them one fast, unambiguous sort will do.
     depth_bits = splats["depth"][visible].view(np.uint32).astype(np.uint64)
-    keys: UInt64[np.ndarray, " visible"] = np.sort((depth_bits << _INDEX_BITS) | visible)
+    keys = np.sort((depth_bits << _INDEX_BITS) | visible)
     return keys.astype(np.uint32).astype(np.int32)
 
 
-def tile_lists(grid: TileGrid, splats: np.ndarray, order: Int32[np.ndarray, " visible"]) -> Iterator[TileLists]:
+def tile_lists(
+    splats: np.ndarray, order: Int32[np.ndarray, " visible"], image_size: tuple[int, int]
+) -> Iterator[TileLists]:
     """Lists that together cover the image once; usually one, more where huge splats would need too much memory."""
-    counts = np.zeros(grid.rows * grid.columns, np.int64)
-    _count_hits(splats, order, grid.rows, grid.columns, counts)
+    rows, columns = (-(-pixels // TILE_SIZE) for pixels in image_size)
+    counts = np.zeros(rows * columns, np.int64)
+    _count_hits(splats, order, rows, columns, counts)
     ends = np.cumsum(counts)
     first = 0
     while first < len(counts):
@@ -59,7 +50,7 @@ def tile_lists(grid: TileGrid, splats: np.ndarray, order: Int32[np.ndarray, " vi
         stop = max(first + 1, int(np.searchsorted(ends, hits_before + _MAX_HITS, side="right")))
         offsets = np.concatenate(([0], ends[first:stop] - hits_before))
         splat_of_hit = np.empty(offsets[-1], np.int32)
-        _list_hits(splats, order, grid.rows, grid.columns, first, stop, offsets[:-1].copy(), splat_of_hit)
+        _list_hits(splats, order, rows, columns, first, stop, offsets[:-1].copy(), splat_of_hit)
         yield TileLists(first, stop, offsets, splat_of_hit)
         first = stop
 
@@ -72,7 +63,7 @@ def sum_over_tiles(
 
 
 @compiled
-def _tile_range(centre, radius, count):  # type: ignore[no-untyped-def]
+def _tile_range(centre, radius, count):
     """First and last tile (exclusive) along one axis whose pixel centres come within the radius."""
     low = np.floor((np.ceil(centre - radius - 0.5)) / TILE_SIZE)
     high = np.floor((np.floor(centre + radius - 0.5)) / TILE_SIZE) + 1.0
@@ -80,7 +71,7 @@ def _tile_range(centre, radius, count):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _count_hits(splats, order, rows, columns, counts):  # type: ignore[no-untyped-def]
+def _count_hits(splats, order, rows, columns, counts):
     for i in order:
         first_row, stop_row = _tile_range(splats[i].y, splats[i].radius_y, rows)
         first_column, stop_column = _tile_range(splats[i].x, splats[i].radius_x, columns)
@@ -90,7 +81,7 @@ def _count_hits(splats, order, rows, columns, counts):  # type: ignore[no-untype
 
 
 @compiled
-def _list_hits(splats, order, rows, columns, first, stop, position, splat_of_hit):  # type: ignore[no-untyped-def]
+def _list_hits(splats, order, rows, columns, first, stop, position, splat_of_hit):
     """Write the index of each splat into the lists of its tiles; position: where each list's next entry goes."""
     for i in order:
         first_row, stop_row = _tile_range(splats[i].y, splats[i].radius_y, rows)
@@ -104,7 +95,7 @@ def _list_hits(splats, order, rows, columns, first, stop, position, splat_of_hit
 
 
 @compiled
-def _sum_hits(splat_of_hit, hit_gradients, gradients):  # type: ignore[no-untyped-def]
+def _sum_hits(splat_of_hit, hit_gradients, gradients):
     for hit in range(len(splat_of_hit)):
         for field in range(gradients.shape[1]):
             gradients[splat_of_hit[hit], field] += hit_gradients[hit, field]

@@ -1,0 +1,114 @@
+# mypy: allow-untyped-defs
+"""Gradient of `compositing`: from pixels back to the splats of each tile.
+
+Walks front to back like `composite`: what lies behind a splat is the finished pixel less what lies in front of it, so
+nothing needs to be stored for each pair of splat and pixel.
+"""
+
+import numpy as np
+
+from fecocodec.rendering.compilation import compiled
+from fecocodec.rendering.compositing import HALF, ONE, PIXELS, SIDE, ZERO, has_light_left, row_range, tile_corner
+from fecocodec.rendering.splats import ALPHA_MAX, TRANSMITTANCE_MIN, falloff
+from fecocodec.rendering.tiles import TILE_SIZE
+
+# Where the planes of a tile begin; BEHIND is the sum of weight * dL/d(weight) over the splats not yet walked past.
+_TRANSMITTANCE, _BEHIND, _D_RED, _D_GREEN, _D_BLUE, _D_DEPTH, _D_ALPHA, _END = (
+    np.uintp(plane) * PIXELS for plane in range(8)
+)
+
+
+@compiled
+def composite_backward(start, stop, first_tile, offsets, splat_of_hit, splats, images, d_images, hit_gradients):
+    """Write the gradients of each hit of the listed tiles start to stop, columns as DIFFERENTIABLE_FIELDS.
+
+    images: (color, depth, alpha) as `composite` wrote them; d_images: their gradients.
+    """
+    planes = np.empty(_END, np.float32)
+    for listed in range(start, stop):
+        left, top = tile_corner(first_tile + listed, images[1].shape[1])
+        planes[:PIXELS] = ONE
+        planes[PIXELS:] = ZERO
+        _read_tile(left, top, images, d_images, planes)
+        hit = offsets[listed]
+        while hit < offsets[listed + 1] and has_light_left(hit - offsets[listed], planes):
+            _blend_backward(splats[splat_of_hit[hit]], left, top, planes, hit_gradients[hit])
+            hit += 1
+        hit_gradients[hit : offsets[listed + 1]] = ZERO
+
+
+@compiled
+def _read_tile(left, top, images, d_images, planes):
+    """Fetch a tile's gradients.
+
+    As depth = sum(w z) / alpha, a weight w_i receives
+        dL/dw_i = d_color . color_i + d_depth / alpha * z_i + (d_alpha - d_depth * depth / alpha).
+    In the sum over the splats of w_i * dL/dw_i the two parts of depth cancel. The background is the last splat.
+    """
+    color, depth, alpha = images
+    d_color, d_depth, d_alpha = d_images
+    for row in range(min(TILE_SIZE, alpha.shape[0] - top)):
+        for column in range(min(TILE_SIZE, alpha.shape[1] - left)):
+            pixel = np.uintp(row * TILE_SIZE + column)
+            y, x = top + row, left + column
+            red, green, blue, covered = d_color[0, y, x], d_color[1, y, x], d_color[2, y, x], alpha[y, x]
+            per_depth = d_depth[y, x] / covered if covered > ZERO else ZERO
+            planes[_BEHIND + pixel] = (
+                red * color[0, y, x] + green * color[1, y, x] + blue * color[2, y, x] + d_alpha[y, x] * covered
+            )
+            planes[_D_RED + pixel], planes[_D_GREEN + pixel], planes[_D_BLUE + pixel] = red, green, blue
+            planes[_D_DEPTH + pixel] = per_depth
+            planes[_D_ALPHA + pixel] = d_alpha[y, x] - per_depth * depth[y, x]
+
+
+@compiled
+def _blend_backward(splat, left, top, planes, gradient):
+    """Walk past one splat and write its gradient in this tile.
+
+    With T the transmittance in front of it, dL/d(alpha) = T dL/dw - (what lies behind) / (1 - alpha).
+    """
+    centre_x = splat.x - np.float32(left) - HALF
+    centre_y = splat.y - np.float32(top) - HALF
+    half_xx, xy, half_yy = HALF * splat.conic_xx, splat.conic_xy, HALF * splat.conic_yy
+    opacity, cutoff = splat.opacity, splat.cutoff
+    red, green, blue, depth = splat.red, splat.green, splat.blue, splat.depth
+    sum_red, sum_green, sum_blue, sum_depth, sum_opacity = ZERO, ZERO, ZERO, ZERO, ZERO
+    sum_x, sum_y, sum_xx, sum_xy, sum_yy = ZERO, ZERO, ZERO, ZERO, ZERO
+    first_row, stop_row = row_range(centre_y, splat.radius_y)
+    for row in range(first_row, stop_row):
+        dy = np.float32(np.int32(row)) - centre_y
+        for column in range(SIDE):
+            pixel = row * SIDE + column
+            dx = np.float32(np.int32(column)) - centre_x
+            exponent = half_xx * dx * dx + xy * dy * dx + half_yy * dy * dy
+            transmittance = planes[_TRANSMITTANCE + pixel]
+            visible = falloff(exponent)
+            unclamped = opacity * visible
+            alpha = min(ALPHA_MAX, unclamped)
+            alpha = alpha if exponent <= cutoff and transmittance >= TRANSMITTANCE_MIN else ZERO
+            weight = alpha * transmittance
+            planes[_TRANSMITTANCE + pixel] = transmittance - weight
+            d_red, d_green, d_blue = planes[_D_RED + pixel], planes[_D_GREEN + pixel], planes[_D_BLUE + pixel]
+            d_depth = planes[_D_DEPTH + pixel]
+            d_weight = red * d_red + green * d_green + blue * d_blue + depth * d_depth + planes[_D_ALPHA + pixel]
+            behind = planes[_BEHIND + pixel] - weight * d_weight
+            planes[_BEHIND + pixel] = behind
+            d_alpha = transmittance * d_weight - behind / (ONE - alpha)
+            d_alpha = d_alpha if alpha > ZERO and unclamped < ALPHA_MAX else ZERO
+            sum_red += weight * d_red
+            sum_green += weight * d_green
+            sum_blue += weight * d_blue
+            sum_depth += weight * d_depth
+            sum_opacity += d_alpha * visible
+            fall_x, fall_y = d_alpha * unclamped * dx, d_alpha * unclamped * dy
+            sum_x += fall_x
+            sum_y += fall_y
+            sum_xx += fall_x * dx
+            sum_xy += fall_x * dy
+            sum_yy += fall_y * dy
+    # alpha falls with the exponent (xx dx^2 + yy dy^2) / 2 + xy dx dy; dx and dy fall as the centre moves on.
+    gradient[0] = splat.conic_xx * sum_x + xy * sum_y
+    gradient[1] = xy * sum_x + splat.conic_yy * sum_y
+    gradient[2], gradient[3], gradient[4] = -HALF * sum_xx, -sum_xy, -HALF * sum_yy
+    gradient[5] = sum_opacity
+    gradient[6], gradient[7], gradient[8], gradient[9] = sum_red, sum_green, sum_blue, sum_depth
