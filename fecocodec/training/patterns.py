@@ -21,12 +21,12 @@ def draw_patterns(rng: np.random.Generator, num_patterns: int, side: int) -> UIn
 def _colour(weight: Float[ndarray, "side side"], rng: np.random.Generator, side: int) -> UInt8[ndarray, "side side 3"]:
     """Blend two colours by the pattern, with a third woven in by noise, and grain on top."""
     first, second, third = rng.uniform(0.03, 0.97, (3, 3)) * 0.75 + rng.uniform(0.03, 0.97, (3, 1)) * 0.25
-    if rng.random() < 0.5:
+    if rng.random() < 0.3:
         second = first + (second - first) * rng.uniform(0.15, 0.6)
     image = first + (second - first) * weight[..., None]
     cloud = _noise(rng, side, 2, 5)[..., None] * rng.uniform(0, 0.5)
     image = image + (third - image) * cloud
-    grain = (_noise(rng, side, 16, 4) - 0.5)[..., None] * rng.uniform(0, 0.25)
+    grain = (_noise(rng, side, 16, 4) - 0.5)[..., None] * rng.uniform(0, 0.35)
     return np.clip((image + grain) * 255, 0, 255).astype(np.uint8)
 
 

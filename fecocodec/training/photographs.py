@@ -95,10 +95,13 @@ def _target_frames(
     support[context] = -1.0
     candidates = np.flatnonzero(support > _LEAST_COVISIBILITY)
     if len(candidates) < count:
-        candidates = np.argsort(-support, kind="stable")[: max(min(count, len(support) - len(context)), 1)]
-    weight = np.maximum(support[candidates], 0.01)
-    repeated = len(candidates) < count
-    return [int(frame) for frame in rng.choice(candidates, count, replace=repeated, p=weight / weight.sum())]
+        candidates = np.argsort(-support, kind="stable")[: min(count, max(len(support) - len(context), 1))]
+    if len(candidates) < count:
+        return [int(frame) for frame in rng.choice(candidates, count)]
+    # The larger the random key to the power of 1 / weight, the likelier a frame with much support comes first
+    # (Efraimidis and Spirakis, "Weighted random sampling with a reservoir", 2006).
+    keys = rng.random(len(candidates)) ** (1 / np.maximum(support[candidates], 0.01))
+    return [int(frame) for frame in candidates[np.argsort(-keys)[:count]]]
 
 
 def _augmented(

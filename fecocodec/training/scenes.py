@@ -29,7 +29,7 @@ class ProceduralWorld:
     """
 
     textures: Textures
-    complexity: tuple[float, float] = (0.0, 1.0)
+    complexity: tuple[float, float] = (0.1, 1.0)
     path: PathRange = field(default_factory=PathRange)
     decades: float = 4.0
 
@@ -53,14 +53,17 @@ def _develop(
 ) -> Float[ndarray, "view height width 3"]:
     """Linear light to an sRGB-like photograph: one exposure and white balance for the scene, gamma 2, sensor noise."""
     exposure = rng.uniform(0.1, 0.35) / max(float(light.mean()), 1e-3)
-    balance = np.exp(rng.normal(0, 0.08, 3)) * exposure
+    balance = np.exp(rng.normal(0, 0.12, 3)) * exposure
     noise_level = rng.uniform(0.0, 0.015)
     per_view = np.exp(rng.normal(0, 0.02, (len(light), 1, 1, 1)))
     exposed = light * (balance * per_view).astype(np.float32)
     # A shoulder keeps some drawing in the lights, as cameras do: straight up to 0.7, then bent towards 1.
     bent = np.where(exposed > 0.7, 1 - 0.3 * np.exp((0.7 - exposed) / 0.3), exposed)
+    contrast = rng.uniform(0.0, 0.6)
+    toned = np.sqrt(bent)
+    toned += contrast * toned * (1 - toned) * (2 * toned - 1)
     noise = rng.standard_normal(light.shape, dtype=np.float32) * np.float32(noise_level)
-    developed: ndarray = np.clip(np.sqrt(bent) + noise, 0, 1).astype(np.float32)
+    developed: ndarray = np.clip(toned + noise, 0, 1).astype(np.float32)
     return developed
 
 

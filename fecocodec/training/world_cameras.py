@@ -7,14 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from fecocodec.training.world_images import Pinholes, cast_depth
+from fecocodec.training.world_images import Pinholes
 from fecocodec.training.world_layout import Stage
+from fecocodec.training.world_overlap import is_inside, sees
 
 Pose = tuple[ndarray, ndarray]
 """Position of the camera and the point that it looks at, metres."""
-
-_PROBE = 16
-"""Side in pixels of the depth maps that judge a path."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +24,8 @@ class PathRange:
     fov: of the shorter side, degrees.
     """
 
-    baseline: tuple[float, float] = (0.05, 0.7)
-    overlap: float = 0.45
+    baseline: tuple[float, float] = (0.08, 0.9)
+    overlap: float = 0.4
     fov: tuple[float, float] = (30.0, 85.0)
 
 
@@ -43,9 +41,9 @@ def hold_cameras(
             continue
         while baseline > 0.5 * path.baseline[0]:
             cameras = _along(rng, pose_at, baseline, num_context, num_target, pinhole)
-            if _is_inside(cameras, stage) and _sees(cameras, stage, num_context, path.overlap):
+            if is_inside(cameras, stage.world) and sees(cameras, stage.world, num_context, path.overlap):
                 return cameras
-            baseline *= 0.65
+            baseline *= 0.75
     # Everything is in the way: the middle of the room, looking along it with hardly any motion.
     middle = stage.world.room_centre
     ahead = middle + np.array([0.0, 0.0, 0.9 * stage.world.room_half[2]])
@@ -64,7 +62,7 @@ def _lens(rng: np.random.Generator, path: PathRange, size: tuple[int, int]) -> P
 
 def _random_path(rng: np.random.Generator, stage: Stage) -> Callable[[float], Pose] | None:
     """A path as a function of the way along it in units of the distance to what it looks at; None if cramped."""
-    look = rng.uniform(stage.look_low, stage.look_high)
+    look = _point_of_interest(rng, stage)
     direction = rng.normal(0, 1, 3) * [1.0, 0.35, 1.0]
     direction[1] -= 0.3
     distance = float(np.exp(rng.uniform(*np.log(stage.distance))))
@@ -76,6 +74,14 @@ def _random_path(rng: np.random.Generator, stage: Stage) -> Callable[[float], Po
     if sort < 0.5:
         return _orbit(rng, eye, look)
     return _walk(rng, eye, look, turn=rng.uniform(0.0, 1.0) if sort < 0.85 else rng.uniform(-0.5, 1.5))
+
+
+def _point_of_interest(rng: np.random.Generator, stage: Stage) -> Float[ndarray, "3"]:
+    """Mostly a solid, as people point cameras at things; else any point of the stage."""
+    centres = stage.world.centres
+    if len(centres) and rng.random() < 0.6:
+        return np.clip(centres[int(rng.integers(len(centres)))], stage.look_low, stage.look_high)
+    return rng.uniform(stage.look_low, stage.look_high)
 
 
 def _orbit(rng: np.random.Generator, eye: Float[ndarray, "3"], look: Float[ndarray, "3"]) -> Callable[[float], Pose]:
@@ -134,40 +140,3 @@ def _looking(forward: Float[ndarray, "3"], roll: float) -> Float[ndarray, "3 3"]
     right = np.cross([roll, 1.0, 0.0], forward)
     right /= np.linalg.norm(right)
     return np.stack((right, np.cross(forward, right), forward), axis=1)
-
-
-def _is_inside(cameras: Pinholes, stage: Stage) -> bool:
-    """Whether every camera is in the room, a hand's breadth from its walls."""
-    world = stage.world
-    gap = world.room_half - np.abs(cameras.eyes - world.room_centre)
-    return bool((gap > np.minimum(0.15, 0.1 * world.room_half)).all())
-
-
-def _sees(cameras: Pinholes, stage: Stage, num_context: int, overlap: float) -> bool:
-    """Whether no camera has its nose against something and neighbouring context views overlap enough."""
-    scale = _PROBE / min(cameras.size)
-    size = (round(cameras.size[0] * scale), round(cameras.size[1] * scale))
-    centre = (cameras.centre[0] * scale, cameras.centre[1] * scale)
-    probe = Pinholes(cameras.eyes, cameras.rotations, cameras.focal * scale, centre, size)
-    depth = cast_depth(stage.world, probe)
-    nearest, middle = np.quantile(depth, 0.02, axis=(1, 2)), np.median(depth, axis=(1, 2))
-    if (nearest < 0.12 * middle).any():
-        return False
-    pairs = [(view, view + 1) for view in range(num_context - 1)]
-    return all(min(shared_view(probe, depth, i, j), shared_view(probe, depth, j, i)) >= overlap for i, j in pairs)
-
-
-def shared_view(cameras: Pinholes, depth: Float[ndarray, "view height width"], first: int, second: int) -> float:
-    """Share of the pixels of the first view whose surface the second view shows unhidden."""
-    height, width = cameras.size
-    rows, columns = np.mgrid[0:height, 0:width] + 0.5
-    rays = np.stack(((columns - cameras.centre[0]) / cameras.focal, (rows - cameras.centre[1]) / cameras.focal), -1)
-    points = np.concatenate((rays, np.ones((height, width, 1))), -1) * depth[first][..., None]
-    world = points @ cameras.rotations[first].T + cameras.eyes[first]
-    seen = (world - cameras.eyes[second]) @ cameras.rotations[second]
-    z = np.maximum(seen[..., 2], 1e-6)
-    u = np.floor(cameras.centre[0] + cameras.focal * seen[..., 0] / z).astype(int)
-    v = np.floor(cameras.centre[1] + cameras.focal * seen[..., 1] / z).astype(int)
-    in_frame = (seen[..., 2] > 1e-3) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    found = depth[second][np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
-    return float((in_frame & (z < found * 1.15)).mean())

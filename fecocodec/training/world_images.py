@@ -1,3 +1,4 @@
+# mypy: disallow-untyped-defs=False
 """Images and depth of a procedural world on one core: a ray a pixel, and four more where surfaces change."""
 
 import math

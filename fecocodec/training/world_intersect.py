@@ -1,3 +1,4 @@
+# mypy: disallow-untyped-defs=False
 """Where a ray meets a convex solid of unit size, compiled; every solid gives one interval of the ray."""
 
 import math

@@ -6,9 +6,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from fecocodec.training.world_furniture import INDOOR_THINGS, OUTDOOR_THINGS, clutter, floating, table
+from fecocodec.training.world_furniture import INDOOR_THINGS, OUTDOOR_THINGS, table
+from fecocodec.training.world_lights import indoor_lights, sunlight
 from fecocodec.training.world_materials import Palette
-from fecocodec.training.world_solids import BOX, Builder, Lights, World, yaw_rotation
+from fecocodec.training.world_solids import BOX, Builder, World, yaw_rotation
+from fecocodec.training.world_things import clutter, floating
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def _room(rng: np.random.Generator, palette: Palette, complexity: float) -> Stag
     wall = palette.wall(2 * half[2])
     walls = [wall if rng.random() < 0.7 else palette.wall(2 * half[2]) for _ in range(4)]
     faces = [walls[0], walls[1], palette.wall(2 * half[0]), palette.wall(2 * half[0]), walls[2], walls[3]]
-    world = builder.build((centre, half), faces, _indoor_lights(rng, half))
+    world = builder.build((centre, half), faces, indoor_lights(rng, half))
     eye_low, eye_high = centre - half * [0.85, 0.65, 0.85], centre + half * [0.85, 0.4, 0.85]
     look_low, look_high = centre - half * [0.95, 0.5, 0.95], centre + half * [0.95, 0.95, 0.95]
     return Stage(world, eye_low, eye_high, look_low, look_high, (1.0, 6.0))
@@ -86,19 +88,19 @@ def _table_top(rng: np.random.Generator, palette: Palette, complexity: float) ->
     if rng.random() < 0.6:
         level = -rng.uniform(0.3, 0.7)
         top = (rng.uniform(0.3, 1.0), 0.02, rng.uniform(0.3, 0.8))
-        builder.add(BOX, (0, level + 0.02, 0), top, yaw_rotation(rng.uniform(0, 6.3)), palette.wall(2 * top[0]))
-        builder.add(BOX, (0, level / 2 + 0.04, 0), (0.15, -level / 2, 0.15), np.eye(3), palette.thing(0.5))
+        builder.add(BOX, (0.0, level + 0.02, 0.0), top, yaw_rotation(rng.uniform(0.0, 6.3)), palette.wall(2 * top[0]))
+        builder.add(BOX, (0.0, level / 2 + 0.04, 0.0), (0.15, -level / 2, 0.15), np.eye(3), palette.thing(0.5))
     clutter(rng, builder, palette, (0.0, level, 0.0), rng.uniform(0.1, 0.3))
     for _ in range(_count(rng, complexity, 20)):
-        x, z = rng.normal(0, 0.22, 2)
+        x, z = rng.normal(0.0, 0.22, 2)
         clutter(rng, builder, palette, (float(x), level, float(z)), rng.uniform(0.03, 0.18))
     for _ in range(_count(rng, complexity, 5)):
         thing = INDOOR_THINGS[int(rng.integers(len(INDOOR_THINGS)))]
-        angle, far = rng.uniform(0, 6.3), rng.uniform(0.75, 0.95)
+        angle, far = rng.uniform(0.0, 6.3), rng.uniform(0.75, 0.95)
         x, z = far * half[0] * np.cos(angle), far * half[2] * np.sin(angle)
         thing(rng, builder, palette, (float(x), 0.0, float(z)))
     faces = [palette.wall(2 * half[0]) for _ in range(6)]
-    world = builder.build((np.array([0.0, -half[1], 0.0]), half), faces, _indoor_lights(rng, half))
+    world = builder.build((np.array([0.0, -half[1], 0.0]), half), faces, indoor_lights(rng, half))
     eye_low, eye_high = np.array([-0.9, -1.9, -0.9]) * half, np.array([0.9 * half[0], level - 0.08, 0.9 * half[2]])
     look_low, look_high = np.array([-0.1, level - 0.3, -0.1]), np.array([0.1, level, 0.1])
     return Stage(world, eye_low, eye_high, look_low, look_high, (0.45, 1.6))
@@ -110,16 +112,16 @@ def _open_ground(rng: np.random.Generator, palette: Palette, complexity: float) 
     half = np.array([rng.uniform(8, 25), rng.uniform(5, 15), rng.uniform(8, 25)])
     for _ in range(1 + _count(rng, complexity, 10)):
         thing = OUTDOOR_THINGS[int(rng.integers(len(OUTDOOR_THINGS)))]
-        angle, far = rng.uniform(0, 6.3), rng.uniform(0.0, 0.8) ** 0.7
+        angle, far = rng.uniform(0.0, 6.3), rng.uniform(0.0, 0.8) ** 0.7
         x, z = far * half[0] * np.cos(angle), far * half[2] * np.sin(angle)
         thing(rng, builder, palette, (float(x), 0.0, float(z)))
     for _ in range(_count(rng, complexity, 12)):
-        x, z = rng.normal(0, 1.5, 2)
+        x, z = rng.normal(0.0, 1.5, 2)
         clutter(rng, builder, palette, (float(x), 0.0, float(z)), rng.uniform(0.1, 0.6))
     sky, ground = palette.sky(2 * half[0]), palette.wall(rng.uniform(1.0, 8.0))
     walls = [sky if rng.random() < 0.7 else palette.wall(rng.uniform(3.0, 15.0)) for _ in range(4)]
     faces = [walls[0], walls[1], sky, ground, walls[2], walls[3]]
-    world = builder.build((np.array([0.0, -half[1], 0.0]), half), faces, _sunlight(rng))
+    world = builder.build((np.array([0.0, -half[1], 0.0]), half), faces, sunlight(rng))
     eye_low, eye_high = np.array([-0.6, -0.25, -0.6]) * half, np.array([0.6 * half[0], -0.5, 0.6 * half[2]])
     look_low, look_high = np.array([-3.0, -2.0, -3.0]), np.array([3.0, 0.0, 3.0])
     return Stage(world, eye_low, eye_high, look_low, look_high, (2.0, 9.0))
@@ -135,40 +137,9 @@ def _floating(rng: np.random.Generator, palette: Palette, complexity: float) -> 
     if complexity > 0.5:
         table(rng, builder, palette, (0.0, 0.0, 0.0))
     faces = [palette.wall(2 * half[0]) for _ in range(6)]
-    world = builder.build((centre, half), faces, _indoor_lights(rng, half))
+    world = builder.build((centre, half), faces, indoor_lights(rng, half))
     low, high = centre - 0.85 * half, centre + 0.85 * half
     return Stage(world, low, high, low, high, (1.0, 6.0))
-
-
-def _indoor_lights(rng: np.random.Generator, half: Float[ndarray, "3"]) -> Lights:
-    """A lamp under the ceiling, or light from outside through where a window might be."""
-    if rng.random() < 0.6:
-        key = rng.uniform(-0.8, 0.8, 3) * half
-        key[1] = -2 * half[1] * rng.uniform(0.85, 0.99)
-    else:
-        return _sunlight(rng)
-    fill = np.array([rng.uniform(-1, 1) * half[0], -rng.uniform(0.5, 1.9) * half[1], rng.uniform(-1, 1) * half[2]])
-    return _lights(rng, key, fill)
-
-
-def _sunlight(rng: np.random.Generator) -> Lights:
-    """A key light far away above the horizon."""
-    angle, height = rng.uniform(0, 6.3), rng.uniform(0.35, 1.5)
-    key = 1e3 * np.array([np.cos(height) * np.cos(angle), -np.sin(height), np.cos(height) * np.sin(angle)])
-    fill = 1e3 * np.array([rng.uniform(-1, 1), -1.0, rng.uniform(-1, 1)])
-    return _lights(rng, key, fill)
-
-
-def _lights(rng: np.random.Generator, key: Float[ndarray, "3"], fill: Float[ndarray, "3"]) -> Lights:
-    tint = rng.uniform(0.8, 1.0, (3, 3))
-    return Lights(
-        key=key,
-        key_colour=tint[0] * rng.uniform(0.2, 1.2),
-        fill=fill,
-        fill_colour=tint[1] * rng.uniform(0.1, 0.5),
-        ambient=tint[2] * rng.uniform(0.25, 0.6),
-        softness=float(np.exp(rng.uniform(np.log(0.02), np.log(0.6)))),
-    )
 
 
 _LAYOUTS = (_room, _table_top, _open_ground, _floating)

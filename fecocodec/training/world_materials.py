@@ -26,10 +26,10 @@ class Palette:
     def wall(self, extent: float) -> Material:
         """For a wall, floor or ceiling extent metres wide: papered, tiled, or painted in a light colour."""
         rng = self._rng
-        painted = rng.random() < 0.4
+        painted = rng.random() < 0.3
         light = rng.uniform(0.3, 0.9) + rng.uniform(-0.08, 0.08, 3)
-        share = rng.uniform(0, 0.3) if painted else rng.uniform(0.5, 1.0)
-        return self._textured(share, rng.uniform(0.8, 6.0) / extent, light, gloss=rng.uniform(0, 0.1))
+        share = rng.uniform(0, 0.3) if painted else rng.uniform(0.6, 1.0)
+        return self._textured(share, rng.uniform(1.5, 9.0) / extent, light, gloss=rng.uniform(0, 0.1))
 
     def picture(self, half: tuple[float, float]) -> Material:
         """For a flat box in its own x-y plane: one texture stretched over it."""
@@ -53,17 +53,17 @@ class Palette:
 
     def _thing(self, extent: float) -> Material:
         rng = self._rng
-        share = rng.uniform(0.0, 0.2) if rng.random() < 0.25 else rng.uniform(0.6, 1.0)
+        share = rng.uniform(0.0, 0.2) if rng.random() < 0.2 else rng.uniform(0.75, 1.0)
         plain = rng.uniform(0.02, 0.9, 3) ** 1.5
         gloss = rng.uniform(0.1, 0.9) if rng.random() < 0.3 else 0.0
-        return self._textured(share, rng.uniform(0.35, 2.5) / extent, plain, gloss)
+        return self._textured(share, rng.uniform(0.5, 4.0) / extent, plain, gloss)
 
     def _textured(self, share: float, scale: float, plain: Float[ndarray, "3"], gloss: float) -> Material:
         rng = self._rng
         offset = (float(rng.random()), float(rng.random()))
         texture, shininess = int(rng.integers(self._num_textures)), float(rng.uniform(5, 60))
         colour = _colour(np.clip(plain, 0.01, 1))
-        return Material(texture, share, (scale, scale), offset, self._tint(0.35), colour, float(gloss), shininess)
+        return Material(texture, share, (scale, scale), offset, self._tint(0.6), colour, float(gloss), shininess)
 
     def _tint(self, spread: float) -> Colour:
         brightness = self._rng.uniform(-spread, spread)

@@ -1,3 +1,4 @@
+# mypy: disallow-untyped-defs=False
 """Where the rays of a camera end, compiled: the nearest surface, its normal and its texture position.
 
 A camera is a table of 5 x 3 numbers: the camera-to-world rotation by rows, the position, and (focal length, centre u,
@@ -92,10 +93,10 @@ def solids_by_tile(solids, camera, height, width):
     for tile in range(rows * columns):
         top, left = tile // columns * TILE, tile % columns * TILE
         for solid in range(len(solids)):
-            if bounds[solid, 0] < left + TILE and bounds[solid, 2] > left and bounds[solid, 1] < top + TILE:
-                if bounds[solid, 3] > top:
-                    lists[count] = solid
-                    count += 1
+            is_across = bounds[solid, 0] < left + TILE and bounds[solid, 2] > left
+            if is_across and bounds[solid, 1] < top + TILE and bounds[solid, 3] > top:
+                lists[count] = solid
+                count += 1
         starts[tile + 1] = count
     return lists, starts
 

@@ -1,3 +1,4 @@
+# mypy: disallow-untyped-defs=False
 """The colour of a surface point, compiled: filtered texture, shadow, ambient occlusion, diffuse light and highlight.
 
 Vectors are three numbers of a tuple; tables are those of `world_tables`; colours are linear light.

@@ -48,7 +48,7 @@ def light_table(lights: Lights) -> Float[ndarray, "6 3"]:
 
 def _surface_row(surface: Material) -> list[float]:
     return [
-        surface.texture,
+        float(surface.texture),
         *surface.texture_scale,
         *surface.texture_offset,
         surface.texture_share,
