@@ -91,7 +91,7 @@ def test_library_neither_prints_nor_exits() -> None:
         f"{file.relative_to(ROOT)}:{node.lineno}"
         for file in python_files("fecocodec")
         for node in ast.walk(ast.parse(file.read_text()))
-        if isinstance(node, ast.Call) and ast.unparse(node.func) in {"print", "exit", "sys.exit", "os.getenv"}
-        or isinstance(node, ast.Attribute) and ast.unparse(node) == "os.environ"
+        if (isinstance(node, ast.Call) and ast.unparse(node.func) in {"print", "exit", "sys.exit", "os.getenv"})
+        or (isinstance(node, ast.Attribute) and ast.unparse(node) == "os.environ")
     ]
     assert offenders == []
