@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor
 
 NUM_STEPS = 4
@@ -17,7 +17,7 @@ NUM_PHASES = 4
 STEP_XOR = (0, 3, 2, 1)  # its own inverse: quarter q is coded at phase m in step STEP_XOR[m XOR q]
 
 
-def split_phases(x: Float[Tensor, "item height width channel"]) -> Float[Tensor, "4 item row column channel"]:
+def split_phases(x: Shaped[Tensor, "item height width channel"]) -> Shaped[Tensor, "4 item row column channel"]:
     """Positions by parity; a view. Height and width are even."""
     return rearrange(x, "item (row a) (column b) channel -> (a b) item row column channel", a=2, b=2)
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from ans_reference import ReferenceAns, decode_batch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -10,6 +9,7 @@ from fecocodec.entropy.digest import symbol_digest
 from fecocodec.entropy.ports import SymbolReader, SymbolWriter
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT, load_tables
 from fecocodec.errors import BitstreamError
+from tests.entropy.ans_reference import ReferenceAns, decode_batch
 
 Batches = list[tuple[np.ndarray, np.ndarray]]
 

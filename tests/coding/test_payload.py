@@ -1,0 +1,114 @@
+"""Latents survive coding symbol for symbol, whatever they are, and damage is noticed."""
+
+import numpy as np
+import pytest
+import torch
+
+from fecocodec.coding.fixed_point import export_integers
+from fecocodec.coding.payload import CodedLatents, decode_latents, encode_latents
+from fecocodec.entropy.tables import SYMBOL_LIMIT
+from fecocodec.errors import BitstreamError, InputError
+from tests.coding.coding_examples import lively_prior, smooth_latents
+from tests.coding.integer_reference import decode
+
+
+def assert_same(sent: CodedLatents, received: CodedLatents) -> None:
+    assert all(np.array_equal(a, b) for a, b in zip(sent.symbols, received.symbols, strict=True))
+    assert torch.equal(sent.y_hat, received.y_hat) and torch.equal(sent.z_hat, received.z_hat)
+    assert sent.digest() == received.digest()
+
+
+@pytest.mark.parametrize("views", [1, 2, 5])
+def test_both_stages_round_trip(views: int):
+    prior, size = lively_prior(), (views, 8, 12)
+    y, z = smooth_latents(*size)
+    context = None
+    for stage in (1, 2):
+        payload, sent = encode_latents(prior, y, z, 700, stage, context)
+        assert_same(sent, decode_latents(prior, payload, size, 700, stage, context))
+        context = sent.y_hat
+
+
+def test_coded_elements_are_off_by_half_and_skipped_ones_are_their_mean():
+    y, z = smooth_latents(2, 8, 8)
+    _, coded = encode_latents(lively_prior(), y, z, 0, 1, None)
+    zeros = torch.from_numpy(np.concatenate([s.ravel() for s in coded.symbols[1:]]) == 0)
+    far = (coded.y_hat - y).abs() > 0.5 + 1e-6
+    assert 0 < int(far.sum()) <= int(zeros.sum()), "an element that is further off was not coded: its symbol is zero"
+    assert float(far.double().mean()) < 0.5
+
+
+def test_a_view_of_the_smallest_size():
+    y, z = smooth_latents(1, 4, 4)
+    payload, sent = encode_latents(lively_prior(), y, z, 1768, 1, None)
+    assert_same(sent, decode_latents(lively_prior(), payload, (1, 4, 4), 1768, 1, None))
+
+
+def test_no_latent_is_too_extreme():
+    y, z = smooth_latents(1, 8, 8)
+    y[0, :, ::2] *= 1e4
+    y[0, 3], y[0, 4], y[0, 5] = 1e30, -torch.inf, torch.inf
+    z[0, :4] = 1e9
+    prior = lively_prior()
+    payload, sent = encode_latents(prior, y, z, 100, 1, None)
+    assert max(int(np.abs(s).max()) for s in sent.symbols) == SYMBOL_LIMIT
+    received = decode_latents(prior, payload, (1, 8, 8), 100, 1, None)
+    assert_same(sent, received)
+    again, _ = encode_latents(prior, *smooth_latents(1, 8, 8), 100, 2, sent.y_hat)
+    assert again == encode_latents(prior, *smooth_latents(1, 8, 8), 100, 2, received.y_hat)[0]
+
+
+def test_nan_is_refused():
+    y, z = smooth_latents(1, 4, 4)
+    y[0, 0, 0, 0] = torch.nan
+    with pytest.raises(InputError, match="NaN"):
+        encode_latents(lively_prior(), y, z, 0, 1, None)
+
+
+@pytest.mark.parametrize("stage", [1, 2])
+def test_decoding_is_what_the_specification_says(stage: int):
+    prior, size, lambda_q = lively_prior(seed=4), (2, 8, 4), 1234
+    y, z = smooth_latents(*size, seed=1)
+    y[0, 7] *= 1000.0
+    context = None if stage == 1 else encode_latents(prior, y, z, lambda_q, 1, None)[1].y_hat
+    payload, sent = encode_latents(prior, y * 0.7, z, lambda_q, stage, context)
+
+    weights = {name: tensor.numpy() for name, tensor in export_integers(prior).items()}
+    context_q8 = None if context is None else (context.permute(0, 2, 3, 1) * 256).long().numpy()
+    z_hat, y_hat = decode(weights, payload, size, lambda_q, stage, context_q8)
+    assert np.array_equal(sent.z_hat.permute(0, 2, 3, 1).numpy() * 256, z_hat)
+    assert np.array_equal(sent.y_hat.permute(0, 2, 3, 1).numpy() * 256, y_hat)
+
+
+def test_damaged_payloads_raise_or_change_the_digest():
+    prior, size = lively_prior(), (1, 8, 8)
+    payload, sent = encode_latents(prior, *smooth_latents(*size), 700, 1, None)
+    rng = np.random.default_rng(0)
+    noticed_at_once = 0
+    for _ in range(60):
+        damaged = bytearray(payload)
+        damaged[rng.integers(len(payload))] ^= 1 << rng.integers(8)
+        try:
+            received = decode_latents(prior, bytes(damaged), size, 700, 1, None)
+        except BitstreamError:
+            noticed_at_once += 1
+        else:
+            assert received.digest() != sent.digest()
+    assert noticed_at_once > 0
+
+
+def test_random_bytes_never_do_more_than_raise():
+    rng = np.random.default_rng(1)
+    prior = lively_prior()
+    for length in (0, 1, 4, 3, 39, 399, 3999):
+        for _ in range(5):
+            with pytest.raises(BitstreamError):
+                decode_latents(prior, rng.bytes(length) + b"\1", (1, 8, 8), 0, 1, None)
+
+
+def test_another_lambda_or_stage_is_another_code():
+    prior, (y, z) = lively_prior(), smooth_latents(1, 8, 8)
+    payload, sent = encode_latents(prior, y, z, 700, 1, None)
+    assert payload != encode_latents(prior, y, z, 701, 1, None)[0]
+    assert payload != encode_latents(prior, y, z, 700, 2, torch.zeros_like(y))[0]
+    assert sent.z_hat.shape == z.shape

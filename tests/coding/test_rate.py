@@ -1,0 +1,118 @@
+"""What training optimises is what the bitstream costs and what the receiver sees."""
+
+import numpy as np
+import pytest
+import torch
+
+from fecocodec.coding.payload import code_latents, encode_latents
+from fecocodec.coding.priors import EntropyParameters, LatentPrior
+from fecocodec.coding.rate import estimate_latents, gaussian_bits, straight_through, uniform_noise
+from fecocodec.entropy.ports import Port
+from fecocodec.entropy.tables import FIRST_CODED_TABLE, load_tables
+from tests.coding.coding_examples import lively_prior, smooth_latents
+
+
+class Sampler(Port):
+    """In place of a writer: symbols drawn from the tables, so that the latents are what the prior says."""
+
+    def __init__(self) -> None:
+        self.rng = np.random.default_rng(0)
+
+    def _code(self, model: object, wanted: np.ndarray | None, count: int) -> np.ndarray:
+        raise AssertionError("exchange draws all symbols")
+
+    _code_uniform = _code
+
+    def exchange(self, table_index: np.ndarray, wanted: np.ndarray | None) -> np.ndarray:
+        drawn = np.round(self.rng.normal(size=table_index.shape) * 2.0 ** ((table_index - 22) / 7))
+        return np.where(table_index < FIRST_CODED_TABLE, 0, drawn).astype(np.int32)
+
+
+def latents_of(prior: LatentPrior, stage: int, context: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
+    drawn = code_latents(prior, Sampler(), 900, stage, context, (2, 4, 4), None)
+    return drawn.y_hat, drawn.z_hat
+
+
+@pytest.mark.parametrize("stage", [1, 2])
+@pytest.mark.parametrize("prior", [LatentPrior(), lively_prior()], ids=["fresh", "lively"])
+def test_estimate_is_the_length_of_the_payload(prior: LatentPrior, stage: int):
+    context = None if stage == 1 else latents_of(prior, 1, None)[0]
+    y, z = latents_of(prior, stage, context)
+    payload, coded = encode_latents(prior, y, z, 900, stage, context)
+    estimate = estimate_latents(prior, y, z, torch.tensor([900, 900]), stage, context, straight_through)
+    estimated_bits = float((estimate.bits_y + estimate.bits_z).sum().detach())
+    assert estimated_bits == pytest.approx(8 * len(payload), rel=0.02)
+    assert (estimate.y_hat - coded.y_hat).detach().abs().double().mean() < 1 / 256
+    assert torch.equal(estimate.z_hat, coded.z_hat)
+
+
+def test_bits_are_those_of_the_tables():
+    for index in range(FIRST_CODED_TABLE, 64, 3):
+        table = load_tables()[index]
+        near = int(0.6 * table.reach)
+        symbols = torch.arange(-near, near + 1).float()
+        estimated = gaussian_bits(symbols, torch.full_like(symbols, index))
+        exact = 24 - np.log2(table.frequencies[table.reach - near : table.reach + near + 1].astype(float))
+        assert np.allclose(estimated.numpy(), exact, atol=0.06)
+
+
+def test_each_item_has_its_own_lambda_and_bits():
+    prior, (y, z) = lively_prior(), smooth_latents(3, 8, 8)
+    together = estimate_latents(prior, y, z, torch.tensor([0, 800, 1768]), 1, None, straight_through)
+    for item, lambda_q in enumerate((0, 800, 1768)):
+        alone = estimate_latents(
+            prior, y[item : item + 1], z[item : item + 1], torch.tensor([lambda_q]), 1, None, straight_through
+        )
+        assert torch.allclose(together.bits_y[item], alone.bits_y[0], rtol=1e-3)
+        assert torch.allclose(together.bits_z[item], alone.bits_z[0], rtol=1e-3)
+
+
+def test_everything_has_a_finite_gradient_at_extremes():
+    prior, (y, z) = lively_prior(), smooth_latents(2, 8, 8)
+    y[0, :, 0] *= 1e5
+    z[1, 0] = -3e4
+    y.requires_grad_(), z.requires_grad_()
+    context = torch.randn(2, 32, 8, 8).requires_grad_()
+    noise = uniform_noise(torch.Generator().manual_seed(0))
+    estimate = estimate_latents(prior, y, z, torch.tensor([0, 1768]), 2, context, noise)
+    (estimate.y_hat.square().mean().log() + estimate.bits_y.sum() + estimate.bits_z.sum()).backward()
+    for tensor in (y, z, context, *prior.parameters()):
+        assert tensor.grad is not None and bool(tensor.grad.isfinite().all()) and bool(tensor.grad.any())
+
+
+def test_noise_comes_from_the_generator():
+    prior, (y, z) = lively_prior(), smooth_latents(1, 8, 8)
+
+    def bits(seed: int) -> float:
+        noise = uniform_noise(torch.Generator().manual_seed(seed))
+        return float(estimate_latents(prior, y, z, torch.tensor([5]), 1, None, noise).bits_y.detach())
+
+    assert bits(0) == bits(0) != bits(1)
+
+
+def skipped_step(values: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    from fecocodec.coding.rate import _Meter
+
+    meter = _Meter([values], straight_through)
+    seen = meter.exchange(0, EntropyParameters(torch.full_like(values, 64.0), position))
+    return seen, meter.bits[0]
+
+
+def test_skipped_elements_cost_nothing_and_are_their_mean():
+    values = torch.tensor([0.25, 3.0], requires_grad=True)
+    position = torch.full((2,), -2000.0, requires_grad=True)
+    seen, bits = skipped_step(values, position)
+    assert seen.tolist() == [64.0, 64.0] and bits.tolist() == [0.0, 0.0]
+    bits.sum().backward()
+    assert position.grad is not None and values.grad is not None
+    assert position.grad[1] < 0, "descent widens the table of an element that is far from its mean"
+    assert position.grad[0] == 0, "and leaves one that is at its mean where it is"
+    assert values.grad[1] > 0
+
+
+def test_autocast_changes_nothing():
+    prior, (y, z) = lively_prior(), smooth_latents(1, 8, 8)
+    plain = estimate_latents(prior, y, z, torch.tensor([5]), 1, None, straight_through)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        under = estimate_latents(prior, y, z, torch.tensor([5]), 1, None, straight_through)
+    assert torch.equal(plain.bits_y, under.bits_y) and torch.equal(plain.y_hat, under.y_hat)
