@@ -3,6 +3,7 @@
 import csv
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,11 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + _rank())
         self.step, self.num_skipped = 0, 0
         self.coding = code_with_noise(self.receiver, self.sender)
+
+    @property
+    def checkpoint(self) -> Path:
+        """The file that `run` saves to and `resume` goes on from."""
+        return self.settings.folder / "last.pt"
 
     def resume(self, path: Path) -> None:
         """Go on from a checkpoint, exactly."""
@@ -120,11 +126,24 @@ class Trainer:
                     yield row
             is_over, is_due = _agree(now - start > 60 * self.settings.max_minutes, now - saved > 60 * self.settings.save_every_minutes)
             if is_due or is_over:
-                self.save(folder / "last.pt")
+                self.save(self.checkpoint)
                 saved = now
             if is_over:
                 return
-        self.save(folder / "last.pt")
+        self.save(self.checkpoint)
+
+
+@contextmanager
+def joined_processes() -> Iterator[None]:
+    """Join the process group that a launcher such as `torchrun` describes in the environment; alone without one."""
+    if not dist.is_torchelastic_launched():
+        yield
+        return
+    dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+    try:
+        yield
+    finally:
+        dist.destroy_process_group()
 
 
 def append_row(path: Path, row: dict[str, float]) -> None:

@@ -1,0 +1,60 @@
+"""`fecosplat train`: train the compact profile on procedural scenes and photographs."""
+
+from pathlib import Path
+
+import click
+
+from .options import FILE_PATH, threads_option
+from .output import say
+
+
+@click.command(name="train")
+@click.argument("folder", type=FILE_PATH)
+@click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes (transforms.json with covisibility).")
+@click.option("--textures", type=FILE_PATH, help="Folder of images for procedural surfaces, besides built-in patterns.")
+@click.option("--minutes", type=float, default=60.0, show_default=True, help="Stop cleanly after so long.")
+@click.option("--steps", type=int, default=9000, show_default=True, help="Length of the schedule.")
+@click.option("--one-stage-steps", type=int, default=1000, show_default=True, help="Steps that train stage 1 alone.")
+@click.option("--bypass-steps", type=int, default=1400, show_default=True, help="Steps before the rate counts.")
+@click.option("--scenes", type=int, default=2, show_default=True, help="Scenes a step and process.")
+@click.option("--views", type=int, default=2, show_default=True, help="Context views of a scene.")
+@click.option("--side", type=int, default=128, show_default=True, help="Training image side, a multiple of 32.")
+@click.option("--learning-rate", type=float, default=5e-4, show_default=True)
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--export", "model", type=FILE_PATH, help="When done, write the weights files of a model to this folder.")
+@threads_option
+def command(
+    folder: Path,
+    photographs: Path | None,
+    textures: Path | None,
+    minutes: float,
+    steps: int,
+    one_stage_steps: int,
+    bypass_steps: int,
+    scenes: int,
+    views: int,
+    side: int,
+    learning_rate: float,
+    seed: int,
+    model: Path | None,
+) -> None:
+    """Train in FOLDER, going on from its checkpoint if there is one; writes log.csv and last.pt there.
+
+    Several processes on one machine or more: start it with `torchrun --nproc-per-node N -m fecosplat_cli.main train ...`.
+    """
+    from fecocodec.training.dataset import BatchShape
+    from fecocodec.training.export import export_model
+    from fecocodec.training.loop import LOG_COLUMNS, RunSettings, Trainer, joined_processes
+    from fecocodec.training.schedule import Schedule
+    from fecocodec.training.sources import open_sources
+
+    shape = BatchShape(scenes, views, num_target=2, size=(side, side))
+    schedule = Schedule(steps, one_stage_steps, bypass_steps, learning_rate)
+    with joined_processes():
+        trainer = Trainer(RunSettings(folder, minutes, shape, schedule, seed), open_sources(photographs, textures))
+        if trainer.checkpoint.exists():
+            trainer.resume(trainer.checkpoint)
+        for row in trainer.run():
+            say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
+        if model is not None:
+            export_model(trainer.checkpoint, model)

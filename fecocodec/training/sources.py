@@ -1,0 +1,24 @@
+"""Opening the data sources of a training run."""
+
+from pathlib import Path
+
+from fecocodec.training.dataset import Sources
+from fecocodec.training.photographs import Photographs
+from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.textures import pattern_textures, textures_from_folder, textures_from_photographs
+
+NUM_PATTERNS, NUM_CROPS = 100, 300
+
+
+def open_sources(photographs: Path | None, textures: Path | None) -> Sources:
+    """Procedural worlds painted with patterns, the given textures and crops of the photographs; and the photographs.
+
+    Raises InputError where a folder holds nothing that can be used.
+    """
+    painted = pattern_textures(NUM_PATTERNS)
+    if textures is not None:
+        painted += textures_from_folder(textures)
+    if photographs is None:
+        return Sources(ProceduralWorld(painted), None)
+    painted += textures_from_photographs(photographs, NUM_CROPS)
+    return Sources(ProceduralWorld(painted), Photographs(photographs))
