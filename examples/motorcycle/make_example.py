@@ -1,0 +1,81 @@
+"""Makes this folder's images and transforms.json from the pair that scikit-image carries (see README.md).
+
+Needs scikit-image beside the project's own dependencies: `python make_example.py`.
+"""
+
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import skimage.data
+import torch
+
+from fecocodec.formats.images import write_image
+from fecocodec.formats.scene_folder import read_views
+from fecocodec.geometry.depth_range import bounds_of_depths
+from fecocodec.geometry.views import Views
+
+SIZE = (256, 384)  # height, width in pixels
+REDUCTION = 4  # scikit-image's pair is the original one reduced by this factor
+# The original calibration (calib.txt of the Motorcycle scene), pixel centres at whole numbers.
+FOCAL_LENGTH, CENTRE_X, CENTRE_Y, CENTRE_X_SHIFT = 3979.911, 1244.772, 1019.507, 124.343
+BASELINE = 0.193001  # metres
+
+
+def main() -> None:
+    folder = Path(__file__).parent
+    left, right, disparity = skimage.data.stereo_motorcycle()
+    depth = FOCAL_LENGTH / REDUCTION * BASELINE / (disparity + CENTRE_X_SHIFT / REDUCTION)
+    near, far = bounds_of_depths(_tensor(depth[np.isfinite(disparity)]))
+    with tempfile.TemporaryDirectory() as name:
+        original = Path(name)
+        for image, file_name in ((left, "left.png"), (right, "right.png")):
+            write_image(original / file_name, _tensor(image.transpose(2, 0, 1) / 255))
+        (original / "transforms.json").write_text(json.dumps(_original_cameras(near, far)))
+        views = read_views(original, size=SIZE)
+    for image, file_name in zip(views.images, views.names, strict=True):
+        write_image(folder / "images" / file_name, image, overwrite=True)
+    (folder / "transforms.json").write_text(json.dumps(_reduced_cameras(views), indent=1) + "\n")
+
+
+def _original_cameras(near: float, far: float) -> dict:
+    """The right camera stands one baseline to the right of the left one; both look the same way."""
+    frames = []
+    for file_name, x, centre_x in (("left.png", 0, CENTRE_X), ("right.png", BASELINE, CENTRE_X + CENTRE_X_SHIFT)):
+        pose = np.eye(4)
+        pose[0, 3] = x
+        pose[:, 1:3] *= -1  # OpenCV axes to the OpenGL axes of the file
+        frames.append(
+            {
+                "file_path": file_name,
+                "fl_x": FOCAL_LENGTH / REDUCTION,
+                "fl_y": FOCAL_LENGTH / REDUCTION,
+                "cx": (centre_x + 0.5) / REDUCTION,
+                "cy": (CENTRE_Y + 0.5) / REDUCTION,
+                "transform_matrix": pose.tolist(),
+            }
+        )
+    return {"near": near, "far": far, "frames": frames}
+
+
+def _reduced_cameras(views: Views) -> dict:
+    height, width = views.image_size
+    frames = []
+    intrinsics = views.cameras.intrinsics_px(height, width).double()
+    for name, matrix, extrinsics in zip(views.names, intrinsics, views.cameras.extrinsics, strict=True):
+        pose = extrinsics.double()
+        pose[:, 1:3] *= -1
+        fl_x, fl_y, cx, cy = (round(matrix[at].item(), 4) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        frames.append({"file_path": f"images/{name}", "fl_x": fl_x, "fl_y": fl_y, "cx": cx, "cy": cy})
+        frames[-1]["transform_matrix"] = [[round(value, 6) + 0.0 for value in row] for row in pose.tolist()]
+    bounds = {"near": round(views.cameras.near.item(), 3), "far": round(views.cameras.far.item(), 3)}
+    return {"camera_model": "PINHOLE", "w": width, "h": height, **bounds, "frames": frames}
+
+
+def _tensor(array: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
+
+
+if __name__ == "__main__":
+    main()
