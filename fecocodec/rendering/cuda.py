@@ -59,5 +59,5 @@ def _finite(gaussians: Gaussians) -> Gaussians:
     """Without the Gaussians that hold a value that is not finite, which gsplat would draw."""
     is_finite = torch.ones_like(gaussians.opacities, dtype=torch.bool)
     for field in gaussians.fields():
-        is_finite &= field.detach().isfinite().reshape(len(field), -1).all(dim=-1)
+        is_finite &= field.detach().isfinite().reshape(gaussians.count, math.prod(field.shape[1:])).all(dim=-1)
     return gaussians.keep(is_finite)

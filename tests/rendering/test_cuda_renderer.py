@@ -1,0 +1,75 @@
+"""What the CUDA renderer hands to gsplat and makes of its answer, with a stand-in that renders on the CPU."""
+
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+import torch
+from small_scenes import random_gaussians, two_cameras
+
+from fecocodec.errors import InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.rendering.cuda import render_on_cuda
+from fecocodec.rendering.rasterizer import render
+
+IMAGE_SIZE = (24, 40)
+BACKGROUND = (0.1, 0.2, 0.3)
+
+
+def rasterization(**arguments) -> tuple[torch.Tensor, torch.Tensor, dict]:
+    """gsplat 1.5's function for the arguments we use: OpenCV cameras in pixels in, [C H W 4] and [C H W 1] out."""
+    width, height = arguments["width"], arguments["height"]
+    cameras = Cameras(
+        extrinsics=torch.linalg.inv(arguments["viewmats"]),
+        intrinsics=arguments["Ks"] / torch.tensor([width, height, 1.0])[:, None],
+        near=torch.tensor(10.0 * arguments["near_plane"]),
+        far=torch.tensor(1e10),
+    )
+    gaussians = Gaussians(
+        arguments["means"], arguments["scales"], arguments["quats"], arguments["opacities"], arguments["colors"]
+    )
+    assert gaussians.harmonics.shape[1] == (arguments["sh_degree"] + 1) ** 2
+    assert arguments["render_mode"] == "RGB+ED"
+    assert arguments["backgrounds"].shape == (cameras.num_views, 3)
+    rendering = render(gaussians, cameras, (height, width), tuple(arguments["backgrounds"][0].tolist()))
+    images = torch.cat((rendering.color, rendering.depth[:, None]), dim=1).permute(0, 2, 3, 1)
+    return images, rendering.alpha[..., None], {}
+
+
+@pytest.fixture
+def gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gsplat", SimpleNamespace(rasterization=rasterization))
+
+
+@pytest.mark.usefixtures("gsplat")
+def test_cameras_and_gaussians_arrive_in_gsplats_conventions() -> None:
+    gaussians = random_gaussians(50, num_harmonics=9)
+    ours = render_on_cuda(gaussians, two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
+    expected = render(gaussians, two_cameras(), IMAGE_SIZE, BACKGROUND)
+    torch.testing.assert_close(ours.color, expected.color, atol=1e-4, rtol=0)
+    torch.testing.assert_close(ours.depth, expected.depth, atol=1e-3, rtol=0)
+    torch.testing.assert_close(ours.alpha, expected.alpha, atol=1e-4, rtol=0)
+
+
+@pytest.mark.usefixtures("gsplat")
+def test_broken_gaussians_do_not_reach_gsplat() -> None:
+    gaussians = random_gaussians(20)
+    scales = gaussians.scales.clone()
+    scales[4, 1] = torch.nan
+    rendering = render_on_cuda(replace(gaussians, scales=scales), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
+    assert rendering.color.isfinite().all()
+
+
+@pytest.mark.usefixtures("gsplat")
+def test_no_gaussians_give_the_background() -> None:
+    rendering = render_on_cuda(random_gaussians(0), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
+    assert torch.equal(rendering.color, torch.tensor(BACKGROUND)[:, None, None].expand(2, 3, *IMAGE_SIZE))
+    assert not rendering.alpha.any()
+
+
+def test_missing_gsplat_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gsplat", None)
+    with pytest.raises(InputError, match="gsplat, which is not installed; run `pip install gsplat`"):
+        render_on_cuda(random_gaussians(1), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)

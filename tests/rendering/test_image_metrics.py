@@ -1,0 +1,59 @@
+"""PSNR and SSIM against their definitions."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import gaussian_filter
+
+from fecocodec.errors import InputError
+from fecocodec.rendering.metrics import psnr, ssim
+
+
+def noisy_pair(height: int = 31, width: int = 40) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    image = torch.rand(2, 3, height, width, generator=generator).double()
+    return image, (image + 0.2 * torch.randn(image.shape, generator=generator)).clamp(0, 1)
+
+
+def reference_ssim(image: np.ndarray, target: np.ndarray) -> float:
+    """Wang et al. 2004 for one channel, with scipy's Gaussian cut to 11 pixels and only whole windows."""
+
+    def blurred(values: np.ndarray) -> np.ndarray:
+        return gaussian_filter(values, sigma=1.5, radius=5)[5:-5, 5:-5]
+
+    a, b = blurred(image), blurred(target)
+    variance_a, variance_b = blurred(image**2) - a**2, blurred(target**2) - b**2
+    covariance = blurred(image * target) - a * b
+    numerator = (2 * a * b + 1e-4) * (2 * covariance + 9e-4)
+    return float(np.mean(numerator / ((a**2 + b**2 + 1e-4) * (variance_a + variance_b + 9e-4))))
+
+
+def test_psnr_of_a_known_error() -> None:
+    image = torch.full((2, 3, 8, 8), 0.5)
+    error = torch.tensor([0.1, 0.01])[:, None, None, None]
+    torch.testing.assert_close(psnr(image + error, image), torch.tensor([20.0, 40.0]), atol=1e-3, rtol=0)
+
+
+def test_ssim_equals_its_definition() -> None:
+    image, target = noisy_pair()
+    expected = [
+        np.mean([reference_ssim(*pair) for pair in zip(*views, strict=True)])
+        for views in zip(image.numpy(), target.numpy(), strict=True)
+    ]
+    torch.testing.assert_close(ssim(image, target), torch.tensor(expected), atol=1e-9, rtol=0)
+
+
+def test_ssim_of_equal_images_is_one() -> None:
+    image, _ = noisy_pair()
+    torch.testing.assert_close(ssim(image.float(), image.float()), torch.ones(2))
+
+
+@pytest.mark.parametrize("metric", [psnr, ssim])
+def test_metrics_are_differentiable(metric) -> None:
+    image, target = noisy_pair(12, 13)
+    assert torch.autograd.gradcheck(metric, (image[:1, :1].requires_grad_(), target[:1, :1]))
+
+
+def test_ssim_of_a_tiny_image_is_refused() -> None:
+    with pytest.raises(InputError, match="10x40 pixels is not defined; give at least 11 pixels a side"):
+        ssim(*noisy_pair(10, 40))
