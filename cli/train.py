@@ -8,8 +8,16 @@ from .options import FILE_PATH, threads_option
 from .output import say
 
 
-@click.command(name="train")
-@click.argument("folder", type=FILE_PATH)
+@click.command(
+    "train",
+    short_help="Train the networks.",
+    epilog="""\b
+Examples:
+  fecosplat train runs/first --minutes 30
+  fecosplat train runs/real --photographs scenes/ --textures textures/ --export weights/mine
+  torchrun --nproc-per-node 2 -m fecosplat_cli train runs/real --photographs scenes/""",
+)
+@click.argument("folder", metavar="FOLDER", type=FILE_PATH)
 @click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes (transforms.json with covisibility).")
 @click.option("--textures", type=FILE_PATH, help="Folder of images for procedural surfaces, besides built-in patterns.")
 @click.option("--minutes", type=float, default=60.0, show_default=True, help="Stop cleanly after so long.")
@@ -40,7 +48,7 @@ def command(
 ) -> None:
     """Train in FOLDER, going on from its checkpoint if there is one; writes log.csv and last.pt there.
 
-    Several processes on one machine or more: start it with `torchrun --nproc-per-node N -m fecosplat_cli.main train ...`.
+    Started by torchrun, as in the last example, several processes train together.
     """
     from fecocodec.training.dataset import BatchShape
     from fecocodec.training.export import export_model

@@ -1,13 +1,17 @@
 """The command line in this process, and a small stream that needs no network to be described."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import torch
+import torch.nn.functional as functional
 from fecosplat_cli.main import run
 
 from fecocodec.container import Header, PackedCameras, Stream, write_stream
+from fecocodec.formats.images import write_image
 
 IDENTITY_POSE = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 SHIFTED_POSE = (1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -54,4 +58,30 @@ def stream_bytes() -> bytes:
 def stream_file(tmp_path: Path, stream_bytes: bytes) -> Path:
     file = tmp_path / "scene.fcs"
     file.write_bytes(stream_bytes)
+    return file
+
+
+@pytest.fixture(scope="session")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of four 96x64 photographs of a textured wall, taken side by side, with cameras and depth bounds."""
+    folder = tmp_path_factory.mktemp("photographs")
+    wall = functional.interpolate(
+        torch.rand(1, 3, 12, 24, generator=torch.Generator().manual_seed(7)), size=(64, 128), mode="bicubic"
+    )[0].clamp(0, 1)
+    frames = []
+    for view in range(4):
+        name = f"view_{view}.png"
+        write_image(folder / name, wall[:, :, 8 * view : 8 * view + 96])
+        pose = [[1, 0, 0, 0.25 * view], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        frames.append({"file_path": name, "transform_matrix": pose})
+    scene = {"w": 96, "h": 64, "fl_x": 96.0, "fl_y": 96.0, "near": 1.5, "far": 6.0, "frames": frames}
+    (folder / "transforms.json").write_text(json.dumps(scene))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def coded_scene(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first two photographs, encoded with the shipped weights."""
+    file = tmp_path_factory.mktemp("coded") / "wall.fcs"
+    assert run(["encode", str(photographs), "-o", str(file), "--views", "0,1"]) == 0
     return file

@@ -1,0 +1,197 @@
+"""`encode`, `decode` and `render` on photographs, with the shipped weights."""
+
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+import fecocodec
+from fecocodec.container import inspect, list_sections
+from fecocodec.formats.exr import read_exr
+from fecocodec.formats.images import read_image
+
+
+def cut_after_first_stage(data: bytes) -> bytes:
+    return data[: next(section.offset for section in list_sections(data) if section.name == "B2")]
+
+
+def test_encode_writes_what_the_library_returns(coded_scene: Path, photographs: Path) -> None:
+    views = fecocodec.read_views(photographs, views=(0, 1))
+    assert coded_scene.read_bytes() == fecocodec.encode(views, lmbda=1e-3)
+
+
+def test_encode_reports_json(fecosplat, photographs: Path, tmp_path: Path) -> None:
+    output = tmp_path / "wall.fcs"
+    result = fecosplat("encode", photographs, "-o", output, "--views", "spread:3", "--lambda", "1e-2", "--json")
+    fields = json.loads(result.out)
+    assert (result.code, result.err) == (0, "")
+    assert fields["output"] == str(output)
+    assert fields["bytes"] == output.stat().st_size
+    assert (fields["views"], fields["height"], fields["width"], fields["stages"]) == (3, 64, 96, 2)
+    assert fields["lambda"] == pytest.approx(1e-2, rel=2e-3)
+
+
+def test_encode_chooses_views_by_name_size_and_bounds(fecosplat, photographs: Path, tmp_path: Path) -> None:
+    output = tmp_path / "wall.fcs"
+    arguments = ("--views", "view_2.png,view_0", "--size", "64x72", "--near", "1", "--far", "8", "--stages", "1")
+    result = fecosplat("encode", photographs, "-o", output, *arguments)
+    summary = inspect(output.read_bytes())
+    assert result.code == 0
+    assert (summary.header.num_views, summary.header.width, summary.header.height) == (2, 64, 72)
+    assert (summary.near, summary.far) == (1.0, 8.0)
+    assert [section.name for section in summary.sections] == ["cameras", "B1"]
+
+
+def test_overwrite_replaces_the_output(fecosplat, coded_scene: Path, photographs: Path, tmp_path: Path) -> None:
+    output = tmp_path / "wall.fcs"
+    output.write_text("old")
+    result = fecosplat("encode", photographs, "-o", output, "--views", "0,1", "--overwrite")
+    assert result.code == 0
+    assert output.read_bytes() == coded_scene.read_bytes()
+    assert list(tmp_path.iterdir()) == [output]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--views", "0,9"), "there is no view 9; give indices from 0 to 3"),
+        (("--views", "0,roof.jpg"), "no view is called roof.jpg"),
+        (("--views", "1,1"), "view view_1.png is chosen twice"),
+        (("--views", "spread:9"), "9 views asked for, but the folder has 4"),
+        (("--size", "32x32"), "each side must have 64 to 1024 pixels"),
+        (("--near", "5", "--far", "2"), "0 < near < far is needed"),
+    ],
+)
+def test_encode_refuses_what_cannot_be_coded(
+    fecosplat, photographs: Path, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
+    assert (result.code, result.out) == (1, "")
+    assert message in result.err and result.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_decode_writes_what_the_library_returns(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
+    output = tmp_path / "wall.ply"
+    result = fecosplat("decode", coded_scene, "-o", output, "--json")
+    fields = json.loads(result.out)
+    written, expected = fecocodec.read_ply(output), fecocodec.decode(coded_scene.read_bytes())
+    assert (result.code, result.err) == (0, "")
+    assert fields["gaussians"] == written.count == expected.count > 0
+    torch.testing.assert_close(written.means, expected.means, rtol=0, atol=1e-5)
+
+
+def test_first_stage_decodes_from_a_cut_file(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.fcs"
+    cut.write_bytes(cut_after_first_stage(coded_scene.read_bytes()))
+    outputs = [tmp_path / "whole.ply", tmp_path / "cut.ply"]
+    for stream, output in zip((coded_scene, cut), outputs, strict=True):
+        assert fecosplat("decode", stream, "-o", output, "--stages", "1").code == 0
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+def test_cut_file_without_stages_is_one_sentence(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.fcs"
+    cut.write_bytes(cut_after_first_stage(coded_scene.read_bytes()))
+    result = fecosplat("decode", cut, "-o", tmp_path / "cut.ply")
+    assert (result.code, result.out) == (1, "")
+    assert result.err.startswith(f"fecosplat: {cut}: section at byte {cut.stat().st_size}: the file ends")
+    assert list(tmp_path.iterdir()) == [cut]
+
+
+def test_damaged_file_keeps_the_old_output(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
+    data = bytearray(coded_scene.read_bytes())
+    data[-1] ^= 0x10
+    damaged, output = tmp_path / "damaged.fcs", tmp_path / "old.ply"
+    damaged.write_bytes(data)
+    output.write_text("precious")
+    result = fecosplat("decode", damaged, "-o", output, "--overwrite")
+    assert result.code == 1
+    assert result.err.startswith(f"fecosplat: {damaged}: section B2 at byte ")
+    assert output.read_text() == "precious"
+
+
+def test_stream_of_an_unknown_model_names_its_id(fecosplat, stream_file: Path, tmp_path: Path) -> None:
+    result = fecosplat("decode", stream_file, "-o", tmp_path / "a.ply")
+    assert result.code == 1
+    assert result.err.startswith(f"fecosplat: {stream_file}: ")
+    assert b"no model".hex() in result.err and "weights" in result.err
+    assert list(tmp_path.iterdir()) == [stream_file]
+
+
+def test_full_disk_is_one_sentence_and_leaves_nothing(coded_scene: Path, tmp_path: Path) -> None:
+    """A limit on file size fails a write as a full disk does, with another number of the same kind of error."""
+    program = "import sys; from fecosplat_cli.main import run; sys.exit(run(sys.argv[1:]))"
+    result = subprocess.run(
+        [sys.executable, "-c", program, "decode", coded_scene, "-o", tmp_path / "a.ply"],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
+    )
+    assert result.returncode == 1
+    assert result.stderr.startswith(f"fecosplat: {tmp_path / 'a.ply'}: writing failed (File too large)")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_render_writes_colour_and_depth_at_the_coded_cameras(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
+    result = fecosplat("render", coded_scene, "-o", tmp_path / "images", "--json")
+    names = [f"wall_{view:02d}{suffix}" for view in range(2) for suffix in (".png", ".exr")]
+    assert (result.code, result.err) == (0, "")
+    assert json.loads(result.out)["outputs"] == [str(tmp_path / "images" / name) for name in names]
+    image = read_exr(tmp_path / "images" / "wall_01.exr")
+    assert image.colour.shape == (3, 64, 96)
+    assert image.depth is not None and image.depth.shape == (64, 96)
+    in_png = read_image(tmp_path / "images" / "wall_01.png")
+    torch.testing.assert_close(in_png, image.colour, rtol=0, atol=0.003)
+
+
+def test_render_of_a_ply_takes_cameras(fecosplat, coded_scene: Path, photographs: Path, tmp_path: Path) -> None:
+    ply, image = tmp_path / "wall.ply", tmp_path / "view.png"
+    assert fecosplat("decode", coded_scene, "-o", ply).code == 0
+    arguments = ("--cameras", photographs, "--views", "1", "--size", "64x80")
+    assert fecosplat("render", ply, "-o", image, "--background", "white").code == 2
+    assert fecosplat("render", ply, "-o", image, *arguments, "--background", "white").code == 0
+    assert read_image(image).shape == (3, 80, 64)
+
+
+def test_render_refuses_existing_images_before_decoding(fecosplat, stream_file: Path, tmp_path: Path) -> None:
+    """The stream's payloads are no payloads: decoding it would fail with another sentence."""
+    images = tmp_path / "images"
+    images.mkdir()
+    (images / "scene_01.exr").write_text("precious")
+    result = fecosplat("render", stream_file, "-o", images)
+    assert result.code == 1
+    assert result.err.startswith(f"fecosplat: {images / 'scene_01.exr'}: the file exists already")
+    assert [file.name for file in images.iterdir()] == ["scene_01.exr"]
+
+
+def test_render_of_several_views_into_one_file_is_refused(fecosplat, stream_file: Path, tmp_path: Path) -> None:
+    result = fecosplat("render", stream_file, "-o", tmp_path / "view.png")
+    assert (result.code, result.err) == (
+        1,
+        f"fecosplat: {tmp_path / 'view.png'}: one file cannot hold 2 views; give a folder or choose one view\n",
+    )
+
+
+def test_render_into_a_file_that_is_no_image_is_refused(fecosplat, stream_file: Path, tmp_path: Path) -> None:
+    output = tmp_path / "notes.txt"
+    output.write_text("precious")
+    result = fecosplat("render", stream_file, "-o", output)
+    assert result.code == 1
+    assert result.err == f"fecosplat: {output}: is a file; give a folder, or a name that ends in .png or .exr\n"
+    assert output.read_text() == "precious"
+
+
+def test_model_table_adds_up(fecosplat) -> None:
+    result = fecosplat("info", "--model", "--json")
+    rows = json.loads(result.out)
+    receiver = sum(row["parameters"] for row in rows if row["side"] == "receiver")
+    sender = sum(row["parameters"] for row in rows if row["side"] == "sender")
+    assert result.code == 0
+    assert [row["parameters"] for row in rows if row["side"] == "sum"] == [receiver, receiver + sender]
+    assert abs(receiver - 3_450_000) <= 34_500
+    assert receiver + sender <= 12_000_000
