@@ -83,8 +83,8 @@ class FixedPointLinear(nn.Module):
         return round_through(self.weight * (1 << WEIGHT_BITS), -WEIGHT_LIMIT, WEIGHT_LIMIT)
 
     def rounded_bias(self) -> Float[Tensor, "group out"]:
-        """Q20 integers, held as floats."""
-        return round_through(self.bias * (1 << BIAS_BITS), -BIAS_LIMIT, BIAS_LIMIT)
+        """Q20 integers, held in float64: float32 has no room for the half that rounding adds."""
+        return round_through(self.bias.double() * (1 << BIAS_BITS), -BIAS_LIMIT, BIAS_LIMIT)
 
     def forward(self, *inputs_q8: Float[Tensor, "group row _"]) -> Float[Tensor, "group row out"]:
         dtype = inputs_q8[0].dtype

@@ -72,13 +72,14 @@ def test_a_clamped_value_keeps_the_gradient_that_leads_back():
 def test_export_and_load_are_inverse():
     torch.manual_seed(3)
     source = torch.nn.ModuleDict({"a": FixedPointLinear(9, 4), "b": FixedPointLinear(4, 2, num_groups=4)})
-    source["a"].bias.data.normal_(0, 30.0)
+    source["a"].bias.data = torch.tensor([[(2**23 + 1) / 2**20, 30.0, -15.999999, -0.1]])
     integers = export_integers(source)
     target = torch.nn.ModuleDict({"a": FixedPointLinear(9, 4), "b": FixedPointLinear(4, 2, num_groups=4)})
     load_integers(target, integers)
     again = export_integers(target)
     assert integers.keys() == again.keys()
     assert all(torch.equal(again[name], tensor) for name, tensor in integers.items())
+    assert integers["a.bias"][0, :2].tolist() == [2**23 + 1, 2**24]
     assert integers["a.weight"].dtype == torch.int16 and integers["a.bias"].dtype == torch.int32
     x = torch.randint(-500, 500, (1, 7, 9)).double()
     assert torch.equal(target["a"](x), source["a"](x))

@@ -68,6 +68,13 @@ def test_payload_is_what_the_specification_says(batches: Batches):
     assert ans.is_empty()
 
 
+def test_the_example_of_the_specification():
+    tables, symbols = np.array([22, 3, 40, 22, 6]), np.array([1, 0, -500, -2, 0])
+    payload, _ = write([(tables, symbols)])
+    assert payload.hex(" ") == "66 f6 03 32 5d 0e 07 00"
+    assert np.array_equal(decode_batch(ReferenceAns(payload), tables), symbols)
+
+
 @pytest.mark.parametrize("table", [FIRST_CODED_TABLE, 22, 63])
 def test_symbols_around_the_escape_and_at_the_limits(table: int):
     reach = load_tables()[table].reach

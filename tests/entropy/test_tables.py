@@ -1,10 +1,12 @@
 """The tables are the data they claim to be."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from fecocodec.entropy.make_tables import serialise_tables
-from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, load_tables, parse_tables
+from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SHA256, load_tables, parse_tables
 from fecocodec.errors import ModelError
 
 
@@ -29,6 +31,11 @@ def test_tables_widen_by_a_seventh_of_an_octave():
     rounded = np.sqrt(expected**2 + 1 / 12)  # variance of a rounded Gaussian, for standard deviations above about 0.5
     assert np.allclose(spreads[16:], rounded[16:], rtol=0.02)
     assert np.all(np.diff(spreads[FIRST_CODED_TABLE:]) > 0)
+
+
+def test_the_specification_names_the_shipped_file():
+    text = (Path(__file__).resolve().parents[2] / "bitstream_spec" / "ENTROPY.md").read_text()
+    assert SHA256 in text
 
 
 def test_a_changed_byte_is_refused():
