@@ -54,7 +54,7 @@ vectors: $(READY) ## check the golden vectors with both readers
 	$(BIN)/python -m pytest -q tests/vectors
 
 bench: $(READY) ## measure time and memory of encode, decode and info
-	$(BIN)/fecosplat bench
+	$(BIN)/python benchmarks/bench_codec.py
 
 check: lint types arch test ## everything a change must pass
 

@@ -1,0 +1,151 @@
+"""Time and memory of encode, decode and info against their bounds: `make bench`.
+
+In-process times are medians after a warm-up; whole processes are started cold, with their peak resident memory. Run it
+on an idle machine: other work on the same cores shows up in every figure.
+"""
+
+import argparse
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+import torch
+
+from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.formats.scene_folder import read_views
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_stream
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.encode import Profile, encode_with, load_profile
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "motorcycle"
+LAMBDA = 1e-3
+Progress = Callable[[str, float], None]
+
+
+class StepClock:
+    """Collects the seconds between the progress messages of repeated calls."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, list[float]] = {}
+        self._task, self._since = "start", perf_counter()
+
+    def __call__(self, task: str, _fraction: float) -> None:
+        self._close()
+        self._task = task
+
+    def measure(self, call: Callable[[], object]) -> float:
+        """Seconds of one call; its steps are collected."""
+        begin = self._since = perf_counter()
+        self._task = "start"
+        call()
+        self._close()
+        return perf_counter() - begin
+
+    def _close(self) -> None:
+        now = perf_counter()
+        self.seconds.setdefault(self._task, []).append(now - self._since)
+        self._since = now
+
+
+def measure(call: Callable[[Progress], object], repeats: int) -> tuple[float, str]:
+    """Median seconds of a warm call, and its steps' medians as text."""
+    call(lambda _task, _fraction: None)
+    clock = StepClock()
+    median = statistics.median(clock.measure(lambda: call(clock)) for _ in range(repeats))
+    steps = ", ".join(f"{task} {1e3 * statistics.median(values):.0f}" for task, values in clock.seconds.items())
+    return median, f"{steps} ms"
+
+
+def bench_scene(profile: Profile, views: Views, label: str, repeats: int, bounds: tuple[float, float]) -> bytes:
+    """Warm decode and encode of one scene, in process."""
+    lambda_q = quantise_lambda(LAMBDA)
+    data = encode_with(profile, views, lambda_q, 2)
+    stream = read_stream(data)
+    decoded, steps = measure(lambda progress: decode_stream(stream, profile.receiver, progress), repeats)
+    print(f"| decode, {label}, warm | {decoded:.3f} s | {bounds[0]} s | {steps} |", flush=True)
+    encoded, steps = measure(lambda progress: encode_with(profile, views, lambda_q, 2, progress), max(3, repeats // 3))
+    print(f"| encode, {label}, warm | {encoded:.3f} s | {bounds[1]} s | {steps} |", flush=True)
+    return data
+
+
+def bench_process(label: str, arguments: list[str], bounds: tuple[float, float | None], repeats: int = 3) -> None:
+    """Median wall time and peak resident memory of a whole `fecosplat` process."""
+    program = Path(sys.executable).with_name("fecosplat")
+    seconds, peak = [], 0.0
+    for _ in range(repeats):
+        begin = perf_counter()
+        process = subprocess.Popen([str(program), *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds.append(perf_counter() - begin)
+        peak = max(peak, usage.ru_maxrss / 2**20)
+        if status != 0:
+            raise SystemExit(f"fecosplat {' '.join(arguments)} failed; run it by hand to see why")
+    print(f"| {label}, whole process | {statistics.median(seconds):.2f} s | {bounds[0]} s | |")
+    if bounds[1] is not None:
+        print(f"| {label}, peak memory | {peak:.2f} GiB | {bounds[1]} GiB | |", flush=True)
+
+
+def bench_rendering(profile: Profile, views: Views, data: bytes, repeats: int) -> None:
+    """One image of the decoded Gaussians, forward and with gradients, on one thread."""
+    gaussians = decode_stream(read_stream(data), profile.receiver)
+    camera = views.cameras.select([0])
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    forward = statistics.median(_seconds(lambda: render(gaussians, camera, views.image_size)) for _ in range(repeats))
+    leaves = [field.clone().requires_grad_() for field in gaussians.fields()]
+    tracked = replace(gaussians, **dict(zip(gaussians.__dataclass_fields__, leaves, strict=True)))
+    images = [render(tracked, camera, views.image_size).color.sum() for _ in range(repeats)]
+    backward = statistics.median(_seconds(image.backward) for image in images)
+    torch.set_num_threads(threads)
+    print(f"| render {gaussians.count} Gaussians, one thread | {forward:.3f} s | 0.025 s | |")
+    print(f"| its gradients, one thread | {backward:.3f} s | 0.05 s | |", flush=True)
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    begin = perf_counter()
+    call()
+    return perf_counter() - begin
+
+
+def _repeated(views: Views, count: int) -> Views:
+    """So many views by repeating those there are, each copy moved a little: timing does not depend on the content."""
+    chosen = views.select([view % len(views.images) for view in range(count)])
+    extrinsics = chosen.cameras.extrinsics.clone()
+    extrinsics[:, 0, 3] += 0.01 * chosen.cameras.near * torch.arange(count)
+    return replace(chosen, cameras=replace(chosen.cameras, extrinsics=extrinsics))
+
+
+def main() -> None:
+    """Print a Markdown table: what, measured, bound, breakdown."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=15)
+    arguments = parser.parse_args()
+    profile = load_profile(SHIPPED / DEFAULT_MODEL, "cpu")
+    square = read_views(EXAMPLE, size=(256, 256))
+    print(f"torch {torch.__version__}, {torch.get_num_threads()} threads, lambda {LAMBDA:g}, {EXAMPLE.name}\n")
+    print("| what | measured | bound | steps |\n|---|---|---|---|")
+    data = bench_scene(profile, square, "2 views 256x256", arguments.repeats, (0.117, 1.5))
+    bench_rendering(profile, square, data, arguments.repeats)
+    with tempfile.TemporaryDirectory() as folder:
+        stream, cloud = Path(folder, "bench.fcs"), Path(folder, "bench.ply")
+        encode = ["encode", str(EXAMPLE), "-o", str(stream), "--size", "256x256", "--lambda", str(LAMBDA), "--overwrite"]
+        bench_process("encode, 2 views 256x256", encode, (6.0, 1.3))
+        bench_process("decode, 2 views 256x256", ["decode", str(stream), "-o", str(cloud), "--overwrite"], (4.0, 1.0))
+        bench_process("info", ["info", str(stream)], (0.3, None))
+    wide = _repeated(read_views(EXAMPLE, size=(256, 448)), 8)
+    bench_scene(profile, wide, "8 views 256x448", max(3, arguments.repeats // 5), (1.0, 10.0))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(f"| encode and decode, 8 views 256x448, peak memory of this process | {peak:.2f} GiB | 3.0 GiB | |")
+
+
+if __name__ == "__main__":
+    main()
