@@ -52,7 +52,9 @@ def command(
     """
     from fecocodec.training.dataset import BatchShape
     from fecocodec.training.export import export_model
-    from fecocodec.training.loop import LOG_COLUMNS, RunSettings, Trainer, joined_processes
+    from fecocodec.training.log import LOG_COLUMNS
+    from fecocodec.training.loop import RunSettings, Trainer
+    from fecocodec.training.processes import joined_processes
     from fecocodec.training.schedule import Schedule
     from fecocodec.training.sources import open_sources
 

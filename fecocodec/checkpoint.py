@@ -2,8 +2,9 @@
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError
@@ -17,17 +18,22 @@ DEFAULT_MODEL = "compact-1"
 RECEIVER_FILE, SENDER_FILE = "receiver.safetensors", "sender.safetensors"
 MODEL_ID_BYTES = 8
 
+Config = TypeVar("Config")
+
 
 @dataclass(frozen=True)
 class Weights:
-    """Tensors of one file, the sizes they belong to, and the id: the first 8 bytes of the file's SHA-256."""
+    """Tensors of one file, the sizes they belong to, and the id: the first 8 bytes of the file's SHA-256.
+
+    config: "receiver" or "sender" to the fields of that configuration, as JSON gave them.
+    """
 
     tensors: dict[str, Tensor]
-    config: dict[str, object]
+    config: dict[str, Any]
     model_id: bytes
 
 
-def serialise_weights(tensors: dict[str, Tensor], config: dict[str, object]) -> bytes:
+def serialise_weights(tensors: dict[str, Tensor], config: dict[str, Any]) -> bytes:
     """Bytes of a weights file: floats as fp16, integers as they are."""
     stored = {
         name: (value.half() if value.is_floating_point() else value).contiguous() for name, value in tensors.items()
@@ -46,6 +52,8 @@ def read_weights(path: Path) -> Weights:
         raise ModelError(f"{path}: the weights cannot be read ({error.strerror}); reinstall the package.") from error
     except (SafetensorError, KeyError, ValueError) as error:
         raise ModelError(f"{path}: not a weights file of this codec, or damaged; reinstall the package.") from error
+    if not isinstance(config, dict):
+        raise ModelError(f"{path}: its configuration is no JSON object; reinstall the package.")
     tensors = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
     return Weights(tensors, config, hashlib.sha256(data).digest()[:MODEL_ID_BYTES])
 
@@ -61,6 +69,25 @@ def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
         f"the stream needs the receiver weights with model id {model_id.hex()}, but {folder} has {known}; "
         "install the version of the package that made the file"
     )
+
+
+def config_of(weights: Weights, end: str, like: Config, place: Path) -> Config:
+    """The configuration of the "receiver" or the "sender"; raises ModelError where the file has none that fits.
+
+    like: a configuration of the same class; names, types and lengths of its fields are what is expected.
+    """
+    stored = weights.config.get(end)
+    if not isinstance(stored, dict):
+        raise ModelError(f"{place}: holds no {end}; name a {end}'s weights file.")
+    found = {name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()}
+    expected = {field.name: getattr(like, field.name) for field in fields(like)}  # type: ignore[arg-type]
+    if {name: _form(value) for name, value in found.items()} != {n: _form(value) for n, value in expected.items()}:
+        raise ModelError(f"{place}: made by another version of the codec; install that version.")
+    return type(like)(**found)
+
+
+def _form(value: object) -> object:
+    return tuple(type(entry) for entry in value) if isinstance(value, tuple) else type(value)
 
 
 def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], place: Path) -> None:

@@ -3,12 +3,20 @@
 import torch
 
 from fecocodec.container import PackedCameras
+from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
+
+LARGEST_SKEW = 1e-6  # in image widths: what rounding may leave
 
 
 def pack(cameras: Cameras) -> PackedCameras:
-    """The float32 values of one scene's cameras; no batch dimension, no skew."""
+    """The float32 values of one scene's cameras, no batch dimension. Raises InputError for intrinsics with skew."""
     intrinsics = cameras.intrinsics
+    for number, skew in enumerate(intrinsics[:, 0, 1].tolist(), start=1):
+        if not abs(skew) <= LARGEST_SKEW:
+            raise InputError(
+                f"camera {number}: its intrinsics have a skew of {skew}; undistort the image to a pinhole's"
+            )
     entries = (intrinsics[:, 0, 0], intrinsics[:, 1, 1], intrinsics[:, 0, 2], intrinsics[:, 1, 2])
     return PackedCameras(
         extrinsics=tuple(map(tuple, cameras.extrinsics[:, :3].float().flatten(1).tolist())),

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
+from fecocodec.container import read_stream
 from fecocodec.errors import InputError
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_stream
-from fecocodec.container import read_stream
 from fecocodec.rendering.metrics import psnr, ssim
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.encode import Profile, encode_with
@@ -49,7 +51,9 @@ def read_index(path: Path) -> tuple[IndexEntry, ...]:
             for name, entry in entries.items()
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: not an evaluation index ({error}); see the protocol in docs/evaluation.md") from error
+        raise InputError(
+            f'{path}: not an evaluation index ({error}); write {{"scene/label": {{"context": [...], "target": [...]}}}}'
+        ) from error
 
 
 def evaluate(
@@ -78,7 +82,7 @@ def score(profile: Profile, name: str, views: Views, num_context: int, lambda_q:
     )
 
 
-@torch.inference_mode()
-def render_views(gaussians: Gaussians, views: Views) -> torch.Tensor:
-    """The Gaussians at the views' cameras, clamped to [0, 1]: `[view 3 height width]`."""
+@torch.no_grad()
+def render_views(gaussians: Gaussians, views: Views) -> Float[Tensor, "view 3 height width"]:
+    """The Gaussians as the views' cameras see them, clamped to [0, 1]."""
     return render(gaussians, views.cameras, views.image_size).color.clamp(0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Pinhole cameras: extrinsics are camera-to-world in OpenCV axes, intrinsics are normalised by image width and height."""
+"""Pinhole cameras: extrinsics are camera-to-world in OpenCV axes, intrinsics are normalised by width and height."""
 
 from dataclasses import dataclass, replace
 
@@ -44,8 +44,19 @@ class Cameras:
         """The cameras of these views, in this order."""
         return replace(self, extrinsics=self.extrinsics[..., views, :, :], intrinsics=self.intrinsics[..., views, :, :])
 
+    def scene(self, index: int) -> "Cameras":
+        """One scene out of a batch."""
+        return Cameras(*(field[index] for field in self.fields()))
+
+    def as_batch(self) -> "Cameras":
+        """A batch of this one scene."""
+        return Cameras(*(field[None] for field in self.fields()))
+
     def to(self, device: torch.device | str) -> "Cameras":
-        return Cameras(*(field.to(device) for field in (self.extrinsics, self.intrinsics, self.near, self.far)))
+        return Cameras(*(field.to(device) for field in self.fields()))
+
+    def fields(self) -> tuple[Tensor, ...]:
+        return self.extrinsics, self.intrinsics, self.near, self.far
 
 
 def pixel_rays(cameras: Cameras, height: int, width: int) -> Float[Tensor, "*batch view height width 3"]:

@@ -15,17 +15,27 @@ def nearest_neighbours(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, 
     On the CPU from a k-d tree, on a GPU from distances in chunks.
     """
     available = min(count, points.shape[0])
-    found = _on_cpu(points, available) if points.device.type == "cpu" else _on_gpu(points, available)
+    on_cpu = points.device.type == "cpu"
+    found = neighbours_by_tree(points, available) if on_cpu else neighbours_by_distance(points, available)
     return found if available == count else torch.cat((found, found[:, :1].expand(-1, count - available)), dim=1)
 
 
-def _on_cpu(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, "n count"]:
+def neighbours_by_tree(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, "n count"]:
+    """What `nearest_neighbours` does on the CPU; count <= n. Balancing the tree would cost more than it saves."""
     positions = points.detach().float().numpy()
     tree = cKDTree(positions, leafsize=12, balanced_tree=False, compact_nodes=False)
     _, index = tree.query(positions, k=count, workers=torch.get_num_threads())
     return torch.from_numpy(index.reshape(-1, count))
 
 
-def _on_gpu(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, "n count"]:
-    chunks = (torch.cdist(chunk, points).topk(count, dim=1, largest=False).indices for chunk in points.split(CHUNK))
-    return torch.cat(list(chunks))
+def neighbours_by_distance(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, "n count"]:
+    """What `nearest_neighbours` does on a GPU; count <= n.
+
+    Distances come from differences: from a matrix product, |a|^2 + |b|^2 - 2ab, rounding would drown them.
+    """
+    starts = range(0, len(points), CHUNK)
+    distances = (
+        torch.cdist(points[start : start + CHUNK], points, compute_mode="donot_use_mm_for_euclid_dist")
+        for start in starts
+    )
+    return torch.cat([chunk.topk(count, dim=1, largest=False).indices for chunk in distances])

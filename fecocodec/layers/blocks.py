@@ -1,8 +1,8 @@
-"""Blocks shared by the sender's and the receiver's networks; maps are `[item channel height width]`, item = (batch view)."""
+"""Blocks shared by the sender's and the receiver's networks; maps are `[item channel h w]`, item = (batch view)."""
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 CONDITION_CHANNELS = 64
@@ -21,7 +21,7 @@ class RateEmbedding(nn.Module):
             nn.Linear(3, CONDITION_CHANNELS), nn.GELU(), nn.Linear(CONDITION_CHANNELS, CONDITION_CHANNELS), nn.GELU()
         )
 
-    def forward(self, lambda_q: Float[Tensor, " item"], stage: int) -> Float[Tensor, "item condition"]:
+    def forward(self, lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "item condition"]:
         """Condition of each item; stage is 1 or 2."""
         position = 2.0 * lambda_q / self.largest_lambda_q - 1.0
         is_second = torch.full_like(position, float(stage == 2))

@@ -5,6 +5,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from fecocodec.checkpoint import SHIPPED, find_receiver
 from fecocodec.coding.camera_packing import unpack
@@ -15,6 +17,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
 from fecocodec.geometry.padding import inside_unpadded, pad_cameras, padded_size
+from fecocodec.layers.placement import place
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 
@@ -33,8 +36,8 @@ def decode(
 ) -> Gaussians:
     """Gaussians of a `.fcs` stream in the world frame and unit of length of the photographs' cameras, on the CPU.
 
-    num_stages: decode only so many stages; what follows them in the stream may then be missing or damaged. device: where
-    the networks run. weights: folder that holds `<model>/receiver.safetensors`.
+    num_stages: decode only so many stages; what follows them in the stream may then be missing or damaged. device:
+    where the networks run. weights: folder that holds `<model>/receiver.safetensors`.
 
     Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage it does not have,
     ModelError where its weights are not found.
@@ -50,7 +53,7 @@ def read_cameras(data: bytes) -> tuple[Cameras, tuple[int, int]]:
     return unpack(stream.cameras), (stream.header.height, stream.header.width)
 
 
-@torch.inference_mode()
+@torch.no_grad()  # not inference_mode: Gaussians that a caller may go on to refine must be ordinary tensors
 def decode_stream(
     stream: Stream, receiver: Receiver, on_progress: OnProgress = lambda _task, _fraction: None
 ) -> Gaussians:
@@ -73,13 +76,16 @@ def decode_stream(
 
 
 def predict_scene(
-    receiver: Receiver, state: torch.Tensor, cameras: Cameras, header: Header, condition: torch.Tensor
+    receiver: Receiver,
+    state: Float[Tensor, "item channel h4 w4"],
+    cameras: Cameras,
+    header: Header,
+    condition: Float[Tensor, "item condition"],
 ) -> Gaussians:
     """The Gaussians a state stands for, without those of the padding and those too faint to be drawn; on the CPU."""
     normalised, frame = normalise_scene(cameras)
     padded = pad_cameras(normalised, header.height, header.width).to(state.device)
-    batch = Cameras(padded.extrinsics[None], padded.intrinsics[None], padded.near[None], padded.far[None])
-    gaussians = receiver.predict(state, batch, condition).gaussians.scene(0).to("cpu")
+    gaussians = receiver.predict(state, padded.as_batch(), condition).gaussians.scene(0).to("cpu")
     is_needed = inside_unpadded(header.num_views, header.height, header.width)
     is_needed &= (gaussians.opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
     return denormalise_gaussians(gaussians.keep(is_needed), frame)
@@ -88,7 +94,8 @@ def predict_scene(
 @lru_cache(maxsize=2)
 def _receiver(path: Path, device: str) -> Receiver:
     receiver, _ = load_receiver(path)
-    return receiver.to(device, memory_format=torch.channels_last)
+    place(receiver, device)
+    return receiver
 
 
 def _check_digest(header: Header, stage: int, found: bytes) -> None:

@@ -5,10 +5,9 @@ from pathlib import Path
 
 from torch import Tensor
 
-from fecocodec.checkpoint import load_into, read_weights, serialise_weights
+from fecocodec.checkpoint import config_of, load_into, read_weights, serialise_weights
 from fecocodec.coding.fixed_point import export_integers, load_integers
 from fecocodec.config import ReceiverConfig
-from fecocodec.errors import ModelError
 from fecocodec.receiver.model import Receiver
 
 PRIOR = "prior."
@@ -17,7 +16,7 @@ PRIOR = "prior."
 def load_receiver(path: Path) -> tuple[Receiver, bytes]:
     """Receiver ready to decode, and its model id; raises ModelError for a missing, damaged or foreign file."""
     weights = read_weights(path)
-    receiver = Receiver(_config(weights.config, path))
+    receiver = Receiver(config_of(weights, "receiver", ReceiverConfig(), path))
     integers = {name.removeprefix(PRIOR): value for name, value in weights.tensors.items() if name.startswith(PRIOR)}
     load_integers(receiver.prior, integers)
     floats = {name: value for name, value in weights.tensors.items() if not name.startswith(PRIOR)}
@@ -34,13 +33,3 @@ def serialise_receiver(receiver: Receiver) -> bytes:
 
 def _prior_floats(receiver: Receiver) -> dict[str, Tensor]:
     return {name: value for name, value in receiver.state_dict().items() if name.startswith(PRIOR)}
-
-
-def _config(config: dict[str, object], path: Path) -> ReceiverConfig:
-    stored = config.get("receiver")
-    if not isinstance(stored, dict):
-        raise ModelError(f"{path}: holds no receiver; name a receiver's weights file.")
-    try:
-        return ReceiverConfig(**{name: tuple(v) if isinstance(v, list) else v for name, v in stored.items()})
-    except TypeError as error:
-        raise ModelError(f"{path}: made by another version of the codec; install that version.") from error

@@ -1,7 +1,6 @@
 """The receiver: all that `decode` loads."""
 
-import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.coding.priors import LatentPrior
@@ -26,7 +25,7 @@ class Receiver(nn.Module):
         self.update = StateUpdate(config)
         self.predictor = Predictor(config)
 
-    def condition(self, lambda_q: Float[Tensor, " item"], stage: int) -> Float[Tensor, "item condition"]:
+    def condition(self, lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "item condition"]:
         """Condition of the 2D blocks for these items in this stage (1 or 2)."""
         return self.embedding(lambda_q, stage)
 

@@ -39,8 +39,9 @@ class NeighbourAttention(nn.Module):
         depth: Float[Tensor, " point"],
         world_to_view: Float[Tensor, "point 3 3"],
     ) -> Float[Tensor, "point channel"]:
-        """What to add to the features. points: world frame. depth: of each point in the view that saw it. world_to_view:
-        rotation of that view.
+        """What to add to the features.
+
+        points: world frame. depth: of each point in the view that saw it. world_to_view: rotation of that view.
 
         All heads share one batched product each way, by queries that are zero outside their head's channels: at these
         sizes that beats splitting and copying.

@@ -13,7 +13,7 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
-from fecocodec.layers.blocks import Block2d, upsample, downsample
+from fecocodec.layers.blocks import Block2d, downsample, upsample
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid: one per 2x2 pixels
@@ -32,7 +32,7 @@ class Prediction:
 
 
 class Predictor(nn.Module):
-    """S -> U-Net (1/4, 1/8, 1/16) -> depth (1/4) -> back-projection -> KNN attention in 3D (1/8) -> head -> pixel shuffle -> Gaussians.
+    """S -> U-Net (1/4 to 1/16) -> depth (1/4) -> points -> KNN attention in 3D (1/8) -> head -> shuffle -> Gaussians.
 
     The attention works on points at 1/8: at 1/4 it took 47 of 115 ms of decoding (docs/experiments.md).
     """
@@ -47,10 +47,10 @@ class Predictor(nn.Module):
         self.fine = Block2d(fine, config.fine_hidden)
         self.depth_head = nn.Conv2d(fine, 1, 3, padding=1)
         self.attention = NeighbourAttention(fine, config.attention_channels, config.num_neighbours)
-        outputs = sum(RAW.values())
-        self.head = nn.Sequential(nn.Conv2d(fine, fine, 1), nn.GELU(approximate="tanh"), nn.Conv2d(fine, PER_CELL * outputs, 1))
-        nn.init.normal_(self.head[2].weight, std=0.02)
-        nn.init.zeros_(self.head[2].bias)
+        first, last = nn.Conv2d(fine, fine, 1), nn.Conv2d(fine, PER_CELL * sum(RAW.values()), 1)
+        self.head = nn.Sequential(first, nn.GELU(approximate="tanh"), last)
+        nn.init.normal_(last.weight, std=0.02)
+        nn.init.constant_(last.get_parameter("bias"), 0.0)
 
     def forward(
         self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: Float[Tensor, "item condition"]
@@ -74,7 +74,7 @@ class Predictor(nn.Module):
         """KNN attention over the points of all views of a scene, scene by scene, at half the features' resolution."""
         views = cameras.num_views
         pooled = F.avg_pool2d(features, 2)
-        relative = rearrange(F.avg_pool2d(rearrange(relative, "b v h w -> (b v) 1 h w"), 2), "(b v) 1 h w -> b v h w", v=views)
+        relative = F.avg_pool2d(relative, 2)
         height, width = relative.shape[-2:]
         depth = depth_from_relative_disparity(relative, cameras)
         points = camera_to_world_points(cameras, pixel_rays(cameras, height, width) * depth[..., None])
@@ -91,13 +91,13 @@ class Predictor(nn.Module):
 
     def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:
         """Raw head outputs on the 1/2 grid -> bounded Gaussian attributes; float32 throughout."""
-        views, height, width = raw.shape[1:4]
+        height, width = raw.shape[2:4]
         opacity, offset, disparity, scale, rotation, colour = raw.split([*RAW.values()], dim=-1)
-        fine = F.interpolate(rearrange(relative, "b v h w -> (b v) 1 h w"), scale_factor=2.0, mode="bilinear", align_corners=False)
-        fine = rearrange(fine, "(b v) 1 h w -> b v h w", v=views) + LARGEST_DISPARITY_STEP * torch.tanh(disparity[..., 0])
-        depth = depth_from_relative_disparity(fine, cameras)
+        fine = F.interpolate(relative, scale_factor=2.0, mode="bilinear", align_corners=False)
+        depth = depth_from_relative_disparity(fine + LARGEST_DISPARITY_STEP * torch.tanh(disparity[..., 0]), cameras)
         rays = rays_through(cameras, _cell_positions(raw, height, width) + _offset_uv(offset, height, width))
-        footprint = depth / (cameras.intrinsics[..., 0, 0, None, None] * width)  # of a cell of the 1/2 grid, scene units
+        # Of a cell of the 1/2 grid, in scene units.
+        footprint = depth / (cameras.intrinsics[..., 0, 0, None, None] * width)
         scales = footprint[..., None] * torch.exp(LARGEST_LOG_SCALE * torch.tanh(scale / LARGEST_LOG_SCALE) - 0.4)
         identity = raw.new_tensor([1.0, 0.0, 0.0, 0.0])
         local = F.normalize(rotation + identity, dim=-1)

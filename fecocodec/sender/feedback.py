@@ -12,7 +12,7 @@ from fecocodec.layers.blocks import BlockChain
 class FeedbackExtractor(nn.Module):
     """concat(I, I - I1_hat) -> pixel unshuffle 4 -> 1x1 conv -> 2D blocks at 1/4 -> F2.
 
-    The paper concatenates I and I1_hat; the difference carries the same information and starts out as the signal wanted.
+    The paper concatenates I and I1_hat; the difference carries the same information, and is what the stage is about.
     """
 
     def __init__(self, sender: SenderConfig, receiver: ReceiverConfig) -> None:

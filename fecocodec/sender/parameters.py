@@ -11,7 +11,10 @@ from fecocodec.sender.model import Sender
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """side: "receiver" for what `decode` loads (the sender needs it too), "sender" for what only `encode` loads, "sum"."""
+    """Size of a module.
+
+    side: "receiver" for what `decode` loads (the sender needs it too), "sender" for what only `encode` loads, "sum".
+    """
 
     module: str
     side: str

@@ -1,6 +1,7 @@
 """Checkpoints of a running training: everything needed to go on exactly."""
 
 import os
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,7 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     """Read what `save_checkpoint` wrote; raises ModelError for anything else."""
     try:
         contents: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:
-        raise ModelError(f"{path}: not a training checkpoint ({type(error).__name__}); delete it or name another.") from error
+    except (OSError, EOFError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
+        kind = type(error).__name__
+        raise ModelError(f"{path}: not a training checkpoint ({kind}); delete it or name another.") from error
     return contents
-
-

@@ -1,4 +1,4 @@
-"""One training pass: both stages of the codec on a batch, and the loss of the paper's section 3.4 plus depth supervision."""
+"""One training pass: both stages of the codec on a batch, and the loss of the paper's section 3.4 plus depth's."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.coding.rate import estimate_latents, uniform_noise
+from fecocodec.container.lagrangian import LAMBDA_MIN, STEPS_PER_E
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import relative_disparity_from_depth
 from fecocodec.receiver.model import Receiver
@@ -46,7 +47,8 @@ class StageOutcome:
     estimated_bits: Float[Tensor, " batch"]
 
 
-Coding = Callable[..., tuple[Tensor, Tensor]]  # (y, lambda_q, stage, context) -> y_hat, bits per item
+Coding = Callable[[Tensor, Tensor, int, Tensor | None], tuple[Tensor, Tensor]]
+"""(y, lambda_q, stage, y_hat of the stage before or None) -> y_hat, estimated bits per item."""
 
 
 def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
@@ -87,23 +89,27 @@ def run_stages(
         y_hat, bits = coding(y, lambda_q, stage, context)
         state, context = receiver.next_state(state, y_hat, condition), y_hat
         prediction = receiver.predict(state, cameras, condition)
-        # Stage 1 is judged on the context views, which feedback needs anyway, and one target; stage 2 on all views.
-        seen = batch.cameras if stage == 2 else batch.cameras.select(list(range(views + 1)))
-        renderings = [
-            render(prediction.gaussians.scene(scene), _scene(seen, scene), tuple(batch.images.shape[-2:]))
-            for scene in range(batch.images.shape[0])
-        ]
+        renderings = _render(batch, prediction, stage)
         outcomes.append(StageOutcome(prediction, renderings, rearrange(bits, "(b v) -> b v", v=views).sum(dim=1)))
     return outcomes, rearrange(matching.relative_disparity, "(b v) 1 h w -> b v h w", v=views)
+
+
+def _render(batch: Batch, prediction: Prediction, stage: int) -> list[Rendering]:
+    """Stage 1 is judged on the context views, which feedback needs anyway, and one target; stage 2 on all views."""
+    cameras = batch.cameras if stage == 2 else batch.cameras.select(list(range(batch.num_context + 1)))
+    size = (batch.images.shape[-2], batch.images.shape[-1])
+    return [render(prediction.gaussians.scene(scene), cameras.scene(scene), size) for scene in range(len(batch.images))]
 
 
 def loss_of(
     batch: Batch, outcomes: list[StageOutcome], matched: Float[Tensor, "batch view h4 w4"], disparity_weight: float
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
-    """sum over stages of lambda * R + L_render (paper, training strategy), plus L1 on relative disparity where depth is
-    known. R is in bits per context pixel. Returns the loss and its parts for the log."""
+    """Sum over stages of lambda * R + L_render (paper, training strategy), plus L1 on relative disparity.
+
+    R is in bits per context pixel; disparity counts where depth is known. Returns the loss and its parts for the log.
+    """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
-    lmbda = 1e-5 * torch.exp(batch.lambda_q / 256.0)
+    lmbda = LAMBDA_MIN * torch.exp(batch.lambda_q / STEPS_PER_E)
     truth = _true_disparity(batch)
     total = disparity_weight * MATCHING_WEIGHT * _masked_l1(matched, truth)
     parts = {"matching": float(_masked_l1(matched, truth))}
@@ -111,10 +117,10 @@ def loss_of(
         rendered = torch.stack([rendering.color for rendering in outcome.renderings])
         images = batch.images[:, : rendered.shape[1]]
         squared = (rendered - images).square().mean(dim=(0, 2, 3, 4))
-        structure = 1.0 - ssim(_flat(rendered), _flat(images))
+        structure = (1.0 - ssim(_flat(rendered), _flat(images))).mean()
         rate = outcome.estimated_bits / pixels
         disparity = _masked_l1(outcome.prediction.relative_disparity, truth)
-        total = total + squared.mean() + SSIM_WEIGHT * structure.mean() + (lmbda * rate).mean()
+        total = total + squared.mean() + SSIM_WEIGHT * structure + (lmbda * rate).mean()
         total = total + disparity_weight * DISPARITY_WEIGHT * disparity
         parts |= {
             f"mse{stage}": float(squared[batch.num_context :].mean()),
@@ -136,10 +142,6 @@ def _masked_l1(found: Tensor, truth: Tensor) -> Float[Tensor, ""]:
     known = torch.isfinite(truth)
     difference = (found - torch.where(known, truth.clamp(-0.05, 1.05), found.detach())).abs()
     return difference.mean()
-
-
-def _scene(cameras: Cameras, scene: int) -> Cameras:
-    return Cameras(cameras.extrinsics[scene], cameras.intrinsics[scene], cameras.near[scene], cameras.far[scene])
 
 
 def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:

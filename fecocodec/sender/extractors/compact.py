@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import ChannelNorm, PlainBlock2d, upsample, downsample
+from fecocodec.layers.blocks import ChannelNorm, PlainBlock2d, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 
@@ -79,7 +79,9 @@ class CompactExtractor(nn.Module):
         expected = torch.einsum("idhw,d->ihw", probability, candidates)[:, None]
         return Matching(appearance, cost, expected, probability.amax(dim=1, keepdim=True))
 
-    def fuse(self, images: Float[Tensor, "batch view 3 h w"], matching: Matching) -> Float[Tensor, "item channel h4 w4"]:
+    def fuse(
+        self, images: Float[Tensor, "batch view 3 h w"], matching: Matching
+    ) -> Float[Tensor, "item channel h4 w4"]:
         """U-Net over appearance, matching and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
         found = (matching.appearance, matching.cost / 8.0, 2.0 * matching.relative_disparity - 1.0, matching.confidence)

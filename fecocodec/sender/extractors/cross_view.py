@@ -19,7 +19,8 @@ class CrossViewAttention(nn.Module):
         self.query, self.key_value = nn.Linear(channels, channels), nn.Linear(channels, 2 * channels)
         self.own_or_other = nn.Parameter(0.02 * torch.randn(2, channels))
         self.output = nn.Linear(channels, channels)
-        self.mlp = nn.Sequential(nn.Linear(channels, 2 * channels), nn.GELU(approximate="tanh"), nn.Linear(2 * channels, channels))
+        hidden = 2 * channels
+        self.mlp = nn.Sequential(nn.Linear(channels, hidden), nn.GELU(approximate="tanh"), nn.Linear(hidden, channels))
 
     def forward(
         self, x: Float[Tensor, "batch view channel h w"], sources: Int[Tensor, "batch view count"]

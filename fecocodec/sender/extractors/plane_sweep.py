@@ -42,8 +42,9 @@ def cost_volume(
     for scene in range(batch):
         world_to_camera = cameras.world_to_camera[scene]
         for view in range(views):
-            poses = world_to_camera[sources[scene, view]] @ cameras.extrinsics[scene, view]
-            points = (rays[scene, view] @ poses[:, :3, :3].transpose(-1, -2))[:, :, None] * depth[scene] + poses[:, None, None, :3, 3]
+            to_source = world_to_camera[sources[scene, view]] @ cameras.extrinsics[scene, view]
+            turned = rays[scene, view] @ to_source[:, :3, :3].transpose(-1, -2)
+            points = turned[:, :, None] * depth[scene] + to_source[:, None, None, :3, 3]
             grid = _grid(points, cameras.intrinsics[scene, sources[scene, view]])
             volumes.append(_match(features[scene, view], features[scene, sources[scene, view]], grid))
     return rearrange(torch.stack(volumes), "(b v) (h w) d -> b v d h w", b=batch, h=height)

@@ -1,0 +1,25 @@
+"""The log of a training run: one row of a CSV file every so many steps."""
+
+import csv
+from pathlib import Path
+
+LOG_COLUMNS = (
+    "step", "minutes", "loss", "mse1", "mse2", "mse_context1", "mse_context2", "bpp1", "bpp2",
+    "matching", "disparity1", "disparity2", "gradient", "skipped",
+)  # fmt: skip
+
+
+def append_row(path: Path, row: dict[str, float]) -> None:
+    """Add a row to a CSV file, which starts with `LOG_COLUMNS`; what the row lacks stays empty."""
+    is_new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, LOG_COLUMNS, extrasaction="ignore")
+        if is_new:
+            writer.writeheader()
+        writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+
+
+def mean_of_rows(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Mean of every column over the rows that have it."""
+    columns = {name: [row[name] for row in rows if name in row] for row in rows for name in row}
+    return {name: sum(values) / len(values) for name, values in columns.items()}
