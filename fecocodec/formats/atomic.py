@@ -15,11 +15,11 @@ def require_writable(path: Path, *, overwrite: bool) -> None:
     Raises OutputError where the folder is missing, where the path is not a plain file, or where it exists and
     `overwrite` is false.
     """
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):  # unlike Path.is_dir, False where permission is missing
         raise OutputError(f"{path}: the folder {path.parent} does not exist; create it or choose another output path.")
-    if path.exists() and not path.is_file():
+    if os.path.exists(path) and not os.path.isfile(path):
         raise OutputError(f"{path}: this exists and is not a plain file; choose another output path.")
-    if path.exists() and not overwrite:
+    if os.path.exists(path) and not overwrite:
         raise OutputError(f"{path}: the file exists already; choose another output path or ask to overwrite it.")
 
 

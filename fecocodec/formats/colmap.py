@@ -24,15 +24,15 @@ def find_colmap_model(path: Path) -> Path | None:
 
 
 def read_colmap(scene_folder: Path, model_folder: Path) -> PosedPhotographs:
-    """Read a model, images ordered by name. They lie in `images/` of the scene folder, or in the folder itself.
+    """Read a model, images ordered by name. They lie in `images/` of the scene folder or in that folder itself.
 
     Raises InputError where a table is broken, a camera model is not supported, or a pose is of no use.
     """
     model = read_binary_model(model_folder) if _is_binary(model_folder) else read_text_model(model_folder)
     if not model.images:
         raise InputError(f"{model_folder}: the COLMAP model has no registered images; reconstruct the scene again.")
-    image_folder = scene_folder / "images" if (scene_folder / "images").is_dir() else scene_folder
     images = sorted(model.images, key=lambda image: image.name)
+    image_folder = _image_folder(scene_folder, images[0].name)
     return PosedPhotographs(model_folder, [_photograph(model_folder, image_folder, model, image) for image in images])
 
 
@@ -83,6 +83,13 @@ def _lens(camera: ColmapCamera, place: str, width: int, height: int) -> Lens:
     tangential = (distortion[2], distortion[3]) if camera.model == "OPENCV" else (0.0, 0.0)
     lens = Lens(camera.width, camera.height, fx, fy, cx, cy, tuple(distortion[:2]), tangential)
     return lens.scaled_to(width, height, place)
+
+
+def _image_folder(scene_folder: Path, first_name: str) -> Path:
+    """Where the images lie; the folder given may also be the model inside a scene folder."""
+    above = [parent / "images" for parent in scene_folder.resolve().parents[:2]]
+    folders = [scene_folder / "images", scene_folder, *above]
+    return next((folder for folder in folders if (folder / first_name).is_file()), folders[0])
 
 
 def _is_binary(folder: Path) -> bool:

@@ -22,7 +22,8 @@ def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
     Raises InputError where the shapes differ so much that cropping would lose half of one, or a side is too short.
     """
     sizes = [(lens.height, lens.width) for lens in pinholes]
-    height, width = Counter(sizes).most_common(1)[0][0]  # the first one among equals
+    most_frequent = Counter(sizes).most_common(1)[0][0]  # the first one among equals
+    height, width = most_frequent
     for (h, w), name in zip(sizes, names, strict=True):
         crop_h, crop_w = _crop_shape(h, w, height, width)
         if crop_h * crop_w < MIN_KEPT_AREA * h * w:
@@ -34,8 +35,8 @@ def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
     height, width = round(height * scale), round(width * scale)
     if min(height, width) < MIN_SIDE:
         raise InputError(
-            f"{names[sizes.index(max(set(sizes), key=sizes.count))]}: {width}x{height} pixels, but each side needs "
-            f"{MIN_SIDE} to {MAX_SIDE}; use larger images or give --size."
+            f"{names[sizes.index(most_frequent)]}: {width}x{height} pixels, but each side must have {MIN_SIDE} to "
+            f"{MAX_SIDE}; use larger images or give --size."
         )
     return height, width
 
@@ -43,7 +44,9 @@ def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
 def require_size(size: tuple[int, int]) -> tuple[int, int]:
     """Raises InputError where (height, width) is outside what the codec accepts."""
     if not all(MIN_SIDE <= side <= MAX_SIDE for side in size):
-        raise InputError(f"size {size[1]}x{size[0]}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels.")
+        raise InputError(
+            f"size {size[1]}x{size[0]}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels; choose another --size."
+        )
     return size
 
 

@@ -60,9 +60,7 @@ def require_numbers(values: object, shape: tuple[int, ...], place: str) -> Float
     if array.shape != shape:
         raise InputError(f"{place}: {shape_text(shape)} expected, {array.shape} found; export the cameras again.")
     if not np.isfinite(array).all():
-        raise InputError(
-            f"{place}: a camera value is NaN or infinite; export the cameras again or leave this view out."
-        )
+        raise InputError(f"{place}: a camera value is NaN or infinite; correct it or take this view out of the file.")
     return array
 
 

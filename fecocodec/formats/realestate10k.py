@@ -65,7 +65,9 @@ def _image_folder(path: Path, first_name: str) -> Path:
 
 
 def _has_camera_line(path: Path) -> bool:
-    return any(len(line.split()) == _COLUMNS for line in _lines(path)[:2])
+    """Looks at two lines only and does not mind what else a text in the folder holds."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return any(len(line.split()) == _COLUMNS for line in (file.readline(), file.readline()))
 
 
 def _lines(path: Path) -> list[str]:

@@ -67,6 +67,21 @@ def view_names(path: Path) -> tuple[str, ...]:
 
 def read_cameras(path: Path) -> PosedPhotographs:
     """The cameras of a scene folder, or of a camera file given itself, in the first format found."""
+    try:
+        scene = _find_cameras(path)
+    except PermissionError as error:
+        raise InputError(
+            f"{path}: may not be read ({error.strerror}); change the permissions of the folder."
+        ) from error
+    if scene is None:
+        raise InputError(
+            f"{path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera "
+            "file."
+        )
+    return scene
+
+
+def _find_cameras(path: Path) -> PosedPhotographs | None:
     if not path.exists():
         raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
     if transforms := find_transforms_json(path):
@@ -75,9 +90,7 @@ def read_cameras(path: Path) -> PosedPhotographs:
         return read_colmap(path, model)
     if camera_text := find_realestate10k(path):
         return read_realestate10k(camera_text)
-    raise InputError(
-        f"{path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
-    )
+    return None
 
 
 def _read_images(

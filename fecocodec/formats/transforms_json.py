@@ -84,7 +84,7 @@ def _pose(matrix: object, place: str) -> Float[np.ndarray, "4 4"]:
 def _lens(values: dict[str, Any], place: str, width: int, height: int) -> Lens:
     """The lens for an image stored at width x height; it may differ from the `w`, `h` the focal lengths are for."""
     get = partial(_number, values, place=place)
-    w, h = get("w") or width, get("h") or height
+    w, h = get("w") or float(width), get("h") or float(height)
     if w < 1 or h < 1:
         raise InputError(f"{place}: w and h are not positive; give the image size in pixels.")
     fx = get("fl_x") or _focal_length(get("camera_angle_x"), w)

@@ -1,0 +1,313 @@
+"""What bad input gets: one sentence that names file, place, cause and remedy."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from wall_scene import (
+    shots,
+    write_colmap_binary,
+    write_colmap_text,
+    write_photographs,
+    write_realestate10k,
+    write_transforms,
+)
+
+from fecocodec.errors import InputError
+from fecocodec.formats.scene_folder import read_views
+
+
+def message(folder: Path, **options) -> str:
+    """The text of the error, which has to be one line that ends in a full stop."""
+    with pytest.raises(InputError) as caught:
+        read_views(folder, **({"near": 1.0, "far": 9.0} | options))
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.endswith(".")
+    return text
+
+
+@pytest.fixture
+def scene(tmp_path) -> Path:
+    return write_transforms(tmp_path / "scene", shots(3))
+
+
+def edit(scene: Path, change) -> None:
+    cameras = json.loads((scene / "transforms.json").read_text())
+    change(cameras)
+    (scene / "transforms.json").write_text(json.dumps(cameras))
+
+
+def set_matrix(scene: Path, index: int, change) -> None:
+    def apply(cameras):
+        matrix = np.array(cameras["frames"][index]["transform_matrix"])
+        change(matrix)
+        cameras["frames"][index]["transform_matrix"] = matrix.tolist()
+
+    edit(scene, apply)
+
+
+def test_missing_folder(tmp_path):
+    folder = tmp_path / "nowhere"
+    assert message(folder) == f"{folder}: no such folder; give the folder that holds images and cameras."
+
+
+def test_no_cameras(tmp_path):
+    write_photographs(tmp_path, shots(1))
+    assert message(tmp_path) == (
+        f"{tmp_path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera "
+        "file."
+    )
+
+
+def test_no_frames(scene):
+    edit(scene, lambda cameras: cameras.update(frames=[]))
+    assert message(scene) == (f"{scene}/transforms.json: no frames; add a list `frames` with one camera per image.")
+
+
+@pytest.mark.parametrize("write", [write_transforms, write_colmap_text, write_colmap_binary])
+def test_camera_without_image(write, tmp_path):
+    folder = write(tmp_path / "scene", shots(3))
+    (folder / "images" / "001.png").unlink()
+    text = message(folder)
+    assert "001.png" in text.split(": there is no image ")[0]
+    assert text.endswith(
+        f": there is no image {folder}/images/001.png; put it there or leave this view out by --views."
+    )
+
+
+def test_camera_without_image_in_realestate10k(tmp_path):
+    folder = write_realestate10k(tmp_path / "scene", shots(3))
+    (folder / "001.png").unlink()
+    assert message(folder) == (
+        f"{folder}/clip.txt, line 3: there is no image {folder}/001; put it there or leave this view out by --views."
+    )
+
+
+def test_truncated_image(scene):
+    image = scene / "images" / "002.png"
+    image.write_bytes(image.read_bytes()[:3000])
+    assert re.fullmatch(
+        re.escape(f"{image}: the image is damaged, cut short or not PNG, JPEG or WebP (")
+        + r"[^)]+\)+; store it again\.",
+        message(scene),
+    )
+
+
+def test_unreadable_image(scene):
+    image = scene / "images" / "000.png"
+    image.write_bytes(b"this is no image")
+    assert message(scene).startswith(f"{image}: the image is damaged, cut short or not PNG, JPEG or WebP (")
+
+
+def test_shapes_that_differ_too_much(tmp_path):
+    landscape = shots(3, width=144, height=80)
+    portrait = shots(4, width=80, height=144)[3]
+    folder = write_transforms(tmp_path / "scene", [*landscape, portrait])
+    assert message(folder) == (
+        f"{folder}/images/003.png: 80x144 pixels, while the other images are 144x80; choose images of one shape by "
+        "--views, or say with --size what all are cropped and resized to."
+    )
+    assert read_views(folder, size=(64, 64), near=1.0, far=9.0).image_size == (64, 64)
+
+
+def test_too_small(tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2, width=96, height=50))
+    assert message(folder) == (
+        f"{folder}/images/000.png: 96x50 pixels, but each side must have 64 to 1024; use larger images or give --size."
+    )
+
+
+def test_size_out_of_range(scene):
+    assert message(scene, size=(2000, 256)) == (
+        "size 256x2000: each side must have 64 to 1024 pixels; choose another --size."
+    )
+
+
+def test_camera_of_another_shape_than_the_image(scene):
+    with Image.open(scene / "images" / "001.png") as image:
+        image.transpose(Image.Transpose.ROTATE_90).save(scene / "images" / "001.png")
+    assert message(scene) == (
+        f"{scene}/transforms.json, frame 1 (images/001.png): the image is 80x96 pixels but its camera is for 96x80; "
+        "store the pixels upright, without an EXIF orientation."
+    )
+
+
+def test_mirrored_pose(scene):
+    set_matrix(scene, 2, lambda matrix: np.negative(matrix[:, 0], out=matrix[:, 0]))
+    assert message(scene) == (
+        f"{scene}/transforms.json, frame 2 (images/002.png): the pose is mirrored (determinant -1); "
+        "export right-handed camera axes."
+    )
+
+
+def test_singular_pose(scene):
+    set_matrix(scene, 0, lambda matrix: matrix[:3, :2].fill(0.5))
+    assert message(scene) == (
+        f"{scene}/transforms.json, frame 0 (images/000.png): the pose is singular (its axes span no volume); "
+        "export the cameras again."
+    )
+
+
+def test_scaled_pose(scene):
+    set_matrix(scene, 0, lambda matrix: np.multiply(matrix, [2, 2, 2, 1], out=matrix))
+    assert "frame 0 (images/000.png): the pose is no rotation (scale 2, axes off by" in message(scene)
+
+
+def test_sheared_pose(scene):
+    set_matrix(scene, 0, lambda matrix: np.add(matrix[:3, 0], 0.05 * matrix[:3, 1], out=matrix[:3, 0]))
+    assert "frame 0 (images/000.png): the pose is no rotation (scale 1, axes off by 0.0" in message(scene)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), None])
+def test_value_that_is_no_number_in_a_pose(value, scene):
+    edit(scene, lambda cameras: cameras["frames"][1]["transform_matrix"][2].__setitem__(3, value))
+    assert message(scene) == (
+        f"{scene}/transforms.json, frame 1 (images/001.png), transform_matrix: a camera value is NaN or infinite; "
+        "correct it or take this view out of the file."
+    )
+
+
+def test_value_that_is_no_number_in_a_lens(scene):
+    edit(scene, lambda cameras: cameras["frames"][1].update(fl_x=float("nan")))
+    assert "frame 1 (images/001.png), fl_x: a camera value is NaN or infinite" in message(scene)
+
+
+@pytest.mark.parametrize("matrix", ["text", [[1, 2], [3, 4]], [[1], [2, 3]], None, {}])
+def test_pose_of_another_kind(matrix, scene):
+    edit(scene, lambda cameras: cameras["frames"][1].update(transform_matrix=matrix))
+    assert "frame 1 (images/001.png), transform_matrix: 4x4 numbers expected" in message(scene)
+
+
+def test_no_focal_length(scene):
+    edit(scene, lambda cameras: [cameras["frames"][0].pop(key) for key in ("fl_x", "fl_y")])
+    assert message(scene) == (
+        f"{scene}/transforms.json, frame 0 (images/000.png): no positive focal length; "
+        "give fl_x in pixels or camera_angle_x in radians."
+    )
+
+
+@pytest.mark.parametrize("settings", [{"camera_model": "OPENCV_FISHEYE"}, {"is_fisheye": True}])
+def test_camera_model_that_is_not_supported(settings, scene):
+    edit(scene, lambda cameras: cameras.update(settings))
+    assert "is not supported; undistort the images first." in message(scene)
+
+
+def test_camera_model_of_colmap_that_is_not_supported(tmp_path):
+    folder = write_colmap_text(tmp_path / "scene", shots(2))
+    table = folder / "sparse" / "0" / "cameras.txt"
+    table.write_text(table.read_text().replace("OPENCV", "THIN_PRISM_FISHEYE"))
+    assert message(folder) == (
+        f"{folder}/sparse/0, image 000.png: camera model THIN_PRISM_FISHEYE is not supported; "
+        "undistort with `colmap image_undistorter` first."
+    )
+
+
+def test_distortion_without_inverse(tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(1))
+    edit(folder, lambda cameras: cameras["frames"][0].update(k1=-3.0))
+    assert "frame 0 (images/000.png): its lens distortion has no inverse inside the image" in message(folder)
+
+
+def test_near_beyond_far(scene):
+    assert message(scene, near=9.0, far=2.0) == (
+        f"{scene}/transforms.json: near 9 and far 2 are no range of depths; "
+        "0 < near < far is needed, set them with --near and --far."
+    )
+    edit(scene, lambda cameras: cameras.update(near=3.0, far=3.0))
+    assert "near 3 and far 3 are no range of depths" in message(scene, near=None, far=None)
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.0, 5.0), (-1.0, 5.0), (float("nan"), 5.0), (1.0, float("inf"))])
+def test_bounds_that_are_no_depths(near, far, scene):
+    assert "are no range of depths" in message(scene, near=near, far=far)
+
+
+def test_broken_json(scene):
+    (scene / "transforms.json").write_text('{\n "w": 96,\n "frames": [\n}')
+    assert message(scene) == (
+        f"{scene}/transforms.json, line 4, column 1: broken JSON (Expecting value); mend or export it again."
+    )
+
+
+@pytest.mark.parametrize("content", [b"[]", b"\xff\xfe\x00", b"[" * 100_000])
+def test_json_of_another_kind(content, scene):
+    (scene / "transforms.json").write_bytes(content)
+    assert message(scene).startswith(f"{scene}/transforms.json")
+
+
+def test_more_views_than_the_codec_takes(tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(1) * 17)
+    assert message(folder) == f"{folder}: 17 views, but at most 16 can be used; choose some with --views."
+
+
+def test_cameras_too_far_from_the_origin(scene):
+    for index in range(3):
+        set_matrix(scene, index, lambda matrix: np.add(matrix[:3, 3], 5e6, out=matrix[:3, 3]))
+    assert "too far for float32; move the origin of the scene near the cameras." in message(scene)
+
+
+@pytest.mark.parametrize("table", ["cameras.bin", "images.bin", "points3D.bin"])
+def test_cut_colmap_table(table, tmp_path):
+    folder = write_colmap_binary(tmp_path / "scene", shots(2))
+    path = folder / "sparse" / "0" / table
+    whole = path.read_bytes()
+    for length in range(0, len(whole), max(1, len(whole) // 50)):
+        path.write_bytes(whole[:length])
+        assert re.fullmatch(
+            re.escape(str(path)) + r", offset \d+: the file is cut short; export the COLMAP model again\.",
+            message(folder),
+        )
+
+
+@pytest.mark.parametrize(
+    ("table", "line"),
+    [("cameras.txt", "1 OPENCV wide 80 1 2 3 4"), ("images.txt", "1 1 0 0"), ("points3D.txt", "7 1.0 2.0")],
+)
+def test_broken_line_in_a_colmap_table(table, line, tmp_path):
+    folder = write_colmap_text(tmp_path / "scene", shots(2))
+    path = folder / "sparse" / "0" / table
+    path.write_text(line + "\n" + path.read_text())
+    assert message(folder).startswith(f"{path}, line 1: no ")
+
+
+def test_colmap_without_images(tmp_path):
+    folder = write_colmap_text(tmp_path / "scene", shots(2))
+    (folder / "sparse" / "0" / "images.txt").write_text("# empty\n")
+    assert message(folder) == (
+        f"{folder}/sparse/0: the COLMAP model has no registered images; reconstruct the scene again."
+    )
+
+
+def test_colmap_image_without_its_camera(tmp_path):
+    folder = write_colmap_text(tmp_path / "scene", shots(2))
+    (folder / "sparse" / "0" / "cameras.txt").write_text("# empty\n")
+    assert "image 000.png: its camera 1 is not in the model; export the model again." in message(folder)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "cause"),
+    [
+        (3, "nan", "a camera value is NaN or infinite"),
+        (1, "-0.5", "the focal length is not positive"),
+        (5, "0.1", "columns 6 and 7 are not 0 0"),
+        (8, "text", "18 numbers expected"),
+    ],
+)
+def test_broken_line_in_realestate10k(column, value, cause, tmp_path):
+    folder = write_realestate10k(tmp_path / "scene", shots(2))
+    lines = (folder / "clip.txt").read_text().splitlines()
+    words = lines[2].split()
+    words[column] = value
+    (folder / "clip.txt").write_text("\n".join([*lines[:2], " ".join(words)]))
+    assert message(folder).startswith(f"{folder}/clip.txt, line 3: {cause}")
+
+
+def test_short_line_in_realestate10k(tmp_path):
+    folder = write_realestate10k(tmp_path / "scene", shots(2))
+    with (folder / "clip.txt").open("a") as file:
+        file.write("0003 1 2 3\n")
+    assert message(folder) == (f"{folder}/clip.txt, line 4: 4 columns found, 19 expected; export the cameras again.")
