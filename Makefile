@@ -36,7 +36,7 @@ demo: $(READY) ## encode, decode and render the bundled scene into out/
 test: $(READY) ## run the quick tests
 	$(BIN)/python -m pytest -m "not slow"
 
-test-slow: $(READY) ## run the slow tests (end to end, limits, timing)
+test-slow: $(READY) ## run the slow tests (the bundled scene, end to end)
 	$(BIN)/python -m pytest -m slow
 
 lint: $(READY) ## check style and formatting
@@ -51,7 +51,7 @@ arch: $(READY) ## check the dependency rules
 	$(BIN)/python -m pytest -q tests/test_architecture.py
 
 vectors: $(READY) ## check the golden vectors with both readers
-	$(BIN)/python -m pytest -q tests/vectors
+	$(BIN)/python -m pytest -q tests/bitstream_spec
 
 bench: $(READY) ## measure time and memory of encode, decode and info
 	$(BIN)/python benchmarks/bench_codec.py
