@@ -6,6 +6,7 @@ Files whose functions numba compiles are left out: a check wrapped around a kern
 import re
 from pathlib import Path
 
+import pytest
 from jaxtyping import install_import_hook
 
 LIBRARY = Path(__file__).resolve().parent.parent / "fecocodec"
@@ -24,3 +25,13 @@ def checked_modules() -> list[str]:
 
 
 install_import_hook(checked_modules(), "beartype.beartype")
+
+
+@pytest.fixture(scope="session")
+def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of weights with one model, `tests.example_scenes.MODEL`: networks as they are before training."""
+    from tests.example_scenes import write_random_model
+
+    folder = tmp_path_factory.mktemp("weights")
+    write_random_model(folder)
+    return folder

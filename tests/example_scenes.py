@@ -1,0 +1,52 @@
+"""Small posed scenes and random-initialised networks that several folders of tests share."""
+
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from scipy.spatial.transform import Rotation
+
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
+from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.load import serialise_receiver
+from fecocodec.receiver.model import Receiver
+from fecocodec.sender.load import serialise_sender
+from fecocodec.sender.model import Sender
+
+MODEL = "random"
+
+
+def example_cameras(num_views: int, seed: int = 0, near: float = 1.5, far: float = 12.0) -> Cameras:
+    """Cameras about half a unit apart, turned by a few degrees, anywhere in the world."""
+    generator = torch.Generator().manual_seed(seed)
+    turns = 0.05 * torch.randn(num_views, 3, generator=generator)
+    world = Rotation.from_rotvec(torch.randn(3, generator=generator).numpy())
+    extrinsics = torch.eye(4).repeat(num_views, 1, 1)
+    extrinsics[:, :3, :3] = torch.from_numpy((world * Rotation.from_rotvec(turns.numpy())).as_matrix()).float()
+    extrinsics[:, :3, 3] = 0.4 * torch.randn(num_views, 3, generator=generator) + 3.0
+    intrinsics = torch.tensor([[0.9, 0.0, 0.52], [0.0, 1.1, 0.47], [0.0, 0.0, 1.0]]).repeat(num_views, 1, 1)
+    return Cameras(extrinsics, intrinsics, torch.tensor(near), torch.tensor(far))
+
+
+def example_views(num_views: int, height: int = 64, width: int = 64, seed: int = 0) -> Views:
+    """Images of smooth colours with some grain; they show no consistent scene, which a codec must bear."""
+    generator = torch.Generator().manual_seed(seed)
+    smooth = F.interpolate(torch.rand(num_views, 3, 6, 6, generator=generator), (height, width), mode="bilinear")
+    images = (smooth + 0.1 * torch.randn(num_views, 3, height, width, generator=generator)).clamp(0, 1)
+    return Views(images, example_cameras(num_views, seed), tuple(f"view {view}" for view in range(num_views)))
+
+
+def write_random_model(weights: Path) -> None:
+    """Weights files of untrained networks below `weights`; their latents are wide enough for many nonzero symbols."""
+    torch.manual_seed(0)
+    receiver = Receiver(ReceiverConfig())
+    sender = Sender(SenderConfig(), receiver.config)
+    with torch.no_grad():
+        receiver.predictor.depth_head.weight.mul_(20.0)
+        receiver.predictor.head[2].weight.mul_(20.0)
+    folder = weights / MODEL
+    folder.mkdir(parents=True)
+    (folder / RECEIVER_FILE).write_bytes(serialise_receiver(receiver))
+    (folder / SENDER_FILE).write_bytes(serialise_sender(sender))

@@ -1,0 +1,72 @@
+"""Cameras: inverses, rays and padding."""
+
+import pytest
+import torch
+
+from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
+from fecocodec.geometry.depth import depth_from_relative_disparity, relative_disparity_from_depth
+from fecocodec.geometry.padding import inside_unpadded, pad_cameras, pad_images, padded_size
+from tests.example_scenes import example_cameras
+
+
+def test_world_to_camera_is_the_inverse() -> None:
+    cameras = example_cameras(5)
+    product = cameras.world_to_camera @ cameras.extrinsics
+    torch.testing.assert_close(product, torch.eye(4).expand(5, 4, 4), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize(("height", "width"), [(8, 8), (5, 13)])
+def test_points_along_pixel_rays_project_back_to_pixel_centres(height: int, width: int) -> None:
+    cameras = example_cameras(3)
+    depth = 1.0 + torch.rand(3, height, width, generator=torch.Generator().manual_seed(1)) * 10
+    points = camera_to_world_points(cameras, pixel_rays(cameras, height, width) * depth[..., None])
+    to_camera = cameras.world_to_camera[:, None, None]
+    seen = (to_camera[..., :3, :3] @ points[..., None])[..., 0] + to_camera[..., :3, 3]
+    torch.testing.assert_close(seen[..., 2], depth, atol=1e-4, rtol=1e-5)
+    projected = (cameras.intrinsics_px(height, width)[:, None, None] @ (seen / seen[..., 2:])[..., None])[..., 0]
+    row, column = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    torch.testing.assert_close(projected[..., 0], column.expand(3, -1, -1), atol=1e-3, rtol=0)
+    torch.testing.assert_close(projected[..., 1], row.expand(3, -1, -1), atol=1e-3, rtol=0)
+
+
+def test_select_as_batch_and_scene_keep_the_cameras() -> None:
+    cameras = example_cameras(4)
+    chosen = cameras.select([2, 0])
+    assert chosen.num_views == 2
+    assert torch.equal(chosen.extrinsics[0], cameras.extrinsics[2])
+    back = chosen.as_batch().scene(0)
+    assert all(torch.equal(one, other) for one, other in zip(back.fields(), chosen.fields(), strict=True))
+
+
+@pytest.mark.parametrize(("height", "width"), [(64, 64), (70, 101), (65, 96)])
+def test_padding_keeps_pixels_and_their_rays(height: int, width: int) -> None:
+    cameras = example_cameras(2)
+    padded_height, padded_width = padded_size(height, width)
+    assert padded_height % 32 == padded_width % 32 == 0
+    assert height <= padded_height < height + 32 and width <= padded_width < width + 32
+    images = torch.rand(2, 3, height, width)
+    padded = pad_images(images)
+    assert padded.shape == (2, 3, padded_height, padded_width)
+    assert torch.equal(padded[..., :height, :width], images)
+    rays = pixel_rays(pad_cameras(cameras, height, width), padded_height, padded_width)
+    torch.testing.assert_close(rays[:, :height, :width], pixel_rays(cameras, height, width), atol=1e-6, rtol=1e-6)
+
+
+def test_a_gaussian_is_kept_when_its_2x2_pixels_touch_the_image() -> None:
+    is_inside = inside_unpadded(3, 65, 64).view(3, 48, 32)
+    assert torch.equal(is_inside.sum(dim=(1, 2)), torch.full((3,), 33 * 32))
+    assert bool(is_inside[:, 32].all()) and not bool(is_inside[:, 33:].any())
+
+
+def test_relative_disparity_runs_from_far_to_near_and_back() -> None:
+    cameras = example_cameras(2, near=0.5, far=40.0)
+    relative = torch.linspace(0.0, 1.0, 12).view(1, 3, 4).repeat(2, 1, 1)
+    depth = depth_from_relative_disparity(relative, cameras)
+    torch.testing.assert_close(depth[0, 0, 0], torch.tensor(40.0))
+    torch.testing.assert_close(depth[0, -1, -1], torch.tensor(0.5))
+    torch.testing.assert_close(relative_disparity_from_depth(depth, cameras), relative, atol=1e-6, rtol=0)
+
+
+def test_depth_behind_far_stays_finite() -> None:
+    depth = depth_from_relative_disparity(torch.full((2, 1, 1), -1e6), example_cameras(2, far=40.0))
+    assert torch.equal(depth, torch.full((2, 1, 1), 80.0))

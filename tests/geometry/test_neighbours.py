@@ -1,0 +1,34 @@
+"""Nearest neighbours against brute force, by both searches."""
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+
+from fecocodec.geometry import neighbours
+from fecocodec.geometry.neighbours import nearest_neighbours, neighbours_by_distance, neighbours_by_tree
+
+Search = Callable[[Tensor, int], Tensor]
+
+
+@pytest.mark.parametrize("search", [nearest_neighbours, neighbours_by_tree, neighbours_by_distance])
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+def test_the_nearest_points_are_found(search: Search, offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(neighbours, "CHUNK", 100)
+    points = torch.randn(333, 3, generator=torch.Generator().manual_seed(0)) + offset
+    distances = (points.double()[:, None] - points.double()).norm(dim=-1)
+    found = search(points, 7)
+    torch.testing.assert_close(
+        distances.gather(1, found).sort(dim=1).values, distances.topk(7, largest=False).values, atol=1e-5, rtol=0
+    )
+    assert bool((found == torch.arange(333)[:, None]).any(dim=1).all())  # a point is among its own neighbours
+    assert all(len(set(row)) == 7 for row in found.tolist())
+
+
+@pytest.mark.parametrize("num_points", [1, 3])
+def test_too_few_points_repeat_the_nearest(num_points: int) -> None:
+    points = torch.arange(3.0 * num_points).view(num_points, 3)
+    found = nearest_neighbours(points, 5)
+    assert found.shape == (num_points, 5)
+    assert torch.equal(found[:, num_points:], torch.arange(num_points)[:, None].expand(-1, 5 - num_points))

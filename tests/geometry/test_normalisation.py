@@ -1,0 +1,59 @@
+"""The normalised frame: neither unit nor origin of the world reach the networks."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
+from tests.example_scenes import example_cameras
+
+
+def in_unit(cameras: Cameras, unit: float) -> Cameras:
+    extrinsics = cameras.extrinsics.clone()
+    extrinsics[:, :3, 3] *= unit
+    return replace(cameras, extrinsics=extrinsics, near=cameras.near * unit, far=cameras.far * unit)
+
+
+def gaussians_at(points: torch.Tensor) -> Gaussians:
+    n = len(points)
+    rotations = torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(n, 1)
+    return Gaussians(points, torch.full((n, 3), 0.25), rotations, torch.full((n,), 0.5), torch.zeros(n, 1, 3))
+
+
+def test_near_becomes_one_and_centres_lie_around_the_origin() -> None:
+    cameras = example_cameras(4)
+    normalised, _ = normalise_scene(cameras)
+    assert float(normalised.near) == 1.0
+    torch.testing.assert_close(normalised.far, cameras.far / cameras.near)
+    torch.testing.assert_close(normalised.extrinsics[:, :3, 3].mean(dim=0), torch.zeros(3), atol=1e-6, rtol=0)
+    assert torch.equal(normalised.extrinsics[:, :3, :3], cameras.extrinsics[:, :3, :3])
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3, 2.0**20])
+def test_the_unit_of_length_does_not_matter(unit: float) -> None:
+    metres, others = normalise_scene(example_cameras(4)), normalise_scene(in_unit(example_cameras(4), unit))
+    for one, other in zip(metres[0].fields(), others[0].fields(), strict=True):
+        torch.testing.assert_close(one, other, atol=1e-6, rtol=1e-6)
+    assert others[1].scale == pytest.approx(metres[1].scale * unit)
+
+
+def test_a_far_off_origin_costs_no_precision() -> None:
+    cameras = example_cameras(4)
+    extrinsics = cameras.extrinsics.clone()
+    extrinsics[:, :3, 3] = (extrinsics[:, :3, 3] * 8).round() / 8  # so that float32 holds them beside 1e6
+    here, far_off = replace(cameras, extrinsics=extrinsics), replace(cameras, extrinsics=extrinsics.clone())
+    far_off.extrinsics[:, :3, 3] += 1e6
+    for one, other in zip(normalise_scene(here)[0].fields(), normalise_scene(far_off)[0].fields(), strict=True):
+        torch.testing.assert_close(one, other, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_denormalising_is_the_way_back(unit: float) -> None:
+    cameras = in_unit(example_cameras(4), unit)
+    normalised, frame = normalise_scene(cameras)
+    back = denormalise_gaussians(gaussians_at(normalised.extrinsics[:, :3, 3]), frame)
+    torch.testing.assert_close(back.means, cameras.extrinsics[:, :3, 3], atol=1e-6 * unit, rtol=1e-6)
+    torch.testing.assert_close(back.scales, torch.full((4, 3), 0.25 * float(cameras.near)))

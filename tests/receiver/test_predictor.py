@@ -1,0 +1,95 @@
+"""Gaussian predictor: bounded for any state, independent of the order of views and of the unit of length."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from fecocodec.config import ReceiverConfig
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.receiver.model import Receiver
+from tests.example_scenes import example_cameras
+
+
+@pytest.fixture(scope="module")
+def receiver() -> Receiver:
+    torch.manual_seed(0)
+    return Receiver(ReceiverConfig()).eval().requires_grad_(False)
+
+
+def predict(receiver: Receiver, state: Tensor, cameras: Cameras) -> Gaussians:
+    condition = receiver.condition(torch.full((len(state),), 600), 2)
+    return receiver.predict(state, cameras.as_batch(), condition).gaussians.scene(0)
+
+
+def state_of(num_views: int, height4: int = 16, width4: int = 16) -> Tensor:
+    return torch.randn(num_views, 128, height4, width4, generator=torch.Generator().manual_seed(3))
+
+
+@pytest.mark.parametrize(("num_views", "height4", "width4"), [(1, 16, 16), (2, 16, 24), (3, 24, 16), (5, 16, 16)])
+def test_one_gaussian_per_2x2_pixels_of_every_view(
+    receiver: Receiver, num_views: int, height4: int, width4: int
+) -> None:
+    gaussians = predict(receiver, state_of(num_views, height4, width4), example_cameras(num_views))
+    assert gaussians.count == num_views * 4 * height4 * width4
+    assert gaussians.harmonics.shape == (gaussians.count, 1, 3)
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.0, 1e4, 1e12])
+def test_gaussians_are_finite_and_bounded_for_any_state(receiver: Receiver, factor: float) -> None:
+    cameras = example_cameras(2, near=0.5, far=50.0)
+    gaussians = predict(receiver, state_of(2) * factor, cameras)
+    assert all(bool(field.isfinite().all()) for field in gaussians.fields())
+    torch.testing.assert_close(gaussians.rotations.norm(dim=-1), torch.ones(gaussians.count), atol=1e-5, rtol=0)
+    assert float(gaussians.opacities.min()) >= 0.0 and float(gaussians.opacities.max()) <= 1.0
+    assert float(gaussians.scales.min()) > 0.0
+    to_first = cameras.world_to_camera[0]
+    depth = (gaussians.means[: gaussians.count // 2] @ to_first[:3, :3].T + to_first[:3, 3])[:, 2]
+    assert float(depth.min()) > 0.8 * 0.5 and float(depth.max()) < 1.01 * 2 * 50.0
+    colours = 0.5 + 0.28209479 * gaussians.harmonics
+    assert float(colours.min()) >= -1e-4 and float(colours.max()) <= 1.0001
+
+
+def test_gaussians_project_near_the_cell_that_made_them(receiver: Receiver) -> None:
+    cameras, size = example_cameras(2), 32
+    means = predict(receiver, state_of(2), cameras).means.view(2, size, size, 3)
+    to_camera = cameras.world_to_camera[:, None, None]
+    seen = (to_camera[..., :3, :3] @ means[..., None])[..., 0] + to_camera[..., :3, 3]
+    position = (cameras.intrinsics_px(size, size)[:, None, None] @ (seen / seen[..., 2:])[..., None])[..., 0]
+    row, column = torch.meshgrid(torch.arange(size) + 0.5, torch.arange(size) + 0.5, indexing="ij")
+    assert float((position[..., 0] - column).abs().max()) <= 1.001
+    assert float((position[..., 1] - row).abs().max()) <= 1.001
+
+
+def test_permuting_the_views_permutes_the_gaussians(receiver: Receiver) -> None:
+    order, state, cameras = [2, 0, 1], state_of(3), example_cameras(3)
+    gaussians = predict(receiver, state, cameras)
+    permuted = predict(receiver, state[order], cameras.select(order))
+    for field, other in zip(gaussians.fields(), permuted.fields(), strict=True):
+        by_view = field.unflatten(0, (3, -1))[order].flatten(0, 1)
+        torch.testing.assert_close(other, by_view, atol=1e-3, rtol=1e-3)
+
+
+def test_the_unit_of_length_scales_gaussians_and_nothing_else(receiver: Receiver) -> None:
+    cameras, unit = example_cameras(2), 64.0
+    extrinsics = cameras.extrinsics.clone()
+    extrinsics[:, :3, 3] *= unit
+    scaled = replace(cameras, extrinsics=extrinsics, near=cameras.near * unit, far=cameras.far * unit)
+    small, large = predict(receiver, state_of(2), cameras), predict(receiver, state_of(2), scaled)
+    torch.testing.assert_close(large.means, small.means * unit, atol=1e-2, rtol=1e-4)
+    torch.testing.assert_close(large.scales, small.scales * unit, atol=0, rtol=1e-4)
+    torch.testing.assert_close(large.opacities, small.opacities, atol=1e-4, rtol=0)
+    torch.testing.assert_close(large.harmonics, small.harmonics, atol=1e-4, rtol=0)
+
+
+def test_the_state_starts_the_same_everywhere_and_is_moved_by_the_latent(receiver: Receiver) -> None:
+    start = receiver.update.start(2, 16, 24)
+    assert start.shape == (2, 128, 16, 24)
+    assert torch.equal(start, start[:1, :, :1, :1].expand_as(start))
+    condition = receiver.condition(torch.tensor([0, 1768]), 1)
+    y_hat = torch.randn(2, 32, 8, 12)
+    moved = receiver.next_state(start, y_hat, condition)
+    assert moved.shape == start.shape
+    assert float((moved - receiver.next_state(start, -y_hat, condition)).abs().max()) > 1e-3

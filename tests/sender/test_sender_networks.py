@@ -1,0 +1,68 @@
+"""The sender's networks: shapes for any number of views, and no dependence on the order of views."""
+
+import pytest
+import torch
+
+from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.geometry.normalisation import normalise_scene
+from fecocodec.sender.model import Sender
+from fecocodec.sender.parameters import parameter_table
+from tests.example_scenes import example_views
+
+
+@pytest.fixture(scope="module")
+def sender() -> Sender:
+    torch.manual_seed(0)
+    return Sender(SenderConfig(), ReceiverConfig()).eval().requires_grad_(False)
+
+
+@pytest.mark.parametrize(
+    ("num_views", "height", "width"), [(1, 64, 64), (2, 64, 96), (3, 96, 64), (5, 64, 64), (2, 64, 352)]
+)
+def test_shapes_from_views_to_latents(sender: Sender, num_views: int, height: int, width: int) -> None:
+    views = example_views(num_views, height, width)
+    cameras, _ = normalise_scene(views.cameras)
+    features = sender.extractor(views.images[None], cameras.as_batch())
+    assert features.shape == (num_views, 128, height // 4, width // 4)
+    condition = torch.zeros(num_views, 64)
+    feedback = sender.feedback(views.images, views.images.flip(-1), condition)
+    assert feedback.shape == features.shape
+    y = sender.analysis(feedback, features, condition)
+    assert y.shape == (num_views, 32, height // 8, width // 8)
+    assert sender.hyper_analysis(y).shape == (num_views, 16, height // 32, width // 32)
+    assert bool(features.isfinite().all() and y.isfinite().all())
+
+
+def test_permuting_the_views_permutes_the_features(sender: Sender) -> None:
+    views = example_views(4)
+    order = [2, 0, 3, 1]
+    cameras, _ = normalise_scene(views.cameras)
+    features = sender.extractor(views.images[None], cameras.as_batch())
+    permuted = sender.extractor(views.images[None, order], cameras.select(order).as_batch())
+    torch.testing.assert_close(permuted, features[order], atol=1e-4, rtol=1e-4)
+
+
+def test_a_batch_gives_what_its_scenes_give_alone(sender: Sender) -> None:
+    scenes = [example_views(2, seed=seed) for seed in (1, 2)]
+    batches = [normalise_scene(scene.cameras)[0].as_batch() for scene in scenes]
+    alone = [sender.extractor(s.images[None], c) for s, c in zip(scenes, batches, strict=True)]
+    joined = type(batches[0])(*(torch.cat(parts) for parts in zip(*(c.fields() for c in batches), strict=True)))
+    together = sender.extractor(torch.stack([scene.images for scene in scenes]), joined)
+    torch.testing.assert_close(together, torch.cat(alone), atol=1e-4, rtol=1e-4)
+
+
+def test_wild_features_give_latents_that_can_be_coded(sender: Sender) -> None:
+    features, condition = torch.randn(1, 128, 16, 16) * 1e6, torch.zeros(1, 64)
+    y = sender.analysis(features, features, condition)
+    z = sender.hyper_analysis(y)
+    assert bool(y.isfinite().all() and z.isfinite().all())
+    assert float(y.abs().max()) <= 2.0**15 and float(z.abs().max()) <= 2.0**15
+
+
+def test_numbers_of_parameters_are_what_was_promised() -> None:
+    table = parameter_table()
+    totals = {row.module.split(",")[0]: row.parameters for row in table if row.side == "sum"}
+    assert totals["receiver"] == pytest.approx(3.45e6, rel=0.01)
+    assert totals["sender"] <= 12e6
+    assert sum(row.parameters for row in table if row.side == "receiver") == totals["receiver"]
+    assert sum(row.parameters for row in table if row.side != "sum") == totals["sender"]
