@@ -22,10 +22,10 @@ BIAS_BITS, BIAS_LIMIT = 20, 1 << 24  # within 2^24 a bias is exact in float32, i
 MAX_INPUTS = 1 << 20  # |accumulator| <= MAX_INPUTS * 2^30 + 2^24 < 2^53
 
 
-class _RoundThrough(torch.autograd.Function):
+class _FloorThrough(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor, lowest: int, highest: int) -> Tensor:
-        return torch.add(x, 0.5).floor_().clamp_(lowest, highest)
+        return torch.floor(x).clamp_(lowest, highest)
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
@@ -49,7 +49,7 @@ class _ClampThrough(torch.autograd.Function):
 
 def round_through(x: Float[Tensor, "*shape"], lowest: int, highest: int) -> Float[Tensor, "*shape"]:
     """floor(x + 1/2) clamped to [lowest, highest]; the gradient is that of x, also where it is clamped."""
-    result: Tensor = _RoundThrough.apply(x, lowest, highest)
+    result: Tensor = _FloorThrough.apply(x + 0.5, lowest, highest)
     return result
 
 
@@ -89,12 +89,14 @@ class FixedPointLinear(nn.Module):
     def forward(self, *inputs_q8: Float[Tensor, "group row _"]) -> Float[Tensor, "group row out"]:
         dtype = inputs_q8[0].dtype
         weight = (self.rounded_weight() / (1 << WEIGHT_BITS)).to(dtype)
-        sums = (self.rounded_bias() / (1 << (BIAS_BITS - 8))).to(dtype)[:, None]
+        half = 0.5  # added before the sums rather than after them, where it would be another pass over the activations
+        sums = (self.rounded_bias() / (1 << (BIAS_BITS - 8)) + half).to(dtype)[:, None]
         widths = [x.shape[-1] for x in inputs_q8]
         rows = weight.split([*widths, weight.shape[1] - sum(widths)], dim=1)
         for x_q8, part in zip(inputs_q8, rows[:-1], strict=True):
             sums = torch.baddbmm(sums, x_q8, part)
-        return round_through(sums, ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
+        rounded: Tensor = _FloorThrough.apply(sums, ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
+        return rounded
 
 
 def export_integers(module: nn.Module) -> dict[str, Int[Tensor, "..."]]:

@@ -6,7 +6,7 @@ import torch
 
 from fecocodec.coding.payload import code_latents, encode_latents
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
-from fecocodec.coding.rate import estimate_latents, gaussian_bits, straight_through, uniform_noise
+from fecocodec.coding.rate import _Meter, estimate_latents, gaussian_bits, straight_through, uniform_noise
 from fecocodec.entropy.ports import Port
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, load_tables
 from tests.coding.coding_examples import lively_prior, smooth_latents
@@ -91,8 +91,6 @@ def test_noise_comes_from_the_generator():
 
 
 def skipped_step(values: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    from fecocodec.coding.rate import _Meter
-
     meter = _Meter([values], straight_through)
     seen = meter.exchange(0, EntropyParameters(torch.full_like(values, 64.0), position))
     return seen, meter.bits[0]
