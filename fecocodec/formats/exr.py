@@ -27,8 +27,7 @@ def read_exr(path: Path) -> ExrImage:
 
     Light above 1 is clipped; NaN counts as 0. Raises InputError where the file cannot be read or has no colour.
     """
-    channels = _open(path, header_only=False).channels()
-    pixels = {name: np.asarray(channel.pixels, np.float32) for name, channel in channels.items()}
+    pixels = _read_channels(path)
     if "RGBA" in pixels:  # OpenEXR colour is premultiplied by alpha
         linear = pixels["RGBA"][..., :3] + (1 - pixels["RGBA"][..., 3:])
     elif "RGB" in pixels:
@@ -44,7 +43,10 @@ def read_exr(path: Path) -> ExrImage:
 
 def read_exr_size(path: Path) -> tuple[int, int]:
     """(height, width) of the stored pixels, from the header alone."""
-    (left, top), (right, bottom) = _open(path, header_only=True).header()["dataWindow"]
+    try:
+        (left, top), (right, bottom) = OpenEXR.File(str(path), header_only=True).header()["dataWindow"]
+    except (RuntimeError, ValueError) as error:
+        raise InputError(_unreadable(path)) from error
     return int(bottom - top) + 1, int(right - left) + 1
 
 
@@ -76,8 +78,14 @@ def srgb_to_linear(srgb: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     return torch.where(srgb <= 0.04045, srgb / 12.92, ((srgb.clamp_min(0) + 0.055) / 1.055) ** 2.4)
 
 
-def _open(path: Path, *, header_only: bool) -> OpenEXR.File:
+def _read_channels(path: Path) -> dict[str, Float[np.ndarray, "height width *channel"]]:
+    """OpenEXR answers damage with RuntimeError, and with ValueError where no pixels were left to read."""
     try:
-        return OpenEXR.File(str(path), header_only=header_only)
-    except RuntimeError as error:
-        raise InputError(f"{path}: not a readable OpenEXR image; store it again or leave its view out.") from error
+        channels = OpenEXR.File(str(path)).channels()
+    except (RuntimeError, ValueError) as error:
+        raise InputError(_unreadable(path)) from error
+    return {name: np.asarray(channel.pixels, np.float32) for name, channel in channels.items()}
+
+
+def _unreadable(path: Path) -> str:
+    return f"{path}: the image is damaged, cut short or not OpenEXR; store it again or leave its view out."

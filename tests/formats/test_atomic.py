@@ -1,0 +1,114 @@
+"""Outputs appear whole or not at all."""
+
+import os
+import resource
+
+import pytest
+import torch
+
+from fecocodec.errors import OutputError
+from fecocodec.formats.atomic import require_writable, write_atomically
+from fecocodec.formats.exr import ExrImage, write_exr
+
+
+def test_the_file_appears_when_the_block_ends(tmp_path):
+    path = tmp_path / "out.png"
+    with write_atomically(path, overwrite=False) as temporary:
+        temporary.write_bytes(b"new")
+        assert temporary.parent == tmp_path
+        assert temporary.suffix == ".png"
+        assert not path.exists()
+    assert path.read_bytes() == b"new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_permissions_follow_the_umask(tmp_path):
+    before = os.umask(0o027)
+    try:
+        with write_atomically(tmp_path / "out", overwrite=False) as temporary:
+            temporary.write_bytes(b"")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "out").stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_any_failure_leaves_the_old_file_and_nothing_else(error, tmp_path):
+    path = tmp_path / "out"
+    path.write_bytes(b"old")
+    with pytest.raises(error), write_atomically(path, overwrite=True) as temporary:
+        temporary.write_bytes(b"half")
+        raise error
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_existing_file_is_kept_unless_told_otherwise(tmp_path):
+    path = tmp_path / "out"
+    path.write_bytes(b"old")
+    with pytest.raises(OutputError) as caught, write_atomically(path, overwrite=False):
+        pytest.fail("the block must not be entered")
+    assert str(caught.value) == (f"{path}: the file exists already; choose another output path or ask to overwrite it.")
+    with write_atomically(path, overwrite=True) as temporary:
+        temporary.write_bytes(b"new")
+    assert path.read_bytes() == b"new"
+
+
+def test_a_symbolic_link_survives(tmp_path):
+    (tmp_path / "target").write_bytes(b"old")
+    link = tmp_path / "link"
+    link.symlink_to("target")
+    with write_atomically(link, overwrite=True) as temporary:
+        temporary.write_bytes(b"new")
+    assert link.is_symlink()
+    assert (tmp_path / "target").read_bytes() == b"new"
+
+
+def test_paths_that_cannot_hold_a_file(tmp_path):
+    path = tmp_path / "missing" / "out"
+    with pytest.raises(OutputError) as caught:
+        require_writable(path, overwrite=True)
+    assert str(caught.value) == (
+        f"{path}: the folder {path.parent} does not exist; create it or choose another output path."
+    )
+    for place in (tmp_path, tmp_path / "fifo"):
+        if place != tmp_path:
+            os.mkfifo(place)
+        with pytest.raises(OutputError) as caught:
+            require_writable(place, overwrite=True)
+        assert str(caught.value) == f"{place}: this exists and is not a plain file; choose another output path."
+
+
+@pytest.fixture
+def nearly_full_disk():
+    """A limit on the size of files, which the system reports the way it reports a full disk: part-way through."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_write_that_the_system_refuses(nearly_full_disk, tmp_path):
+    path = tmp_path / "out"
+    with pytest.raises(OutputError) as caught, write_atomically(path, overwrite=False) as temporary:
+        temporary.write_bytes(bytes(5000))
+    assert str(caught.value) == (
+        f"{path}: writing failed (File too large); check free space and permissions or choose another output path."
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_write_that_fails_inside_openexr(nearly_full_disk, tmp_path):
+    with pytest.raises(OutputError, match="writing failed"):
+        write_exr(tmp_path / "out.exr", ExrImage(torch.rand(3, 64, 64), None))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_a_folder_without_permission(tmp_path):
+    tmp_path.chmod(0o500)
+    with (
+        pytest.raises(OutputError, match="Permission denied"),
+        write_atomically(tmp_path / "out", overwrite=False) as temporary,
+    ):
+        temporary.write_bytes(b"")

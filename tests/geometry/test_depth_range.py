@@ -1,0 +1,81 @@
+"""Near and far from the images alone, on a scene whose depths are known."""
+
+import math
+
+import pytest
+import torch
+import torch.nn.functional as F
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.depth_range import DEFAULT_RANGE, bounds_of_depths, estimate_depth_range
+from fecocodec.geometry.views import Views
+
+NEAR_WALL, FAR_WALL = 2.0, 8.0
+HEIGHT, WIDTH, FOCAL_PX = 96, 128, 110.0
+
+
+def two_walls(positions: list[float], unit: float = 1.0) -> Views:
+    """A near wall fills the lower half of each image and a far wall the upper half; cameras move to the right."""
+    generator = torch.Generator().manual_seed(0)
+    texture = F.interpolate(torch.rand(1, 3, 64, 160, generator=generator), scale_factor=4, mode="bicubic").clamp(0, 1)
+    v, u = torch.meshgrid(torch.arange(HEIGHT) + 0.5, torch.arange(WIDTH) + 0.5, indexing="ij")
+    depth = torch.where(v > HEIGHT / 2, NEAR_WALL, FAR_WALL)
+    images = []
+    for position in positions:
+        column = u + FOCAL_PX * position / depth + 200  # of the texture, drawn so that a texel is a pixel
+        grid = torch.stack((2 * column / texture.shape[-1] - 1, 2 * v / texture.shape[-2] - 1), dim=-1)
+        images.append(F.grid_sample(texture, grid[None], align_corners=False)[0])
+    extrinsics = torch.eye(4).repeat(len(positions), 1, 1)
+    extrinsics[:, 0, 3] = torch.tensor(positions) * unit
+    intrinsics = torch.tensor([[FOCAL_PX / WIDTH, 0, 0.5], [0, FOCAL_PX / HEIGHT, 0.5], [0, 0, 1]])
+    cameras = Cameras(
+        extrinsics, intrinsics.repeat(len(positions), 1, 1), torch.tensor(torch.nan), torch.tensor(torch.nan)
+    )
+    return Views(torch.stack(images), cameras, tuple(map(str, positions)))
+
+
+@pytest.mark.parametrize("positions", [[0.0, 0.3], [0.0, 0.5, 0.2], [0.0, -0.25, 0.25, 0.5]])
+def test_bounds_enclose_the_scene_closely(positions):
+    near, far = estimate_depth_range(two_walls(positions))
+    assert NEAR_WALL / 2 < near < NEAR_WALL
+    assert FAR_WALL < far < FAR_WALL * 2
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_bounds_follow_the_unit_of_length(unit):
+    near, far = estimate_depth_range(two_walls([0.0, 0.3]))
+    assert estimate_depth_range(two_walls([0.0, 0.3], unit)) == pytest.approx((near * unit, far * unit), rel=0.05)
+
+
+@pytest.mark.parametrize("positions", [[0.0], [0.0, 0.0]])
+def test_without_a_baseline_the_default_holds(positions):
+    assert estimate_depth_range(two_walls(positions)) == DEFAULT_RANGE
+
+
+def test_where_nothing_matches_the_default_is_in_baselines():
+    views = two_walls([0.0, 0.5])
+    blank = Views(torch.full_like(views.images, 0.5), views.cameras, views.names)
+    assert estimate_depth_range(blank) == pytest.approx((0.5 * DEFAULT_RANGE[0], 0.5 * DEFAULT_RANGE[1]))
+
+
+def test_views_that_face_away_from_each_other_give_a_usable_range():
+    views = two_walls([0.0, 0.5])
+    extrinsics = views.cameras.extrinsics.clone()
+    extrinsics[1, :3, :3] = torch.diag(torch.tensor([-1.0, 1.0, -1.0]))
+    cameras = Cameras(extrinsics, views.cameras.intrinsics, views.cameras.near, views.cameras.far)
+    near, far = estimate_depth_range(Views(views.images, cameras, views.names))
+    assert 0 < near < far < math.inf
+
+
+def test_percentiles_of_depths_are_widened():
+    depths = torch.linspace(1, 2, 10_001)
+    assert bounds_of_depths(depths) == pytest.approx((1.01 / 1.15, 1.99 * 1.15))
+
+
+def test_a_far_background_does_not_take_the_range_with_it():
+    depths = torch.cat((torch.full((900,), 3.0), torch.full((100,), 1e6)))
+    assert bounds_of_depths(depths) == pytest.approx((3 / 1.15, 40.0))
+
+
+def test_few_depths_tell_nothing():
+    assert bounds_of_depths(torch.ones(49)) is None
