@@ -112,7 +112,7 @@ class Trainer:
         else:
             self.num_skipped += 1
         self.step += 1
-        return parts | {"loss": float(loss), "gradient": float(norm)}
+        return parts | {"loss": float(loss.detach()), "gradient": float(norm)}
 
     @torch.no_grad()
     def _update_average(self) -> None:

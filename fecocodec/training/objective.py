@@ -111,8 +111,8 @@ def loss_of(
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
     lmbda = LAMBDA_MIN * torch.exp(batch.lambda_q / STEPS_PER_E)
     truth = _true_disparity(batch)
-    total = disparity_weight * MATCHING_WEIGHT * _masked_l1(matched, truth)
-    parts = {"matching": float(_masked_l1(matched, truth))}
+    parts = {"matching": _masked_l1(matched, truth)}
+    total = disparity_weight * MATCHING_WEIGHT * parts["matching"]
     for stage, outcome in enumerate(outcomes, start=1):
         rendered = torch.stack([rendering.color for rendering in outcome.renderings])
         images = batch.images[:, : rendered.shape[1]]
@@ -123,12 +123,12 @@ def loss_of(
         total = total + squared.mean() + SSIM_WEIGHT * structure + (lmbda * rate).mean()
         total = total + disparity_weight * DISPARITY_WEIGHT * disparity
         parts |= {
-            f"mse{stage}": float(squared[batch.num_context :].mean()),
-            f"mse_context{stage}": float(squared[: batch.num_context].mean()),
-            f"bpp{stage}": float(rate.mean()),
-            f"disparity{stage}": float(disparity),
+            f"mse{stage}": squared[batch.num_context :].mean(),
+            f"mse_context{stage}": squared[: batch.num_context].mean(),
+            f"bpp{stage}": rate.mean(),
+            f"disparity{stage}": disparity,
         }
-    return total, parts
+    return total, {name: float(value.detach()) for name, value in parts.items()}
 
 
 def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:

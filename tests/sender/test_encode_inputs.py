@@ -1,0 +1,66 @@
+"""What `encode` refuses before it does any work."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.errors import InputError, ModelError
+from fecocodec.geometry.views import Views
+from fecocodec.sender.encode import encode
+from tests.example_scenes import MODEL, example_views
+
+
+def changed(views: Views, **fields: torch.Tensor) -> Views:
+    return replace(views, cameras=replace(views.cameras, **fields))
+
+
+def with_pose(views: Views, row: int, column: int, value: float) -> Views:
+    extrinsics = views.cameras.extrinsics.clone()
+    extrinsics[1, row, column] = value
+    return changed(views, extrinsics=extrinsics)
+
+
+def with_skew(views: Views) -> Views:
+    intrinsics = views.cameras.intrinsics.clone()
+    intrinsics[1, 0, 1] = 0.01
+    return changed(views, intrinsics=intrinsics)
+
+
+@pytest.mark.parametrize(
+    ("views", "message"),
+    [
+        (with_pose(example_views(2), 0, 3, float("nan")), "camera 2 of 2: tx is nan"),
+        (with_pose(example_views(2), 0, 0, 5.0), "camera 2 of 2: its rotation is not orthonormal"),
+        (changed(example_views(2), extrinsics=-torch.eye(4).repeat(2, 1, 1)), "mirrored"),
+        (changed(example_views(2), near=torch.tensor(20.0)), "near must be less than far"),
+        (changed(example_views(2), near=torch.tensor(0.0)), "must be positive"),
+        (with_skew(example_views(2)), "camera 2: its intrinsics have a skew"),
+        (replace(example_views(2), images=torch.full((2, 3, 64, 64), float("nan"))), "not finite"),
+        (replace(example_views(2), images=torch.rand(3, 3, 64, 64)), "3 images were given with 2 cameras"),
+        (example_views(17), "give 1 to 16"),
+        (example_views(2, 63, 64), "sides must be 64 to 1024"),
+        (example_views(1, 64, 1025), "sides must be 64 to 1024"),
+    ],
+)
+def test_views_that_cannot_be_coded_are_named(random_weights: Path, views: Views, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        encode(views, model=MODEL, weights=random_weights)
+
+
+@pytest.mark.parametrize("lmbda", [0.0, 9e-6, 1.1e-2, float("nan")])
+def test_lambda_outside_its_range_is_refused(random_weights: Path, lmbda: float) -> None:
+    with pytest.raises(InputError, match="lambda"):
+        encode(example_views(1), lmbda=lmbda, model=MODEL, weights=random_weights)
+
+
+@pytest.mark.parametrize("num_stages", [0, 3])
+def test_there_are_one_or_two_stages(random_weights: Path, num_stages: int) -> None:
+    with pytest.raises(InputError, match="choose 1 or 2"):
+        encode(example_views(1), num_stages=num_stages, model=MODEL, weights=random_weights)
+
+
+def test_a_model_that_is_not_there_is_named(random_weights: Path) -> None:
+    with pytest.raises(ModelError, match=r"another.receiver\.safetensors: the weights cannot be read"):
+        encode(example_views(1), model="another", weights=random_weights)

@@ -1,0 +1,104 @@
+"""Weights files: what comes back, and what a missing or damaged one is told."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load, save
+
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, find_receiver, read_weights, serialise_weights
+from fecocodec.config import ReceiverConfig
+from fecocodec.errors import ModelError
+from fecocodec.receiver.load import load_receiver, serialise_receiver
+from fecocodec.sender.load import load_sender
+from tests.example_scenes import MODEL
+
+
+@pytest.fixture
+def model(random_weights: Path, tmp_path: Path) -> Path:
+    """A copy of the model's folder that a test may damage."""
+    return Path(shutil.copytree(random_weights / MODEL, tmp_path / "weights" / MODEL))
+
+
+def rewrite(path: Path, tensors: dict[str, torch.Tensor], config: object) -> None:
+    path.write_bytes(save(tensors, metadata={"config": json.dumps(config)}))
+
+
+def test_floats_come_back_as_float32_and_integers_as_they_were(tmp_path: Path) -> None:
+    tensors = {"real": torch.tensor([0.5, -3.0]), "whole": torch.tensor([7, -7], dtype=torch.int16)}
+    (tmp_path / "file").write_bytes(serialise_weights(tensors, {"receiver": {"width": 3}}))
+    weights = read_weights(tmp_path / "file")
+    assert weights.tensors["real"].dtype == torch.float32 and weights.tensors["whole"].dtype == torch.int16
+    assert all(torch.equal(weights.tensors[name], value) for name, value in tensors.items())
+    assert weights.config == {"receiver": {"width": 3}} and len(weights.model_id) == 8
+
+
+def test_a_receiver_written_again_is_the_same_file(model: Path) -> None:
+    receiver, model_id = load_receiver(model / RECEIVER_FILE)
+    assert serialise_receiver(receiver) == (model / RECEIVER_FILE).read_bytes()
+    assert find_receiver(model_id, model.parent) == model / RECEIVER_FILE
+
+
+def test_an_unknown_model_id_is_named_with_the_place_and_the_models_there(model: Path) -> None:
+    with pytest.raises(ModelError, match=f"model id {b'unknown!'.hex()}, but {model.parent} has {MODEL}; install"):
+        find_receiver(b"unknown!", model.parent)
+    with pytest.raises(ModelError, match="has none"):
+        find_receiver(b"unknown!", model.parent / "nowhere")
+
+
+@pytest.mark.parametrize("damage", ["missing", "empty", "cut", "noise", "no configuration", "folder"])
+def test_a_file_that_is_missing_or_damaged_is_named(model: Path, damage: str) -> None:
+    path = model / RECEIVER_FILE
+    data = path.read_bytes()
+    path.unlink()
+    if damage == "folder":
+        path.mkdir()
+    elif damage != "missing":
+        contents = {"empty": b"", "cut": data[: len(data) // 2], "noise": bytes(range(256)) * 40}
+        path.write_bytes(contents.get(damage) or (b"" if damage == "empty" else save(load(data))))
+    with pytest.raises(ModelError, match=r"receiver\.safetensors: .*reinstall the package\.$"):
+        load_receiver(path)
+
+
+@pytest.mark.parametrize("lost", ["predictor.depth_head.weight", "prior.hyper_prior.bias"])
+def test_a_missing_tensor_is_an_error(model: Path, lost: str) -> None:
+    path = model / RECEIVER_FILE
+    weights = read_weights(path)
+    tensors = {name: value for name, value in weights.tensors.items() if name != lost}
+    path.write_bytes(serialise_weights(tensors, weights.config))
+    with pytest.raises(ModelError):
+        load_receiver(path)
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({}, "holds no receiver"),
+        ([], "no JSON object"),
+        ({"receiver": {"state_channels": 128}}, "another version"),
+        ({"receiver": {"unknown": 1}}, "another version"),
+        ({"receiver": "large"}, "holds no receiver"),
+    ],
+)
+def test_a_configuration_that_does_not_fit_is_an_error(model: Path, config: object, message: str) -> None:
+    path = model / RECEIVER_FILE
+    rewrite(path, load(path.read_bytes()), config)
+    with pytest.raises(ModelError, match=message):
+        load_receiver(path)
+
+
+def test_a_width_of_the_wrong_kind_is_an_error(model: Path) -> None:
+    path = model / RECEIVER_FILE
+    config = dict(read_weights(path).config["receiver"], predictor_channels="wide")
+    rewrite(path, load(path.read_bytes()), {"receiver": config})
+    with pytest.raises(ModelError, match="another version"):
+        load_receiver(path)
+
+
+def test_the_ends_cannot_be_mistaken_for_each_other(model: Path) -> None:
+    with pytest.raises(ModelError, match="holds no sender; name a sender's weights file"):
+        load_sender(model / RECEIVER_FILE, ReceiverConfig())
+    with pytest.raises(ModelError, match="holds no receiver"):
+        load_receiver(model / SENDER_FILE)

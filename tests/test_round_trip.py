@@ -1,0 +1,173 @@
+"""`encode` then `decode`: from posed photographs to Gaussians and nothing in between but bytes."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.checkpoint import SENDER_FILE
+from fecocodec.container import Stream, list_sections, read_prefix, read_stream, write_stream
+from fecocodec.errors import BitstreamError, InputError, ModelError
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode, read_cameras
+from fecocodec.sender.encode import encode
+from tests.example_scenes import MODEL, example_views
+
+ROOT = Path(__file__).resolve().parents[1]
+
+CHILD = """
+import json, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from fecocodec.receiver.decode import decode
+gaussians = decode(Path(sys.argv[2]).read_bytes(), weights=Path(sys.argv[3]))
+print(json.dumps([gaussians.count, sorted(name for name in sys.modules if name.startswith("fecocodec."))]))
+"""
+
+
+@pytest.fixture(scope="module")
+def views() -> Views:
+    return example_views(2)
+
+
+@pytest.fixture(scope="module")
+def data(views: Views, random_weights: Path) -> bytes:
+    return encode(views, lmbda=1e-4, model=MODEL, weights=random_weights)
+
+
+def assert_equal(one: Gaussians, other: Gaussians) -> None:
+    assert all(torch.equal(a, b) for a, b in zip(one.fields(), other.fields(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("num_views", "height", "width", "lmbda"),
+    [(1, 64, 64, 1e-3), (2, 96, 160, 1e-5), (2, 70, 101, 1e-2), (4, 64, 64, 1e-5)],
+)
+def test_every_visible_cell_becomes_a_gaussian(
+    random_weights: Path, num_views: int, height: int, width: int, lmbda: float
+) -> None:
+    views = example_views(num_views, height, width)
+    data = encode(views, lmbda=lmbda, model=MODEL, weights=random_weights)
+    gaussians = decode(data, weights=random_weights)
+    assert gaussians.count == num_views * ((height + 1) // 2) * ((width + 1) // 2)
+    assert all(bool(field.isfinite().all()) for field in gaussians.fields())
+    header = read_stream(data).header
+    assert (header.num_views, header.height, header.width) == (num_views, height, width)
+    cameras, size = read_cameras(data)
+    assert size == (height, width)
+    torch.testing.assert_close(cameras.extrinsics, views.cameras.extrinsics, atol=1e-6, rtol=0)
+
+
+def test_the_latents_are_not_trivial(data: bytes) -> None:
+    assert all(len(payload) > 100 for payload in read_stream(data).payloads)
+
+
+def test_encoding_and_decoding_again_give_the_same(data: bytes, views: Views, random_weights: Path) -> None:
+    assert encode(views, lmbda=1e-4, model=MODEL, weights=random_weights) == data
+    assert_equal(decode(data, weights=random_weights), decode(data, weights=random_weights))
+
+
+def test_gaussians_lie_in_the_world_near_the_pixels_they_stand_for(
+    data: bytes, views: Views, random_weights: Path
+) -> None:
+    cameras, size = views.cameras, 32
+    means = decode(data, weights=random_weights).means.view(2, size, size, 3)
+    to_camera = cameras.world_to_camera[:, None, None]
+    seen = (to_camera[..., :3, :3] @ means[..., None])[..., 0] + to_camera[..., :3, 3]
+    position = (cameras.intrinsics_px(size, size)[:, None, None] @ (seen / seen[..., 2:])[..., None])[..., 0]
+    row, column = torch.meshgrid(torch.arange(size) + 0.5, torch.arange(size) + 0.5, indexing="ij")
+    assert float((position[..., :2] - torch.stack((column, row), dim=-1)).abs().max()) < 1.01
+    assert float(seen[..., 2].min()) > 0.8 * float(cameras.near)
+    assert float(seen[..., 2].max()) < 2.02 * float(cameras.far)
+
+
+@pytest.mark.parametrize("exponent", [-10, 7])
+def test_the_unit_of_length_changes_the_cameras_and_no_payload(
+    data: bytes, views: Views, random_weights: Path, exponent: int
+) -> None:
+    unit = 2.0**exponent
+    extrinsics = views.cameras.extrinsics.clone()
+    extrinsics[:, :3, 3] *= unit
+    near, far = views.cameras.near * unit, views.cameras.far * unit
+    scaled = replace(views, cameras=replace(views.cameras, extrinsics=extrinsics, near=near, far=far))
+    other = encode(scaled, lmbda=1e-4, model=MODEL, weights=random_weights)
+    assert read_stream(other).payloads == read_stream(data).payloads
+    small, large = decode(data, weights=random_weights), decode(other, weights=random_weights)
+    torch.testing.assert_close(large.means, small.means * unit, atol=1e-5 * unit, rtol=1e-5)
+    torch.testing.assert_close(large.scales, small.scales * unit)
+    assert torch.equal(large.harmonics, small.harmonics)
+
+
+def test_one_stage_of_two_is_what_a_file_cut_after_it_gives(data: bytes, random_weights: Path) -> None:
+    end_of_b1 = next(section.offset for section in list_sections(data) if section.name == "B2")
+    preview = decode(data, num_stages=1, weights=random_weights)
+    assert_equal(decode(data[:end_of_b1], num_stages=1, weights=random_weights), preview)
+    whole = decode(data, weights=random_weights)
+    assert not torch.equal(preview.harmonics, whole.harmonics)
+    with pytest.raises(BitstreamError):
+        decode(data[:end_of_b1], weights=random_weights)
+
+
+def test_a_stream_of_one_stage_equals_the_first_stage_of_two(data: bytes, views: Views, random_weights: Path) -> None:
+    single = encode(views, lmbda=1e-4, num_stages=1, model=MODEL, weights=random_weights)
+    assert read_stream(single).payloads == read_prefix(data, 1).payloads
+    assert_equal(decode(single, weights=random_weights), decode(data, num_stages=1, weights=random_weights))
+    with pytest.raises(InputError, match="the stream has 1"):
+        decode(single, num_stages=2, weights=random_weights)
+
+
+def test_a_flipped_bit_anywhere_is_an_error(data: bytes, random_weights: Path) -> None:
+    for position in range(0, len(data), 211):
+        damaged = bytearray(data)
+        damaged[position] ^= 1 << position % 8
+        with pytest.raises((BitstreamError, ModelError)):
+            decode(bytes(damaged), weights=random_weights)
+
+
+@pytest.mark.parametrize("stage", [0, 1])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.99])
+def test_a_damaged_payload_with_a_right_crc_is_an_error_too(
+    data: bytes, random_weights: Path, stage: int, share: float
+) -> None:
+    stream = read_stream(data)
+    payloads = [bytearray(payload) for payload in stream.payloads]
+    payloads[stage][int(share * len(payloads[stage]))] ^= 0x10
+    resealed = write_stream(Stream(stream.header, stream.cameras, tuple(bytes(payload) for payload in payloads)))
+    with pytest.raises(BitstreamError):
+        decode(resealed, weights=random_weights)
+
+
+def test_decoded_gaussians_can_be_refined(data: bytes, random_weights: Path) -> None:
+    colours = decode(data, weights=random_weights).harmonics.requires_grad_()
+    colours.square().sum().backward()
+    assert colours.grad is not None and torch.equal(colours.grad, 2 * colours.detach())
+
+
+def test_progress_moves_forward(views: Views, random_weights: Path) -> None:
+    told: list[float] = []
+    data = encode(views, model=MODEL, weights=random_weights, on_progress=lambda _task, share: told.append(share))
+    assert told == sorted(told) and told[0] >= 0 and told[-1] <= 1
+    told.clear()
+    decode(data, weights=random_weights, on_progress=lambda _task, share: told.append(share))
+    assert told == sorted(told) and len(told) == 3
+
+
+def test_decoding_needs_nothing_of_the_sender(data: bytes, random_weights: Path, tmp_path: Path) -> None:
+    model = tmp_path / "weights" / MODEL
+    model.mkdir(parents=True)
+    for file in (random_weights / MODEL).iterdir():
+        if file.name != SENDER_FILE:
+            (model / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "scene.fcs").write_bytes(data)
+    arguments = [str(ROOT), str(tmp_path / "scene.fcs"), str(model.parent)]
+    child = subprocess.run([sys.executable, "-c", CHILD, *arguments], capture_output=True, text=True, check=True)
+    count, modules = json.loads(child.stdout)
+    assert count == 2 * 32 * 32
+    assert "fecocodec.receiver.decode" in modules
+    foreign = ("fecocodec.sender", "fecocodec.rendering", "fecocodec.training", "fecocodec.formats")
+    assert [name for name in modules if name.startswith(foreign)] == []

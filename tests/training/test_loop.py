@@ -1,0 +1,199 @@
+"""The trainer: steps, checkpoints, exact resumption, several processes."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+import torch.distributed as dist
+
+from fecocodec.errors import ModelError
+from fecocodec.sender.encode import load_profile
+from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
+from fecocodec.training.dataset import BatchShape, Sources
+from fecocodec.training.export import export_model
+from fecocodec.training.log import append_row, mean_of_rows
+from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.schedule import Schedule
+from fecocodec.training.textures import pattern_textures
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Two steps in a process of a group; prints the loss and a fingerprint of the weights.
+MEMBER = """
+import hashlib, json, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from tests.training.test_loop import trainer
+from fecocodec.training.processes import joined_processes
+with joined_processes():
+    it = trainer(Path(sys.argv[2]), num_steps=2)
+    losses = [it.train_step()["loss"] for _ in range(2)]
+    it.save(it.checkpoint)
+weights = b"".join(value.contiguous().numpy().tobytes() for value in it.networks.state_dict().values())
+print(json.dumps([losses, hashlib.sha256(weights).hexdigest()]))
+"""
+
+
+def trainer(folder: Path, num_steps: int = 4, seed: int = 0) -> Trainer:
+    """Tiny: one scene of three 64x64 views a step; two steps of warm-up (one with a single stage), then the rate."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shape = BatchShape(num_scenes=1, num_context=2, num_target=1, size=(64, 64))
+    schedule = Schedule(num_steps, one_stage_until=1, bypass_until=2, warm_up=1)
+    settings = RunSettings(folder, 5.0, shape, schedule, seed, log_every=2)
+    return Trainer(settings, Sources(ProceduralWorld(pattern_textures(13)), None))
+
+
+def weights_of(it: Trainer) -> list[torch.Tensor]:
+    return [value.clone() for value in it.networks.state_dict().values()]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Sums of gradients must not depend on the number of threads for runs to be compared bit by bit."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
+    """Four steps in one go."""
+    it = trainer(tmp_path_factory.mktemp("finished") / "run")
+    it.rows = list(it.run())  # type: ignore[attr-defined]
+    return it
+
+
+def test_a_run_logs_finite_losses_and_leaves_one_whole_checkpoint(finished: Trainer) -> None:
+    rows = finished.rows  # type: ignore[attr-defined]
+    assert [row["step"] for row in rows] == [2.0, 4.0]
+    assert all(torch.isfinite(torch.tensor(list(row.values()))).all() for row in rows)
+    assert rows[0]["bpp1"] == 0.0 and rows[1]["bpp1"] > 0.0  # the warm-up codes nothing
+    folder = finished.settings.folder
+    assert sorted(path.name for path in folder.iterdir()) == ["last.pt", "log.csv"]
+    assert len((folder / "log.csv").read_text().splitlines()) == 3
+
+
+def test_two_and_two_steps_are_four(finished: Trainer, tmp_path: Path) -> None:
+    first = trainer(tmp_path)
+    for _ in range(2):
+        first.train_step()
+    first.save(tmp_path / "middle.pt")
+    second = trainer(tmp_path, seed=7)  # nothing of its own start may remain
+    second.resume(tmp_path / "middle.pt")
+    assert len(list(second.run())) == 1
+    assert second.step == 4
+    for resumed, whole in zip(weights_of(second), weights_of(finished), strict=True):
+        assert torch.equal(resumed, whole)
+    assert all(torch.equal(value, finished.average[name]) for name, value in second.average.items())
+
+
+def test_a_group_of_one_trains_exactly_like_a_process_on_its_own(tmp_path: Path) -> None:
+    """Averaging gradients must keep their layout in memory: the fused optimiser relies on it."""
+    alone = trainer(tmp_path / "alone")
+    alone.train_step()
+    store = f"file://{tmp_path / 'store'}"
+    dist.init_process_group("gloo", init_method=store, rank=0, world_size=1)
+    try:
+        grouped = trainer(tmp_path / "grouped")
+        grouped.train_step()
+    finally:
+        dist.destroy_process_group()
+    assert all(torch.equal(a, b) for a, b in zip(weights_of(alone), weights_of(grouped), strict=True))
+
+
+@pytest.mark.slow
+def test_two_processes_draw_other_scenes_and_keep_the_same_weights(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "TORCHELASTIC_RUN_ID": "test"}
+    members = [
+        subprocess.Popen(
+            [sys.executable, "-c", MEMBER, str(ROOT), str(tmp_path)],
+            env={**os.environ, **group, "RANK": str(rank), "OMP_NUM_THREADS": "1"},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for rank in range(2)
+    ]
+    (losses, weights), (other_losses, other_weights) = (json.loads(it.communicate(timeout=100)[0]) for it in members)
+    assert weights == other_weights
+    assert losses != other_losses
+    assert len(load_checkpoint(tmp_path / "last.pt")["generators"]) == 2
+
+
+def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_path: Path) -> None:
+    export_model(finished.checkpoint, tmp_path / "model")
+    profile = load_profile(tmp_path / "model", "cpu")
+    average = finished.average["receiver.predictor.depth_head.weight"]
+    torch.testing.assert_close(profile.receiver.predictor.depth_head.weight, average, atol=1e-3, rtol=1e-3)
+    prior = finished.average["receiver.prior.hyper_prior.weight"]
+    torch.testing.assert_close(profile.receiver.prior.hyper_prior.weight, prior, atol=2.0**-12, rtol=0)
+
+
+def test_a_step_without_finite_gradients_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    it = trainer(tmp_path)
+    before = weights_of(it)
+    monkeypatch.setattr(it.sender.extractor.log_temperature, "data", torch.tensor(2.3))
+    hook = it.sender.extractor.log_temperature.register_hook(lambda gradient: gradient * float("nan"))
+    parts = it.train_step()
+    hook.remove()
+    assert parts["gradient"] != parts["gradient"]  # NaN
+    assert (it.step, it.num_skipped) == (1, 1)
+    assert all(torch.equal(a, b) for a, b in zip(before, weights_of(it), strict=True))
+
+
+def test_a_stop_while_saving_leaves_the_old_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "last.pt"
+    save_checkpoint(path, {"step": 1})
+
+    def stopped(contents: object, file: Path) -> None:
+        Path(file).write_bytes(b"half of it")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(torch, "save", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        save_checkpoint(path, {"step": 2})
+    assert load_checkpoint(path) == {"step": 1}
+
+
+@pytest.mark.parametrize("content", [b"", b"not a checkpoint", None])
+def test_what_is_no_checkpoint_is_named(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "last.pt"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ModelError, match=r"last\.pt: not a training checkpoint"):
+        load_checkpoint(path)
+
+
+def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path / "last.pt", {"step": 1})
+    with pytest.raises(ModelError, match="not a checkpoint of these networks"):
+        trainer(tmp_path).resume(tmp_path / "last.pt")
+
+
+def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
+    schedule = Schedule(1000, one_stage_until=10, bypass_until=20, learning_rate=1e-3, warm_up=100)
+    assert schedule.learning_rate_at(0) == pytest.approx(1e-5, rel=1e-3)
+    assert schedule.learning_rate_at(1000) == pytest.approx(2e-5)
+    rates = [schedule.learning_rate_at(step) for step in range(100, 1001)]
+    assert rates == sorted(rates, reverse=True)
+    assert [schedule.num_stages_at(step) for step in (9, 10)] == [1, 2]
+    assert schedule.photograph_share_at(0) == 0.4 and schedule.photograph_share_at(2000) == pytest.approx(0.6)
+
+
+def test_log_rows_keep_their_columns(tmp_path: Path) -> None:
+    append_row(tmp_path / "log.csv", mean_of_rows([{"loss": 1.0}, {"loss": 3.0, "bpp1": 0.5}]) | {"step": 2.0})
+    append_row(tmp_path / "log.csv", {"step": 4.0, "loss": 0.25})
+    header, first, second = (line.split(",") for line in (tmp_path / "log.csv").read_text().splitlines())
+    assert dict(zip(header, first, strict=True))["loss"] == "2"
+    assert dict(zip(header, first, strict=True))["bpp1"] == "0.5"
+    assert dict(zip(header, second, strict=True))["bpp1"] == ""
