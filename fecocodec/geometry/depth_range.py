@@ -157,4 +157,7 @@ def _correlation(
 
 
 def _window_mean(image: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "batch 1 height width"]:
-    return F.avg_pool2d(image, _WINDOW, stride=1, padding=_WINDOW // 2, count_include_pad=False)
+    """Mean over the part of the window that lies inside the image, rows first and then columns: half the work."""
+    half = _WINDOW // 2
+    rows = F.avg_pool2d(image, (1, _WINDOW), stride=1, padding=(0, half), count_include_pad=False)
+    return F.avg_pool2d(rows, (_WINDOW, 1), stride=1, padding=(half, 0), count_include_pad=False)
