@@ -1,0 +1,51 @@
+"""The novel-view protocol on real bytes."""
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.container import quantise_lambda
+from fecocodec.errors import InputError
+from fecocodec.evaluation.novel_views import read_index, render_views, score
+from fecocodec.receiver.decode import decode
+from fecocodec.rendering.metrics import psnr
+from fecocodec.sender.encode import encode_with, load_profile
+from tests.example_scenes import MODEL, example_views
+
+
+def test_an_index_names_scenes_and_frames(tmp_path: Path) -> None:
+    path = tmp_path / "index.json"
+    path.write_text(json.dumps({"garden/near2": {"context": [4, 9], "target": [6]}}))
+    (entry,) = read_index(path)
+    assert (entry.name, entry.scene, entry.context, entry.target) == ("garden/near2", "garden", (4, 9), (6,))
+
+
+@pytest.mark.parametrize(
+    "text", [None, "", "[1, 2]", '{"a/b": 3}', '{"a/b": {"context": [1]}}', '{"a/b": {"context": 1}}']
+)
+def test_what_is_no_index_is_named(tmp_path: Path, text: str | None) -> None:
+    path = tmp_path / "index.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=r"index\.json: not an evaluation index .*; write"):
+        read_index(path)
+
+
+def test_a_score_is_that_of_the_bytes(random_weights: Path) -> None:
+    profile, views = load_profile(random_weights / MODEL, "cpu"), example_views(3)
+    lambda_q = quantise_lambda(1e-3)
+    found = score(profile, "scene/label", views, 2, lambda_q, 2)
+    data = encode_with(profile, views.select([0, 1]), lambda_q, 2)
+    gaussians = decode(data, weights=random_weights)
+    assert found.num_bytes == len(data)
+    assert found.num_gaussians == gaussians.count
+    rendered = render_views(gaussians, views)
+    assert rendered.shape == views.images.shape
+    assert float(rendered.min()) >= 0.0 and float(rendered.max()) <= 1.0
+    by_hand = -10 * torch.log10((rendered - views.images).square().flatten(1).mean(dim=1))
+    torch.testing.assert_close(psnr(rendered, views.images), by_hand, atol=1e-3, rtol=0)
+    assert found.target_psnr == pytest.approx(float(by_hand[2]), abs=1e-3)
+    assert found.context_psnr == pytest.approx(float(by_hand[:2].mean()), abs=1e-3)
+    assert -1.0 <= found.target_ssim <= 1.0
