@@ -146,7 +146,7 @@ def write_colmap_text(folder: Path, taken: list[Shot], model: str = "OPENCV", wh
         rotation, translation = _colmap_pose(shot)
         images.append(" ".join([str(number), *map(repr, rotation + translation), str(number), shot.name]))
         images.append(" ".join(f"1.0 2.0 {point_id}" for point_id in (*range(len(points)), -1)))
-    lines = [f"{index} {x!r} {y!r} {z!r} 0 0 0 0.5 1 0" for index, (x, y, z) in enumerate(points.tolist())]
+    lines = [f"{index} {x!r} {y!r} {z!r} 0 0 0 0.5 1 {index}" for index, (x, y, z) in enumerate(points.tolist())]
     (tables / "cameras.txt").write_text("\n".join(cameras) + "\n")
     (tables / "images.txt").write_text("\n".join(images) + "\n")
     (tables / "points3D.txt").write_text("\n".join(lines) + "\n")
@@ -169,7 +169,7 @@ def write_colmap_binary(folder: Path, taken: list[Shot], model: str = "OPENCV", 
         images += b"".join(struct.pack("<ddq", 1.0, 2.0, point_id) for point_id in range(len(points)))
     table = struct.pack("<Q", len(points))
     for index, position in enumerate(points.tolist()):
-        table += struct.pack("<Q3d3BdQii", index, *position, 0, 0, 0, 0.5, 1, 1, 0)
+        table += struct.pack("<Q3d3BdQii", index, *position, 0, 0, 0, 0.5, 1, 1, index)
     (tables / "cameras.bin").write_bytes(cameras)
     (tables / "images.bin").write_bytes(images)
     (tables / "points3D.bin").write_bytes(table)
