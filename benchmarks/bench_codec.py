@@ -5,7 +5,7 @@ on an idle machine: other work on the same cores shows up in every figure.
 """
 
 import argparse
-import os
+import json
 import resource
 import statistics
 import subprocess
@@ -77,21 +77,29 @@ def bench_scene(profile: Profile, views: Views, label: str, repeats: int, bounds
     return data
 
 
+# A child's peak memory starts at that of the process that forks it, so this small one stands in between.
+LAUNCHER = """
+import json, resource, subprocess, sys, time
+begin = time.perf_counter()
+code = subprocess.call(sys.argv[1:], stdout=subprocess.DEVNULL)
+seconds = time.perf_counter() - begin
+print(json.dumps([code, seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20]))
+"""
+
+
 def bench_process(label: str, arguments: list[str], bounds: tuple[float, float | None], repeats: int = 3) -> None:
     """Median wall time and peak resident memory of a whole `fecosplat` process."""
-    program = Path(sys.executable).with_name("fecosplat")
-    seconds, peak = [], 0.0
+    program = str(Path(sys.executable).with_name("fecosplat"))
+    runs = []
     for _ in range(repeats):
-        begin = perf_counter()
-        process = subprocess.Popen([str(program), *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        _, status, usage = os.wait4(process.pid, 0)
-        seconds.append(perf_counter() - begin)
-        peak = max(peak, usage.ru_maxrss / 2**20)
-        if status != 0:
+        command = [sys.executable, "-S", "-c", LAUNCHER, program, *arguments]
+        code, seconds, gibibytes = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+        if code != 0:
             raise SystemExit(f"fecosplat {' '.join(arguments)} failed; run it by hand to see why")
-    print(f"| {label}, whole process | {statistics.median(seconds):.2f} s | {bounds[0]} s | |")
+        runs.append((seconds, gibibytes))
+    print(f"| {label}, whole process | {statistics.median(s for s, _ in runs):.2f} s | {bounds[0]} s | |")
     if bounds[1] is not None:
-        print(f"| {label}, peak memory | {peak:.2f} GiB | {bounds[1]} GiB | |", flush=True)
+        print(f"| {label}, peak memory | {max(m for _, m in runs):.2f} GiB | {bounds[1]} GiB | |", flush=True)
 
 
 def bench_rendering(profile: Profile, views: Views, data: bytes, repeats: int) -> None:

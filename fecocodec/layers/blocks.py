@@ -1,11 +1,30 @@
 """Blocks shared by the sender's and the receiver's networks; maps are `[item channel h w]`, item = (batch view)."""
 
+from dataclasses import dataclass
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 CONDITION_CHANNELS = 64
+# Where rate and squared error trade off at price lambda, the best quantisation step grows as a power of lambda (1/2 at
+# high rate). Latents of gain g have the step 1/g; the networks need only learn what differs from this rule.
+REFERENCE_GAIN = 8.0
+REFERENCE_LAMBDA_Q = 281  # lambda 3e-5
+GAIN_EXPONENT = 0.4
+
+
+@dataclass(frozen=True)
+class RateCondition:
+    """What the codec's networks are told of lambda and stage.
+
+    embedding: modulates the 2D blocks. latent_gain: g_a multiplies by it, g_s divides, so that the step between latents
+    follows lambda from the first day of training.
+    """
+
+    embedding: Float[Tensor, "item condition"]
+    latent_gain: Float[Tensor, "item 1 1 1"]
 
 
 class RateEmbedding(nn.Module):
@@ -21,11 +40,13 @@ class RateEmbedding(nn.Module):
             nn.Linear(3, CONDITION_CHANNELS), nn.GELU(), nn.Linear(CONDITION_CHANNELS, CONDITION_CHANNELS), nn.GELU()
         )
 
-    def forward(self, lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "item condition"]:
+    def forward(self, lambda_q: Int[Tensor, " item"], stage: int) -> RateCondition:
         """Condition of each item; stage is 1 or 2."""
         position = 2.0 * lambda_q / self.largest_lambda_q - 1.0
         is_second = torch.full_like(position, float(stage == 2))
-        return self.mlp(torch.stack((position, position * is_second, is_second), dim=-1))
+        embedding = self.mlp(torch.stack((position, position * is_second, is_second), dim=-1))
+        gain = REFERENCE_GAIN * torch.exp(GAIN_EXPONENT * (REFERENCE_LAMBDA_Q - lambda_q) / 256.0)
+        return RateCondition(embedding, gain[:, None, None, None])
 
 
 class ChannelNorm(nn.Module):
@@ -47,9 +68,9 @@ class AdaptiveNorm(nn.Module):
         nn.init.zeros_(self.modulation.bias)
 
     def forward(
-        self, x: Float[Tensor, "item channel h w"], condition: Float[Tensor, "item condition"]
+        self, x: Float[Tensor, "item channel h w"], condition: RateCondition
     ) -> Float[Tensor, "item channel h w"]:
-        gamma, beta = self.modulation(condition)[:, :, None, None].chunk(2, dim=1)
+        gamma, beta = self.modulation(condition.embedding)[:, :, None, None].chunk(2, dim=1)
         return torch.addcmul(beta, self.norm(x), 1.0 + gamma)
 
 
@@ -67,7 +88,7 @@ class Block2d(nn.Module):
         self.pointwise = nn.Conv2d(hidden, channels, 1)
 
     def forward(
-        self, x: Float[Tensor, "item channel h w"], condition: Float[Tensor, "item condition"]
+        self, x: Float[Tensor, "item channel h w"], condition: RateCondition
     ) -> Float[Tensor, "item channel h w"]:
         return x + self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
 
@@ -92,7 +113,7 @@ class BlockChain(nn.ModuleList):
         super().__init__(Block2d(channels, hidden) for _ in range(depth))
 
     def forward(
-        self, x: Float[Tensor, "item channel h w"], condition: Float[Tensor, "item condition"]
+        self, x: Float[Tensor, "item channel h w"], condition: RateCondition
     ) -> Float[Tensor, "item channel h w"]:
         for block in self:
             x = block(x, condition)

@@ -17,6 +17,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
 from fecocodec.geometry.padding import inside_unpadded, pad_cameras, padded_size
+from fecocodec.layers.blocks import RateCondition
 from fecocodec.layers.placement import place
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
@@ -80,7 +81,7 @@ def predict_scene(
     state: Float[Tensor, "item channel h4 w4"],
     cameras: Cameras,
     header: Header,
-    condition: Float[Tensor, "item condition"],
+    condition: RateCondition,
 ) -> Gaussians:
     """The Gaussians a state stands for, without those of the padding and those too faint to be drawn; on the CPU."""
     normalised, frame = normalise_scene(cameras)

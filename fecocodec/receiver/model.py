@@ -7,7 +7,7 @@ from fecocodec.coding.priors import LatentPrior
 from fecocodec.config import ReceiverConfig
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import RateEmbedding
+from fecocodec.layers.blocks import RateCondition, RateEmbedding
 from fecocodec.receiver.predictor import Prediction, Predictor
 from fecocodec.receiver.state import StateUpdate
 from fecocodec.receiver.synthesis import Synthesis
@@ -25,7 +25,7 @@ class Receiver(nn.Module):
         self.update = StateUpdate(config)
         self.predictor = Predictor(config)
 
-    def condition(self, lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "item condition"]:
+    def condition(self, lambda_q: Int[Tensor, " item"], stage: int) -> RateCondition:
         """Condition of the 2D blocks for these items in this stage (1 or 2)."""
         return self.embedding(lambda_q, stage)
 
@@ -33,13 +33,13 @@ class Receiver(nn.Module):
         self,
         state: Float[Tensor, "item channel h4 w4"],
         y_hat: Float[Tensor, "item latent h8 w8"],
-        condition: Float[Tensor, "item condition"],
+        condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
         """S_k = U(concat(S_{k-1}, g_s(y_hat_k))) (paper, stage I and stage II)."""
         return self.update(state, self.synthesis(y_hat, condition), condition)
 
     def predict(
-        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: Float[Tensor, "item condition"]
+        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
     ) -> Prediction:
         """G_k = P(S_k, cameras); cameras has one batch dimension."""
         return self.predictor(state, cameras, condition)

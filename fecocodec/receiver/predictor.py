@@ -13,7 +13,7 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
-from fecocodec.layers.blocks import Block2d, downsample, upsample
+from fecocodec.layers.blocks import Block2d, RateCondition, downsample, upsample
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid: one per 2x2 pixels
@@ -53,7 +53,7 @@ class Predictor(nn.Module):
         nn.init.constant_(last.get_parameter("bias"), 0.0)
 
     def forward(
-        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: Float[Tensor, "item condition"]
+        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
     ) -> Prediction:
         """item = (batch view); cameras has one batch dimension. Means come out in the frame and unit of the cameras."""
         views = cameras.num_views

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
-from fecocodec.layers.blocks import Block2d
+from fecocodec.layers.blocks import Block2d, RateCondition
 
 
 class StateUpdate(nn.Module):
@@ -26,6 +26,6 @@ class StateUpdate(nn.Module):
         self,
         state: Float[Tensor, "item channel h4 w4"],
         features: Float[Tensor, "item channel h4 w4"],
-        condition: Float[Tensor, "item condition"],
+        condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
         return self.block(self.join(torch.cat((state, features), dim=1)), condition)

@@ -4,11 +4,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
-from fecocodec.layers.blocks import BlockChain, upsample
-
-# A fresh sender's latents have a standard deviation of a few of these: training starts at a high rate, where rounding
-# hardly hurts. g_a multiplies by it, g_s divides.
-LATENT_GAIN = 8.0
+from fecocodec.layers.blocks import BlockChain, RateCondition, upsample
 
 
 class Synthesis(nn.Module):
@@ -25,6 +21,6 @@ class Synthesis(nn.Module):
         self.up = upsample(width, config.state_channels)
 
     def forward(
-        self, y_hat: Float[Tensor, "item latent h8 w8"], condition: Float[Tensor, "item condition"]
+        self, y_hat: Float[Tensor, "item latent h8 w8"], condition: RateCondition
     ) -> Float[Tensor, "item channel h4 w4"]:
-        return self.up(self.coarse(self.input(y_hat / LATENT_GAIN), condition))
+        return self.up(self.coarse(self.input(y_hat / condition.latent_gain), condition))

@@ -6,8 +6,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig, SenderConfig
-from fecocodec.layers.blocks import Block2d, BlockChain, downsample
-from fecocodec.receiver.synthesis import LATENT_GAIN
+from fecocodec.layers.blocks import Block2d, BlockChain, RateCondition, downsample
 
 LARGEST_LATENT = 2.0**15  # far beyond any trained latent; keeps a wild input codable
 
@@ -28,10 +27,10 @@ class Analysis(nn.Module):
         self,
         features: Float[Tensor, "item channel h4 w4"],
         state: Float[Tensor, "item channel h4 w4"],
-        condition: Float[Tensor, "item condition"],
+        condition: RateCondition,
     ) -> Float[Tensor, "item latent h8 w8"]:
         fine = self.fine(self.join(torch.cat((features, state), dim=1)), condition)
-        latent = LATENT_GAIN * self.output(self.coarse(self.down(fine), condition))
+        latent = condition.latent_gain * self.output(self.coarse(self.down(fine), condition))
         return latent.clamp(-LARGEST_LATENT, LARGEST_LATENT)
 
 

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig, SenderConfig
-from fecocodec.layers.blocks import BlockChain
+from fecocodec.layers.blocks import BlockChain, RateCondition
 
 
 class FeedbackExtractor(nn.Module):
@@ -24,7 +24,7 @@ class FeedbackExtractor(nn.Module):
         self,
         images: Float[Tensor, "item 3 h w"],
         renderings: Float[Tensor, "item 3 h w"],
-        condition: Float[Tensor, "item condition"],
+        condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Both inputs sRGB in [0, 1]; sides multiples of 4."""
         stacked = torch.cat((2.0 * images - 1.0, 4.0 * (images - renderings)), dim=1)

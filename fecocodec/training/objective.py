@@ -20,6 +20,7 @@ from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.model import Sender
 
 SSIM_WEIGHT = 0.03
+TARGET_WEIGHT = 2.0  # of a target view, against 1 for a context view
 MATCHING_WEIGHT = 0.5
 DISPARITY_WEIGHT = 0.5
 
@@ -117,10 +118,11 @@ def loss_of(
         rendered = torch.stack([rendering.color for rendering in outcome.renderings])
         images = batch.images[:, : rendered.shape[1]]
         squared = (rendered - images).square().mean(dim=(0, 2, 3, 4))
-        structure = (1.0 - ssim(_flat(rendered), _flat(images))).mean()
+        structure = 1.0 - ssim(rendered, images).mean(dim=0)
+        weight = _view_weights(batch.num_context, images.shape[1]).to(squared)
         rate = outcome.estimated_bits / pixels
         disparity = _masked_l1(outcome.prediction.relative_disparity, truth)
-        total = total + squared.mean() + SSIM_WEIGHT * structure + (lmbda * rate).mean()
+        total = total + ((squared + SSIM_WEIGHT * structure) * weight).mean() + (lmbda * rate).mean()
         total = total + disparity_weight * DISPARITY_WEIGHT * disparity
         parts |= {
             f"mse{stage}": squared[batch.num_context :].mean(),
@@ -129,6 +131,13 @@ def loss_of(
             f"disparity{stage}": disparity,
         }
     return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def _view_weights(num_context: int, num_views: int) -> Float[Tensor, " view"]:
+    """Targets count more than context views, which are easy to fit without getting depth right; the mean is 1."""
+    weights = torch.ones(num_views)
+    weights[num_context:] = TARGET_WEIGHT
+    return weights / weights.mean()
 
 
 def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:
