@@ -13,6 +13,7 @@ from fecocodec.errors import InputError
 MAX_GROWTH = 2.0  # an undistorted image is at most this much wider and higher than the photograph
 ASPECT_TOLERANCE = 0.01
 _SOLVER_STEPS = 200
+_BAND_ROWS = 64  # resampled at a time, so that large photographs need little memory
 
 
 @dataclass(frozen=True)
@@ -83,13 +84,25 @@ def undistort(
     """Resample a photograph taken with `lens` (bicubic) to what `pinhole = undistorted(lens)` sees."""
     if not lens.has_distortion:
         return image
-    v, u = np.meshgrid(np.arange(pinhole.height) + 0.5, np.arange(pinhole.width) + 0.5, indexing="ij")
+    bands = [
+        F.grid_sample(
+            image[None],
+            _sampling_grid(lens, pinhole, range(top, min(top + _BAND_ROWS, pinhole.height)))[None],
+            mode="bicubic",
+            padding_mode="border",
+            align_corners=False,
+        )[0]
+        for top in range(0, pinhole.height, _BAND_ROWS)
+    ]
+    return torch.cat(bands, dim=-2).clamp_(0, 1)
+
+
+def _sampling_grid(lens: Lens, pinhole: Lens, rows: range) -> Float[Tensor, "row width 2"]:
+    """Where each pixel of these rows of the pinhole's image lies in the photograph, as `grid_sample` counts."""
+    v, u = np.meshgrid(np.array(rows) + 0.5, np.arange(pinhole.width) + 0.5, indexing="ij")
     plane = np.stack(((u - pinhole.cx) / pinhole.fx, (v - pinhole.cy) / pinhole.fy), axis=-1)
     source = _distort(lens, plane) * (lens.fx, lens.fy) + (lens.cx, lens.cy)
-    grid = torch.from_numpy((2 * source / (lens.width, lens.height) - 1).astype(np.float32))
-    return F.grid_sample(image[None], grid[None], mode="bicubic", padding_mode="border", align_corners=False)[0].clamp(
-        0, 1
-    )
+    return torch.from_numpy((2 * source / (lens.width, lens.height) - 1).astype(np.float32))
 
 
 def _distort(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
