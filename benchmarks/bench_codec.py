@@ -93,7 +93,9 @@ def bench_process(label: str, arguments: list[str], bounds: tuple[float, float |
     runs = []
     for _ in range(repeats):
         command = [sys.executable, "-S", "-c", LAUNCHER, program, *arguments]
-        code, seconds, gibibytes = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+        code, seconds, gibibytes = json.loads(
+            subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        )
         if code != 0:
             raise SystemExit(f"fecosplat {' '.join(arguments)} failed; run it by hand to see why")
         runs.append((seconds, gibibytes))
@@ -145,7 +147,17 @@ def main() -> None:
     bench_rendering(profile, square, data, arguments.repeats)
     with tempfile.TemporaryDirectory() as folder:
         stream, cloud = Path(folder, "bench.fcs"), Path(folder, "bench.ply")
-        encode = ["encode", str(EXAMPLE), "-o", str(stream), "--size", "256x256", "--lambda", str(LAMBDA), "--overwrite"]
+        encode = [
+            "encode",
+            str(EXAMPLE),
+            "-o",
+            str(stream),
+            "--size",
+            "256x256",
+            "--lambda",
+            str(LAMBDA),
+            "--overwrite",
+        ]
         bench_process("encode, 2 views 256x256", encode, (6.0, 1.3))
         bench_process("decode, 2 views 256x256", ["decode", str(stream), "-o", str(cloud), "--overwrite"], (4.0, 1.0))
         bench_process("info", ["info", str(stream)], (0.3, None))

@@ -1,6 +1,6 @@
 """Rate and quality on an evaluation index, from encoded and decoded bytes.
 
-python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-3 1e-4] [--views 2] [--stages 2] [--size 256]
+python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--stages 2] [--size 256]
 """
 
 import argparse

@@ -64,7 +64,7 @@ class Predictor(nn.Module):
         raw = rearrange(F.pixel_shuffle(self.head(features).float(), 2), "(b v) c h w -> b v h w c", v=views)
         return Prediction(self._activate(raw, relative, cameras), relative)
 
-    def _trunk(self, state: Tensor, condition: Tensor) -> Tensor:
+    def _trunk(self, state: Tensor, condition: RateCondition) -> Tensor:
         middle = self.middle_in(self.down_fine(state), condition)
         coarse = self.coarse(self.down_middle(middle), condition)
         middle = self.middle_out(middle + self.up_coarse(coarse), condition)

@@ -1,5 +1,6 @@
 """Blocks shared by the networks."""
 
+import pytest
 import torch
 from torch import nn
 
@@ -9,6 +10,7 @@ from fecocodec.layers.blocks import (
     BlockChain,
     ChannelNorm,
     PlainBlock2d,
+    RateCondition,
     RateEmbedding,
     downsample,
     upsample,
@@ -25,8 +27,8 @@ def test_channel_norm_gives_every_position_mean_zero_and_variance_one() -> None:
 def test_adaptive_norm_scales_and_shifts_by_the_condition_of_each_item() -> None:
     norm = AdaptiveNorm(8)
     nn.init.normal_(norm.modulation.weight)
-    x, condition = torch.randn(2, 8, 3, 4), torch.randn(2, CONDITION_CHANNELS)
-    gamma, beta = norm.modulation(condition).chunk(2, dim=1)
+    x, condition = torch.randn(2, 8, 3, 4), _any_condition(2)
+    gamma, beta = norm.modulation(condition.embedding).chunk(2, dim=1)
     expected = torch.stack(
         [ChannelNorm()(x)[i] * (1 + gamma[i, :, None, None]) + beta[i, :, None, None] for i in (0, 1)]
     )
@@ -38,10 +40,21 @@ def test_the_condition_tells_lambdas_and_stages_apart() -> None:
     embedding = RateEmbedding(1768)
     lambda_q = torch.tensor([0, 884, 1768])
     first, second = embedding(lambda_q, 1), embedding(lambda_q, 2)
-    assert first.shape == (3, CONDITION_CHANNELS)
-    conditions = torch.cat((first, second))
+    assert first.embedding.shape == (3, CONDITION_CHANNELS)
+    conditions = torch.cat((first.embedding, second.embedding))
     distances = torch.cdist(conditions, conditions) + torch.eye(6) * 1e9
     assert float(distances.detach().min()) > 1e-3
+
+
+def test_a_higher_price_makes_the_step_between_latents_coarser() -> None:
+    gains = RateEmbedding(1768)(torch.tensor([0, 281, 884, 1768]), 1).latent_gain.flatten()
+    assert bool((gains.diff() < 0).all())
+    assert float(gains[1]) == pytest.approx(8.0)  # lambda 3e-5
+    assert float(gains[0] / gains[3]) == pytest.approx(1000**0.4, rel=0.01)
+
+
+def _any_condition(num_items: int) -> RateCondition:
+    return RateCondition(torch.randn(num_items, CONDITION_CHANNELS), torch.ones(num_items, 1, 1, 1))
 
 
 def test_sampling_and_blocks_keep_their_promised_shapes() -> None:
@@ -49,7 +62,7 @@ def test_sampling_and_blocks_keep_their_promised_shapes() -> None:
     assert downsample(16, 24)(x).shape == (3, 24, 4, 6)
     assert upsample(16, 8)(x).shape == (3, 8, 16, 24)
     assert PlainBlock2d(16, 10)(x).shape == x.shape
-    assert BlockChain(16, 10, 2)(x, torch.randn(3, CONDITION_CHANNELS)).shape == x.shape
+    assert BlockChain(16, 10, 2)(x, _any_condition(3)).shape == x.shape
 
 
 def test_placing_a_network_changes_its_memory_and_not_its_values() -> None:
