@@ -11,5 +11,5 @@ def require_device(name: str) -> None:
     if name != "cpu" and index >= torch.cuda.device_count():
         raise InputError(
             f"device {name} was asked for, but torch sees {torch.cuda.device_count()} CUDA devices here; "
-            "choose another with --device, such as cpu"
+            "choose another with --device, such as cpu."
         )

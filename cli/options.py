@@ -21,7 +21,7 @@ def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) ->
         return None
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", value)
     if match is None:
-        raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT, such as 448x256", ctx, param)
+        raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT, such as 448x256.", ctx, param)
     return int(match[2]), int(match[1])
 
 
@@ -57,7 +57,7 @@ def threads_option(function: Function) -> Function:
 
 def _parse_device(ctx: click.Context, param: click.Parameter, value: str) -> str:
     if not re.fullmatch(r"cpu|cuda(:\d{1,2})?", value):
-        raise click.BadParameter(f"{value!r} is none of cpu, cuda, cuda:N", ctx, param)
+        raise click.BadParameter(f"{value!r} is none of cpu, cuda, cuda:N.", ctx, param)
     return value
 
 

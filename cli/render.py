@@ -106,12 +106,12 @@ def _output_files(output: Path, stem: str, names: tuple[str, ...], overwrite: bo
 
     if output.suffix.lower() in SUFFIXES:
         if len(names) != 1:
-            raise OutputError(f"{output}: one file cannot hold {len(names)} views; give a folder or choose one view")
+            raise OutputError(f"{output}: one file cannot hold {len(names)} views; give a folder or choose one view.")
         files = [[output]]
     else:
         files = [[output / f"{stem}_{name}{suffix}" for suffix in SUFFIXES] for name in names]
     if output.is_file() and not files[0][0] == output:
-        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png or .exr")
+        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png or .exr.")
     for file in (file for of_view in files for file in of_view if output.is_dir() or file == output):
         require_writable(file, overwrite=overwrite)
     return files

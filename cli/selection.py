@@ -23,11 +23,11 @@ def parse_selection(ctx: click.Context, param: click.Parameter, value: str | Non
     kind, _, count = value.partition(":")
     if kind == "spread":
         if not count.isdecimal():
-            raise click.BadParameter(f"{value!r} is not spread:COUNT, such as spread:4", ctx, param)
+            raise click.BadParameter(f"{value!r} is not spread:COUNT, such as spread:4.", ctx, param)
         return Spread(int(count))
     items = tuple(item.strip() for item in value.split(","))
     if not all(items):
-        raise click.BadParameter(f"{value!r} names an empty view; use single commas, such as 0,5", ctx, param)
+        raise click.BadParameter(f"{value!r} names an empty view; use single commas, such as 0,5.", ctx, param)
     return items
 
 

@@ -67,7 +67,7 @@ def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
     known = ", ".join(path.parent.name for path in candidates) or "none"
     raise ModelError(
         f"the stream needs the receiver weights with model id {model_id.hex()}, but {folder} has {known}; "
-        "install the version of the package that made the file"
+        "install the version of the package that made the file."
     )
 
 

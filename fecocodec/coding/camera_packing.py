@@ -15,7 +15,7 @@ def pack(cameras: Cameras) -> PackedCameras:
     for number, skew in enumerate(intrinsics[:, 0, 1].tolist(), start=1):
         if not abs(skew) <= LARGEST_SKEW:
             raise InputError(
-                f"camera {number}: its intrinsics have a skew of {skew}; undistort the image to a pinhole's"
+                f"camera {number}: its intrinsics have a skew of {skew}; undistort the image to a pinhole's."
             )
     entries = (intrinsics[:, 0, 0], intrinsics[:, 1, 1], intrinsics[:, 0, 2], intrinsics[:, 1, 2])
     return PackedCameras(

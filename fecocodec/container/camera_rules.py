@@ -25,7 +25,7 @@ def check_cameras(cameras: PackedCameras, place: str) -> None:
 def _problems(cameras: PackedCameras) -> Iterator[str]:
     yield from _depth_problems(cameras.near, cameras.far)
     if len(cameras.extrinsics) != len(cameras.intrinsics):
-        yield f"{len(cameras.extrinsics)} extrinsics and {len(cameras.intrinsics)} intrinsics; give as many of each"
+        yield f"{len(cameras.extrinsics)} extrinsics and {len(cameras.intrinsics)} intrinsics; give as many of each."
     for number, (extrinsics, intrinsics) in enumerate(zip(cameras.extrinsics, cameras.intrinsics, strict=False), 1):
         for problem in _view_problems(extrinsics, intrinsics):
             yield f"camera {number} of {cameras.num_views}: {problem}"
@@ -34,38 +34,38 @@ def _problems(cameras: PackedCameras) -> Iterator[str]:
 def _depth_problems(near: float, far: float) -> Iterator[str]:
     for name, value in (("near", near), ("far", far)):
         if not _is_finite_float32(value):
-            yield f"{name} is {value}, it must be a finite float32 value; correct the depth range and encode again"
+            yield f"{name} is {value}, it must be a finite float32 value; correct the depth range and encode again."
     if not near < far:
-        yield f"near is {near} and far is {far}, near must be less than far; correct the depth range and encode again"
+        yield f"near is {near} and far is {far}, near must be less than far; correct the depth range and encode again."
     if near < MIN_NEAR:
-        yield f"near is {near}, it must be positive (at least 2^-60); correct the depth range and encode again"
+        yield f"near is {near}, it must be positive (at least 2^-60); correct the depth range and encode again."
     if far > MAX_LENGTH:
-        yield f"far is {far}, it must be at most 2^60; correct the depth range and encode again"
+        yield f"far is {far}, it must be at most 2^60; correct the depth range and encode again."
 
 
 def _view_problems(extrinsics: tuple[float, ...], intrinsics: tuple[float, ...]) -> Iterator[str]:
     if len(extrinsics) != 12 or len(intrinsics) != 4:
-        yield f"it has {len(extrinsics)} and {len(intrinsics)} values; give 12 of the pose and 4 intrinsics"
+        yield f"it has {len(extrinsics)} and {len(intrinsics)} values; give 12 of the pose and 4 intrinsics."
     for name, value in zip(_COMPONENTS, (*extrinsics, *intrinsics), strict=False):
         if not _is_finite_float32(value):
-            yield f"{name} is {value}, it must be a finite float32 value; correct the camera and encode again"
+            yield f"{name} is {value}, it must be a finite float32 value; correct the camera and encode again."
     yield from _pose_problems(extrinsics)
     for name, focal in zip(("fx", "fy"), intrinsics[:2], strict=True):
         if not MIN_FOCAL <= focal <= MAX_FOCAL:
-            yield f"focal length {name} is {focal} image sides, it must be 2^-10 to 2^10; correct it and encode again"
+            yield f"focal length {name} is {focal} image sides, it must be 2^-10 to 2^10; correct it and encode again."
     for name, centre in zip(("cx", "cy"), intrinsics[2:], strict=True):
         if abs(centre) > MAX_CENTRE:
-            yield f"principal point {name} is {centre} image sides, at most 2^10 may be; correct it and encode again"
+            yield f"principal point {name} is {centre} image sides, at most 2^10 may be; correct it and encode again."
 
 
 def _pose_problems(pose: tuple[float, ...]) -> Iterator[str]:
     rows = (pose[0:3], pose[4:7], pose[8:11])
     if max(abs(value) for row in rows for value in row) > 2.0 or _orthonormality_error(rows) > ORTHONORMAL_TOLERANCE:
-        yield "its rotation is not orthonormal within 0.001; give a rigid pose without scale and encode again"
+        yield "its rotation is not orthonormal within 0.001; give a rigid pose without scale and encode again."
     if _determinant(rows) < 0.0:
-        yield "its pose is mirrored (determinant below 0); give OpenCV camera-to-world poses and encode again"
+        yield "its pose is mirrored (determinant below 0); give OpenCV camera-to-world poses and encode again."
     if max(abs(value) for value in pose[3::4]) > MAX_LENGTH:
-        yield "its position is more than 2^60 from the origin; choose another unit of length and encode again"
+        yield "its position is more than 2^60 from the origin; choose another unit of length and encode again."
 
 
 def _orthonormality_error(rows: tuple[tuple[float, ...], ...]) -> float:

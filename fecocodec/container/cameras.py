@@ -11,7 +11,7 @@ from fecocodec.errors import BitstreamError
 
 _NUM_ROTATION_WORDS = 9
 _WINDOW_BITS = -15  # raw Deflate: the section has a CRC already
-_BAD_WRITER = "the program that wrote it is at fault, encode the scene again"
+_BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
 _Component = TypeVar("_Component", int, float)
 

@@ -70,13 +70,13 @@ def check_header(header: Header, num_sections: int) -> None:
         if not lowest <= value <= highest:
             raise BitstreamError(
                 f"header at byte {offset}: the {name} is {value}, allowed are {lowest} to {highest}; "
-                "encode the scene again within these limits"
+                "encode the scene again within these limits."
             )
     pixels = padded_pixels(header.num_views, header.height, header.width)
     if pixels > MAX_PADDED_PIXELS:
         raise BitstreamError(
             f"header at byte 18: the views have {pixels} pixels after padding, "
-            f"at most {MAX_PADDED_PIXELS} are allowed; encode fewer or smaller views"
+            f"at most {MAX_PADDED_PIXELS} are allowed; encode fewer or smaller views."
         )
     _check_field_size(10, "model id", header.model_id, MODEL_ID_BYTES)
     for digest in header.symbol_digests:
@@ -88,12 +88,12 @@ def check_version(version: FormatVersion) -> None:
     if version.major > CURRENT_VERSION.major:
         raise BitstreamError(
             f"header at byte 8: format version {version.major}.{version.minor} is newer than "
-            f"{CURRENT_VERSION.major}.x, which this program reads; install a newer fecosplat"
+            f"{CURRENT_VERSION.major}.x, which this program reads; install a newer fecosplat."
         )
     if version.major < CURRENT_VERSION.major or not 0 <= version.minor <= 255:
         raise BitstreamError(
             f"header at byte 8: there is no format version {version.major}.{version.minor}; "
-            "the file is damaged, copy or encode it again"
+            "the file is damaged, copy or encode it again."
         )
 
 
@@ -102,10 +102,10 @@ def check_stages(num_stages: int) -> None:
     if not 1 <= num_stages <= MAX_STAGES:
         raise BitstreamError(
             f"header at byte 19: the number of stages is {num_stages}, allowed are 1 to {MAX_STAGES}; "
-            "the file is damaged, copy or encode it again"
+            "the file is damaged, copy or encode it again."
         )
 
 
 def _check_field_size(offset: int, name: str, field: bytes, size: int) -> None:
     if len(field) != size:
-        raise BitstreamError(f"header at byte {offset}: a {name} has {len(field)} bytes; give one of {size}")
+        raise BitstreamError(f"header at byte {offset}: a {name} has {len(field)} bytes; give one of {size}.")

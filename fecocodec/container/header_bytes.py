@@ -62,7 +62,7 @@ def read_header(data: bytes) -> ParsedHeader:
     if reserved != 0:
         raise BitstreamError(
             f"header at byte 27: the reserved byte is {reserved}, it must be 0; "
-            "the program that wrote it is at fault, encode the scene again"
+            "the program that wrote it is at fault, encode the scene again."
         )
     digests = tuple(data[start : start + DIGEST_BYTES] for start in range(_FIXED.size, digests_end, DIGEST_BYTES))
     header = Header(model_id, views, height, width, lambda_q, digests, FormatVersion(major, minor))
@@ -79,11 +79,11 @@ def _check_signature(data: bytes) -> None:
     if b"FCS" in start:
         raise BitstreamError(
             "signature at byte 0: the file was changed as if it were text (line ends or high bits); "
-            "copy it again in binary mode"
+            "copy it again in binary mode."
         )
     raise BitstreamError(
         f"signature at byte 0: found {start.hex(' ')}, a .fcs file starts with {SIGNATURE.hex(' ')}; "
-        "give a file written by fecosplat encode"
+        "give a file written by fecosplat encode."
     )
 
 
@@ -91,7 +91,7 @@ def _check_length(data: bytes, needed: int) -> None:
     if len(data) < needed:
         raise BitstreamError(
             f"header at byte 0: the file ends after {len(data)} bytes, the header needs {needed}; "
-            "copy or download it again"
+            "copy or download it again."
         )
 
 
@@ -101,5 +101,5 @@ def _check_crc(data: bytes, offset: int) -> None:
     if stored != found:
         raise BitstreamError(
             f"header at byte 0: CRC-32 is {found:#010x}, stored {stored:#010x}; "
-            "the file is damaged, copy or encode it again"
+            "the file is damaged, copy or encode it again."
         )

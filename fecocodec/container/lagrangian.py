@@ -17,7 +17,7 @@ def quantise_lambda(lmbda: float) -> int:
     """
     if not LAMBDA_MIN <= lmbda <= LAMBDA_MAX:
         raise InputError(
-            f"lambda is {lmbda}, outside the range of the codec; choose one from {LAMBDA_MIN} to {LAMBDA_MAX}"
+            f"lambda is {lmbda}, outside the range of the codec; choose one from {LAMBDA_MIN} to {LAMBDA_MAX}."
         )
     return round(STEPS_PER_E * math.log(lmbda / LAMBDA_MIN))
 
@@ -28,5 +28,5 @@ def dequantise_lambda(lambda_q: int) -> float:
     Raises InputError for an integer outside [0, 1768].
     """
     if not 0 <= lambda_q <= LAMBDA_Q_MAX:
-        raise InputError(f"quantised lambda is {lambda_q}, outside its range; choose one from 0 to {LAMBDA_Q_MAX}")
+        raise InputError(f"quantised lambda is {lambda_q}, outside its range; choose one from 0 to {LAMBDA_Q_MAX}.")
     return LAMBDA_MIN * math.exp(lambda_q / STEPS_PER_E)

@@ -12,7 +12,7 @@ MAX_JSON_BYTES = 1 << 16
 MAX_JSON_DEPTH = 8  # of objects and lists in one another: far below what exhausts a stack
 
 Metadata = dict[str, Any]
-_BAD_WRITER = "the program that wrote it is at fault, encode the scene again"
+_BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
 
 def pack_metadata(metadata: Metadata) -> bytes:
@@ -21,13 +21,13 @@ def pack_metadata(metadata: Metadata) -> bytes:
         text = json.dumps(metadata, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
         content = text.encode("utf-8")
     except (TypeError, ValueError, RecursionError) as error:
-        raise BitstreamError(f"section metadata: it cannot be written as JSON ({error}); remove it") from error
+        raise BitstreamError(f"section metadata: it cannot be written as JSON ({error}); remove it.") from error
     if len(content) > MAX_JSON_BYTES:
         raise BitstreamError(
-            f"section metadata: its JSON has {len(content)} bytes, at most {MAX_JSON_BYTES} are allowed; shorten it"
+            f"section metadata: its JSON has {len(content)} bytes, at most {MAX_JSON_BYTES} are allowed; shorten it."
         )
     if _parse(content, "section metadata") != metadata:
-        raise BitstreamError("section metadata: JSON cannot hold it exactly; use text keys, lists, numbers and text")
+        raise BitstreamError("section metadata: JSON cannot hold it exactly; use text keys, lists, numbers and text.")
     return zstandard.ZstdCompressor(level=19).compress(content)
 
 

@@ -71,7 +71,8 @@ def section_bytes(kind: SectionKind, payload: bytes) -> bytes:
     limit = _MAX_PAYLOADS.get(kind, MAX_PAYLOAD)
     if len(payload) > limit:
         raise BitstreamError(
-            f"section {section_name(kind)}: it needs {len(payload)} bytes, at most {limit} are allowed"
+            f"section {section_name(kind)}: it needs {len(payload)} bytes, at most {limit} are allowed; "
+            "encode fewer or smaller views."
         )
     head = _HEAD.pack(kind, len(payload))
     return head + _CRC.pack(zlib.crc32(payload, zlib.crc32(head))) + payload
@@ -82,7 +83,7 @@ def read_section_head(data: bytes, offset: int) -> SectionHead:
     if len(data) < offset + SECTION_OVERHEAD:
         raise BitstreamError(
             f"section at byte {offset}: the file ends after {len(data)} bytes, inside or before the head of a section "
-            "that the header announces; copy or download it again"
+            "that the header announces; copy or download it again."
         )
     kind, length = _HEAD.unpack_from(data, offset)
     (crc32,) = _CRC.unpack_from(data, offset + _HEAD.size)
@@ -91,7 +92,7 @@ def read_section_head(data: bytes, offset: int) -> SectionHead:
     if length > limit:
         raise BitstreamError(
             f"{head.place}: its length is {length}, at most {limit} bytes are allowed; "
-            "the file is damaged, copy or encode it again"
+            "the file is damaged, copy or encode it again."
         )
     return head
 
@@ -101,14 +102,14 @@ def read_payload(data: bytes, head: SectionHead) -> bytes:
     if len(data) < head.end:
         raise BitstreamError(
             f"{head.place}: the file ends after {len(data)} bytes, the section needs {head.end}; "
-            f"copy or download it again{_fallback(head)}"
+            f"copy or download it again{_fallback(head)}."
         )
     payload = data[head.payload_offset : head.end]
     found = zlib.crc32(payload, zlib.crc32(data[head.offset : head.offset + _HEAD.size]))
     if found != head.crc32:
         raise BitstreamError(
             f"{head.place}: CRC-32 is {found:#010x}, stored {head.crc32:#010x}; "
-            f"the file is damaged, copy or encode it again{_fallback(head)}"
+            f"the file is damaged, copy or encode it again{_fallback(head)}."
         )
     return payload
 
@@ -119,16 +120,16 @@ def check_kind(head: SectionHead, previous: SectionHead | None) -> None:
         if head.kind ^ CRITICAL in _NAMES:
             raise BitstreamError(
                 f"{head.place}: the critical bit of this kind is wrong; the program that wrote it is at fault, "
-                "encode the scene again"
+                "encode the scene again."
             )
         if head.kind & CRITICAL:
             raise BitstreamError(
-                f"{head.place}: this kind is unknown and marked as needed for decoding; install a newer fecosplat"
+                f"{head.place}: this kind is unknown and marked as needed for decoding; install a newer fecosplat."
             )
     if previous is None or head.kind & ~CRITICAL > previous.kind & ~CRITICAL:
         return
     problem = "appears twice" if head.kind == previous.kind else f"must stand before section {previous.name}"
-    raise BitstreamError(f"{head.place}: it {problem}; the program that wrote it is at fault, encode the scene again")
+    raise BitstreamError(f"{head.place}: it {problem}; the program that wrote it is at fault, encode the scene again.")
 
 
 def _fallback(head: SectionHead) -> str:

@@ -21,7 +21,7 @@ from fecocodec.container.sections import (
 )
 from fecocodec.errors import BitstreamError, InputError
 
-_BAD_WRITER = "the program that wrote it is at fault, encode the scene again"
+_BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ def write_stream(stream: Stream) -> bytes:
     """The bytes of a stream; the same stream gives the same bytes. Raises BitstreamError for a field it cannot hold."""
     header, cameras = stream.header, stream.cameras
     if cameras.num_views != header.num_views:
-        raise BitstreamError(f"header: {header.num_views} views, but {cameras.num_views} cameras; give one per view")
+        raise BitstreamError(f"header: {header.num_views} views, but {cameras.num_views} cameras; give one per view.")
     if len(stream.payloads) != header.num_stages:
         raise BitstreamError(
-            f"header: {header.num_stages} stages, but {len(stream.payloads)} payloads; give one per stage"
+            f"header: {header.num_stages} stages, but {len(stream.payloads)} payloads; give one per stage."
         )
     check_cameras(cameras, "section cameras")
     sections = [section_bytes(SectionKind.CAMERAS, pack_cameras(cameras))]
@@ -74,7 +74,7 @@ def read_stream(data: bytes) -> Stream:
     if end != len(data):
         raise BitstreamError(
             f"end at byte {end}: {len(data) - end} bytes follow the last section; the file is damaged or was "
-            "joined with another, copy or encode it again"
+            "joined with another, copy or encode it again."
         )
     stream = _assemble(parsed.header, sections, parsed.header.num_stages)
     for section in sections:
@@ -90,7 +90,7 @@ def read_prefix(data: bytes, num_stages: int) -> Stream:
     """
     parsed = read_header(data)
     if not 1 <= num_stages <= parsed.header.num_stages:
-        raise InputError(f"{num_stages} stages asked for, the stream has {parsed.header.num_stages}; ask for fewer")
+        raise InputError(f"{num_stages} stages asked for, the stream has {parsed.header.num_stages}; ask for fewer.")
     sections = []
     for section in _sections(data, parsed):
         sections.append(section)

@@ -86,14 +86,14 @@ class Port(ABC):
         if exponents.max() > _HIGHEST_EXPONENT:
             raise BitstreamError(
                 f"payload: an escape has the exponent {exponents.max()}, at most {_HIGHEST_EXPONENT} is allowed; "
-                "the payload is damaged"
+                "the payload is damaged."
             )
         mantissas = self._code_uniform(mantissas, 2 << exponents)
         magnitudes = reaches + (1 << exponents) + (mantissas >> 1)
         if magnitudes.max() > SYMBOL_LIMIT:
             raise BitstreamError(
                 f"payload: a symbol is {magnitudes.max()} in magnitude, at most {SYMBOL_LIMIT} is allowed; "
-                "the payload is damaged"
+                "the payload is damaged."
             )
         symbols: np.ndarray = np.where(mantissas & 1, -magnitudes, magnitudes)
         return symbols
@@ -134,7 +134,7 @@ class SymbolReader(Port):
         if len(payload) % 4 or payload[-4:] == bytes(4):
             raise BitstreamError(
                 f"payload: its {len(payload)} bytes are not 32-bit words of which the last is not zero; "
-                "the payload is damaged"
+                "the payload is damaged."
             )
         self._coder = constriction.stream.stack.AnsCoder(np.frombuffer(payload, dtype="<u4").astype(np.uint32))
 
@@ -149,4 +149,4 @@ class SymbolReader(Port):
     def finish(self) -> None:
         """Raises BitstreamError unless the payload was used up exactly, as only the encoding of the symbols read is."""
         if not self._coder.is_empty():
-            raise BitstreamError("payload: its symbols and its bytes do not end together; the payload is damaged")
+            raise BitstreamError("payload: its symbols and its bytes do not end together; the payload is damaged.")

@@ -52,7 +52,8 @@ def read_index(path: Path) -> tuple[IndexEntry, ...]:
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
-            f'{path}: not an evaluation index ({error}); write {{"scene/label": {{"context": [...], "target": [...]}}}}'
+            f"{path}: not an evaluation index ({error}); "
+            'write {"scene/label": {"context": [...], "target": [...]}}.'
         ) from error
 
 

@@ -104,5 +104,5 @@ def _check_digest(header: Header, stage: int, found: bytes) -> None:
     if found != stored:
         raise BitstreamError(
             f"stage {stage}: the decoded symbols have digest {found.hex()}, the header says {stored.hex()}; "
-            "the file is damaged or was made by a faulty encoder, copy or encode it again"
+            "the file is damaged or was made by a faulty encoder, copy or encode it again."
         )

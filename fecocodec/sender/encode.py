@@ -155,12 +155,12 @@ def _pack_checked(cameras: Cameras) -> PackedCameras:
 def _check_views(views: Views, num_stages: int) -> None:
     count, (height, width) = len(views.images), views.image_size
     if not 1 <= count <= MAX_VIEWS:
-        raise InputError(f"{count} views were given; give 1 to {MAX_VIEWS} (--views chooses some)")
+        raise InputError(f"{count} views were given; give 1 to {MAX_VIEWS} (--views chooses some).")
     if views.cameras.num_views != count:
-        raise InputError(f"{count} images were given with {views.cameras.num_views} cameras; give one camera an image")
+        raise InputError(f"{count} images were given with {views.cameras.num_views} cameras; give one camera an image.")
     if min(height, width) < MIN_SIDE or max(height, width) > MAX_SIDE:
-        raise InputError(f"views are {width}x{height} pixels; sides must be {MIN_SIDE} to {MAX_SIDE} (--size resizes)")
+        raise InputError(f"views are {width}x{height} pixels; sides must be {MIN_SIDE} to {MAX_SIDE} (--size resizes).")
     if not 1 <= num_stages <= MAX_STAGES:
-        raise InputError(f"{num_stages} stages were asked for; choose 1 or 2")
+        raise InputError(f"{num_stages} stages were asked for; choose 1 or 2.")
     if not bool(views.images.isfinite().all()):
-        raise InputError("a view holds values that are not finite; check the images")
+        raise InputError("a view holds values that are not finite; check the images.")

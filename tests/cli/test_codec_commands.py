@@ -173,7 +173,7 @@ def test_render_of_several_views_into_one_file_is_refused(fecosplat, stream_file
     result = fecosplat("render", stream_file, "-o", tmp_path / "view.png")
     assert (result.code, result.err) == (
         1,
-        f"fecosplat: {tmp_path / 'view.png'}: one file cannot hold 2 views; give a folder or choose one view\n",
+        f"fecosplat: {tmp_path / 'view.png'}: one file cannot hold 2 views; give a folder or choose one view.\n",
     )
 
 
@@ -182,7 +182,7 @@ def test_render_into_a_file_that_is_no_image_is_refused(fecosplat, stream_file: 
     output.write_text("precious")
     result = fecosplat("render", stream_file, "-o", output)
     assert result.code == 1
-    assert result.err == f"fecosplat: {output}: is a file; give a folder, or a name that ends in .png or .exr\n"
+    assert result.err == f"fecosplat: {output}: is a file; give a folder, or a name that ends in .png or .exr.\n"
     assert output.read_text() == "precious"
 
 

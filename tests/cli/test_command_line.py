@@ -80,13 +80,13 @@ def test_missing_stream_is_one_sentence(fecosplat, tmp_path: Path, arguments: tu
     missing = tmp_path / "missing.fcs"
     result = fecosplat(*(argument.format(missing, folder=tmp_path) for argument in arguments))
     assert (result.code, result.out) == (1, "")
-    assert result.err == f"fecosplat: {missing}: there is no such file; check the path\n"
+    assert result.err == f"fecosplat: {missing}: there is no such file; check the path.\n"
     assert list(tmp_path.iterdir()) == []
 
 
 def test_stream_that_is_a_folder_is_one_sentence(fecosplat, tmp_path: Path) -> None:
     result = fecosplat("info", tmp_path)
-    assert (result.code, result.err) == (1, f"fecosplat: {tmp_path}: is a folder; give a .fcs file\n")
+    assert (result.code, result.err) == (1, f"fecosplat: {tmp_path}: is a folder; give a .fcs file.\n")
 
 
 @pytest.mark.parametrize("lmbda", ["1e-6", "0.1", "-1", "nan", "0"])

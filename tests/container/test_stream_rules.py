@@ -34,7 +34,7 @@ def test_a_broken_rule_is_named(fault: Fault) -> None:
     assert fault.cause in message
     assert "; " in message, "no remedy"
     assert "\n" not in message
-    assert not message.endswith(".")
+    assert message.endswith(".")
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=fault_name)

@@ -1,0 +1,28 @@
+"""Errors are sentences: every text that the library raises ends with a full stop."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+from fecocodec import errors
+
+ROOT = Path(__file__).resolve().parent.parent
+ERRORS = {name for name, value in vars(errors).items() if isinstance(value, type)}
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    """Where an error is made, and the last literal piece of its text; texts that end in a variable are left out."""
+    for file in [*(ROOT / "fecocodec").rglob("*.py"), *(ROOT / "cli").rglob("*.py")]:
+        for node in ast.walk(ast.parse(file.read_text())):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ERRORS):
+                continue
+            text = node.args[0]
+            last = text.values[-1] if isinstance(text, ast.JoinedStr) else text
+            if isinstance(last, ast.Constant):
+                yield f"{file.relative_to(ROOT)}:{node.lineno}", str(last.value)
+
+
+def test_every_error_ends_with_a_full_stop() -> None:
+    found = list(texts())
+    assert len(found) > 100
+    assert [place for place, text in found if not text.endswith(".")] == []
