@@ -80,4 +80,5 @@ def crop_and_resize(
 def _crop_shape(height: int, width: int, new_height: int, new_width: int) -> tuple[float, float]:
     """(height, width) of the largest rectangle of the new shape inside the old one; fractions of pixels count."""
     scale = min(height / new_height, width / new_width)
-    return new_height * scale, new_width * scale
+    # The product may round to a little more than the photograph has, which a box around its centre must not.
+    return min(new_height * scale, float(height)), min(new_width * scale, float(width))
