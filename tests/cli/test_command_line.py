@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -144,7 +145,11 @@ def test_interrupt_exits_with_130(tmp_path: Path) -> None:
     """Ctrl-C while a command waits for its input: a pipe to which nobody writes."""
     pipe = tmp_path / "scene.fcs"
     os.mkfifo(pipe)
-    process = subprocess.Popen([CONSOLE_SCRIPT, "info", pipe], stderr=subprocess.PIPE, text=True)
+    # Whoever runs the tests in the background has Ctrl-C ignored, and children inherit that.
+    heed_interrupts = partial(signal.signal, signal.SIGINT, signal.default_int_handler)
+    process = subprocess.Popen(
+        [CONSOLE_SCRIPT, "info", pipe], stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts
+    )
     writer = os.open(pipe, os.O_WRONLY)  # returns when the command has opened the pipe, so it is reading
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)

@@ -2,6 +2,9 @@
 
 import os
 import resource
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import torch
@@ -104,11 +107,28 @@ def test_a_write_that_fails_inside_openexr(nearly_full_disk, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
-def test_a_folder_without_permission(tmp_path):
-    tmp_path.chmod(0o500)
-    with (
-        pytest.raises(OutputError, match="Permission denied"),
-        write_atomically(tmp_path / "out", overwrite=False) as temporary,
-    ):
-        temporary.write_bytes(b"")
+def test_a_folder_without_permission():
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o555)
+        with (
+            _without_privileges(),
+            pytest.raises(OutputError, match="Permission denied"),
+            write_atomically(folder / "out", overwrite=False) as temporary,
+        ):
+            temporary.write_bytes(b"")
+        assert not list(folder.iterdir())
+
+
+@contextmanager
+def _without_privileges():
+    """The superuser may write everywhere, so it becomes "nobody" for a while; others stay who they are."""
+    user = os.geteuid()
+    if user != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(user)
