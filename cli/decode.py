@@ -7,10 +7,11 @@ import click
 
 from fecocodec.formats.atomic import require_writable
 
+from .naming import naming
 from .options import FILE_PATH, device_option, json_option, overwrite_option, threads_option
 from .output import print_json, say
 from .progress import progress_bar
-from .stream import naming, read_bytes
+from .stream import read_bytes
 
 
 @click.command(

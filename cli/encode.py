@@ -9,6 +9,7 @@ from fecocodec.container import inspect, quantise_lambda
 from fecocodec.formats.atomic import require_writable, write_atomically
 
 from .info import summary_fields
+from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, overwrite_option, parse_size, threads_option
 from .output import print_json, say
 from .progress import progress_bar
@@ -81,7 +82,8 @@ def command(
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)
         scene = read_views(views_folder, views=chosen, size=size, near=near, far=far)
-        data = encode(scene, lmbda=lmbda, num_stages=stages, device=device, on_progress=on_progress)
+        with naming(views_folder, OF_VIEWS):
+            data = encode(scene, lmbda=lmbda, num_stages=stages, device=device, on_progress=on_progress)
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)

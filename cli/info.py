@@ -7,9 +7,10 @@ import click
 from fecocodec.container import StreamSummary, inspect
 from fecocodec.errors import BitstreamError
 
+from .naming import naming
 from .options import FILE_PATH, json_option
 from .output import print_columns, print_fields, print_json
-from .stream import naming, read_bytes
+from .stream import read_bytes
 
 
 @click.command(
@@ -34,8 +35,9 @@ def command(stream: Path | None, of_model: bool, as_json: bool) -> None:
         from .model_table import print_parameters
 
         return print_parameters(as_json)
+    data = read_bytes(stream)
     with naming(stream):
-        summary = inspect(read_bytes(stream))
+        summary = inspect(data)
         if as_json:
             print_json(summary_fields(summary))
         else:

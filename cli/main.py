@@ -49,7 +49,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         code = command_line.main(arguments, prog_name="fecosplat", standalone_mode=False)
     except FecoError as error:
-        click.echo(f"fecosplat: {error}", err=True)
+        click.echo(f"fecosplat: {' '.join(str(error).splitlines())}", err=True)  # file names may hold line breaks
         return 1
     except click.ClickException as error:
         error.show()

@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .image_files import image_files, write_image_files
+from .naming import naming
 from .options import FILE_PATH, device_option, json_option, overwrite_option, parse_size, threads_option
 from .output import print_json, say
 from .progress import OnProgress, progress_bar
 from .selection import Selection, parse_selection, resolve
-from .stream import naming, read_bytes
+from .stream import read_bytes
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Gaussians
 
 BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
-SUFFIXES = (".png", ".exr")
 
 
 @click.command(
@@ -69,11 +70,15 @@ def command(
         raise click.UsageError("A .ply file, --views and --size need --cameras FOLDER.")
     start = perf_counter()
     cameras, image_size, names = _cameras(scene, cameras_folder, views, size)
-    files = _output_files(output, scene.stem, names, overwrite)
+    files = image_files(output, scene.stem, names, overwrite=overwrite)
+
+    from fecocodec import render
+
     with progress_bar() as on_progress:
         gaussians = _gaussians(scene, stages, device, on_progress)
         on_progress("rendering", 1.0)
-        _render(gaussians, cameras, image_size, BACKGROUNDS[background], files, overwrite)
+        rendering = render(gaussians, cameras, image_size, BACKGROUNDS[background])
+        write_image_files(rendering, files, overwrite=overwrite)
     seconds = round(perf_counter() - start, 3)
     written = [str(file) for of_view in files for file in of_view]
     if as_json:
@@ -99,24 +104,6 @@ def _cameras(
     return cameras, image_size, tuple(f"{view:02d}" for view in range(cameras.num_views))
 
 
-def _output_files(output: Path, stem: str, names: tuple[str, ...], overwrite: bool) -> list[list[Path]]:
-    """The files to write for each view; refuses those that exist before anything is decoded."""
-    from fecocodec.errors import OutputError
-    from fecocodec.formats.atomic import require_writable
-
-    if output.suffix.lower() in SUFFIXES:
-        if len(names) != 1:
-            raise OutputError(f"{output}: one file cannot hold {len(names)} views; give a folder or choose one view.")
-        files = [[output]]
-    else:
-        files = [[output / f"{stem}_{name}{suffix}" for suffix in SUFFIXES] for name in names]
-    if output.is_file() and not files[0][0] == output:
-        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png or .exr.")
-    for file in (file for of_view in files for file in of_view if output.is_dir() or file == output):
-        require_writable(file, overwrite=overwrite)
-    return files
-
-
 def _gaussians(scene: Path, stages: int | None, device: str, on_progress: OnProgress) -> "Gaussians":
     from fecocodec import decode, read_ply
 
@@ -125,27 +112,6 @@ def _gaussians(scene: Path, stages: int | None, device: str, on_progress: OnProg
     require_device(device)
     if scene.suffix.lower() == ".ply":
         return read_ply(scene).to(device)
+    data = read_bytes(scene)
     with naming(scene):
-        return decode(read_bytes(scene), num_stages=stages, device=device, on_progress=on_progress)
-
-
-def _render(
-    gaussians: "Gaussians",
-    cameras: "Cameras",
-    image_size: tuple[int, int],
-    background: tuple[float, float, float],
-    files: list[list[Path]],
-    overwrite: bool,
-) -> None:
-    from fecocodec import render
-    from fecocodec.formats.exr import ExrImage, write_exr
-    from fecocodec.formats.images import write_image
-
-    rendering = render(gaussians, cameras, image_size, background)
-    for color, depth, of_view in zip(rendering.color, rendering.depth, files, strict=True):
-        for file in of_view:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            if file.suffix.lower() == ".exr":
-                write_exr(file, ExrImage(color, depth), overwrite=overwrite)
-            else:
-                write_image(file, color, overwrite=overwrite)
+        return decode(data, num_stages=stages, device=device, on_progress=on_progress)

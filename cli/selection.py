@@ -5,6 +5,8 @@ from pathlib import Path
 
 import click
 
+from .naming import OF_VIEWS, naming
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -38,4 +40,6 @@ def resolve(folder: Path, selection: Selection | None) -> tuple[int | str, ...] 
     from fecocodec.formats.scene_folder import view_names
     from fecocodec.formats.view_choice import subsample
 
-    return subsample(len(view_names(folder)), selection.count)
+    num_available = len(view_names(folder))
+    with naming(folder, OF_VIEWS):
+        return subsample(num_available, selection.count)

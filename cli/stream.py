@@ -1,10 +1,8 @@
-"""Reading a .fcs file from disk, and naming it in what goes wrong with it."""
+"""Reading a .fcs file from disk."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-from fecocodec.errors import BitstreamError, InputError, ModelError
+from fecocodec.errors import InputError
 
 
 def read_bytes(path: Path) -> bytes:
@@ -17,12 +15,3 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"{path}: there is no such file; check the path.") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before an error about its bytes; the library was given bytes and does not know it."""
-    try:
-        yield
-    except (BitstreamError, ModelError) as error:
-        raise type(error)(f"{path}: {error}") from error

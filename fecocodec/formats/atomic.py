@@ -3,7 +3,7 @@
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fecocodec.errors import OutputError
@@ -43,4 +43,5 @@ def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
             f"{path}: writing failed ({reason}); check free space and permissions or choose another output path."
         ) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only disk refuses even this; why writing failed is what counts
+            temporary.unlink(missing_ok=True)

@@ -63,8 +63,9 @@ def write_exr(path: Path, image: ExrImage, *, overwrite: bool = False) -> None:
     with write_atomically(path, overwrite=overwrite) as temporary:
         try:
             OpenEXR.File(header, channels).write(str(temporary))
-        except RuntimeError as error:  # the binding's only error; the sentence comes from write_atomically
-            raise OSError(f"OpenEXR: {error}") from error
+        except RuntimeError as error:  # the binding's only error: `... image file "NAME". Reason of the system.`
+            reason = str(error).rstrip(".").rpartition('". ')[2]
+            raise OSError(reason) from error  # write_atomically makes the sentence
 
 
 def linear_to_srgb(linear: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:

@@ -96,4 +96,6 @@ def _rgb(image: Image.Image) -> Float[np.ndarray, "height width 3"]:
 def _unreadable(path: Path, error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return f"{path}: no such image; put it there or leave its view out."
+    if isinstance(error, OSError) and error.strerror:  # from the system; Pillow's own have none
+        return f"{path}: cannot be read ({error.strerror}); check the path and its permissions."
     return f"{path}: the image is damaged, cut short or not PNG, JPEG or WebP ({error}); store it again."

@@ -69,10 +69,8 @@ def read_cameras(path: Path) -> PosedPhotographs:
     """The cameras of a scene folder, or of a camera file given itself, in the first format found."""
     try:
         scene = _find_cameras(path)
-    except PermissionError as error:
-        raise InputError(
-            f"{path}: may not be read ({error.strerror}); change the permissions of the folder."
-        ) from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
     if scene is None:
         raise InputError(
             f"{path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera "
@@ -109,13 +107,24 @@ def _read_images(
 
 def _lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
     """The lens of a photograph and the pinhole it is undistorted to."""
-    if not photograph.path.is_file():
-        raise InputError(
-            f"{photograph.place}: there is no image {photograph.path}; put it there or leave this view out by --views."
-        )
+    _require_file(photograph)
     height, width = read_image_size(photograph.path)
     lens = photograph.lens_for(width, height)
     return lens, undistorted(lens, photograph.place)
+
+
+def _require_file(photograph: PosedPhotograph) -> None:
+    try:
+        is_there = photograph.path.is_file()
+    except OSError as error:
+        raise InputError(
+            f"{photograph.place}: its image {photograph.path} cannot be looked at ({error.strerror}); check its name "
+            "and the permissions of its folder."
+        ) from error
+    if not is_there:
+        raise InputError(
+            f"{photograph.place}: there is no image {photograph.path}; put it there or leave this view out by --views."
+        )
 
 
 def _with_depth_bounds(

@@ -1,5 +1,6 @@
 """Outputs appear whole or not at all."""
 
+import errno
 import os
 import resource
 import tempfile
@@ -132,3 +133,16 @@ def _without_privileges():
         yield
     finally:
         os.seteuid(user)
+
+
+def test_a_disk_that_refuses_even_to_tidy_up(tmp_path, monkeypatch):
+    def refuse(*_arguments, **_options):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", refuse)
+    monkeypatch.setattr("pathlib.Path.unlink", refuse)
+    with (
+        pytest.raises(OutputError, match=r"writing failed \(Read-only file system\)"),
+        write_atomically(tmp_path / "out", overwrite=False) as temporary,
+    ):
+        temporary.write_bytes(b"")

@@ -101,3 +101,12 @@ def test_nan_is_not_written(tmp_path):
     with pytest.raises(OutputError, match="the image holds NaN; nothing was written"):
         write_image(tmp_path / "image.png", torch.full((3, 4, 4), torch.nan))
     assert not list(tmp_path.iterdir())
+
+
+def test_what_the_system_refuses_is_not_called_damage(tmp_path):
+    (tmp_path / "image.png").mkdir()
+    with pytest.raises(InputError) as caught:
+        read_image(tmp_path / "image.png")
+    assert str(caught.value) == (
+        f"{tmp_path / 'image.png'}: cannot be read (Is a directory); check the path and its permissions."
+    )

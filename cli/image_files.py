@@ -1,0 +1,81 @@
+"""The image files of a rendering: which they are, and that all of them appear or none."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fecocodec.errors import OutputError
+from fecocodec.formats.atomic import require_writable
+
+if TYPE_CHECKING:
+    from fecocodec import Rendering
+
+SUFFIXES = (".png", ".exr")
+
+
+def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: bool) -> list[list[Path]]:
+    """The files to write for each view; raises OutputError for those that cannot be, before anything is decoded."""
+    is_image = output.suffix.lower() in SUFFIXES
+    if is_image and len(names) != 1:
+        raise OutputError(f"{output}: one file cannot hold {len(names)} views; give a folder or choose one view.")
+    if os.path.isfile(output) and not is_image:
+        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png or .exr.")
+    files = [[output]] if is_image else [[output / f"{stem}_{name}{suffix}" for suffix in SUFFIXES] for name in names]
+    if is_image or os.path.isdir(output):
+        for file in (file for of_view in files for file in of_view):
+            require_writable(file, overwrite=overwrite)
+    return files
+
+
+def write_image_files(rendering: "Rendering", files: list[list[Path]], *, overwrite: bool) -> None:
+    """Write every view of a rendering to its files, in a folder that is made where it is missing.
+
+    Where one cannot be written, those that were new disappear again; each that was overwritten is whole, old or new.
+    Raises OutputError.
+    """
+    from fecocodec.formats.exr import ExrImage, write_exr
+    from fecocodec.formats.images import write_image
+
+    with _folder(files[0][0].parent), _all_or_none([file for of_view in files for file in of_view]):
+        for color, depth, of_view in zip(rendering.color, rendering.depth, files, strict=True):
+            for file in of_view:
+                if file.suffix.lower() == ".exr":
+                    write_exr(file, ExrImage(color, depth), overwrite=overwrite)
+                else:
+                    write_image(file, color, overwrite=overwrite)
+
+
+@contextmanager
+def _folder(folder: Path) -> Iterator[None]:
+    """Make a folder and those above it; where the block fails, those that were made are removed again."""
+    missing = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
+    try:
+        _make(folder)
+        yield
+    except BaseException:
+        for path in missing:
+            with suppress(OSError):  # it was not made after all, or others have put something there meanwhile
+                path.rmdir()
+        raise
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: the folder cannot be made ({error.strerror}); choose another output path."
+        ) from error
+
+
+@contextmanager
+def _all_or_none(files: list[Path]) -> Iterator[None]:
+    new = [file for file in files if not file.exists()]
+    try:
+        yield
+    except BaseException:
+        for file in new:
+            file.unlink(missing_ok=True)
+        raise
