@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-CHUNK = 4096  # rows of the distance matrix held at once on a GPU
+LARGEST_DISTANCES = 2**26  # entries of the distance matrix held at once on a GPU: 256 MiB
 
 
 @torch.no_grad()
@@ -33,9 +33,8 @@ def neighbours_by_distance(points: Float[Tensor, "n 3"], count: int) -> Int[Tens
 
     Distances come from differences: from a matrix product, |a|^2 + |b|^2 - 2ab, rounding would drown them.
     """
-    starts = range(0, len(points), CHUNK)
+    rows = max(1, LARGEST_DISTANCES // len(points))
     distances = (
-        torch.cdist(points[start : start + CHUNK], points, compute_mode="donot_use_mm_for_euclid_dist")
-        for start in starts
+        torch.cdist(chunk, points, compute_mode="donot_use_mm_for_euclid_dist") for chunk in points.split(rows)
     )
     return torch.cat([chunk.topk(count, dim=1, largest=False).indices for chunk in distances])

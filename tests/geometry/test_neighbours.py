@@ -15,7 +15,7 @@ Search = Callable[[Tensor, int], Tensor]
 @pytest.mark.parametrize("search", [nearest_neighbours, neighbours_by_tree, neighbours_by_distance])
 @pytest.mark.parametrize("offset", [0.0, 100.0])
 def test_the_nearest_points_are_found(search: Search, offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(neighbours, "CHUNK", 100)
+    monkeypatch.setattr(neighbours, "LARGEST_DISTANCES", 100 * 333)  # chunks of 100 rows
     points = torch.randn(333, 3, generator=torch.Generator().manual_seed(0)) + offset
     distances = (points.double()[:, None] - points.double()).norm(dim=-1)
     found = search(points, 7)
