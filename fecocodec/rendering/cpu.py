@@ -57,9 +57,11 @@ class _Rasterize(torch.autograd.Function):
         depth, alpha = color.new_empty(len(cameras), height, width), color.new_empty(len(cameras), height, width)
         projected = []
         for view, pinhole in enumerate(cameras):
-            projected.append(_project(pinhole, arrays))
+            seen = _project(pinhole, arrays)
             images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
-            _composite(projected[-1], np.asarray(background, np.float32), images)
+            _composite(seen, np.asarray(background, np.float32), images)
+            if any(ctx.needs_input_grad):  # else one view's splats are held at a time: they outweigh the images
+                projected.append(seen)
         ctx.save_for_backward(*fields, color, depth, alpha)
         ctx.projected = projected
         return color, depth, alpha
