@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,10 @@ import torch
 import torch.nn.functional as functional
 from fecosplat_cli.main import run
 
+import fecocodec
 from fecocodec.container import Header, PackedCameras, Stream, write_stream
 from fecocodec.formats.images import write_image
+from tests.example_scenes import MODEL
 
 IDENTITY_POSE = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 SHIFTED_POSE = (1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -85,3 +88,25 @@ def coded_scene(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     file = tmp_path_factory.mktemp("coded") / "wall.fcs"
     assert run(["encode", str(photographs), "-o", str(file), "--views", "0,1"]) == 0
     return file
+
+
+@pytest.fixture
+def networks(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands work with untrained networks instead of the shipped ones."""
+    monkeypatch.setattr(fecocodec, "encode", partial(fecocodec.encode, model=MODEL, weights=random_weights))
+    monkeypatch.setattr(fecocodec, "decode", partial(fecocodec.decode, weights=random_weights))
+
+
+@pytest.fixture(scope="session")
+def wall(photographs: Path, random_weights: Path) -> bytes:
+    """A stream of two photographs, coded by the untrained networks."""
+    views = fecocodec.read_views(photographs, views=(0, 1))
+    return fecocodec.encode(views, model=MODEL, weights=random_weights)
+
+
+@pytest.fixture
+def output(tmp_path: Path) -> Path:
+    """An empty folder to write to."""
+    folder = tmp_path / "output"
+    folder.mkdir()
+    return folder

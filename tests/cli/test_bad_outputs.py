@@ -1,0 +1,102 @@
+"""Results that cannot be written: one sentence that names the file, and nothing left behind."""
+
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from refusals import assert_refused
+
+
+@pytest.fixture
+def full_disk(output: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int, str], None]:
+    """Call `full_disk(number, suffix)` for the disk to be full when that file, counted from 0, is written.
+
+    The temporary name that the file will have leads to /dev/full, where the system refuses every write for want of
+    space.
+    """
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    names = (f"{number:012x}" for number in range(100))
+    monkeypatch.setattr("fecocodec.formats.atomic.secrets.token_hex", lambda _: next(names))
+
+    def fill(number: int, suffix: str) -> None:
+        (output / f".{number:012x}.part{suffix}").symlink_to("/dev/full")
+
+    return fill
+
+
+@pytest.fixture
+def full_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is space for the contents of a file, but none for its name."""
+
+    def refuse(source: object, target: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("fecocodec.formats.atomic.os.replace", refuse)
+
+
+NO_SPACE = "writing failed (No space left on device); check free space and permissions or choose another output path."
+
+
+@pytest.mark.usefixtures("networks")
+def test_full_disk_when_encoding(fecosplat, photographs: Path, output: Path, full_disk) -> None:
+    full_disk(0, ".fcs")
+    result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", "0,1")
+    assert_refused(result, output, f"{output / 'a.fcs'}: {NO_SPACE}")
+
+
+@pytest.mark.usefixtures("networks")
+def test_full_disk_when_decoding(fecosplat, wall: bytes, tmp_path: Path, output: Path, full_folder) -> None:
+    (tmp_path / "wall.fcs").write_bytes(wall)
+    result = fecosplat("decode", tmp_path / "wall.fcs", "-o", output / "a.ply")
+    assert_refused(result, output, f"{output / 'a.ply'}: {NO_SPACE}")
+
+
+@pytest.mark.usefixtures("networks")
+@pytest.mark.parametrize(
+    ("number", "name", "reason"),
+    [(0, "wall_00.png", NO_SPACE), (2, "wall_01.png", NO_SPACE), (3, "wall_01.exr", NO_SPACE)],
+)
+def test_full_disk_when_rendering_leaves_no_view(
+    fecosplat, wall: bytes, tmp_path: Path, output: Path, full_disk, number: int, name: str, reason: str
+) -> None:
+    (tmp_path / "wall.fcs").write_bytes(wall)
+    full_disk(number, Path(name).suffix)
+    result = fecosplat("render", tmp_path / "wall.fcs", "-o", output)
+    assert_refused(result, output, f"{output / name}: {reason}")
+
+
+@pytest.mark.usefixtures("networks")
+def test_folders_made_for_images_go_again(fecosplat, wall: bytes, tmp_path: Path, output: Path, full_folder) -> None:
+    (tmp_path / "wall.fcs").write_bytes(wall)
+    result = fecosplat("render", tmp_path / "wall.fcs", "-o", output / "new" / "images")
+    assert_refused(result, output, f"{output / 'new' / 'images' / 'wall_00.png'}: {NO_SPACE}")
+
+
+@pytest.mark.usefixtures("networks")
+def test_a_folder_for_images_that_cannot_be_made(fecosplat, wall: bytes, tmp_path: Path, output: Path) -> None:
+    file = tmp_path / "wall.fcs"
+    file.write_bytes(wall)
+    result = fecosplat("render", file, "-o", file / "images")
+    assert_refused(
+        result,
+        output,
+        f"{file / 'images'}: the folder cannot be made (Not a directory); choose another output path.",
+    )
+
+
+@pytest.mark.parametrize("command", ["encode", "decode", "render"])
+def test_output_that_exists(
+    fecosplat, photographs: Path, stream_file: Path, tmp_path: Path, output: Path, command: str
+) -> None:
+    existing = tmp_path / "result.png"
+    existing.write_text("precious")
+    source = photographs if command == "encode" else stream_file
+    cameras = ("--cameras", photographs, "--views", "0") if command == "render" else ()
+    result = fecosplat(command, source, "-o", existing, *cameras)
+    assert_refused(
+        result, output, f"{existing}: the file exists already; choose another output path or ask to overwrite it."
+    )
+    assert existing.read_text() == "precious"

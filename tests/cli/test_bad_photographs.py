@@ -1,0 +1,152 @@
+"""Photographs, cameras and options that `encode` refuses: one sentence that names the file, and nothing left behind."""
+
+import json
+import shutil
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+from refusals import assert_refused
+
+import fecocodec
+from fecocodec.checkpoint import RECEIVER_FILE
+from tests.example_scenes import MODEL
+
+Damage = Callable[[Path], None]
+
+
+@pytest.fixture
+def scene(photographs: Path, tmp_path: Path) -> Path:
+    """Photographs that a test may damage."""
+    return Path(shutil.copytree(photographs, tmp_path / "photographs"))
+
+
+def editing(change: Callable[[dict[str, Any]], object]) -> Damage:
+    def edit(folder: Path) -> None:
+        cameras = json.loads((folder / "transforms.json").read_text())
+        change(cameras)
+        (folder / "transforms.json").write_text(json.dumps(cameras))
+
+    return edit
+
+
+def setting_pose(row: int, values: list[float]) -> Damage:
+    return editing(lambda cameras: cameras["frames"][1]["transform_matrix"].__setitem__(row, values))
+
+
+def cut_an_image(folder: Path) -> None:
+    image = folder / "view_2.png"
+    image.write_bytes(image.read_bytes()[:2000])
+
+
+def turn_an_image(folder: Path) -> None:
+    editing(lambda cameras: [cameras.pop(side) for side in ("w", "h")])(folder)
+    with Image.open(folder / "view_3.png") as image:
+        image.transpose(Image.Transpose.ROTATE_90).save(folder / "view_3.png")
+
+
+FRAME = "{folder}/transforms.json, frame 1 (view_1.png)"
+BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
+    "missing folder": (
+        shutil.rmtree,
+        "{folder}: no such folder; give the folder that holds images and cameras.",
+    ),
+    "no cameras": (
+        lambda folder: (folder / "transforms.json").unlink(),
+        "{folder}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file.",
+    ),
+    "camera without image": (
+        lambda folder: (folder / "view_1.png").unlink(),
+        FRAME + ": there is no image {folder}/view_1.png; put it there or leave this view out by --views.",
+    ),
+    "unreadable image": (
+        lambda folder: (folder / "view_1.png").write_text("no image"),
+        "{folder}/view_1.png: the image is damaged, cut short or not PNG, JPEG or WebP (...",
+    ),
+    "truncated image": (
+        cut_an_image,
+        "{folder}/view_2.png: the image is damaged, cut short or not PNG, JPEG or WebP (...",
+    ),
+    "image of another shape": (
+        turn_an_image,
+        "{folder}/view_3.png: 64x96 pixels, while the other images are 96x64; choose images of one shape by --views, "
+        "or say with --size what all are cropped and resized to.",
+    ),
+    "name that no file can have": (
+        editing(lambda cameras: cameras["frames"][0].update(file_path="a" * 300 + ".png")),
+        "{folder}/transforms.json, frame 0 (aaa...",
+    ),
+    "name with a line break": (
+        editing(lambda cameras: cameras["frames"][0].update(file_path="view\n0.png")),
+        "{folder}/transforms.json, frame 0 (view 0.png): there is no image {folder}/view 0.png; put it there or leave "
+        "this view out by --views.",
+    ),
+    "singular pose": (
+        setting_pose(1, [1, 0, 0, 0]),
+        FRAME + ": the pose is singular (its axes span no volume); export the cameras again.",
+    ),
+    "mirrored pose": (
+        setting_pose(1, [0, -1, 0, 0]),
+        FRAME + ": the pose is mirrored (determinant -1); export right-handed camera axes.",
+    ),
+    "NaN in a pose": (
+        setting_pose(2, [0, 0, float("nan"), 0]),
+        FRAME + ", transform_matrix: a camera value is NaN or infinite; correct it or take this view out of the file.",
+    ),
+    "NaN in a lens": (
+        editing(lambda cameras: cameras["frames"][1].update(fl_x=float("nan"))),
+        FRAME + ", fl_x: a camera value is NaN or infinite; correct it or take this view out of the file.",
+    ),
+    "near equals far": (
+        editing(lambda cameras: cameras.update(near=2.0, far=2.0)),
+        "{folder}/transforms.json: near 2 and far 2 are no range of depths; 0 < near < far is needed, set them with "
+        "--near and --far.",
+    ),
+    "lens that a stream cannot hold": (
+        editing(lambda cameras: cameras.update(fl_x=96e6)),
+        "{folder}: the views' cameras: camera 1 of 4: focal length fx is 1000000.0 image sides, ...",
+    ),
+}
+
+
+@pytest.mark.usefixtures("networks")
+@pytest.mark.parametrize(("damage", "sentence"), BAD_PHOTOGRAPHS.values(), ids=BAD_PHOTOGRAPHS)
+def test_bad_photographs(fecosplat, scene: Path, output: Path, damage: Damage, sentence: str) -> None:
+    damage(scene)
+    result = fecosplat("encode", scene, "-o", output / "a.fcs")
+    assert_refused(result, output, sentence.replace("{folder}", str(scene)))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (
+            ("--lambda", "0.02"),
+            "lambda is 0.02, outside the range of the codec; choose one from 1e-05 to 0.01.",
+        ),
+        (
+            ("--near", "5", "--far", "2"),
+            "{folder}/transforms.json: near 5 and far 2 are no range of depths; 0 < near < far is needed, set them "
+            "with --near and --far.",
+        ),
+        (("--size", "96x32"), "size 96x32: each side must have 64 to 1024 pixels; choose another --size."),
+        (("--views", "spread:9"), "{folder}: 9 views asked for, but the folder has 4; choose between the two."),
+    ],
+)
+def test_bad_options(fecosplat, photographs: Path, output: Path, options: tuple[str, ...], sentence: str) -> None:
+    result = fecosplat("encode", photographs, "-o", output / "a.fcs", *options)
+    assert_refused(result, output, sentence.replace("{folder}", str(photographs)))
+
+
+def test_damaged_weights(
+    fecosplat, photographs: Path, tmp_path: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weights = tmp_path / "weights" / MODEL / RECEIVER_FILE
+    weights.parent.mkdir(parents=True)
+    weights.write_text("no weights")
+    monkeypatch.setattr(fecocodec, "encode", partial(fecocodec.encode, model=MODEL, weights=tmp_path / "weights"))
+    result = fecosplat("encode", photographs, "-o", output / "a.fcs")
+    assert_refused(result, output, f"{weights}: not a weights file of this codec, or damaged; reinstall the package.")
