@@ -34,11 +34,21 @@ class Weights:
 
 
 def serialise_weights(tensors: dict[str, Tensor], config: dict[str, Any]) -> bytes:
-    """Bytes of a weights file: floats as fp16, integers as they are."""
-    stored = {
-        name: (value.half() if value.is_floating_point() else value).contiguous() for name, value in tensors.items()
-    }
+    """Bytes of a weights file: floats as fp16 (ModelError for those it cannot hold), integers as they are."""
+    stored = {name: _stored(name, value).contiguous() for name, value in tensors.items()}
     return save(stored, metadata={"config": json.dumps(config, sort_keys=True)})
+
+
+def _stored(name: str, value: Tensor) -> Tensor:
+    if not value.is_floating_point():
+        return value
+    halves = value.half()
+    if not bool(halves.isfinite().all()):
+        raise ModelError(
+            f"tensor '{name}': it holds NaN or values beyond the {torch.finfo(torch.half).max:.0f} of fp16; "
+            "export an earlier checkpoint."
+        )
+    return halves
 
 
 def read_weights(path: Path) -> Weights:

@@ -35,6 +35,13 @@ def test_floats_come_back_as_float32_and_integers_as_they_were(tmp_path: Path) -
     assert weights.config == {"receiver": {"width": 3}} and len(weights.model_id) == 8
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e5])
+def test_floats_that_fp16_cannot_hold_are_refused(value: float) -> None:
+    tensors = {"fine": torch.zeros(3), "wild": torch.tensor([65504.0, value])}
+    with pytest.raises(ModelError, match=r"tensor 'wild': it holds NaN or values beyond the 65504 of fp16; export"):
+        serialise_weights(tensors, {})
+
+
 def test_a_receiver_written_again_is_the_same_file(model: Path) -> None:
     receiver, model_id = load_receiver(model / RECEIVER_FILE)
     assert serialise_receiver(receiver) == (model / RECEIVER_FILE).read_bytes()
