@@ -105,15 +105,15 @@ def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:
     lines = data[:end].decode("ascii", "replace").split("\n")
     if "format binary_little_endian 1.0" not in lines:
         raise InputError(f"{path}: only binary little-endian PLY is read; convert the file.")
-    elements = [line.split() for line in lines if line.startswith("element ")]
-    if not elements or len(elements[0]) != 3 or elements[0][1] != "vertex" or not elements[0][2].isdecimal():
+    starts = [number for number, line in enumerate(lines) if line.startswith("element ")]
+    element = lines[starts[0]].split() if starts else []
+    if len(element) != 3 or element[1] != "vertex" or not element[2].isdecimal():
         raise InputError(f"{path}: the first element is not `vertex N`; give an uncompressed 3DGS .ply file.")
-    first = lines.index(" ".join(elements[0]))
-    later = lines.index(" ".join(elements[1])) if len(elements) > 1 else len(lines)
+    first, later, *_ = [*starts, len(lines)]
     properties = [line.split() for line in lines[first:later] if line.startswith("property ")]
     if any(len(words) != 3 or words[1] not in ("float", "float32") for words in properties):
         raise InputError(f"{path}: a vertex property is not a float; give an uncompressed 3DGS .ply file.")
-    return int(elements[0][2]), [words[2] for words in properties], end + len(b"end_header\n")
+    return int(element[2]), [words[2] for words in properties], end + len(b"end_header\n")
 
 
 def _gaussians(path: Path, columns: dict[str, Float[np.ndarray, " n"]]) -> Gaussians:

@@ -20,7 +20,7 @@ _COLUMNS = 19
 
 def find_realestate10k(path: Path) -> Path | None:
     """The camera text in a scene folder, or `path` itself: the first `.txt` that has a line of 19 columns."""
-    candidates = [path] if path.is_file() else sorted(path.glob("*.txt"))
+    candidates = [path] if path.is_file() else sorted(file for file in path.glob("*.txt") if file.is_file())
     return next((candidate for candidate in candidates if _has_camera_line(candidate)), None)
 
 

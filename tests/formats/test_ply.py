@@ -128,6 +128,13 @@ def test_files_that_cannot_be_read(tmp_path):
     assert refusal(path) == "a value is NaN or infinite; write the file again from finite Gaussians."
 
 
+def test_a_header_may_be_spaced_freely(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians())
+    path.write_bytes(path.read_bytes().replace(b"element vertex 50", b"element  vertex 50 "))
+    assert read_ply(path).count == 50
+
+
 def test_any_cut_is_refused(tmp_path):
     path = tmp_path / "scene.ply"
     write_ply(path, some_gaussians(count=1, d_sh=1))

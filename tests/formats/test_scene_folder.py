@@ -188,6 +188,7 @@ def test_small_errors_of_a_rotation_are_mended(tmp_path):
 def test_an_unrelated_text_file_is_not_taken_for_cameras(tmp_path):
     folder = write_realestate10k(tmp_path / "scene", shots(2))
     (folder / "a_note.txt").write_bytes(b"caf\xe9\nnot cameras\n")
+    (folder / "a_folder.txt").mkdir()
     assert read(folder).names == ("000.png", "001.png")
 
 
