@@ -1,6 +1,6 @@
 """FeCoSplat: a feedback-guided feature codec for feed-forward 3D Gaussian splatting.
 
-    views = fecocodec.read_views("photos/")
+    views = fecocodec.read_views(Path("photos"))
     data = fecocodec.encode(views, lmbda=1e-3)
     gaussians = fecocodec.decode(data)
 

@@ -13,13 +13,13 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
-from fecocodec.layers.blocks import Block2d, RateCondition, downsample, upsample
+from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_shuffle, upsample
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid: one per 2x2 pixels
 LARGEST_OFFSET_CELLS = 1.0  # how far a Gaussian may leave its place, in cells of the 1/2 grid
 LARGEST_DISPARITY_STEP = 0.08  # how far a Gaussian may leave its cell's relative disparity
-LARGEST_LOG_SCALE = 2.5  # scales lie within exp(+-2.5) of the footprint
+LARGEST_LOG_SCALE = 2.5  # scales lie within a factor exp(+-2.5) of 0.67 footprints
 RAW = {"opacity": 1, "offset": 2, "disparity": 1, "scale": 3, "rotation": 4, "colour": 3}  # head outputs a Gaussian
 
 
@@ -61,7 +61,7 @@ class Predictor(nn.Module):
         relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
         relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
         features = self._attend(features, relative, cameras)
-        raw = rearrange(F.pixel_shuffle(self.head(features).float(), 2), "(b v) c h w -> b v h w c", v=views)
+        raw = rearrange(pixel_shuffle(self.head(features).float()), "(b v) c h w -> b v h w c", v=views)
         return Prediction(self._activate(raw, relative, cameras), relative)
 
     def _trunk(self, state: Tensor, condition: RateCondition) -> Tensor:
