@@ -5,17 +5,19 @@ from collections.abc import Sequence
 
 import click
 
+from fecocodec.errors import OutputError
+
 
 def print_json(value: object) -> None:
     """Machine-readable result on stdout."""
-    click.echo(json.dumps(value, indent=2))
+    _print(json.dumps(value, indent=2))
 
 
 def print_fields(fields: Sequence[tuple[str, str]]) -> None:
     """Names and values on stdout, values aligned."""
     width = max(len(name) for name, _ in fields)
     for name, value in fields:
-        click.echo(f"{name:<{width}}  {value}")
+        _print(f"{name:<{width}}  {value}")
 
 
 def print_columns(rows: Sequence[Sequence[str]]) -> None:
@@ -23,12 +25,23 @@ def print_columns(rows: Sequence[Sequence[str]]) -> None:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = (_aligned(cell, width) for cell, width in zip(row, widths, strict=True))
-        click.echo("  ".join(cells).rstrip())
+        _print("  ".join(cells).rstrip())
 
 
 def say(sentence: str) -> None:
     """Talk to the person at the terminal, on stderr."""
     click.echo(sentence, err=True)
+
+
+def _print(line: str) -> None:
+    try:
+        click.echo(line)
+    except BrokenPipeError:  # the reader has seen enough (`| head`); click ends the command quietly
+        raise
+    except OSError as error:
+        raise OutputError(
+            f"standard output: writing failed ({error.strerror}); check free space or send it elsewhere."
+        ) from error
 
 
 def _aligned(cell: str, width: int) -> str:

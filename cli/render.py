@@ -95,13 +95,20 @@ def _cameras(
         from fecocodec import read_views
 
         views = read_views(folder, views=resolve(folder, selection), size=size)
-        return views.cameras, views.image_size, tuple(Path(name).stem for name in views.names)
+        return views.cameras, views.image_size, _distinct(tuple(Path(name).stem for name in views.names))
     data = read_bytes(scene)
     from fecocodec.receiver.decode import read_cameras
 
     with naming(scene):
         cameras, image_size = read_cameras(data)
     return cameras, image_size, tuple(f"{view:02d}" for view in range(cameras.num_views))
+
+
+def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names, or, where two views are called alike (left/a.png, right/a.png), the names with a number in front."""
+    if len(set(names)) == len(names):
+        return names
+    return tuple(f"{view:02d}_{name}" for view, name in enumerate(names))
 
 
 def _gaussians(scene: Path, stages: int | None, device: str, on_progress: OnProgress) -> "Gaussians":

@@ -51,7 +51,9 @@ def _find_view(paths: list[Path], view: int | str, folder: Path) -> int:
     if isinstance(view, str):
         found = [index for index, path in enumerate(paths) if _is_called(path, view)]
         if len(found) > 1:
-            raise InputError(f"{folder}: {len(found)} views are called {view}; choose by index in --views.")
+            raise InputError(
+                f"{folder}: {len(found)} views are called {view}; give more of its path, or an index, in --views."
+            )
         if found:
             return found[0]
         if not view.isdecimal():

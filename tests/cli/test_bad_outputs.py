@@ -2,6 +2,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -100,3 +102,15 @@ def test_output_that_exists(
         result, output, f"{existing}: the file exists already; choose another output path or ask to overwrite it."
     )
     assert existing.read_text() == "precious"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_full_disk_behind_standard_output(stream_file: Path, options: tuple[str, ...]) -> None:
+    command = [sys.executable, "-m", "fecosplat_cli", "info", stream_file, *options]
+    with open("/dev/full", "w") as full:
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert result.stderr == (
+        "fecosplat: standard output: writing failed (No space left on device); check free space or send it elsewhere.\n"
+    )
+    assert result.returncode == 1

@@ -158,6 +158,21 @@ def test_render_of_a_ply_takes_cameras(fecosplat, coded_scene: Path, photographs
     assert read_image(image).shape == (3, 80, 64)
 
 
+def test_render_keeps_views_apart_that_are_called_alike(
+    fecosplat, coded_scene: Path, photographs: Path, tmp_path: Path
+) -> None:
+    scene = json.loads((photographs / "transforms.json").read_text())
+    for frame, side in zip(scene["frames"], ("left", "right"), strict=False):
+        (tmp_path / side).mkdir()
+        (tmp_path / side / "a.png").write_bytes((photographs / frame["file_path"]).read_bytes())
+        frame["file_path"] = f"{side}/a.png"
+    (tmp_path / "transforms.json").write_text(json.dumps(scene))
+    result = fecosplat("render", coded_scene, "-o", tmp_path / "out", "--cameras", tmp_path, "--views", "0,1")
+    assert result.code == 0
+    written = sorted(file.name for file in (tmp_path / "out").iterdir())
+    assert written == ["wall_00_a.exr", "wall_00_a.png", "wall_01_a.exr", "wall_01_a.png"]
+
+
 def test_render_refuses_existing_images_before_decoding(fecosplat, stream_file: Path, tmp_path: Path) -> None:
     """The stream's payloads are no payloads: decoding it would fail with another sentence."""
     images = tmp_path / "images"
