@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
+from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
@@ -127,4 +128,19 @@ def downsample(in_channels: int, out_channels: int) -> nn.Conv2d:
 
 def upsample(in_channels: int, out_channels: int) -> nn.Sequential:
     """Upsample by two: 1x1 convolution and pixel shuffle."""
-    return nn.Sequential(nn.Conv2d(in_channels, 4 * out_channels, 1), nn.PixelShuffle(2))
+    return nn.Sequential(nn.Conv2d(in_channels, 4 * out_channels, 1), PixelShuffle())
+
+
+class PixelShuffle(nn.Module):
+    """`pixel_shuffle` as a module."""
+
+    def forward(self, x: Float[Tensor, "item channels4 h w"]) -> Float[Tensor, "item channel h2 w2"]:
+        return pixel_shuffle(x)
+
+
+def pixel_shuffle(x: Float[Tensor, "item channels4 h w"]) -> Float[Tensor, "item channel h2 w2"]:
+    """`torch.nn.functional.pixel_shuffle` by two with channels last in memory.
+
+    Torch's own puts them first, and every layer after it converts.
+    """
+    return rearrange(x, "n (c i j) h w -> n (h i) (w j) c", i=2, j=2).permute(0, 3, 1, 2)

@@ -24,7 +24,7 @@ from fecocodec.receiver.model import Receiver
 
 OnProgress = Callable[[str, float], None]  # (what is being done, fraction done)
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians; they are not emitted
-STATE_FACTOR, LATENT_FACTOR = 4, 8
+LATENT_FACTOR = 8
 
 
 def decode(
@@ -64,7 +64,7 @@ def decode_stream(
     height, width = padded_size(header.height, header.width)
     size_8 = (header.num_views, height // LATENT_FACTOR, width // LATENT_FACTOR)
     lambda_q = torch.full((header.num_views,), header.lambda_q, device=device)
-    state = receiver.update.start(header.num_views, height // STATE_FACTOR, width // STATE_FACTOR)
+    state = receiver.update.start(header.num_views, 1, 1)
     context = None
     for stage, payload in enumerate(stream.payloads, start=1):
         on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))

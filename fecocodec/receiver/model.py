@@ -31,7 +31,7 @@ class Receiver(nn.Module):
 
     def next_state(
         self,
-        state: Float[Tensor, "item channel h4 w4"],
+        state: Float[Tensor, "item channel _ _"],
         y_hat: Float[Tensor, "item latent h8 w8"],
         condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:

@@ -1,6 +1,7 @@
 """State update U: implicit Gaussian state and decoded features -> next state."""
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -24,8 +25,14 @@ class StateUpdate(nn.Module):
 
     def forward(
         self,
-        state: Float[Tensor, "item channel h4 w4"],
+        state: Float[Tensor, "item channel _ _"],
         features: Float[Tensor, "item channel h4 w4"],
         condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
-        return self.block(self.join(torch.cat((state, features), dim=1)), condition)
+        """The state may be a single position (`start(n, 1, 1)`), which stands for all.
+
+        The 1x1 convolution of the concatenation is the sum of two: nothing is copied, and S0 costs nothing.
+        """
+        of_state, of_features = self.join.weight.chunk(2, dim=1)
+        joined = F.conv2d(features, of_features, self.join.bias) + F.conv2d(state, of_state)
+        return self.block(joined, condition)
