@@ -46,7 +46,15 @@ def assert_equal(one: Gaussians, other: Gaussians) -> None:
 
 @pytest.mark.parametrize(
     ("num_views", "height", "width", "lmbda"),
-    [(1, 64, 64, 1e-3), (2, 96, 160, 1e-5), (2, 70, 101, 1e-2), (4, 64, 64, 1e-5)],
+    [
+        (1, 64, 64, 1e-3),
+        (2, 96, 160, 1e-5),
+        (2, 70, 101, 1e-2),
+        (4, 64, 64, 1e-5),
+        (16, 64, 64, 1e-3),
+        (1, 1024, 64, 1e-3),
+        (1, 65, 1023, 1e-3),
+    ],
 )
 def test_every_visible_cell_becomes_a_gaussian(
     random_weights: Path, num_views: int, height: int, width: int, lmbda: float
