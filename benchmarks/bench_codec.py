@@ -19,10 +19,10 @@ from time import perf_counter
 import torch
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.encode import Profile, encode_with, load_profile
 
@@ -69,8 +69,7 @@ def bench_scene(profile: Profile, views: Views, label: str, repeats: int, bounds
     """Warm decode and encode of one scene, in process."""
     lambda_q = quantise_lambda(LAMBDA)
     data = encode_with(profile, views, lambda_q, 2)
-    stream = read_stream(data)
-    decoded, steps = measure(lambda progress: decode_stream(stream, profile.receiver, progress), repeats)
+    decoded, steps = measure(lambda progress: decode(data, on_progress=progress), repeats)
     print(f"| decode, {label}, warm | {decoded:.3f} s | {bounds[0]} s | {steps} |", flush=True)
     encoded, steps = measure(lambda progress: encode_with(profile, views, lambda_q, 2, progress), max(3, repeats // 3))
     print(f"| encode, {label}, warm | {encoded:.3f} s | {bounds[1]} s | {steps} |", flush=True)
@@ -106,7 +105,7 @@ def bench_process(label: str, arguments: list[str], bounds: tuple[float, float |
 
 def bench_rendering(profile: Profile, views: Views, data: bytes, repeats: int) -> None:
     """One image of the decoded Gaussians, forward and with gradients, on one thread."""
-    gaussians = decode_stream(read_stream(data), profile.receiver)
+    gaussians = decode(data)
     camera = views.cameras.select([0])
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

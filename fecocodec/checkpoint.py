@@ -33,6 +33,11 @@ class Weights:
     model_id: bytes
 
 
+def model_id_of(data: bytes) -> bytes:
+    """The id of the model whose receiver has these bytes as its weights file."""
+    return hashlib.sha256(data).digest()[:MODEL_ID_BYTES]
+
+
 def serialise_weights(tensors: dict[str, Tensor], config: dict[str, Any]) -> bytes:
     """Bytes of a weights file: floats as fp16 (ModelError for those it cannot hold), integers as they are."""
     stored = {name: _stored(name, value).contiguous() for name, value in tensors.items()}
@@ -65,14 +70,14 @@ def read_weights(path: Path) -> Weights:
     if not isinstance(config, dict):
         raise ModelError(f"{path}: its configuration is no JSON object; reinstall the package.")
     tensors = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
-    return Weights(tensors, config, hashlib.sha256(data).digest()[:MODEL_ID_BYTES])
+    return Weights(tensors, config, model_id_of(data))
 
 
 def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
     """The receiver weights that a stream was made for; raises ModelError where the folder has none of that id."""
     candidates = sorted(folder.glob(f"*/{RECEIVER_FILE}"))
     for path in candidates:
-        if hashlib.sha256(path.read_bytes()).digest()[:MODEL_ID_BYTES] == model_id:
+        if model_id_of(path.read_bytes()) == model_id:
             return path
     known = ", ".join(path.parent.name for path in candidates) or "none"
     raise ModelError(

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from scipy.spatial.transform import Rotation
 
-from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
@@ -48,5 +48,6 @@ def write_random_model(weights: Path) -> None:
         receiver.predictor.head[2].weight.mul_(20.0)
     folder = weights / MODEL
     folder.mkdir(parents=True)
-    (folder / RECEIVER_FILE).write_bytes(serialise_receiver(receiver))
-    (folder / SENDER_FILE).write_bytes(serialise_sender(sender))
+    receiver_bytes = serialise_receiver(receiver)
+    (folder / RECEIVER_FILE).write_bytes(receiver_bytes)
+    (folder / SENDER_FILE).write_bytes(serialise_sender(sender, model_id_of(receiver_bytes)))

@@ -12,6 +12,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, find_receiver, read
 from fecocodec.config import ReceiverConfig
 from fecocodec.errors import ModelError
 from fecocodec.receiver.load import load_receiver, serialise_receiver
+from fecocodec.sender.encode import load_profile
 from fecocodec.sender.load import load_sender
 from tests.example_scenes import MODEL
 
@@ -106,6 +107,16 @@ def test_a_width_of_the_wrong_kind_is_an_error(model: Path) -> None:
 
 def test_the_ends_cannot_be_mistaken_for_each_other(model: Path) -> None:
     with pytest.raises(ModelError, match="holds no sender; name a sender's weights file"):
-        load_sender(model / RECEIVER_FILE, ReceiverConfig())
+        load_sender(model / RECEIVER_FILE, ReceiverConfig(), b"any")
     with pytest.raises(ModelError, match="holds no receiver"):
         load_receiver(model / SENDER_FILE)
+
+
+def test_a_sender_of_another_receiver_is_refused(random_weights: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "mixed"
+    shutil.copytree(random_weights / MODEL, folder)
+    receiver, _ = load_receiver(folder / RECEIVER_FILE)
+    receiver.update.initial_state += 1.0
+    (folder / RECEIVER_FILE).write_bytes(serialise_receiver(receiver))
+    with pytest.raises(ModelError, match=r"sender\.safetensors: this sender was made for the receiver"):
+        load_profile(folder, "cpu")

@@ -108,9 +108,10 @@ class FixedPointLinear(nn.Module):
         """
         if self.weight.requires_grad:
             return self._rounded_terms(dtype)
-        key = (dtype, self.weight.device, self.weight.data_ptr(), self.weight._version, self.bias._version)
+        key = (dtype, *((p.device, p.data_ptr(), p._version) for p in (self.weight, self.bias)))
         if self._kept is None or self._kept[0] != key:
-            self._kept = (key, self._rounded_terms(dtype))
+            with torch.inference_mode(False), torch.no_grad():
+                self._kept = (key, self._rounded_terms(dtype))
         return self._kept[1]
 
     def _rounded_terms(self, dtype: torch.dtype) -> tuple[Tensor, Tensor]:

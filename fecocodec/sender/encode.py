@@ -74,7 +74,7 @@ def encode(
 def load_profile(folder: Path, device: str) -> Profile:
     """Both ends' networks from a model's folder; raises ModelError where its files are missing, damaged or foreign."""
     receiver, model_id = load_receiver(folder / RECEIVER_FILE)
-    sender = load_sender(folder / SENDER_FILE, receiver.config)
+    sender = load_sender(folder / SENDER_FILE, receiver.config, model_id)
     for network in (sender, receiver):
         place(network, device)
     return Profile(sender, receiver, model_id)

@@ -5,17 +5,29 @@ from pathlib import Path
 
 from fecocodec.checkpoint import config_of, load_into, read_weights, serialise_weights
 from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.errors import ModelError
 from fecocodec.sender.model import Sender
 
+RECEIVER_ID = "receiver_model_id"
 
-def load_sender(path: Path, receiver: ReceiverConfig) -> Sender:
-    """Sender ready to encode for such a receiver; raises ModelError for a missing, damaged or foreign file."""
+
+def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender:
+    """Sender ready to encode for the receiver of this model id and these sizes.
+
+    Raises ModelError for a missing, damaged or foreign file, and for one that was trained with another receiver.
+    """
     weights = read_weights(path)
-    sender = Sender(config_of(weights, "sender", SenderConfig(), path), receiver)
+    config = config_of(weights, "sender", SenderConfig(), path)
+    if weights.config.get(RECEIVER_ID) != model_id.hex():
+        raise ModelError(
+            f"{path}: this sender was made for the receiver {weights.config.get(RECEIVER_ID)}, the one beside it is "
+            f"{model_id.hex()}; put the two files of one model together."
+        )
+    sender = Sender(config, receiver)
     load_into(sender, weights.tensors, path)
     return sender.eval().requires_grad_(False)
 
 
-def serialise_sender(sender: Sender) -> bytes:
-    """Bytes of the sender's weights file, fp16."""
-    return serialise_weights(dict(sender.state_dict()), {"sender": asdict(sender.config)})
+def serialise_sender(sender: Sender, model_id: bytes) -> bytes:
+    """Bytes of the sender's weights file, fp16. model_id: of the receiver it was trained with."""
+    return serialise_weights(dict(sender.state_dict()), {"sender": asdict(sender.config), RECEIVER_ID: model_id.hex()})

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
 from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.formats.atomic import write_atomically
 from fecocodec.receiver.load import serialise_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.load import serialise_sender
@@ -19,5 +20,10 @@ def export_model(checkpoint: Path, folder: Path) -> None:
     for name, network in (("receiver.", receiver), ("sender.", sender)):
         network.load_state_dict({k.removeprefix(name): v for k, v in average.items() if k.startswith(name)})
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / RECEIVER_FILE).write_bytes(serialise_receiver(receiver))
-    (folder / SENDER_FILE).write_bytes(serialise_sender(sender))
+    receiver_bytes = serialise_receiver(receiver)
+    for path, data in (
+        (folder / RECEIVER_FILE, receiver_bytes),
+        (folder / SENDER_FILE, serialise_sender(sender, model_id_of(receiver_bytes))),
+    ):
+        with write_atomically(path, overwrite=True) as temporary:
+            temporary.write_bytes(data)

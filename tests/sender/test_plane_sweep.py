@@ -61,6 +61,15 @@ def test_the_size_of_chunks_does_not_matter(largest: int, monkeypatch: pytest.Mo
     torch.testing.assert_close(cost_volume(features, cameras, sources, 8), whole, atol=1e-5, rtol=0)
 
 
+def test_sampling_candidates_gives_what_correlating_all_pairs_gives(monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras, features = example_cameras(3).as_batch(), unit_features(3, 16, 24)
+    sources = nearest_views(cameras, 2)
+    correlated = cost_volume(features, cameras, sources, 8)
+    monkeypatch.setattr(plane_sweep, "MOST_CORRELATED", 0)
+    monkeypatch.setattr(plane_sweep, "LARGEST_CORRELATION", 5_000)
+    torch.testing.assert_close(cost_volume(features, cameras, sources, 8), correlated, atol=1e-5, rtol=0)
+
+
 def test_a_view_on_its_own_matches_nothing() -> None:
     cameras = example_cameras(1).as_batch()
     sources = nearest_views(cameras, 2)

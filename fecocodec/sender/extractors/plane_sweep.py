@@ -1,6 +1,7 @@
 """Plane-sweep matching: how well each view's features agree with other views' at candidate depths."""
 
 import torch
+import torch.nn.functional as F
 from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -9,6 +10,7 @@ from fecocodec.geometry.cameras import Cameras, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity
 
 OUTSIDE = 4.0  # image position of points behind the source camera: no pixel there
+MOST_CORRELATED = 2**14  # positions of a view up to which all pairs are correlated
 LARGEST_CORRELATION = 2**24  # entries of the correlation matrix held at once
 SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
@@ -32,7 +34,8 @@ def cost_volume(
 
     Features should have unit length over channels. Zero where a source does not see the point, or there is no source.
     Instead of warping feature maps, all pairs of positions are correlated in one matrix product, from which each
-    candidate picks four entries: the same sum in a tenth of the time, in chunks of bounded memory.
+    candidate picks four entries: the same sum in a tenth of the time, in chunks of bounded memory. Where pairs become
+    too many (images over 512x512 pixels), candidates are sampled.
     """
     batch, views, _, height, width = features.shape
     relative = torch.linspace(0.0, 1.0, num_candidates, device=features.device)
@@ -58,17 +61,42 @@ def _match(
     """Correlation of each reference position with the sources at its candidates' positions, mean over sources."""
     height, width = reference.shape[-2:]
     queries = rearrange(reference, "c h w -> (h w) c")
-    chunk = max(1, LARGEST_CORRELATION // (height * width))
+    pick = _from_all_pairs if height * width <= MOST_CORRELATED else _from_sampled_rows
     total = queries.new_zeros(grid.shape[1:3])
     for source, positions in zip(sources, grid, strict=True):
         keys = rearrange(source, "c h w -> c (h w)")
         index, weight = _bilinear(positions, height, width)
-        picked = [
-            ((query @ keys).gather(1, corners.flatten(1)).view_as(share) * share).sum(dim=-1)
-            for query, corners, share in zip(queries.split(chunk), index.split(chunk), weight.split(chunk), strict=True)
-        ]
-        total = total + torch.cat(picked)
+        total = total + pick(queries, keys, index, weight)
     return total / max(1, len(sources))
+
+
+def _from_all_pairs(
+    queries: Float[Tensor, "point channel"],
+    keys: Float[Tensor, "channel point"],
+    index: Int[Tensor, "point candidate 4"],
+    weight: Float[Tensor, "point candidate 4"],
+) -> Float[Tensor, "point candidate"]:
+    """Products of all pairs of positions, four of which each candidate picks: fastest while there are few positions."""
+    chunk = max(1, LARGEST_CORRELATION // keys.shape[1])
+    parts = zip(queries.split(chunk), index.split(chunk), weight.split(chunk), strict=True)
+    return torch.cat([((q @ keys).gather(1, i.flatten(1)).view_as(w) * w).sum(dim=-1) for q, i, w in parts])
+
+
+def _from_sampled_rows(
+    queries: Float[Tensor, "point channel"],
+    keys: Float[Tensor, "channel point"],
+    index: Int[Tensor, "point candidate 4"],
+    weight: Float[Tensor, "point candidate 4"],
+) -> Float[Tensor, "point candidate"]:
+    """Features sampled at each candidate, then multiplied: work grows with positions, not with their square."""
+    rows = keys.T.contiguous()
+    chunk = max(1, LARGEST_CORRELATION // (index.shape[1] * rows.shape[1]))
+    parts = zip(queries.split(chunk), index.split(chunk), weight.split(chunk), strict=True)
+    picked = []
+    for query, corners, share in parts:
+        sampled = F.embedding_bag(corners.flatten(0, 1), rows, per_sample_weights=share.flatten(0, 1), mode="sum")
+        picked.append((sampled.unflatten(0, (len(query), -1)) @ query[..., None])[..., 0])
+    return torch.cat(picked)
 
 
 @torch.no_grad()
