@@ -91,7 +91,7 @@ class Block2d(nn.Module):
     def forward(
         self, x: Float[Tensor, "item channel h w"], condition: RateCondition
     ) -> Float[Tensor, "item channel h w"]:
-        return x + self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
+        return self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh")).add_(x)
 
 
 class PlainBlock2d(nn.Module):
@@ -104,7 +104,7 @@ class PlainBlock2d(nn.Module):
         self.pointwise = nn.Conv2d(hidden, channels, 1)
 
     def forward(self, x: Float[Tensor, "item channel h w"]) -> Float[Tensor, "item channel h w"]:
-        return x + self.pointwise(F.gelu(self.spatial(self.norm(x)), approximate="tanh"))
+        return self.pointwise(F.gelu(self.spatial(self.norm(x)), approximate="tanh")).add_(x)
 
 
 class BlockChain(nn.ModuleList):

@@ -54,11 +54,17 @@ def read_cameras(data: bytes) -> tuple[Cameras, tuple[int, int]]:
     return unpack(stream.cameras), (stream.header.height, stream.header.width)
 
 
-@torch.no_grad()  # not inference_mode: Gaussians that a caller may go on to refine must be ordinary tensors
 def decode_stream(
     stream: Stream, receiver: Receiver, on_progress: OnProgress = lambda _task, _fraction: None
 ) -> Gaussians:
     """Walk the stages of a stream that has been read, then predict; no rendering, no stage-1 Gaussians."""
+    gaussians = _walk_and_predict(stream, receiver, on_progress)
+    # A copy made outside inference mode is an ordinary tensor, which a caller may go on to refine.
+    return Gaussians(*(field.clone() for field in gaussians.fields()))
+
+
+@torch.inference_mode()
+def _walk_and_predict(stream: Stream, receiver: Receiver, on_progress: OnProgress) -> Gaussians:
     header = stream.header
     device = next(receiver.parameters()).device
     height, width = padded_size(header.height, header.width)

@@ -34,5 +34,5 @@ class StateUpdate(nn.Module):
         The 1x1 convolution of the concatenation is the sum of two: nothing is copied, and S0 costs nothing.
         """
         of_state, of_features = self.join.weight.chunk(2, dim=1)
-        joined = F.conv2d(features, of_features, self.join.bias) + F.conv2d(state, of_state)
+        joined = F.conv2d(features, of_features, self.join.bias).add_(F.conv2d(state, of_state))
         return self.block(joined, condition)
