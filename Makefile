@@ -51,7 +51,7 @@ arch: $(READY) ## check the dependency rules
 	$(BIN)/python -m pytest -q tests/test_architecture.py
 
 vectors: $(READY) ## check the golden vectors with both readers
-	$(BIN)/python -m pytest -q tests/bitstream_spec
+	$(BIN)/python -m pytest -q tests/vectors tests/bitstream_spec
 
 bench: $(READY) ## measure time and memory of encode, decode and info
 	$(BIN)/python benchmarks/bench_codec.py
