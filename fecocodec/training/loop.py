@@ -9,10 +9,13 @@ from typing import Any
 import torch
 from torch import nn
 
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.errors import ModelError
 from fecocodec.layers.placement import place
+from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
+from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.dataset import BatchShape, Sources, draw_batch
@@ -62,6 +65,14 @@ class Trainer:
     def checkpoint(self) -> Path:
         """The file that `run` saves to and `resume` goes on from."""
         return self.settings.folder / "last.pt"
+
+    def start_from(self, model: Path) -> None:
+        """Begin with the weights of a released model's folder instead of random ones; raises ModelError without them."""
+        receiver, model_id = load_receiver(model / RECEIVER_FILE)
+        sender = load_sender(model / SENDER_FILE, receiver.config, model_id)
+        for network, released in ((self.receiver, receiver), (self.sender, sender)):
+            load_into(network, released.state_dict(), model)
+        self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
 
     def resume(self, path: Path) -> None:
         """Go on from a checkpoint, exactly; raises ModelError where it is not one of these networks and processes."""

@@ -83,18 +83,27 @@ def test_paths_that_cannot_hold_a_file(tmp_path):
         assert str(caught.value) == f"{place}: this exists and is not a plain file; choose another output path."
 
 
-@pytest.fixture
+@contextmanager
 def nearly_full_disk():
-    """A limit on the size of files, which the system reports the way it reports a full disk: part-way through."""
+    """A limit on the size of files, which the system reports the way it reports a full disk: part-way through.
+
+    Not a fixture: while it holds, pytest could not write its own report to a file.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_a_write_that_the_system_refuses(nearly_full_disk, tmp_path):
+def test_a_write_that_the_system_refuses(tmp_path):
     path = tmp_path / "out"
-    with pytest.raises(OutputError) as caught, write_atomically(path, overwrite=False) as temporary:
+    with (
+        nearly_full_disk(),
+        pytest.raises(OutputError) as caught,
+        write_atomically(path, overwrite=False) as temporary,
+    ):
         temporary.write_bytes(bytes(5000))
     assert str(caught.value) == (
         f"{path}: writing failed (File too large); check free space and permissions or choose another output path."
@@ -102,8 +111,8 @@ def test_a_write_that_the_system_refuses(nearly_full_disk, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_write_that_fails_inside_openexr(nearly_full_disk, tmp_path):
-    with pytest.raises(OutputError, match="writing failed"):
+def test_a_write_that_fails_inside_openexr(tmp_path):
+    with nearly_full_disk(), pytest.raises(OutputError, match="writing failed"):
         write_exr(tmp_path / "out.exr", ExrImage(torch.rand(3, 64, 64), None))
     assert not list(tmp_path.iterdir())
 

@@ -12,6 +12,7 @@ import pytest
 import torch
 import torch.distributed as dist
 
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import ModelError
 from fecocodec.sender.encode import load_profile
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
@@ -22,6 +23,7 @@ from fecocodec.training.loop import RunSettings, Trainer
 from fecocodec.training.scenes import ProceduralWorld
 from fecocodec.training.schedule import Schedule
 from fecocodec.training.textures import pattern_textures
+from tests.example_scenes import MODEL
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -197,3 +199,12 @@ def test_log_rows_keep_their_columns(tmp_path: Path) -> None:
     assert dict(zip(header, first, strict=True))["loss"] == "2"
     assert dict(zip(header, first, strict=True))["bpp1"] == "0.5"
     assert dict(zip(header, second, strict=True))["bpp1"] == ""
+
+
+def test_starting_from_a_model_and_exporting_gives_the_model_again(random_weights: Path, tmp_path: Path) -> None:
+    it = trainer(tmp_path / "run")
+    it.start_from(random_weights / MODEL)
+    it.save(it.checkpoint)
+    export_model(it.checkpoint, tmp_path / "again")
+    for name in (RECEIVER_FILE, SENDER_FILE):
+        assert (tmp_path / "again" / name).read_bytes() == (random_weights / MODEL / name).read_bytes()
