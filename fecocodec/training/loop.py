@@ -67,7 +67,7 @@ class Trainer:
         return self.settings.folder / "last.pt"
 
     def start_from(self, model: Path) -> None:
-        """Begin with the weights of a released model's folder instead of random ones; raises ModelError without them."""
+        """Begin with the weights of a released model's folder; raises ModelError where they are missing."""
         receiver, model_id = load_receiver(model / RECEIVER_FILE)
         sender = load_sender(model / SENDER_FILE, receiver.config, model_id)
         for network, released in ((self.receiver, receiver), (self.sender, sender)):
