@@ -1,51 +1,37 @@
 """`encode`: posed photographs -> stream."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
-from fecocodec.coding.camera_packing import pack, unpack
-from fecocodec.coding.payload import CodedLatents, encode_latents
-from fecocodec.container import Header, PackedCameras, Stream, quantise_lambda, write_stream
-from fecocodec.container.camera_rules import check_cameras
+from fecocodec.container import Header, Stream, quantise_lambda, write_stream
 from fecocodec.container.header import MAX_STAGES, MAX_VIEWS
-from fecocodec.errors import BitstreamError, InputError
-from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.normalisation import normalise_scene
-from fecocodec.geometry.padding import pad_cameras, pad_images
+from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.layers.placement import place
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.load import load_receiver
-from fecocodec.receiver.model import Receiver
-from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.load import load_sender
-from fecocodec.sender.model import Sender
+from fecocodec.sender.steps import (
+    CodedStage,
+    PreparedScene,
+    Profile,
+    analyse,
+    code_stage,
+    feedback_features,
+    matched_features,
+    prepare,
+    stage_rendering,
+    start_state,
+)
+
+__all__ = ["Profile", "assemble", "code_stages", "encode", "encode_with", "load_profile"]
 
 MIN_SIDE, MAX_SIDE = 64, 1024
-
-
-@dataclass(frozen=True)
-class Profile:
-    """The networks of both ends on one device, and the receiver's model id."""
-
-    sender: Sender
-    receiver: Receiver
-    model_id: bytes
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """What the sender works from: padded images, and the normalised, padded cameras that the receiver will have."""
-
-    images: Float[Tensor, "view 3 h w"]
-    cameras: Cameras
-    lambda_q: Int[Tensor, " view"]
 
 
 def encode(
@@ -92,64 +78,40 @@ def encode_with(
 
     Raises InputError for cameras that a stream cannot hold.
     """
-    receiver = profile.receiver
-    packed = _pack_checked(views.cameras)
-    scene = _prepare(views, packed, lambda_q, next(receiver.parameters()).device)
-    state = receiver.update.start(len(scene.images), scene.images.shape[-2] // 4, scene.images.shape[-1] // 4)
-    payloads: list[bytes] = []
-    coded: list[CodedLatents] = []
-    for stage in range(1, num_stages + 1):
-        on_progress(_TASKS[stage - 1], 0.1 + 0.4 * (stage - 1))
-        features = _features(profile, scene, state, stage)
-        on_progress(f"coding stage {stage}", 0.3 + 0.4 * (stage - 1))
-        condition = receiver.condition(scene.lambda_q, stage)
-        y = profile.sender.analysis(features, state, condition)
-        context = coded[-1].y_hat if coded else None
-        z = profile.sender.hyper_analysis(y)
-        payload, latents = encode_latents(receiver.prior, y, z, lambda_q, stage, context)
-        payloads.append(payload)
-        coded.append(latents)
-        state = receiver.next_state(state, latents.y_hat, condition)
-    digests = tuple(latents.digest() for latents in coded)
-    header = Header(profile.model_id, len(views.images), *views.image_size, lambda_q, digests)
-    return write_stream(Stream(header, packed, tuple(payloads)))
+    scene = prepare(profile, views)
+    on_progress("matching views", 0.1)
+    features = matched_features(profile, scene)
+    stages = code_stages(profile, scene, features, lambda_q, num_stages, on_progress)
+    return assemble(profile, scene, stages, lambda_q)
 
 
-_TASKS = ("matching views", "rendering feedback")
+def code_stages(
+    profile: Profile,
+    scene: PreparedScene,
+    features: Float[Tensor, "view channel h4 w4"],
+    lambda_q: int,
+    num_stages: int,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+) -> tuple[CodedStage, ...]:
+    """Stage 1 from the matched features, stage 2 from what stage 1's Gaussians make of the views."""
+    on_progress("coding stage 1", 0.3)
+    start = start_state(profile, scene)
+    first = code_stage(profile, analyse(profile, features, start, lambda_q, 1), start, lambda_q, 1, None)
+    if num_stages == 1:
+        return (first,)
+    on_progress("rendering feedback", 0.5)
+    rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
+    feedback = feedback_features(profile, scene, rendering, lambda_q)
+    on_progress("coding stage 2", 0.7)
+    latents = analyse(profile, feedback, first.state, lambda_q, 2)
+    return first, code_stage(profile, latents, first.state, lambda_q, 2, first.latents)
 
 
-def _features(
-    profile: Profile, scene: _Scene, state: Float[Tensor, "view channel h4 w4"], stage: int
-) -> Float[Tensor, "view channel h4 w4"]:
-    """What stage 1 extracts from the views, and stage 2 from what stage 1's Gaussians make of them."""
-    sender, receiver = profile.sender, profile.receiver
-    if stage == 1:
-        features: Tensor = sender.extractor(scene.images[None], scene.cameras.as_batch())
-        return features
-    first = receiver.predict(state, scene.cameras.as_batch(), receiver.condition(scene.lambda_q, 1))
-    size = (scene.images.shape[-2], scene.images.shape[-1])
-    rendering = render(first.gaussians.scene(0), scene.cameras, size)
-    features = sender.feedback(scene.images, rendering.color, receiver.condition(scene.lambda_q, stage))
-    return features
-
-
-def _prepare(views: Views, packed: PackedCameras, lambda_q: int, device: torch.device) -> _Scene:
-    normalised, _ = normalise_scene(unpack(packed))
-    return _Scene(
-        images=pad_images(views.images.float()).to(device),
-        cameras=pad_cameras(normalised, *views.image_size).to(device),
-        lambda_q=torch.full((len(views.images),), lambda_q, device=device),
-    )
-
-
-def _pack_checked(cameras: Cameras) -> PackedCameras:
-    """Cameras as a stream holds them, checked before any work goes into them."""
-    packed = pack(cameras)
-    try:
-        check_cameras(packed, "the views' cameras")
-    except BitstreamError as error:
-        raise InputError(str(error)) from error
-    return packed
+def assemble(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...], lambda_q: int) -> bytes:
+    """The stream of these stages."""
+    digests = tuple(stage.latents.digest() for stage in stages)
+    header = Header(profile.model_id, scene.num_views, *scene.image_size, lambda_q, digests)
+    return write_stream(Stream(header, scene.packed, tuple(stage.payload for stage in stages)))
 
 
 def _check_views(views: Views, num_stages: int) -> None:

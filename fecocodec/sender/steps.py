@@ -1,0 +1,153 @@
+"""The steps that encoding is made of: what the lambda search, the ablations and the plain encoder have in common.
+
+Nothing before `analyse` depends on lambda, so a `PreparedScene` and its matched features serve any number of encodings.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from fecocodec.coding.camera_packing import pack, unpack
+from fecocodec.coding.payload import CodedLatents, encode_latents
+from fecocodec.container import PackedCameras
+from fecocodec.container.camera_rules import check_cameras
+from fecocodec.errors import BitstreamError, InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.normalisation import normalise_scene
+from fecocodec.geometry.padding import pad_cameras, pad_images
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.model import Receiver
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.model import Sender
+
+
+@dataclass(frozen=True)
+class Profile:
+    """The networks of both ends on one device, and the receiver's model id."""
+
+    sender: Sender
+    receiver: Receiver
+    model_id: bytes
+
+
+@dataclass(frozen=True)
+class PreparedScene:
+    """What the sender works from: padded images, and the cameras that the receiver will have.
+
+    packed: cameras as a stream holds them. cameras: the same, normalised and padded. image_size: (height, width)
+    before padding.
+    """
+
+    packed: PackedCameras
+    cameras: Cameras
+    images: Float[Tensor, "view 3 h w"]
+    image_size: tuple[int, int]
+
+    @property
+    def num_views(self) -> int:
+        return len(self.images)
+
+    @property
+    def size_4(self) -> tuple[int, int]:
+        """(height, width) of features and states."""
+        return self.images.shape[-2] // 4, self.images.shape[-1] // 4
+
+    def lambda_of_views(self, lambda_q: int) -> Int[Tensor, " view"]:
+        return torch.full((self.num_views,), lambda_q, device=self.images.device)
+
+
+@dataclass(frozen=True)
+class Latents:
+    """y and z of one stage before coding."""
+
+    y: Float[Tensor, "view latent h8 w8"]
+    z: Float[Tensor, "view hyper h32 w32"]
+
+
+@dataclass(frozen=True)
+class CodedStage:
+    """Bytes of one stage, and what both ends know after it."""
+
+    payload: bytes
+    latents: CodedLatents
+    state: Float[Tensor, "view channel h4 w4"]
+
+
+def prepare(profile: Profile, views: Views) -> PreparedScene:
+    """Views as the networks take them, on their device. Raises InputError for cameras that a stream cannot hold."""
+    packed = _pack_checked(views.cameras)
+    normalised, _ = normalise_scene(unpack(packed))
+    device = next(profile.receiver.parameters()).device
+    cameras = pad_cameras(normalised, *views.image_size).to(device)
+    return PreparedScene(packed, cameras, pad_images(views.images.float()).to(device), views.image_size)
+
+
+def start_state(profile: Profile, scene: PreparedScene) -> Float[Tensor, "view channel h4 w4"]:
+    """S0, what the receiver knows before the first byte."""
+    return profile.receiver.update.start(scene.num_views, *scene.size_4)
+
+
+def matched_features(profile: Profile, scene: PreparedScene) -> Float[Tensor, "view channel h4 w4"]:
+    """F1: what stage 1 extracts from the views."""
+    features: Tensor = profile.sender.extractor(scene.images[None], scene.cameras.as_batch())
+    return features
+
+
+def stage_rendering(
+    profile: Profile, scene: PreparedScene, state: Float[Tensor, "view channel h4 w4"], lambda_q: int, stage: int
+) -> Float[Tensor, "view 3 h w"]:
+    """The padded context views as the receiver could render them after that stage."""
+    condition = profile.receiver.condition(scene.lambda_of_views(lambda_q), stage)
+    prediction = profile.receiver.predict(state, scene.cameras.as_batch(), condition)
+    size = (scene.images.shape[-2], scene.images.shape[-1])
+    return render(prediction.gaussians.scene(0), scene.cameras, size).color
+
+
+def feedback_features(
+    profile: Profile, scene: PreparedScene, rendering: Float[Tensor, "view 3 h w"], lambda_q: int
+) -> Float[Tensor, "view channel h4 w4"]:
+    """F2: what stage 1's Gaussians make of the views, compared with the views."""
+    condition = profile.receiver.condition(scene.lambda_of_views(lambda_q), 2)
+    features: Tensor = profile.sender.feedback(scene.images, rendering, condition)
+    return features
+
+
+def analyse(
+    profile: Profile,
+    features: Float[Tensor, "view channel h4 w4"],
+    state: Float[Tensor, "view channel h4 w4"],
+    lambda_q: int,
+    stage: int,
+) -> Latents:
+    """y = g_a(concat(F, S)) and z = h_a(y); state is what the receiver knows before this stage."""
+    lambdas = torch.full((len(features),), lambda_q, device=features.device)
+    y = profile.sender.analysis(features, state, profile.receiver.condition(lambdas, stage))
+    return Latents(y, profile.sender.hyper_analysis(y))
+
+
+def code_stage(
+    profile: Profile,
+    latents: Latents,
+    state: Float[Tensor, "view channel h4 w4"],
+    lambda_q: int,
+    stage: int,
+    before: CodedLatents | None,
+) -> CodedStage:
+    """Latents to bytes, and the state they lead to. before: the stage before this one, None for the first."""
+    receiver = profile.receiver
+    context = None if before is None else before.y_hat
+    payload, coded = encode_latents(receiver.prior, latents.y, latents.z, lambda_q, stage, context)
+    lambdas = torch.full((len(latents.y),), lambda_q, device=latents.y.device)
+    return CodedStage(payload, coded, receiver.next_state(state, coded.y_hat, receiver.condition(lambdas, stage)))
+
+
+def _pack_checked(cameras: Cameras) -> PackedCameras:
+    """Cameras as a stream holds them, checked before any work goes into them."""
+    packed = pack(cameras)
+    try:
+        check_cameras(packed, "the views' cameras")
+    except BitstreamError as error:
+        raise InputError(str(error)) from error
+    return packed
