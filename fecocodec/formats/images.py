@@ -5,6 +5,7 @@ Transparent pixels are composited on white, as NeRF's synthetic scenes are by co
 """
 
 import warnings
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +37,12 @@ def read_image(path: Path) -> Float[Tensor, "3 height width"]:
     """
     if path.suffix.lower() == ".exr":
         return read_exr(path).colour
-    try:
-        with _open(path) as image:
-            pixels = _rgb(image)
-    except (OSError, ValueError, SyntaxError) as error:  # Pillow reports damage in all three ways
-        raise InputError(_unreadable(path, error)) from error
-    return rearrange(torch.from_numpy(pixels), "h w rgb -> rgb h w").contiguous()
+    return _read(path, path)
+
+
+def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:
+    """`read_image` for the bytes of a PNG, JPEG or WebP file; messages begin with `place`."""
+    return _read(BytesIO(data), place)
 
 
 def read_image_size(path: Path) -> tuple[int, int]:
@@ -49,7 +50,7 @@ def read_image_size(path: Path) -> tuple[int, int]:
     if path.suffix.lower() == ".exr":
         return read_exr_size(path)
     try:
-        with _open(path) as image:
+        with _open(path, path) as image:
             return image.height, image.width
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(_unreadable(path, error)) from error
@@ -73,13 +74,22 @@ def write_image(path: Path, image: Float[Tensor, "3 height width"], *, overwrite
         Image.fromarray(bytes_hwc).save(temporary, **_SAVE_OPTIONS[suffix])
 
 
-def _open(path: Path) -> Image.Image:
+def _read(source: Path | BytesIO, place: Path | str) -> Float[Tensor, "3 height width"]:
+    try:
+        with _open(source, place) as image:
+            pixels = _rgb(image)
+    except (OSError, ValueError, SyntaxError) as error:  # Pillow reports damage in all three ways
+        raise InputError(_unreadable(place, error)) from error
+    return rearrange(torch.from_numpy(pixels), "h w rgb -> rgb h w").contiguous()
+
+
+def _open(source: Path | BytesIO, place: Path | str) -> Image.Image:
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:
-            return Image.open(path, formats=_FORMATS)
+            return Image.open(source, formats=_FORMATS)
         except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-            raise InputError(f"{path}: the image has too many pixels ({error}); store it smaller.") from error
+            raise InputError(f"{place}: the image has too many pixels ({error}); store it smaller.") from error
 
 
 def _rgb(image: Image.Image) -> Float[np.ndarray, "height width 3"]:
@@ -93,9 +103,9 @@ def _rgb(image: Image.Image) -> Float[np.ndarray, "height width 3"]:
     return np.asarray(image.convert("RGB"), np.float32) / 255
 
 
-def _unreadable(path: Path, error: Exception) -> str:
+def _unreadable(place: Path | str, error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
-        return f"{path}: no such image; put it there or leave its view out."
+        return f"{place}: no such image; put it there or leave its view out."
     if isinstance(error, OSError) and error.strerror:  # from the system; Pillow's own have none
-        return f"{path}: cannot be read ({error.strerror}); check the path and its permissions."
-    return f"{path}: the image is damaged, cut short or not PNG, JPEG or WebP ({error}); store it again."
+        return f"{place}: cannot be read ({error.strerror}); check the path and its permissions."
+    return f"{place}: the image is damaged, cut short or not PNG, JPEG or WebP ({error}); store it again."

@@ -1,0 +1,97 @@
+"""Data sets in pixelSplat's chunks: `000000.torch`, `000001.torch` ... and an `index.json` that says where a scene is.
+
+RealEstate10K and ACID are published so (Charatan et al., "pixelSplat", 2024); DepthSplat's scripts prepare DL3DV in
+the same layout. A chunk is a list of records `{key, url, timestamps, cameras, images}`, written by `torch.save`. It
+is read without executing anything that it holds: tensors, lists, strings and numbers only.
+"""
+
+import json
+import zipfile
+from collections import OrderedDict
+from pathlib import Path
+
+import torch
+
+from fecocodec.errors import InputError
+from fecocodec.formats.chunk_scene import ChunkScene, chunk_scene
+
+INDEX_FILE = "index.json"
+_MOST_OPEN = 4  # chunks kept open; they are mapped into memory, not read
+
+
+def is_chunk_folder(path: Path) -> bool:
+    """Whether the folder holds an index and chunks (such as `re10k/test`)."""
+    return (path / INDEX_FILE).is_file() and next(path.glob("*.torch"), None) is not None
+
+
+class ChunkFolder:
+    """The scenes of one split of a data set, by name; chunks are opened when a scene of theirs is asked for."""
+
+    def __init__(self, root: Path) -> None:
+        """root: the folder with `index.json` and the chunks. Raises InputError where it is missing or broken."""
+        self.root = root
+        self._file_of = _read_index(root / INDEX_FILE)
+        self._open: OrderedDict[str, dict[str, object]] = OrderedDict()
+
+    @property
+    def scene_names(self) -> tuple[str, ...]:
+        """Keys of all scenes, in the order of the index."""
+        return tuple(self._file_of)
+
+    def scene(self, name: str) -> ChunkScene:
+        """The scene of that key. Raises InputError where there is none, or its chunk or record is damaged."""
+        if name not in self._file_of:
+            raise InputError(f"{self.root / INDEX_FILE}: has no scene {name}; check that the index is for this split.")
+        file = self._file_of[name]
+        records = self._records(file)
+        if name not in records:
+            raise InputError(
+                f"{self.root / file}: has no scene {name}, though {INDEX_FILE} says so; write the index again."
+            )
+        return chunk_scene(records[name], self.root / file)
+
+    def _records(self, file: str) -> dict[str, object]:
+        if file not in self._open:
+            self._open[file] = read_chunk(self.root / file)
+            if len(self._open) > _MOST_OPEN:
+                self._open.popitem(last=False)
+        self._open.move_to_end(file)
+        return self._open[file]
+
+
+def read_chunk(path: Path) -> dict[str, object]:
+    """The records of a chunk by their key, images left encoded in the mapped file.
+
+    Raises InputError where the file is missing, damaged, or holds anything but plain data.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such chunk; download or convert this part of the data set.")
+    if not zipfile.is_zipfile(path):
+        raise InputError(f"{path}: this is no chunk as torch.save writes it, or it is cut short; fetch it again.")
+    try:
+        records = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+    except Exception as error:  # a damaged pickle can fail in every way there is
+        raise InputError(
+            f"{path}: the chunk is damaged, or holds more than tensors and text ({type(error).__name__}); "
+            "fetch it again."
+        ) from error
+    if not isinstance(records, list):
+        raise InputError(f"{path}: holds no list of scenes; these are not chunks as pixelSplat writes them.")
+    return {str(record.get("key")): record for record in records if isinstance(record, dict)}
+
+
+def _read_index(path: Path) -> dict[str, str]:
+    try:
+        index = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); give the folder of chunks that holds it, such as re10k/test."
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: this is no JSON ({error}); write the index again.") from error
+    if not isinstance(index, dict) or not index:
+        raise InputError(f"{path}: is no object of scene to chunk; write the index again.")
+    for scene, file in index.items():
+        if not isinstance(file, str) or Path(file).name != file or file in ("", ".", ".."):
+            raise InputError(f"{path}: scene {scene} is not in a file beside the index; write the index again.")
+    return index

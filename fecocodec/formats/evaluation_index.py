@@ -1,0 +1,48 @@
+"""The field's evaluation index: which frames of a scene are coded, and which are judged by.
+
+    {"scene": {"context": [58, 133], "target": [84, 102, 129]}, "scene/wide": {...}, "skipped": null}
+
+pixelSplat's and DepthSplat's files are of this form; null marks scenes that their authors left out, and fields other
+than the two (such as "overlap") are not needed here. A label after a slash tells several entries of a scene apart.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeGuard
+
+from fecocodec.errors import InputError
+
+
+@dataclass(frozen=True)
+class IndexEntry:
+    """One line of an evaluation index: frames of a scene to code and frames to judge by, counted from 0."""
+
+    name: str
+    scene: str
+    context: tuple[int, ...]
+    target: tuple[int, ...]
+
+
+def read_index(path: Path) -> tuple[IndexEntry, ...]:
+    """The entries in the order of the file, without those that are null. Raises InputError for anything else."""
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path.") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: this is no JSON ({error}); write or fetch the index again.") from error
+    if not isinstance(entries, dict):
+        raise InputError(f'{path}: not an evaluation index; write {{"scene": {{"context": [...], "target": [...]}}}}.')
+    return tuple(_entry(path, name, value) for name, value in entries.items() if value is not None)
+
+
+def _entry(path: Path, name: str, value: object) -> IndexEntry:
+    context, target = ((value.get(part) if isinstance(value, dict) else None) for part in ("context", "target"))
+    if not _is_frame_list(context) or not _is_frame_list(target):
+        raise InputError(f"{path}, entry {name}: `context` and `target` must be lists of frame numbers from 0.")
+    return IndexEntry(name, name.split("/")[0], tuple(context), tuple(target))
+
+
+def _is_frame_list(value: object) -> TypeGuard[list[int]]:
+    return isinstance(value, list) and len(value) > 0 and all(type(frame) is int and frame >= 0 for frame in value)
