@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import zstandard
 
-CAMERAS, B1, B2, METADATA = 0x90, 0xA0, 0xB0, 0x40
-NAMES = {CAMERAS: "cameras", B1: "B1", B2: "B2", METADATA: "metadata"}
-LONGEST = {CAMERAS: 2048, METADATA: 65536}  # other kinds: 2^26
+CAMERAS, B1, B2, KEEP, METADATA = 0x90, 0xA0, 0xB0, 0x38, 0x40
+NAMES = {CAMERAS: "cameras", B1: "B1", B2: "B2", KEEP: "keep", METADATA: "metadata"}
+LONGEST = {CAMERAS: 2048, KEEP: 65536, METADATA: 65536}  # other kinds: 2^26
 
 
 class RefusedError(Exception):
@@ -43,6 +43,7 @@ class Contents(NamedTuple):
     rotations: list[tuple[float, ...]]
     centres: list[tuple[float, ...]]
     payloads: list[bytes]
+    keep: tuple[int, bytes | None] | None
     metadata: dict[str, Any] | None
 
 
@@ -85,9 +86,10 @@ def read(data: bytes) -> Contents:
         require(kind in sections, cursor.address, f"there is no section {NAMES[kind]}")
     near, far, intrinsics, rotations, centres = read_cameras(cursor, *sections[CAMERAS], header["views"])
     check_cameras(sections[CAMERAS][0], near, far, intrinsics, rotations, centres)
+    keep = read_keep(cursor, *sections[KEEP], header) if KEEP in sections else None
     metadata = read_metadata(cursor, *sections[METADATA]) if METADATA in sections else None
     payloads = [sections[kind][1] for kind in [B1, B2][: header["stages"]]]
-    return Contents(cursor.fields, header, near, far, intrinsics, rotations, centres, payloads, metadata)
+    return Contents(cursor.fields, header, near, far, intrinsics, rotations, centres, payloads, keep, metadata)
 
 
 def read_header(cursor: Cursor) -> dict[str, Any]:
@@ -107,6 +109,7 @@ def read_header(cursor: Cursor) -> dict[str, Any]:
     header["lambda_q"] = cursor.number(2, "lambda_q: lambda = 1e-5 * exp(lambda_q / 256)")
     header["sections"] = cursor.number(1, "number of sections")
     reserved = cursor.number(1, "reserved")
+    header["stage_2_views"] = cursor.number(2, "stage-2 views, a bit each")
     header["digests"] = [cursor.take(8, f"symbol digest of stage {stage + 1}") for stage in range(header["stages"])]
     computed = zlib.crc32(cursor.data[: cursor.address])
     require(cursor.number(4, "CRC-32 of the header") == computed, 0, "the CRC-32 of the header does not hold")
@@ -121,6 +124,8 @@ def check_limits(header: dict[str, Any]) -> None:
     require(16 <= header["height"] <= 4096, 20, "the height is not 16 to 4096")
     require(16 <= header["width"] <= 4096, 22, "the width is not 16 to 4096")
     require(header["lambda_q"] <= 1768, 24, "lambda_q is above 1768")
+    require(header["stage_2_views"] < 2 ** header["views"], 28, "the stage-2 views are not all among the views")
+    require((header["stage_2_views"] > 0) == (header["stages"] == 2), 28, "stage-2 views do not go with the stages")
     require(1 + header["stages"] <= header["sections"] <= 16, 26, "the number of sections is not 1 + stages to 16")
     padded_height, padded_width = (32 * math.ceil(header[side] / 32) for side in ("height", "width"))
     require(header["views"] * padded_height * padded_width <= 2**24, 18, "the views have more than 2^24 padded pixels")
@@ -152,7 +157,7 @@ def read_sections(cursor: Cursor, header: dict[str, Any]) -> dict[int, tuple[int
 
 def read_cameras(cursor: Cursor, start: int, payload: bytes, views: int) -> tuple[Any, ...]:
     """Section 6.1: near, far, intrinsics, rotations, centres."""
-    content = inflate(start, payload, 1 + 4 * (2 + 4 * views + 12 * views))
+    content = inflate(start, payload, "cameras", 1 + 4 * (2 + 4 * views + 12 * views))
     require(len(content) > 0 and content[0] in (1, views), start, "the sets of intrinsics are not 1 or one a view")
     sets = content[0]
     count = 2 + 4 * sets + 12 * views
@@ -183,14 +188,14 @@ def read_cameras(cursor: Cursor, start: int, payload: bytes, views: int) -> tupl
     return near, far, intrinsics, rotations, centres
 
 
-def inflate(start: int, payload: bytes, most: int) -> bytes:
-    """Section 6, with the bound of section 9, step 5."""
+def inflate(start: int, payload: bytes, name: str, most: int) -> bytes:
+    """Sections 6 and 8.1, with the bounds of section 9, steps 5 and 6."""
     inflater = zlib.decompressobj(wbits=-15)
     try:
         content = inflater.decompress(payload, most + 1)
     except zlib.error as error:
-        raise RefusedError(f"byte {start}: the cameras are no Deflate data ({error})") from error
-    require(len(content) <= most, start, "the cameras inflate to too much")
+        raise RefusedError(f"byte {start}: the {name} are no Deflate data ({error})") from error
+    require(len(content) <= most, start, f"the {name} inflate to too much")
     require(inflater.eof and not inflater.unused_data, start, "the Deflate data does not end with the payload")
     return content
 
@@ -251,8 +256,23 @@ def check_cameras(start: int, near: float, far: float, intrinsics: Any, rotation
         require(max(abs(cx), abs(cy)) <= 2**10, start, "a principal point is above 2^10")
 
 
+def read_keep(cursor: Cursor, start: int, payload: bytes, header: dict[str, Any]) -> tuple[int, bytes | None]:
+    """Section 8.1."""
+    require(len(payload) > 0, start, "the keep section is empty")
+    cursor.fields.append(Field(start + 9, len(payload), payload[0], "in keep: opacity threshold, in 255ths"))
+    if len(payload) == 1:
+        return payload[0], None
+    bits = header["views"] * math.ceil(header["height"] / 8) * math.ceil(header["width"] / 8)
+    size = math.ceil(bits / 8)
+    cells = inflate(start, payload[1:], "cells", size)
+    require(len(cells) == size, start, "the cells do not inflate to the right size")
+    require(int.from_bytes(cells, "big") % 2 ** (8 * size - bits) == 0, start, "a bit after the last cell's is not 0")
+    cursor.fields.append(Field(start + 9, len(payload), cells, "inflated: cells to keep"))
+    return payload[0], cells
+
+
 def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
-    """Section 8."""
+    """Section 8.2."""
     try:
         require(
             zstandard.get_frame_parameters(payload).content_size <= 65536, start, "metadata does not state its size"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fecocodec.container import StreamSummary, inspect
+from fecocodec.container import Keep, StreamSummary, inspect, num_cells
 from fecocodec.errors import BitstreamError
 
 from .naming import naming
@@ -57,6 +57,7 @@ def summary_fields(summary: StreamSummary) -> dict[str, object]:
         "width": header.width,
         "lambda": float(f"{header.lmbda:.4g}"),
         "stages": header.num_stages,
+        "stage_2_views": list(header.stage_2_views),
         "near": summary.near,
         "far": summary.far,
         "bytes": summary.total_bytes,
@@ -73,6 +74,7 @@ def summary_fields(summary: StreamSummary) -> dict[str, object]:
             for section in summary.sections
         ],
         "symbol_digests": [digest.hex() for digest in header.symbol_digests],
+        "keep": _keep_fields(summary),
         "metadata": summary.metadata,
         "damage": summary.damage,
     }
@@ -88,10 +90,33 @@ def print_summary(summary: StreamSummary) -> None:
             ("views", f"{header.num_views} of {header.width}x{header.height}"),
             ("depth", depth),
             ("lambda", f"{header.lmbda:.4g}"),
-            ("stages", f"{header.num_stages}"),
+            ("stages", _stages(summary)),
+            *([("Gaussians kept", _kept(summary.keep, num_cells(header)))] if summary.keep else []),
             ("size", f"{summary.total_bytes:,} bytes, {summary.bits_per_pixel:.4f} bits per pixel"),
         ]
     )
     click.echo()
     rows = [(f"{s.offset}", s.name, f"{s.length}", "" if s.is_intact else "damaged") for s in summary.sections]
     print_columns([("at byte", "section", "bytes", ""), ("0", "header", f"{summary.header_bytes}", ""), *rows])
+
+
+def _stages(summary: StreamSummary) -> str:
+    header = summary.header
+    if len(header.stage_2_views) in (0, header.num_views):
+        return f"{header.num_stages}"
+    return f"{header.num_stages}, the second of view{'s' * (len(header.stage_2_views) > 1)} " + ", ".join(
+        map(str, header.stage_2_views)
+    )
+
+
+def _kept(keep: Keep, cells: int) -> str:
+    opacity = f"of opacity {keep.opacity_threshold / 255:.3g} and more"
+    return opacity if keep.cells is None else f"{opacity}, of {keep.num_kept_cells} of {cells} cells"
+
+
+def _keep_fields(summary: StreamSummary) -> dict[str, object] | None:
+    keep = summary.keep
+    if keep is None:
+        return None
+    cells = None if keep.cells is None else num_cells(summary.header)
+    return {"least_opacity": keep.opacity_threshold / 255, "cells": cells, "kept_cells": keep.num_kept_cells}

@@ -3,6 +3,7 @@
 from fecocodec.container.cameras import PackedCameras
 from fecocodec.container.header import CURRENT_VERSION, FormatVersion, Header
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
+from fecocodec.container.keep import Keep, cell_grid, num_cells
 from fecocodec.container.lagrangian import (
     LAMBDA_MAX,
     LAMBDA_MIN,
@@ -20,13 +21,16 @@ __all__ = [
     "FormatVersion",
     "Header",
     "IntactPart",
+    "Keep",
     "PackedCameras",
     "SectionSummary",
     "Stream",
     "StreamSummary",
+    "cell_grid",
     "dequantise_lambda",
     "inspect",
     "list_sections",
+    "num_cells",
     "quantise_lambda",
     "read_intact",
     "read_prefix",

@@ -1,17 +1,15 @@
 """The camera section: cameras of all views as deflated float32 values, lossless (FORMAT.md, section 6)."""
 
 import struct
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from fecocodec.container.deflate import BAD_WRITER, deflate, inflate
 from fecocodec.container.rotation import float_to_word, rotation_from_words, rotation_to_words, word_to_float
 from fecocodec.errors import BitstreamError
 
 _NUM_ROTATION_WORDS = 9
-_WINDOW_BITS = -15  # raw Deflate: the section has a CRC already
-_BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
 _Component = TypeVar("_Component", int, float)
 
@@ -46,7 +44,7 @@ def pack_cameras(cameras: PackedCameras) -> bytes:
     words += [float_to_word(value) for value in _by_component([row[3::4] for row in cameras.extrinsics])]
     raw = struct.pack(f">{len(words)}I", *words)
     planes = b"".join(raw[byte::4] for byte in range(4))
-    return _deflate(bytes([len(intrinsics)]) + planes)
+    return deflate(bytes([len(intrinsics)]) + planes)
 
 
 def unpack_cameras(payload: bytes, num_views: int, place: str) -> PackedCameras:
@@ -55,17 +53,17 @@ def unpack_cameras(payload: bytes, num_views: int, place: str) -> PackedCameras:
     Raises BitstreamError, naming `place`, where it does not hold exactly that many cameras. The values are not checked
     here but by `check_cameras`.
     """
-    content = _inflate(payload, _content_size(num_views, num_views), place)
+    content = inflate(payload, _content_size(num_views, num_views), place)
     num_intrinsics = content[0] if content else 0
     if num_intrinsics not in (1, num_views):
         raise BitstreamError(
             f"{place}: it holds {num_intrinsics} sets of intrinsics for {num_views} views, allowed are 1 and "
-            f"{num_views}; {_BAD_WRITER}"
+            f"{num_views}; {BAD_WRITER}"
         )
     expected = _content_size(num_views, num_intrinsics)
     if len(content) != expected:
         raise BitstreamError(
-            f"{place}: it inflates to {len(content)} bytes, {num_views} views need {expected}; {_BAD_WRITER}"
+            f"{place}: it inflates to {len(content)} bytes, {num_views} views need {expected}; {BAD_WRITER}"
         )
     words = _words_of_planes(content[1:])
     near, far = (word_to_float(word) for word in words[:2])
@@ -101,28 +99,3 @@ def _words_of_planes(planes: bytes) -> tuple[int, ...]:
     for byte in range(4):
         raw[byte::4] = planes[byte * count : (byte + 1) * count]
     return struct.unpack(f">{count}I", raw)
-
-
-def _deflate(content: bytes) -> bytes:
-    """The shortest of three Deflate encodings; which one wins depends on the cameras, by a few bytes."""
-    candidates = []
-    for strategy in (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED):
-        compressor = zlib.compressobj(9, zlib.DEFLATED, _WINDOW_BITS, 9, strategy)
-        candidates.append(compressor.compress(content) + compressor.flush())
-    return min(candidates, key=len)
-
-
-def _inflate(payload: bytes, max_size: int, place: str) -> bytes:
-    """Inflate at most `max_size` bytes; whatever would give more is refused before it takes memory."""
-    inflater = zlib.decompressobj(_WINDOW_BITS)
-    try:
-        content = inflater.decompress(payload, max_size + 1)
-    except zlib.error as error:
-        raise BitstreamError(f"{place}: no valid Deflate data ({error}); {_BAD_WRITER}") from error
-    if len(content) > max_size:
-        raise BitstreamError(f"{place}: it inflates to more than the {max_size} bytes it may hold; {_BAD_WRITER}")
-    if not inflater.eof:
-        raise BitstreamError(f"{place}: its Deflate data has no end; {_BAD_WRITER}")
-    if inflater.unused_data:
-        raise BitstreamError(f"{place}: {len(inflater.unused_data)} bytes follow its Deflate data; {_BAD_WRITER}")
-    return content

@@ -32,6 +32,8 @@ class Header:
 
     model_id: first 8 bytes of the SHA-256 of the receiver's weights. height, width: of every view, in pixels, before
     padding. lambda_q: see `quantise_lambda`. symbol_digests: 8 bytes for each stage, over its decoded symbols.
+    stage_2_views: the views that stage 2 codes, numbered from 0, ascending; the others keep what stage 1 gave them.
+    Empty where there is only one stage.
     """
 
     model_id: bytes
@@ -40,11 +42,16 @@ class Header:
     width: int
     lambda_q: int
     symbol_digests: tuple[bytes, ...]
+    stage_2_views: tuple[int, ...]
     version: FormatVersion = CURRENT_VERSION
 
     @property
     def num_stages(self) -> int:
         return len(self.symbol_digests)
+
+    def views_of_stage(self, stage: int) -> tuple[int, ...]:
+        """The views that stage 1 or 2 codes, numbered from 0."""
+        return tuple(range(self.num_views)) if stage == 1 else self.stage_2_views
 
     @property
     def lmbda(self) -> float:
@@ -78,9 +85,10 @@ def check_header(header: Header, num_sections: int) -> None:
             f"header at byte 18: the views have {pixels} pixels after padding, "
             f"at most {MAX_PADDED_PIXELS} are allowed; encode fewer or smaller views."
         )
+    _check_stage_2_views(header)
     _check_field_size(10, "model id", header.model_id, MODEL_ID_BYTES)
     for digest in header.symbol_digests:
-        _check_field_size(28, "symbol digest", digest, DIGEST_BYTES)
+        _check_field_size(30, "symbol digest", digest, DIGEST_BYTES)
 
 
 def check_version(version: FormatVersion) -> None:
@@ -103,6 +111,20 @@ def check_stages(num_stages: int) -> None:
         raise BitstreamError(
             f"header at byte 19: the number of stages is {num_stages}, allowed are 1 to {MAX_STAGES}; "
             "the file is damaged, copy or encode it again."
+        )
+
+
+def _check_stage_2_views(header: Header) -> None:
+    views = header.stage_2_views
+    if list(views) != [view for view in range(header.num_views) if view in views]:
+        raise BitstreamError(
+            f"header at byte 28: stage 2 codes the views {list(views)} of {header.num_views}, they must be distinct, "
+            "ascending and among those there are; the program that wrote it is at fault, encode the scene again."
+        )
+    if (len(views) > 0) != (header.num_stages == 2):
+        raise BitstreamError(
+            f"header at byte 28: stage 2 codes {len(views)} views in a stream of {header.num_stages} stages, it must "
+            "code some exactly if there is one; the program that wrote it is at fault, encode the scene again."
         )
 
 

@@ -16,7 +16,7 @@ from fecocodec.errors import BitstreamError
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
 
-_FIXED = struct.Struct("<8sBB8sBBHHHBB")
+_FIXED = struct.Struct("<8sBB8sBBHHHBBH")
 _CRC = struct.Struct("<I")
 
 
@@ -42,6 +42,7 @@ def write_header(header: Header, num_sections: int) -> bytes:
         header.lambda_q,
         num_sections,
         0,  # reserved
+        sum(1 << view for view in header.stage_2_views),
     )
     content = fixed + b"".join(header.symbol_digests)
     return content + _CRC.pack(zlib.crc32(content))
@@ -53,7 +54,9 @@ def read_header(data: bytes) -> ParsedHeader:
     if len(data) >= len(SIGNATURE) + 2:
         check_version(FormatVersion(data[8], data[9]))
     _check_length(data, _FIXED.size)
-    _, major, minor, model_id, views, stages, height, width, lambda_q, num_sections, reserved = _FIXED.unpack_from(data)
+    _, major, minor, model_id, views, stages, height, width, lambda_q, num_sections, reserved, mask = (
+        _FIXED.unpack_from(data)
+    )
     check_stages(stages)
     digests_end = _FIXED.size + DIGEST_BYTES * stages
     end = digests_end + _CRC.size
@@ -65,7 +68,8 @@ def read_header(data: bytes) -> ParsedHeader:
             "the program that wrote it is at fault, encode the scene again."
         )
     digests = tuple(data[start : start + DIGEST_BYTES] for start in range(_FIXED.size, digests_end, DIGEST_BYTES))
-    header = Header(model_id, views, height, width, lambda_q, digests, FormatVersion(major, minor))
+    stage_2_views = tuple(view for view in range(16) if mask >> view & 1)
+    header = Header(model_id, views, height, width, lambda_q, digests, stage_2_views, FormatVersion(major, minor))
     check_header(header, num_sections)
     return ParsedHeader(header, num_sections, end)
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from fecocodec.container.header import Header
 from fecocodec.container.header_bytes import read_header
+from fecocodec.container.keep import Keep
 from fecocodec.container.metadata import Metadata
 from fecocodec.container.sections import SECTION_OVERHEAD, read_payload, read_section_head
 from fecocodec.container.stream import read_stream
@@ -26,7 +27,7 @@ class StreamSummary:
 
     header_bytes: header alone. overhead_bytes: header and the heads of all sections found. bits_per_pixel: of all
     views. damage: None for a stream that keeps every rule, else the sentence that says which rule it breaks.
-    near, far and metadata are None where damage hides them (metadata also where there is none).
+    near, far, keep and metadata are None where damage hides them (the latter two also where there is none).
     """
 
     header: Header
@@ -37,6 +38,7 @@ class StreamSummary:
     sections: tuple[SectionSummary, ...]
     near: float | None
     far: float | None
+    keep: Keep | None
     metadata: Metadata | None
     damage: str | None
 
@@ -59,6 +61,7 @@ def inspect(data: bytes) -> StreamSummary:
         sections=sections,
         near=stream.cameras.near if stream else None,
         far=stream.cameras.far if stream else None,
+        keep=stream.keep if stream else None,
         metadata=stream.metadata if stream else None,
         damage=damage,
     )

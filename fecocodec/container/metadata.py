@@ -1,4 +1,4 @@
-"""The metadata section: a JSON object, compressed with zstd, that decoding does not need (FORMAT.md, section 8)."""
+"""The metadata section: a JSON object, compressed with zstd, that decoding does not need (FORMAT.md, section 8.2)."""
 
 import json
 import math

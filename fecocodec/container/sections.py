@@ -21,6 +21,7 @@ class SectionKind(IntEnum):
     CAMERAS = CRITICAL | 0x10
     STAGE_1 = CRITICAL | 0x20
     STAGE_2 = CRITICAL | 0x30
+    KEEP = 0x38
     METADATA = 0x40
 
 
@@ -29,9 +30,14 @@ _NAMES: dict[int, str] = {
     SectionKind.CAMERAS: "cameras",
     SectionKind.STAGE_1: "B1",
     SectionKind.STAGE_2: "B2",
+    SectionKind.KEEP: "keep",
     SectionKind.METADATA: "metadata",
 }
-_MAX_PAYLOADS: dict[int, int] = {SectionKind.CAMERAS: 1 << 11, SectionKind.METADATA: 1 << 16}
+_MAX_PAYLOADS: dict[int, int] = {
+    SectionKind.CAMERAS: 1 << 11,
+    SectionKind.KEEP: 1 << 16,
+    SectionKind.METADATA: 1 << 16,
+}
 
 
 @dataclass(frozen=True)

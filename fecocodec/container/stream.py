@@ -1,4 +1,4 @@
-"""A whole `.fcs` stream: header, cameras, one payload per stage, metadata (FORMAT.md, section 3)."""
+"""A whole `.fcs` stream: header, cameras, one payload per stage, what to keep, metadata (FORMAT.md, section 3)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -8,6 +8,7 @@ from fecocodec.container.camera_rules import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
 from fecocodec.container.header import Header
 from fecocodec.container.header_bytes import ParsedHeader, read_header, write_header
+from fecocodec.container.keep import Keep, pack_keep, unpack_keep
 from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadata
 from fecocodec.container.sections import (
     STAGE_KINDS,
@@ -26,12 +27,17 @@ _BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
 @dataclass(frozen=True)
 class Stream:
-    """The fields of a stream. `payloads` holds B1 and B2; fewer than `header.num_stages` after reading a prefix."""
+    """The fields of a stream.
+
+    payloads: B1 and B2; fewer than `header.num_stages` after reading a prefix. keep, metadata: None where there is
+    none, and always after reading a prefix.
+    """
 
     header: Header
     cameras: PackedCameras
     payloads: tuple[bytes, ...]
     metadata: Metadata | None = None
+    keep: Keep | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,8 @@ def write_stream(stream: Stream) -> bytes:
     check_cameras(cameras, "section cameras")
     sections = [section_bytes(SectionKind.CAMERAS, pack_cameras(cameras))]
     sections += [section_bytes(kind, payload) for kind, payload in zip(STAGE_KINDS, stream.payloads, strict=False)]
+    if stream.keep is not None:
+        sections.append(section_bytes(SectionKind.KEEP, pack_keep(stream.keep, header)))
     if stream.metadata is not None:
         sections.append(section_bytes(SectionKind.METADATA, pack_metadata(stream.metadata)))
     return write_header(header, len(sections)) + b"".join(sections)
@@ -77,10 +85,13 @@ def read_stream(data: bytes) -> Stream:
             "joined with another, copy or encode it again."
         )
     stream = _assemble(parsed.header, sections, parsed.header.num_stages)
-    for section in sections:
-        if section.head.kind == SectionKind.METADATA:
-            return replace(stream, metadata=unpack_metadata(section.payload, section.head.place))
-    return stream
+    found = {section.head.kind: section for section in sections}
+    keep, metadata = found.get(SectionKind.KEEP), found.get(SectionKind.METADATA)
+    return replace(
+        stream,
+        keep=unpack_keep(keep.payload, parsed.header, keep.head.place) if keep else None,
+        metadata=unpack_metadata(metadata.payload, metadata.head.place) if metadata else None,
+    )
 
 
 def read_prefix(data: bytes, num_stages: int) -> Stream:
@@ -129,7 +140,7 @@ def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[_Section]:
 
 
 def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stream:
-    """A stream of these sections, without metadata."""
+    """A stream of these sections, without those that decoding does not need."""
     found = {section.head.kind: section for section in sections}
     stage_kinds = STAGE_KINDS[:num_stages]
     for kind in (SectionKind.CAMERAS, *stage_kinds):

@@ -5,22 +5,21 @@ from functools import lru_cache
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from fecocodec.checkpoint import SHIPPED, find_receiver
 from fecocodec.coding.camera_packing import unpack
+from fecocodec.coding.kept_cells import is_in_kept_cell
 from fecocodec.coding.payload import decode_latents
-from fecocodec.container import Header, Stream, read_prefix, read_stream
+from fecocodec.container import Header, Keep, Stream, read_prefix, read_stream
 from fecocodec.errors import BitstreamError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
 from fecocodec.geometry.padding import inside_unpadded, pad_cameras, padded_size
-from fecocodec.layers.blocks import RateCondition
 from fecocodec.layers.placement import place
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.view_states import ViewStates, select_context, update_views
 
 OnProgress = Callable[[str, float], None]  # (what is being done, fraction done)
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians; they are not emitted
@@ -68,33 +67,38 @@ def _walk_and_predict(stream: Stream, receiver: Receiver, on_progress: OnProgres
     header = stream.header
     device = next(receiver.parameters()).device
     height, width = padded_size(header.height, header.width)
-    size_8 = (header.num_views, height // LATENT_FACTOR, width // LATENT_FACTOR)
     lambda_q = torch.full((header.num_views,), header.lambda_q, device=device)
-    state = receiver.update.start(header.num_views, 1, 1)
+    states: ViewStates | None = None
     context = None
     for stage, payload in enumerate(stream.payloads, start=1):
         on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
-        coded = decode_latents(receiver.prior, payload, size_8, header.lambda_q, stage, context)
+        views = header.views_of_stage(stage)
+        size_8 = (len(views), height // LATENT_FACTOR, width // LATENT_FACTOR)
+        coded = decode_latents(receiver.prior, payload, size_8, header.lambda_q, stage, select_context(context, views))
         _check_digest(header, stage, coded.digest())
-        condition = receiver.condition(lambda_q, stage)
-        state, context = receiver.next_state(state, coded.y_hat, condition), coded.y_hat
+        states, context = update_views(receiver, states, coded.y_hat, lambda_q, stage, views), coded.y_hat
+    assert states is not None  # a stream has a stage
     on_progress("predicting Gaussians", 0.8)
-    return predict_scene(receiver, state, unpack(stream.cameras), header, condition)
+    return predict_scene(receiver, states, unpack(stream.cameras), header, stream.keep)
 
 
 def predict_scene(
     receiver: Receiver,
-    state: Float[Tensor, "item channel h4 w4"],
+    states: ViewStates,
     cameras: Cameras,
     header: Header,
-    condition: RateCondition,
+    keep: Keep | None,
 ) -> Gaussians:
-    """The Gaussians a state stands for, without those of the padding and those too faint to be drawn; on the CPU."""
+    """The Gaussians that the states stand for, without those of the padding, those too faint to be drawn, and those
+    that `keep` leaves out; on the CPU.
+    """
     normalised, frame = normalise_scene(cameras)
-    padded = pad_cameras(normalised, header.height, header.width).to(state.device)
-    gaussians = receiver.predict(state, padded.as_batch(), condition).gaussians.scene(0).to("cpu")
+    padded = pad_cameras(normalised, header.height, header.width).to(states.state.device)
+    gaussians = receiver.predict(states.state, padded.as_batch(), states.condition).gaussians.scene(0).to("cpu")
     is_needed = inside_unpadded(header.num_views, header.height, header.width)
     is_needed &= (gaussians.opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
+    if keep is not None:
+        is_needed &= (gaussians.opacities >= keep.opacity_threshold / 255.0) & is_in_kept_cell(keep, header)
     return denormalise_gaussians(gaussians.keep(is_needed), frame)
 
 

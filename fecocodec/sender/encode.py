@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
-from fecocodec.container import Header, Stream, quantise_lambda, write_stream
+from fecocodec.container import Header, Keep, Stream, quantise_lambda, write_stream
 from fecocodec.container.header import MAX_STAGES, MAX_VIEWS
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
@@ -92,26 +92,39 @@ def code_stages(
     lambda_q: int,
     num_stages: int,
     on_progress: OnProgress = lambda _task, _fraction: None,
+    stage_2_views: tuple[int, ...] | None = None,
 ) -> tuple[CodedStage, ...]:
-    """Stage 1 from the matched features, stage 2 from what stage 1's Gaussians make of the views."""
+    """Stage 1 from the matched features, stage 2 from what stage 1's Gaussians make of the views.
+
+    stage_2_views: the views that stage 2 codes, ascending from 0; None: all.
+    """
     on_progress("coding stage 1", 0.3)
-    start = start_state(profile, scene)
-    first = code_stage(profile, analyse(profile, features, start, lambda_q, 1), start, lambda_q, 1, None)
+    every = tuple(range(scene.num_views))
+    latents = analyse(profile, features, start_state(profile, scene), lambda_q, 1)
+    first = code_stage(profile, scene, latents, lambda_q, every, None)
     if num_stages == 1:
         return (first,)
     on_progress("rendering feedback", 0.5)
     rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
     feedback = feedback_features(profile, scene, rendering, lambda_q)
     on_progress("coding stage 2", 0.7)
-    latents = analyse(profile, feedback, first.state, lambda_q, 2)
-    return first, code_stage(profile, latents, first.state, lambda_q, 2, first.latents)
+    views = every if stage_2_views is None else stage_2_views
+    latents = analyse(profile, feedback[list(views)], first.state[list(views)], lambda_q, 2)
+    return first, code_stage(profile, scene, latents, lambda_q, views, first)
 
 
-def assemble(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...], lambda_q: int) -> bytes:
-    """The stream of these stages."""
+def assemble(
+    profile: Profile,
+    scene: PreparedScene,
+    stages: tuple[CodedStage, ...],
+    lambda_q: int,
+    keep: Keep | None = None,
+) -> bytes:
+    """The stream of these stages. keep: which Gaussians a receiver emits, None for all that can be seen."""
     digests = tuple(stage.latents.digest() for stage in stages)
-    header = Header(profile.model_id, scene.num_views, *scene.image_size, lambda_q, digests)
-    return write_stream(Stream(header, scene.packed, tuple(stage.payload for stage in stages)))
+    views = stages[1].views if len(stages) == 2 else ()
+    header = Header(profile.model_id, scene.num_views, *scene.image_size, lambda_q, digests, views)
+    return write_stream(Stream(header, scene.packed, tuple(stage.payload for stage in stages), keep=keep))
 
 
 def _check_views(views: Views, num_stages: int) -> None:

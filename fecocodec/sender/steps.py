@@ -19,6 +19,7 @@ from fecocodec.geometry.normalisation import normalise_scene
 from fecocodec.geometry.padding import pad_cameras, pad_images
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.view_states import ViewStates, select_context, update_views
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.model import Sender
 
@@ -68,11 +69,19 @@ class Latents:
 
 @dataclass(frozen=True)
 class CodedStage:
-    """Bytes of one stage, and what both ends know after it."""
+    """Bytes of one stage, and what both ends know after it.
+
+    views: those that the stage codes, in whose order `latents` are. after: the states of all views.
+    """
 
     payload: bytes
+    views: tuple[int, ...]
     latents: CodedLatents
-    state: Float[Tensor, "view channel h4 w4"]
+    after: ViewStates
+
+    @property
+    def state(self) -> Float[Tensor, "view channel h4 w4"]:
+        return self.after.state
 
 
 def prepare(profile: Profile, views: Views) -> PreparedScene:
@@ -129,18 +138,22 @@ def analyse(
 
 def code_stage(
     profile: Profile,
+    scene: PreparedScene,
     latents: Latents,
-    state: Float[Tensor, "view channel h4 w4"],
     lambda_q: int,
-    stage: int,
-    before: CodedLatents | None,
+    views: tuple[int, ...],
+    before: CodedStage | None,
 ) -> CodedStage:
-    """Latents to bytes, and the state they lead to. before: the stage before this one, None for the first."""
-    receiver = profile.receiver
-    context = None if before is None else before.y_hat
+    """Latents of these views to bytes, and the states they lead to; the other views' states stay.
+
+    before: the first stage where this is the second, None for the first, which codes all views.
+    """
+    receiver, stage = profile.receiver, 1 if before is None else 2
+    context = None if before is None else select_context(before.latents.y_hat, views)
     payload, coded = encode_latents(receiver.prior, latents.y, latents.z, lambda_q, stage, context)
-    lambdas = torch.full((len(latents.y),), lambda_q, device=latents.y.device)
-    return CodedStage(payload, coded, receiver.next_state(state, coded.y_hat, receiver.condition(lambdas, stage)))
+    after = before.after if before else None
+    lambdas = scene.lambda_of_views(lambda_q)
+    return CodedStage(payload, views, coded, update_views(receiver, after, coded.y_hat, lambdas, stage, views))
 
 
 def _pack_checked(cameras: Cameras) -> PackedCameras:

@@ -31,6 +31,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module i
 
 SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
 READER = SPECIFICATION / "read_stream.py"
+INSIDE_PAYLOADS = ("inflated", "decompressed", "in keep")
 
 
 def load_reader() -> ModuleType:
@@ -57,6 +58,7 @@ def assert_same_contents(data: bytes) -> None:
         "width": header.width,
         "lambda_q": header.lambda_q,
         "sections": theirs.header["sections"],
+        "stage_2_views": sum(1 << view for view in header.stage_2_views),
         "digests": list(header.symbol_digests),
     }
     poses = tuple(
@@ -65,6 +67,7 @@ def assert_same_contents(data: bytes) -> None:
     )
     assert ours.cameras == PackedCameras(poses, tuple(theirs.intrinsics), theirs.near, theirs.far)
     assert ours.payloads == tuple(theirs.payloads)
+    assert (None if ours.keep is None else (ours.keep.opacity_threshold, ours.keep.cells)) == theirs.keep
     assert ours.metadata == theirs.metadata
 
 
@@ -76,9 +79,7 @@ def test_both_readers_see_the_same_stream(stream: Stream) -> None:
 @given(streams())
 def test_the_fields_cover_every_byte_once(stream: Stream) -> None:
     data = write_stream(stream)
-    fields = [
-        field for field in second_reader.read(data).fields if not field.meaning.startswith(("inflated", "decompressed"))
-    ]
+    fields = [field for field in second_reader.read(data).fields if not field.meaning.startswith(INSIDE_PAYLOADS)]
     end = 0
     for field in fields:
         assert field.address == end
@@ -143,7 +144,7 @@ def test_the_program_prints_every_field(tmp_path: Path) -> None:
     result = subprocess.run([sys.executable, "-I", READER, file], capture_output=True, text=True, check=True)
     lines = result.stdout.splitlines()
     assert lines[0] == "00000000 |       8 | 89 46 43 53 0d 0a 1a 0a | signature"
-    assert "00000067 |       4 | de ad be ef | B1: payload" in lines
+    assert "00000069 |       4 | de ad be ef | B1: payload" in lines
     assert all(re.fullmatch(r"[0-9a-f]{8} \| +\d+ \| .+ \| .+", line) for line in lines)
 
 

@@ -17,11 +17,11 @@ def with_new_crc(header: bytes) -> bytes:
 
 
 def of_version(data: bytes, major: int) -> bytes:
-    return with_new_crc(data[:8] + bytes([major]) + data[9:48]) + data[48:]
+    return with_new_crc(data[:8] + bytes([major]) + data[9:50]) + data[50:]
 
 
 def of_model(data: bytes, model_id: bytes) -> bytes:
-    return with_new_crc(data[:10] + model_id + data[18:48]) + data[48:]
+    return with_new_crc(data[:10] + model_id + data[18:50]) + data[50:]
 
 
 def with_flipped_bit(data: bytes, byte: int) -> bytes:
@@ -29,7 +29,7 @@ def with_flipped_bit(data: bytes, byte: int) -> bytes:
 
 
 def with_another_digest(data: bytes) -> bytes:
-    return with_new_crc(data[:28] + bytes(8) + data[36:48]) + data[48:]
+    return with_new_crc(data[:30] + bytes(8) + data[38:50]) + data[50:]
 
 
 def offset(data: bytes, name: str) -> int:
@@ -52,7 +52,7 @@ BAD_STREAMS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     ),
     "cut in the header": (
         lambda data: data[:40],
-        "header at byte 0: the file ends after 40 bytes, the header needs 48; copy or download it again.",
+        "header at byte 0: the file ends after 40 bytes, the header needs 50; copy or download it again.",
     ),
     "cut in the first stage": (
         lambda data: data[: offset(data, "B2") - 1],
@@ -68,7 +68,7 @@ BAD_STREAMS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     ),
     "corrupted cameras": (
         lambda data: with_flipped_bit(data, 60),
-        "section cameras at byte 48: CRC-32 is ...",
+        "section cameras at byte 50: CRC-32 is ...",
     ),
     "corrupted payload": (
         lambda data: with_flipped_bit(data, len(data) - 1),

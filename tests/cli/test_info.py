@@ -45,7 +45,7 @@ def test_file_cut_in_the_header_is_one_sentence(fecosplat, stream_file: Path, st
     result = fecosplat("info", stream_file)
     assert (result.code, result.out) == (1, "")
     assert result.err == (
-        f"fecosplat: {stream_file}: header at byte 0: the file ends after 20 bytes, the header needs 28; "
+        f"fecosplat: {stream_file}: header at byte 0: the file ends after 20 bytes, the header needs 30; "
         "copy or download it again.\n"
     )
 

@@ -5,10 +5,10 @@ import zlib
 
 from hypothesis import strategies as st
 
-from fecocodec.container import LAMBDA_Q_MAX, FormatVersion, Header, PackedCameras, Stream
+from fecocodec.container import LAMBDA_Q_MAX, FormatVersion, Header, Keep, PackedCameras, Stream, num_cells
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
-CAMERAS, B1, B2, METADATA = 0x90, 0xA0, 0xB0, 0x40
+CAMERAS, B1, B2, KEEP, METADATA = 0x90, 0xA0, 0xB0, 0x38, 0x40
 TURNED = (0.36, 0.48, -0.8, -0.8, 0.6, 0.0, 0.48, 0.64, 0.6)  # a rotation with exact decimals
 
 
@@ -31,7 +31,7 @@ def example_cameras() -> PackedCameras:
 
 def example_stream() -> Stream:
     """Two views, two stages, metadata."""
-    header = Header(b"modelid8", 2, 256, 448, 1179, (b"digest 1", b"digest 2"))
+    header = Header(b"modelid8", 2, 256, 448, 1179, (b"digest 1", b"digest 2"), (0, 1))
     return Stream(header, example_cameras(), (b"first payload", b"second payload"), {"name": "fox", "views": [2, 4]})
 
 
@@ -42,11 +42,12 @@ def sealed_section(kind: int, payload: bytes) -> bytes:
 
 def sealed_header(
     *, major: int = 1, minor: int = 0, views: int = 2, stages: int = 2, height: int = 256, width: int = 448,
-    lambda_q: int = 1179, sections: int = 4, reserved: int = 0,
+    lambda_q: int = 1179, sections: int = 4, reserved: int = 0, stage_2_views: int | None = None,
 ) -> bytes:  # fmt: skip
     """A header with a CRC that holds, whatever its fields say."""
-    fields = (major, minor, b"modelid8", views, stages, height, width, lambda_q, sections, reserved)
-    content = SIGNATURE + struct.pack("<BB8sBBHHHBB", *fields) + b"digest 1digest 2"[: 8 * stages]
+    mask = (3 if stages == 2 else 0) if stage_2_views is None else stage_2_views
+    fields = (major, minor, b"modelid8", views, stages, height, width, lambda_q, sections, reserved, mask)
+    content = SIGNATURE + struct.pack("<BB8sBBHHHBBH", *fields) + b"digest 1digest 2"[: 8 * stages]
     return content + struct.pack("<I", zlib.crc32(content))
 
 
@@ -78,6 +79,20 @@ json_values = st.recursive(
 
 
 @st.composite
+def keeps(draw: st.DrawFn, header: Header) -> Keep:
+    """Any choice of cells, from few values: bits of thousands of cells would be slow to draw."""
+    threshold = draw(st.integers(0, 255))
+    if draw(st.booleans()):
+        return Keep(threshold)
+    bits = num_cells(header)
+    pattern = draw(st.binary(min_size=1, max_size=4))
+    size = -(-bits // 8)
+    cells = bytearray((pattern * size)[:size])
+    cells[-1] &= 0xFF << -bits % 8 & 0xFF
+    return Keep(threshold, bytes(cells))
+
+
+@st.composite
 def streams(draw: st.DrawFn) -> Stream:
     """Any stream that keeps the rules."""
     views = draw(st.integers(1, 16))
@@ -98,7 +113,9 @@ def streams(draw: st.DrawFn) -> Stream:
         width=draw(st.integers(16, 1024)),
         lambda_q=draw(st.integers(0, LAMBDA_Q_MAX)),
         symbol_digests=tuple(draw(eight_bytes) for _ in range(stages)),
+        stage_2_views=tuple(sorted(draw(st.sets(st.integers(0, views - 1), min_size=1)))) if stages == 2 else (),
         version=FormatVersion(1, draw(st.integers(0, 255))),
     )
     metadata = draw(st.none() | st.dictionaries(st.text(max_size=4), json_values, max_size=3))
-    return Stream(header, cameras, tuple(draw(st.binary(max_size=64)) for _ in range(stages)), metadata)
+    payloads = tuple(draw(st.binary(max_size=64)) for _ in range(stages))
+    return Stream(header, cameras, payloads, metadata, draw(st.none() | keeps(header)))

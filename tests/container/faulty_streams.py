@@ -12,6 +12,7 @@ from tests.container.example_streams import (
     B1,
     B2,
     CAMERAS,
+    KEEP,
     METADATA,
     TURNED,
     example_cameras,
@@ -36,7 +37,7 @@ GOOD = write_stream(example_stream())
 CAMERA_SECTION = sealed_section(CAMERAS, pack_cameras(example_cameras()))
 B1_SECTION, B2_SECTION = sealed_section(B1, b"first payload"), sealed_section(B2, b"second payload")
 METADATA_SECTION = sealed_section(METADATA, pack_metadata({"name": "fox"}))
-B1_OFFSET = 48 + len(CAMERA_SECTION)
+B1_OFFSET = 50 + len(CAMERA_SECTION)
 B2_OFFSET = B1_OFFSET + len(B1_SECTION)
 END = B2_OFFSET + len(B2_SECTION)
 
@@ -58,10 +59,11 @@ def signature_faults() -> list[Fault]:
 
 def header_faults() -> list[Fault]:
     cut = "the whole header is there"
+    with_or_without = "stage-2 views exactly if there is a stage 2"
     faults = [
         (cut, b"", 0, "the file ends after 0 bytes"),
-        (cut, GOOD[:20], 0, "the file ends after 20 bytes, the header needs 28"),
-        (cut, GOOD[:47], 0, "the file ends after 47 bytes, the header needs 48"),
+        (cut, GOOD[:20], 0, "the file ends after 20 bytes, the header needs 30"),
+        (cut, GOOD[:49], 0, "the file ends after 49 bytes, the header needs 50"),
         ("major version is not above 1", sealed_header(major=2), 8, "version 2.0 is newer than 1.x"),
         ("major version is not below 1", sealed_header(major=0), 8, "there is no format version 0"),
         ("number of stages", sealed_header(stages=0), 19, "the number of stages is 0"),
@@ -75,6 +77,9 @@ def header_faults() -> list[Fault]:
         ("lambda_q", sealed_header(lambda_q=1769), 24, "the quantised lambda is 1769, allowed are 0 to 1768"),
         ("number of sections", sealed_header(sections=2), 26, "the number of sections is 2, allowed are 3 to 16"),
         ("number of sections", sealed_header(sections=17), 26, "the number of sections is 17, allowed are 3 to 16"),
+        ("stage-2 views are among the views", sealed_header(stage_2_views=4), 28, "codes the views [2] of 2"),
+        (with_or_without, sealed_header(stage_2_views=0), 28, "codes 0 views in a stream of 2 stages"),
+        (with_or_without, sealed_header(stages=1, stage_2_views=1), 28, "codes 1 views in a stream of 1 stages"),
         ("padded pixels", sealed_header(views=16, height=1025, width=1024), 18, "17301504 pixels after padding"),
     ]
     return [Fault(rule, data, f"header at byte {offset}: ", cause) for rule, data, offset, cause in faults]
@@ -82,12 +87,12 @@ def header_faults() -> list[Fault]:
 
 def cut_and_changed_section_faults() -> list[Fault]:
     last = END - 1
-    too_long = GOOD[:49] + (2049).to_bytes(4, "little") + GOOD[53:]
+    too_long = GOOD[:51] + (2049).to_bytes(4, "little") + GOOD[55:]
     changed_kind = GOOD[:B1_OFFSET] + b"\xa1" + GOOD[B1_OFFSET + 1 :]
     faults = [
         ("every section head is there", GOOD[:END], "", END, "inside or before the head"),
         ("every section head is there", GOOD[: B1_OFFSET + 8], "", B1_OFFSET, "inside or before the head"),
-        ("length within the limit", too_long, "cameras ", 48, "its length is 2049, at most 2048"),
+        ("length within the limit", too_long, "cameras ", 50, "its length is 2049, at most 2048"),
         ("the whole payload is there", GOOD[:last], "B2 ", B2_OFFSET, f"after {last} bytes, the section needs {END}"),
         ("section CRC-32", changed_kind, "0xa1 ", B1_OFFSET, "CRC-32 is 0x"),
         ("section CRC-32", GOOD[: B2_OFFSET - 1] + b"!" + GOOD[B2_OFFSET:], "B1 ", B1_OFFSET, "CRC-32 is 0x"),
@@ -113,7 +118,7 @@ def section_order_faults() -> list[Fault]:
         ),
         ("unknown kinds are not critical", unknown, f"0x95 at byte {B1_OFFSET}", "unknown and marked as needed"),
         ("no kind twice", stream_of(cameras, b1, b1, b2), f"B1 at byte {B2_OFFSET}", "it appears twice"),
-        ("ascending order", stream_of(b1, cameras, b2), f"cameras at byte {48 + len(b1)}", "before section B1"),
+        ("ascending order", stream_of(b1, cameras, b2), f"cameras at byte {50 + len(b1)}", "before section B1"),
         ("B2 only with two stages", one_stage, f"B2 at byte {B2_OFFSET - 8}", "the header announces 1 stage"),
         (missing, stream_of(b1, b2, metadata), "cameras", "it is missing"),
         (missing, stream_of(cameras, b2, metadata), "B1", "it is missing"),
@@ -140,7 +145,7 @@ def camera_payload_faults() -> list[Fault]:
     }
     return [
         Fault(
-            rule, stream_of(sealed_section(CAMERAS, bad), B1_SECTION, B2_SECTION), "section cameras at byte 48", cause
+            rule, stream_of(sealed_section(CAMERAS, bad), B1_SECTION, B2_SECTION), "section cameras at byte 50", cause
         )
         for rule, (bad, cause) in faults.items()
     ]
@@ -187,11 +192,32 @@ def camera_value_faults() -> list[Fault]:
         Fault(
             rule,
             stream_of(sealed_section(CAMERAS, pack_cameras(cameras)), B1_SECTION, B2_SECTION),
-            f"section cameras at byte 48: {camera}",
+            f"section cameras at byte 50: {camera}",
             cause,
         )
         for rule, cameras, camera, cause in faults
     ]
+
+
+def keep_faults() -> list[Fault]:
+    """Two views of 32x56 cells take 448 bytes; two of 3x3 cells take 18 bits, with 6 to spare."""
+    faults = [
+        ("Deflate data valid", b"\2" + b"\xff" * 40, "no valid Deflate data"),
+        ("Deflate data not too long", b"\2" + deflated(bytes(50_000_000)), "inflates to more than the 448 bytes"),
+        ("Deflate data has an end", b"\2" + deflated(bytes(448))[:-1], "its Deflate data has no end"),
+        ("nothing after the Deflate data", b"\2" + deflated(bytes(448)) + b"\0", "1 bytes follow its Deflate data"),
+        ("keep is not empty", b"", "it is empty, it must begin with an opacity threshold"),
+        ("cells of keep have their size", b"\2" + deflated(bytes(447)), "447 bytes, 3584 cells need 448"),
+    ]
+    sections = (CAMERA_SECTION, B1_SECTION, B2_SECTION)
+    place = f"section keep at byte {END}"
+    spare = sealed_header(height=24, width=24) + b"".join(
+        (*sections, sealed_section(KEEP, b"\2" + deflated(b"\xff\xff\xc1")))
+    )
+    return [
+        Fault(rule, stream_of(*sections, sealed_section(KEEP, payload)), place, cause)
+        for rule, payload, cause in faults
+    ] + [Fault("spare bits of keep are 0", spare, place, "a bit after the last cell's is not 0")]
 
 
 def metadata_faults() -> list[Fault]:
@@ -228,5 +254,6 @@ FAULTS = (
     *section_order_faults(),
     *camera_payload_faults(),
     *camera_value_faults(),
+    *keep_faults(),
     *metadata_faults(),
 )

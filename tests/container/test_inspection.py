@@ -15,7 +15,7 @@ def test_a_whole_stream_is_described() -> None:
     assert summary.metadata == example_stream().metadata
     assert (summary.near, summary.far) == (0.5, 100.0)
     assert [section.name for section in summary.sections] == ["cameras", "B1", "B2", "metadata"]
-    assert [section.offset for section in summary.sections] == [48, B1_OFFSET, B2_OFFSET, END]
+    assert [section.offset for section in summary.sections] == [50, B1_OFFSET, B2_OFFSET, END]
     assert all(section.is_intact for section in summary.sections)
     assert summary.total_bytes == summary.overhead_bytes + sum(section.length for section in summary.sections)
     assert summary.overhead_bytes == summary.header_bytes + 4 * 9
@@ -30,7 +30,7 @@ def test_sections_behind_a_damaged_one_are_found() -> None:
     assert summary.near is None
 
 
-@pytest.mark.parametrize("length", range(48, len(GOOD)))
+@pytest.mark.parametrize("length", range(50, len(GOOD)))
 def test_a_cut_stream_is_described_as_far_as_it_goes(length: int) -> None:
     summary = inspect(GOOD[:length])
     assert summary.damage is not None and f"the file ends after {length} bytes" in summary.damage
@@ -39,5 +39,5 @@ def test_a_cut_stream_is_described_as_far_as_it_goes(length: int) -> None:
 
 
 def test_without_a_header_there_is_nothing_to_describe() -> None:
-    with pytest.raises(BitstreamError, match="the header needs 48"):
-        inspect(GOOD[:47])
+    with pytest.raises(BitstreamError, match="the header needs 50"):
+        inspect(GOOD[:49])

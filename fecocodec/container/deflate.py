@@ -1,0 +1,37 @@
+"""Raw Deflate (RFC 1951) for sections: as small as it gets when writing, bounded when reading."""
+
+import zlib
+
+from fecocodec.errors import BitstreamError
+
+BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
+
+_WINDOW_BITS = -15  # raw: a section has a CRC already
+
+
+def deflate(content: bytes) -> bytes:
+    """The shortest of three Deflate encodings; which one wins depends on the content, by a few bytes."""
+    candidates = []
+    for strategy in (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED):
+        compressor = zlib.compressobj(9, zlib.DEFLATED, _WINDOW_BITS, 9, strategy)
+        candidates.append(compressor.compress(content) + compressor.flush())
+    return min(candidates, key=len)
+
+
+def inflate(payload: bytes, max_size: int, place: str) -> bytes:
+    """Inflate at most `max_size` bytes; whatever would give more is refused before it takes memory.
+
+    Raises BitstreamError, naming `place`, where the payload is not exactly one Deflate stream of such a size.
+    """
+    inflater = zlib.decompressobj(_WINDOW_BITS)
+    try:
+        content = inflater.decompress(payload, max_size + 1)
+    except zlib.error as error:
+        raise BitstreamError(f"{place}: no valid Deflate data ({error}); {BAD_WRITER}") from error
+    if len(content) > max_size:
+        raise BitstreamError(f"{place}: it inflates to more than the {max_size} bytes it may hold; {BAD_WRITER}")
+    if not inflater.eof:
+        raise BitstreamError(f"{place}: its Deflate data has no end; {BAD_WRITER}")
+    if inflater.unused_data:
+        raise BitstreamError(f"{place}: {len(inflater.unused_data)} bytes follow its Deflate data; {BAD_WRITER}")
+    return content
