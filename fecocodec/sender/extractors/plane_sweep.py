@@ -49,11 +49,11 @@ def cost_volume(
             turned = rays[scene, view] @ to_source[:, :3, :3].transpose(-1, -2)
             points = turned[:, :, None] * depth[scene] + to_source[:, None, None, :3, 3]
             grid = _grid(points, cameras.intrinsics[scene, sources[scene, view]])
-            volumes.append(_match(features[scene, view], features[scene, sources[scene, view]], grid))
+            volumes.append(correlate(features[scene, view], features[scene, sources[scene, view]], grid))
     return rearrange(torch.stack(volumes), "(b v) (h w) d -> b v d h w", b=batch, h=height)
 
 
-def _match(
+def correlate(
     reference: Float[Tensor, "channel h w"],
     sources: Float[Tensor, "source channel h w"],
     grid: Float[Tensor, "source point candidate 2"],

@@ -1,0 +1,51 @@
+"""The per-view CNN: residual blocks with instance normalisation, from full to 1/4 resolution."""
+
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+STEM, MIDDLE, OUTPUT = 64, 96, 128  # channels
+
+
+class ResidualBlock(nn.Module):
+    """x -> two (3x3 conv, instance norm, ReLU) -> + shortcut -> ReLU."""
+
+    def __init__(self, in_channels: int, out_channels: int, stride: int) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(in_channels, out_channels, 3, stride, padding=1, bias=False)
+        self.conv2 = nn.Conv2d(out_channels, out_channels, 3, padding=1, bias=False)
+        self.downsample = None
+        if stride != 1 or in_channels != out_channels:
+            self.downsample = nn.Sequential(
+                nn.Conv2d(in_channels, out_channels, 1, stride), nn.InstanceNorm2d(out_channels)
+            )
+
+    def forward(self, x: Float[Tensor, "item _ _ _"]) -> Float[Tensor, "item _ _ _"]:
+        residual = F.relu(F.instance_norm(self.conv1(x)))
+        residual = F.relu(F.instance_norm(self.conv2(residual)))
+        shortcut = x if self.downsample is None else self.downsample(x)
+        return F.relu(shortcut + residual)
+
+
+class Backbone(nn.Module):
+    """image -> 7x7 conv (1/2) -> two blocks of 64, two of 96, two of 128 channels (1/4) -> 1x1 conv."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(3, STEM, 7, stride=2, padding=3, bias=False)
+        self.layer1 = _two_blocks(STEM, STEM, stride=1)
+        self.layer2 = _two_blocks(STEM, MIDDLE, stride=1)
+        self.layer3 = _two_blocks(MIDDLE, OUTPUT, stride=2)
+        self.conv2 = nn.Conv2d(OUTPUT, OUTPUT, 1)
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d):
+                nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
+
+    def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 128 h4 w4"]:
+        """images: normalised by ImageNet's mean and deviation."""
+        x = F.relu(F.instance_norm(self.conv1(images)))
+        return self.conv2(self.layer3(self.layer2(self.layer1(x))))
+
+
+def _two_blocks(in_channels: int, out_channels: int, stride: int) -> nn.Sequential:
+    return nn.Sequential(ResidualBlock(in_channels, out_channels, stride), ResidualBlock(out_channels, out_channels, 1))

@@ -1,0 +1,138 @@
+"""DepthSplat-Small's features: posed photographs -> F1 at 1/4 resolution."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.errors import InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone
+from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
+    NUM_CANDIDATES,
+    Positions,
+    cost_volume,
+    exact_positions,
+    public_positions,
+    source_views,
+)
+from fecocodec.sender.extractors.depthsplat_small.monocular import VisionTransformer, monocular_features
+from fecocodec.sender.extractors.depthsplat_small.transformer import MultiViewTransformer, ScoreMasks
+from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, CrossViewUNet
+from fecocodec.sender.extractors.depthsplat_small.windows import (
+    border_mask,
+    masks_of_sources,
+    public_masks_of_sources,
+)
+
+Geometry = Literal["public", "exact"]
+"""How views are related: "public" as the public code does, which its checkpoints need, or "exact", without its slips."""
+
+SIDE_MULTIPLE = 16  # pixels
+_POSITIONS: dict[str, Positions] = {"public": public_positions, "exact": exact_positions}
+_MASKS_OF_SOURCES = {"public": public_masks_of_sources, "exact": masks_of_sources}
+_MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the branches found, before fusion; item = (batch view), all at 1/4 resolution.
+
+    relative_disparity: expectation over the softmax of the costs.
+    """
+
+    cost: Float[Tensor, "item candidate h4 w4"]
+    appearance: Float[Tensor, "item channel h4 w4"]
+    multi_view: Float[Tensor, "item channel h4 w4"]
+    monocular: Float[Tensor, "item mono h4 w4"]
+    relative_disparity: Float[Tensor, "item 1 h4 w4"]
+    num_views: int
+
+
+class DepthSplatSmall(nn.Module):
+    """images -> CNN -> multi-view transformer -> cost volume; images -> ViT; all four -> cross-view U-Net -> F1.
+
+    The U-Net's output is added to a 1x1 convolution of its input.
+    """
+
+    def __init__(self, geometry: Geometry = "public", matching_scale: int = 1) -> None:
+        """matching_scale: 2 builds the cost volume at half the features' resolution, as the paper does for DL3DV."""
+        super().__init__()
+        self.geometry, self.matching_scale = geometry, matching_scale
+        self.backbone = Backbone()
+        self.transformer = MultiViewTransformer()
+        self.pretrained = VisionTransformer()
+        joined = NUM_CANDIDATES + 2 * CHANNELS + 384
+        fusion = {
+            "0": nn.Conv2d(joined, CHANNELS, 3, padding=1),
+            "1": nn.GroupNorm(8, CHANNELS),
+            "3": CrossViewUNet(),
+            "4": nn.Conv2d(CHANNELS, CHANNELS, 3, padding=1),
+        }
+        self.regressor = nn.ModuleList([nn.ModuleDict(fusion)])
+        self.regressor_residual = nn.ModuleList([nn.Conv2d(joined, CHANNELS, 1)])
+
+    def forward(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Float[Tensor, "item 128 h4 w4"]:
+        """F1 of every view; images sRGB in [0, 1], sides multiples of 16."""
+        return self.fuse(images, self.match(images, cameras))
+
+    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Evidence:
+        """The three branches and the cost volume. Raises InputError for sides that are no multiples of 16."""
+        if images.shape[-2] % SIDE_MULTIPLE or images.shape[-1] % SIDE_MULTIPLE:
+            raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of 16.")
+        views = images.shape[1]
+        normalised = (_flat(images) - _colour(_MEAN, images)) / _colour(_DEVIATION, images)
+        appearance = self.backbone(normalised)
+        multi_view = self._multi_view(rearrange(appearance, "(b v) c h w -> b v c h w", v=views), cameras)
+        cost = self._cost(multi_view, cameras)
+        share = torch.linspace(0.0, 1.0, NUM_CANDIDATES, device=images.device)
+        expected = torch.einsum("idhw,d->ihw", cost.float().softmax(dim=1), share)[:, None]
+        monocular = monocular_features(self.pretrained, normalised)
+        return Evidence(cost, appearance, _flat(multi_view), monocular, expected, views)
+
+    def fuse(self, images: Float[Tensor, "batch view 3 h w"], evidence: Evidence) -> Float[Tensor, "item 128 h4 w4"]:
+        """The U-Net over all evidence; the photographs have nothing to add."""
+        found = (evidence.cost, evidence.appearance, evidence.multi_view, evidence.monocular)
+        joined = torch.cat([part.to(evidence.appearance.dtype) for part in found], dim=1)
+        layers = self.regressor[0]
+        x = F.gelu(layers["1"](layers["0"](joined)))
+        return layers["4"](layers["3"](x, evidence.num_views)) + self.regressor_residual[0](joined)
+
+    def _multi_view(
+        self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras
+    ) -> Float[Tensor, "batch view channel h w"]:
+        sources = source_views(cameras)
+        within = border_mask(features.shape[-2], features.shape[-1], features.device)
+        across = _MASKS_OF_SOURCES[self.geometry](within, sources.shape[-1])
+        return self.transformer(features, sources, ScoreMasks(within, across))
+
+    def _cost(
+        self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras
+    ) -> Float[Tensor, "item candidate h w"]:
+        """Costs in float32 whatever the features are in; 0 for a single view, which matches nothing."""
+        batch, views, _, h, w = features.shape
+        if views == 1:
+            return features.new_zeros(batch, NUM_CANDIDATES, h, w)
+        small = (h // self.matching_scale, w // self.matching_scale)
+        at_scale = rearrange(_resize(_flat(features).float(), small), "(b v) c h w -> b v c h w", v=views)
+        with torch.autocast(features.device.type, enabled=False):
+            costs = cost_volume(at_scale, cameras, source_views(cameras), _POSITIONS[self.geometry])
+        return _resize(_flat(costs), (h, w))
+
+
+def _resize(x: Float[Tensor, "item channel _ _"], size: tuple[int, int]) -> Float[Tensor, "item channel _ _"]:
+    if x.shape[-2:] == size:
+        return x
+    return F.interpolate(x, size, mode="bilinear", align_corners=True)
+
+
+def _colour(values: tuple[float, float, float], like: Tensor) -> Float[Tensor, "3 1 1"]:
+    return like.new_tensor(values)[:, None, None]
+
+
+def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
+    return rearrange(x, "b v c h w -> (b v) c h w")

@@ -1,0 +1,120 @@
+"""The monocular branch: DINOv2's ViT-S/14, as Depth Anything V2 uses it, without its mask token."""
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor, nn
+
+CHANNELS = 384
+_DEPTH, _NUM_HEADS, _HIDDEN = 12, 6, 1536
+_PATCH = 14  # pixels
+_TRAINED_SIDE = 37  # patches a side of the position embedding
+_OFFSET = 0.1  # DINOv2 adds it to the patch count before dividing, and its weights were trained so
+_EPSILON = 1e-6
+
+
+class LayerScale(nn.Module):
+    """A learned factor a channel."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.gamma = nn.Parameter(torch.full((CHANNELS,), 1e-5))
+
+    def forward(self, x: Float[Tensor, "*batch channel"]) -> Float[Tensor, "*batch channel"]:
+        return x * self.gamma
+
+
+class Attention(nn.Module):
+    """Self-attention over all tokens of a view."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.qkv, self.proj = nn.Linear(CHANNELS, 3 * CHANNELS), nn.Linear(CHANNELS, CHANNELS)
+
+    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
+        query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, n=_NUM_HEADS)
+        attended = F.scaled_dot_product_attention(query, key, value)
+        return self.proj(rearrange(attended, "i n t c -> i t (n c)"))
+
+
+class Mlp(nn.Module):
+    """Linear -> GELU -> linear."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fc1, self.fc2 = nn.Linear(CHANNELS, _HIDDEN), nn.Linear(_HIDDEN, CHANNELS)
+
+    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
+        return self.fc2(F.gelu(self.fc1(x)))
+
+
+class Block(nn.Module):
+    """Pre-norm attention and MLP, each scaled and added."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.norm1, self.norm2 = nn.LayerNorm(CHANNELS, _EPSILON), nn.LayerNorm(CHANNELS, _EPSILON)
+        self.attn, self.mlp = Attention(), Mlp()
+        self.ls1, self.ls2 = LayerScale(), LayerScale()
+
+    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
+        x = x + self.ls1(self.attn(self.norm1(x)))
+        return x + self.ls2(self.mlp(self.norm2(x)))
+
+
+class PatchEmbedding(nn.Module):
+    """14x14 pixels -> token."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.proj = nn.Conv2d(3, CHANNELS, _PATCH, stride=_PATCH)
+
+    def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
+        return self.proj(images)
+
+
+class VisionTransformer(nn.Module):
+    """image -> patches + position -> twelve blocks -> norm -> map of patches."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.patch_embed = PatchEmbedding()
+        self.cls_token = nn.Parameter(torch.zeros(1, 1, CHANNELS))
+        self.pos_embed = nn.Parameter(torch.zeros(1, 1 + _TRAINED_SIDE**2, CHANNELS))
+        self.blocks = nn.ModuleList(Block() for _ in range(_DEPTH))
+        self.norm = nn.LayerNorm(CHANNELS, _EPSILON)
+        nn.init.trunc_normal_(self.pos_embed, std=0.02)
+        nn.init.normal_(self.cls_token, std=1e-6)
+
+    def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
+        """images: normalised by ImageNet's mean and deviation; sides multiples of 14."""
+        patches = self.patch_embed(images)
+        rows, columns = patches.shape[-2:]
+        tokens = rearrange(patches + self._positions(rows, columns), "i c h w -> i (h w) c")
+        first = (self.cls_token + self.pos_embed[:, :1]).expand(len(images), -1, -1)
+        tokens = torch.cat((first, tokens), dim=1)
+        for block in self.blocks:
+            tokens = block(tokens)
+        return rearrange(self.norm(tokens)[:, 1:], "i (h w) c -> i c h w", h=rows)
+
+    def _positions(self, rows: int, columns: int) -> Float[Tensor, "1 channel rows columns"]:
+        """The position embedding, resampled from 37x37 patches."""
+        trained = rearrange(self.pos_embed[:, 1:], "1 (h w) c -> 1 c h w", h=_TRAINED_SIDE)
+        if rows == columns == _TRAINED_SIDE:
+            return trained
+        scale = ((rows + _OFFSET) / _TRAINED_SIDE, (columns + _OFFSET) / _TRAINED_SIDE)
+        return F.interpolate(trained, scale_factor=scale, mode="bicubic", align_corners=False)
+
+
+def monocular_features(
+    network: VisionTransformer, images: Float[Tensor, "item 3 h w"]
+) -> Float[Tensor, "item channel h4 w4"]:
+    """Features of each view alone at 1/4 resolution: shrunk to whole patches, resized to 1/8, doubled."""
+    h, w = images.shape[-2:]
+    whole = _resize(images, (h // _PATCH * _PATCH, w // _PATCH * _PATCH))
+    return _resize(_resize(network(whole), (h // 8, w // 8)), (h // 4, w // 4))
+
+
+def _resize(x: Float[Tensor, "item _ _ _"], size: tuple[int, int]) -> Float[Tensor, "item _ _ _"]:
+    return F.interpolate(x, size, mode="bilinear", align_corners=True)

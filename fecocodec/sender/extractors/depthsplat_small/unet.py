@@ -1,0 +1,133 @@
+"""The cross-view U-Net that fuses matching, appearance and monocular features (after latent diffusion's U-Net).
+
+Three levels of 128 channels; at its coarsest, positions of all views attend to each other. Places of the modules in
+their lists are those of the public checkpoints.
+"""
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor, nn
+
+CHANNELS = 128
+_NUM_GROUPS, _NUM_HEADS = 8, 4
+
+
+class ResBlock(nn.Module):
+    """Two (group norm, SiLU, 3x3 conv), added to the input."""
+
+    def __init__(self, in_channels: int) -> None:
+        super().__init__()
+        self.in_layers = nn.Sequential(_norm(in_channels), nn.SiLU(), _conv3(in_channels))
+        self.out_layers = nn.Sequential(_norm(CHANNELS), nn.SiLU(), nn.Identity(), _zero(_conv3(CHANNELS)))
+        self.skip_connection = nn.Identity() if in_channels == CHANNELS else nn.Conv2d(in_channels, CHANNELS, 1)
+
+    def forward(self, x: Float[Tensor, "item _ h w"]) -> Float[Tensor, "item channel h w"]:
+        return self.skip_connection(x) + self.out_layers(self.in_layers(x))
+
+
+class CrossViewAttention(nn.Module):
+    """Attention of every position of every view of a scene to all of them; no position encoding."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.norm = _norm(CHANNELS)
+        self.qkv = nn.Conv1d(CHANNELS, 3 * CHANNELS, 1)
+        self.proj_out = _zero(nn.Conv1d(CHANNELS, CHANNELS, 1))
+
+    def forward(self, x: Float[Tensor, "item channel h w"], num_views: int) -> Float[Tensor, "item channel h w"]:
+        h = x.shape[-2]
+        qkv = self.qkv(self.norm(x).flatten(2))
+        query, key, value = rearrange(
+            qkv, "(b v) (n three c) t -> three b n (v t) c", v=num_views, n=_NUM_HEADS, three=3
+        )
+        attended = F.scaled_dot_product_attention(query, key, value)
+        attended = rearrange(attended, "b n (v t) c -> (b v) (n c) t", v=num_views)
+        return x + rearrange(self.proj_out(attended), "i c (h w) -> i c h w", h=h)
+
+
+class Downsample(nn.Module):
+    """3x3 conv of stride 2."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.op = nn.Conv2d(CHANNELS, CHANNELS, 3, stride=2, padding=1)
+
+    def forward(self, x: Float[Tensor, "item channel h w"]) -> Float[Tensor, "item channel h2 w2"]:
+        return self.op(x)
+
+
+class Upsample(nn.Module):
+    """Nearest neighbour times two -> 3x3 conv."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv = _conv3(CHANNELS)
+
+    def forward(self, x: Float[Tensor, "item channel h w"]) -> Float[Tensor, "item channel h2 w2"]:
+        return self.conv(F.interpolate(x, scale_factor=2, mode="nearest"))
+
+
+class Stage(nn.ModuleList):
+    """Layers in turn; attention is told how many views make a scene."""
+
+    def forward(self, x: Float[Tensor, "item _ _ _"], num_views: int) -> Float[Tensor, "item channel _ _"]:
+        for layer in self:
+            x = layer(x, num_views) if isinstance(layer, CrossViewAttention) else layer(x)
+        return x
+
+
+class CrossViewUNet(nn.Module):
+    """conv -> down twice with a residual block a level -> middle -> up twice, joined with what came down."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.input_blocks = _stages(
+            [_conv3(CHANNELS)],
+            [ResBlock(CHANNELS)],
+            [Downsample()],
+            [ResBlock(CHANNELS)],
+            [Downsample()],
+            [ResBlock(CHANNELS), CrossViewAttention()],
+        )
+        self.middle_block = Stage([ResBlock(CHANNELS), nn.Identity(), ResBlock(CHANNELS)])
+        self.output_blocks = _stages(
+            [ResBlock(2 * CHANNELS), CrossViewAttention()],
+            [ResBlock(2 * CHANNELS), CrossViewAttention(), Upsample()],
+            [ResBlock(2 * CHANNELS)],
+            [ResBlock(2 * CHANNELS), Upsample()],
+            [ResBlock(2 * CHANNELS)],
+            [ResBlock(2 * CHANNELS)],
+        )
+        self.out = nn.Sequential(_norm(CHANNELS), nn.SiLU(), _zero(_conv3(CHANNELS)))
+
+    def forward(self, x: Float[Tensor, "item channel h w"], num_views: int) -> Float[Tensor, "item channel h w"]:
+        """item = (batch view); sides multiples of 4."""
+        on_the_way_down: list[Tensor] = []
+        for stage in self.input_blocks:
+            x = stage(x, num_views)
+            on_the_way_down.append(x)
+        x = self.middle_block(x, num_views)
+        for stage in self.output_blocks:
+            x = stage(torch.cat((x, on_the_way_down.pop()), dim=1), num_views)
+        return self.out(x)
+
+
+def _stages(*stages: list[nn.Module]) -> nn.ModuleList:
+    return nn.ModuleList(Stage(layers) for layers in stages)
+
+
+def _norm(channels: int) -> nn.GroupNorm:
+    return nn.GroupNorm(_NUM_GROUPS, channels)
+
+
+def _conv3(in_channels: int) -> nn.Conv2d:
+    return nn.Conv2d(in_channels, CHANNELS, 3, padding=1)
+
+
+def _zero(layer: nn.Conv1d | nn.Conv2d) -> nn.Module:
+    """The layer with all weights 0, so that a residual branch begins as nothing."""
+    for parameter in layer.parameters():
+        nn.init.zeros_(parameter)
+    return layer
