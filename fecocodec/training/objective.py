@@ -90,14 +90,14 @@ def run_stages(
         y_hat, bits = coding(y, lambda_q, stage, context)
         state, context = receiver.next_state(state, y_hat, condition), y_hat
         prediction = receiver.predict(state, cameras, condition)
-        renderings = _render(batch, prediction, stage)
+        renderings = _render(batch, prediction, is_last=stage == num_stages)
         outcomes.append(StageOutcome(prediction, renderings, rearrange(bits, "(b v) -> b v", v=views).sum(dim=1)))
     return outcomes, rearrange(matching.relative_disparity, "(b v) 1 h w -> b v h w", v=views)
 
 
-def _render(batch: Batch, prediction: Prediction, stage: int) -> list[Rendering]:
-    """Stage 1 is judged on the context views, which feedback needs anyway, and one target; stage 2 on all views."""
-    cameras = batch.cameras if stage == 2 else batch.cameras.select(list(range(batch.num_context + 1)))
+def _render(batch: Batch, prediction: Prediction, is_last: bool) -> list[Rendering]:
+    """Stage 1 is judged on the context views, which feedback needs anyway, and one target; the last stage on all."""
+    cameras = batch.cameras if is_last else batch.cameras.select(list(range(batch.num_context + 1)))
     size = (batch.images.shape[-2], batch.images.shape[-1])
     return [render(prediction.gaussians.scene(scene), cameras.scene(scene), size) for scene in range(len(batch.images))]
 
