@@ -1,6 +1,7 @@
 """Sizes of the networks. A stream's model id covers the weights, and so these numbers too."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 
 @dataclass(frozen=True)
@@ -19,14 +20,37 @@ class ReceiverConfig:
 
 
 @dataclass(frozen=True)
-class SenderConfig:
+class CodecConfig:
+    """Sizes of the sender's half of the codec (g_a, E_fb), whatever extracts its features.
+
+    extractor: its name in weights files.
+    """
+
+    extractor: ClassVar[str]
+    analysis_channels: int = 160  # inner width of g_a at 1/8
+    fine_hidden: int = 96
+
+
+@dataclass(frozen=True)
+class SenderConfig(CodecConfig):
     """Sizes of the compact sender."""
 
+    extractor: ClassVar[str] = "compact"
     num_candidates: int = 48  # inverse depths of the plane sweep
     matching_channels: int = 48
     stem_channels: int = 96
     fusion_channels: tuple[int, int, int] = (128, 192, 256)  # at 1/4, 1/8, 1/16
     attention_channels: int = 128
-    analysis_channels: int = 160  # inner width of g_a at 1/8
-    fine_hidden: int = 96
     num_source_views: int = 2  # nearest other views that a view is matched against
+
+
+@dataclass(frozen=True)
+class PaperSenderConfig(CodecConfig):
+    """The paper's sender; the sizes of its extractor are those of the public checkpoints.
+
+    geometry: "public" or "exact", see `depthsplat_small`. matching_scale: 2 for a cost volume at 1/8 resolution.
+    """
+
+    extractor: ClassVar[str] = "depthsplat-small"
+    geometry: str = "public"
+    matching_scale: int = 1

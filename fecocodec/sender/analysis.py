@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.config import CodecConfig, ReceiverConfig
 from fecocodec.layers.blocks import Block2d, BlockChain, RateCondition, downsample
 
 LARGEST_LATENT = 2.0**15  # far beyond any trained latent; keeps a wild input codable
@@ -14,7 +14,7 @@ LARGEST_LATENT = 2.0**15  # far beyond any trained latent; keeps a wild input co
 class Analysis(nn.Module):
     """concat(F, S) -> 1x1 conv -> 2D block at 1/4 -> downsample -> 2D blocks at 1/8 -> y, shared by both stages."""
 
-    def __init__(self, sender: SenderConfig, receiver: ReceiverConfig) -> None:
+    def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:
         super().__init__()
         channels, width = receiver.state_channels, sender.analysis_channels
         self.join = nn.Conv2d(2 * channels, channels, 1)

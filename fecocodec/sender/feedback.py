@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.config import CodecConfig, ReceiverConfig
 from fecocodec.layers.blocks import BlockChain, RateCondition
 
 
@@ -15,7 +15,7 @@ class FeedbackExtractor(nn.Module):
     The paper concatenates I and I1_hat; the difference carries the same information, and is what the stage is about.
     """
 
-    def __init__(self, sender: SenderConfig, receiver: ReceiverConfig) -> None:
+    def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:
         super().__init__()
         self.input = nn.Conv2d(2 * 3 * 16, receiver.state_channels, 1)
         self.blocks = BlockChain(receiver.state_channels, sender.fine_hidden, 2)

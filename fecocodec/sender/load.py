@@ -3,12 +3,14 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from fecocodec.checkpoint import config_of, load_into, read_weights, serialise_weights
-from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.checkpoint import Weights, config_of, load_into, read_weights, serialise_weights
+from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.model import Sender
 
 RECEIVER_ID = "receiver_model_id"
+EXTRACTOR = "extractor"
+_CONFIGS: tuple[CodecConfig, ...] = (SenderConfig(), PaperSenderConfig())
 
 
 def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender:
@@ -17,7 +19,7 @@ def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender
     Raises ModelError for a missing, damaged or foreign file, and for one that was trained with another receiver.
     """
     weights = read_weights(path)
-    config = config_of(weights, "sender", SenderConfig(), path)
+    config = config_of(weights, "sender", _config_like(weights, path), path)
     if weights.config.get(RECEIVER_ID) != model_id.hex():
         raise ModelError(
             f"{path}: this sender was made for the receiver {weights.config.get(RECEIVER_ID)}, the one beside it is "
@@ -30,4 +32,15 @@ def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender
 
 def serialise_sender(sender: Sender, model_id: bytes) -> bytes:
     """Bytes of the sender's weights file, fp16. model_id: of the receiver it was trained with."""
-    return serialise_weights(dict(sender.state_dict()), {"sender": asdict(sender.config), RECEIVER_ID: model_id.hex()})
+    config = sender.config
+    described = {"sender": asdict(config), EXTRACTOR: config.extractor, RECEIVER_ID: model_id.hex()}
+    return serialise_weights(dict(sender.state_dict()), described)
+
+
+def _config_like(weights: Weights, path: Path) -> CodecConfig:
+    """A configuration of the class that the file's extractor has; files of before there were two are compact."""
+    name = weights.config.get(EXTRACTOR, SenderConfig.extractor)
+    for config in _CONFIGS:
+        if config.extractor == name:
+            return config
+    raise ModelError(f"{path}: its extractor {name!r} is not known to this version; install the one that made it.")

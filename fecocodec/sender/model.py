@@ -2,19 +2,29 @@
 
 from torch import nn
 
-from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.errors import ModelError
 from fecocodec.sender.analysis import Analysis, HyperAnalysis
 from fecocodec.sender.extractors.compact import CompactExtractor
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.feedback import FeedbackExtractor
 
 
 class Sender(nn.Module):
-    """E_mv, E_fb, g_a and h_a of the compact profile; g_a and h_a are shared by the two stages."""
+    """E_mv, E_fb, g_a and h_a; g_a and h_a are shared by the two stages, and E_mv is what profiles differ in."""
 
-    def __init__(self, config: SenderConfig, receiver: ReceiverConfig) -> None:
+    def __init__(self, config: CodecConfig, receiver: ReceiverConfig) -> None:
         super().__init__()
         self.config = config
-        self.extractor = CompactExtractor(config, receiver.state_channels)
+        self.extractor = _extractor(config, receiver.state_channels)
         self.feedback = FeedbackExtractor(config, receiver)
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)
+
+
+def _extractor(config: CodecConfig, channels: int) -> CompactExtractor | DepthSplatSmall:
+    if isinstance(config, SenderConfig):
+        return CompactExtractor(config, channels)
+    if isinstance(config, PaperSenderConfig):
+        return DepthSplatSmall(config.geometry, config.matching_scale)
+    raise ModelError(f"extractor {config.extractor}: a sender with it is put together by `adapted_sender`.")

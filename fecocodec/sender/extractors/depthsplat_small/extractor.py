@@ -1,7 +1,6 @@
 """DepthSplat-Small's features: posed photographs -> F1 at 1/4 resolution."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 import torch.nn.functional as F
@@ -9,7 +8,7 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
@@ -20,6 +19,7 @@ from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
     public_positions,
     source_views,
 )
+from fecocodec.sender.extractors.depthsplat_small.monocular import CHANNELS as MONOCULAR_CHANNELS
 from fecocodec.sender.extractors.depthsplat_small.monocular import VisionTransformer, monocular_features
 from fecocodec.sender.extractors.depthsplat_small.transformer import MultiViewTransformer, ScoreMasks
 from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, CrossViewUNet
@@ -28,9 +28,6 @@ from fecocodec.sender.extractors.depthsplat_small.windows import (
     masks_of_sources,
     public_masks_of_sources,
 )
-
-Geometry = Literal["public", "exact"]
-"""How views are related: "public" as the public code does, which its checkpoints need, or "exact", without its slips."""
 
 SIDE_MULTIPLE = 16  # pixels
 _POSITIONS: dict[str, Positions] = {"public": public_positions, "exact": exact_positions}
@@ -53,27 +50,46 @@ class Evidence:
     num_views: int
 
 
+class Fusion(nn.ModuleDict):
+    """3x3 conv -> group norm -> GELU -> cross-view U-Net -> 3x3 conv; keys are places in the public checkpoints."""
+
+    def __init__(self, in_channels: int) -> None:
+        super().__init__(
+            {
+                "0": nn.Conv2d(in_channels, CHANNELS, 3, padding=1),
+                "1": nn.GroupNorm(8, CHANNELS),
+                "3": CrossViewUNet(),
+                "4": nn.Conv2d(CHANNELS, CHANNELS, 3, padding=1),
+            }
+        )
+
+    def forward(self, x: Float[Tensor, "item _ h w"], num_views: int) -> Float[Tensor, "item channel h w"]:
+        """item = (batch view)."""
+        return self["4"](self["3"](F.gelu(self["1"](self["0"](x))), num_views))
+
+
 class DepthSplatSmall(nn.Module):
     """images -> CNN -> multi-view transformer -> cost volume; images -> ViT; all four -> cross-view U-Net -> F1.
 
     The U-Net's output is added to a 1x1 convolution of its input.
     """
 
-    def __init__(self, geometry: Geometry = "public", matching_scale: int = 1) -> None:
-        """matching_scale: 2 builds the cost volume at half the features' resolution, as the paper does for DL3DV."""
+    def __init__(self, geometry: str = "public", matching_scale: int = 1) -> None:
+        """geometry: "public" as in the public code, which its checkpoints need, or "exact", without its slips.
+
+        matching_scale: 2 builds the cost volume at half the features' resolution, as the paper does for DL3DV.
+        """
         super().__init__()
+        if geometry not in _POSITIONS:
+            raise ModelError(
+                f"geometry {geometry!r}: there is none of that name; choose one of {', '.join(_POSITIONS)}."
+            )
         self.geometry, self.matching_scale = geometry, matching_scale
         self.backbone = Backbone()
         self.transformer = MultiViewTransformer()
         self.pretrained = VisionTransformer()
-        joined = NUM_CANDIDATES + 2 * CHANNELS + 384
-        fusion = {
-            "0": nn.Conv2d(joined, CHANNELS, 3, padding=1),
-            "1": nn.GroupNorm(8, CHANNELS),
-            "3": CrossViewUNet(),
-            "4": nn.Conv2d(CHANNELS, CHANNELS, 3, padding=1),
-        }
-        self.regressor = nn.ModuleList([nn.ModuleDict(fusion)])
+        joined = NUM_CANDIDATES + 2 * CHANNELS + MONOCULAR_CHANNELS
+        self.regressor = nn.ModuleList([Fusion(joined)])
         self.regressor_residual = nn.ModuleList([nn.Conv2d(joined, CHANNELS, 1)])
 
     def forward(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Float[Tensor, "item 128 h4 w4"]:
@@ -98,9 +114,7 @@ class DepthSplatSmall(nn.Module):
         """The U-Net over all evidence; the photographs have nothing to add."""
         found = (evidence.cost, evidence.appearance, evidence.multi_view, evidence.monocular)
         joined = torch.cat([part.to(evidence.appearance.dtype) for part in found], dim=1)
-        layers = self.regressor[0]
-        x = F.gelu(layers["1"](layers["0"](joined)))
-        return layers["4"](layers["3"](x, evidence.num_views)) + self.regressor_residual[0](joined)
+        return self.regressor[0](joined, evidence.num_views) + self.regressor_residual[0](joined)
 
     def _multi_view(
         self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras

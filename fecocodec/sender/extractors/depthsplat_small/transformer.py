@@ -1,4 +1,4 @@
-"""The multi-view transformer: windowed attention within each view and to its source views (UniMatch, Xu et al. 2023)."""
+"""The multi-view transformer: windowed attention within a view and to its sources (Xu et al., "UniMatch", 2023)."""
 
 from dataclasses import dataclass
 
