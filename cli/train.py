@@ -1,11 +1,36 @@
-"""`fecosplat train`: train the compact profile on procedural scenes and photographs."""
+"""`fecosplat train`: train the networks on procedural scenes and photographs."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE_PATH, threads_option
+from .options import FILE_PATH, device_option, parse_size, threads_option
 from .output import say
+
+if TYPE_CHECKING:
+    from fecocodec.training.configurations import Configuration
+
+_SHAPE_FIELDS = ("num_scenes", "view_shares", "num_target", "sizes")
+_SCHEDULE_FIELDS = (
+    "num_steps", "one_stage_until", "bypass_until", "learning_rate", "photograph_share", "disparity_weight",
+)  # fmt: skip
+
+
+def _parse_views(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[tuple[int, float], ...] | None:
+    """`2` or `2:0.8,4:0.2`: numbers of context views and how likely each is."""
+    if value is None:
+        return None
+    if not re.fullmatch(r"\d{1,3}(:\d*\.?\d+)?(,\d{1,3}(:\d*\.?\d+)?)*", value):
+        raise click.BadParameter(f"{value!r} is neither a number of views nor COUNT:SHARE,COUNT:SHARE...", ctx, param)
+    entries = [entry.partition(":") for entry in value.split(",")]
+    return tuple((int(count), float(share or 1)) for count, _, share in entries)
+
+
+def _parse_sizes(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> tuple[Any, ...] | None:
+    return tuple(parse_size(ctx, param, value) for value in values) or None
 
 
 @click.command(
@@ -13,70 +38,70 @@ from .output import say
     short_help="Train the networks.",
     epilog="""\b
 Examples:
-  fecosplat train runs/first --minutes 30
+  fecosplat train runs/first --max-minutes 30
   fecosplat train runs/real --photographs scenes/ --textures textures/ --export weights/mine
-  torchrun --nproc-per-node 2 -m fecosplat_cli train runs/real --photographs scenes/""",
+  fecosplat train runs/square --views 2 --side 128 --scenes 2
+  torchrun --nproc-per-node 4 -m fecosplat_cli train runs/paper --config paper-re10k --photographs re10k/train""",
 )
 @click.argument("folder", metavar="FOLDER", type=FILE_PATH)
-@click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes (transforms.json with covisibility).")
-@click.option("--textures", type=FILE_PATH, help="Folder of images for procedural surfaces, besides built-in patterns.")
-@click.option("--minutes", type=float, default=60.0, show_default=True, help="Stop cleanly after so long.")
-@click.option("--steps", type=int, default=9000, show_default=True, help="Length of the schedule.")
-@click.option("--one-stage-steps", type=int, default=1000, show_default=True, help="Steps that train stage 1 alone.")
-@click.option("--bypass-steps", type=int, default=1400, show_default=True, help="Steps before the rate counts.")
-@click.option("--scenes", type=int, default=2, show_default=True, help="Scenes a step and process.")
-@click.option("--views", type=int, default=2, show_default=True, help="Context views of a scene.")
-@click.option("--side", type=int, default=128, show_default=True, help="Training image side, a multiple of 32.")
-@click.option("--learning-rate", type=float, default=5e-4, show_default=True)
-@click.option("--seed", type=int, default=0, show_default=True)
 @click.option(
-    "--photograph-share", type=float, nargs=2, default=(0.4, 0.6), show_default=True, help="At start and end."
-)
-@click.option("--depth-weight", type=float, nargs=2, default=(1.0, 0.1), show_default=True, help="At start and end.")
+    "--config", "name", default="compact", show_default=True, metavar="NAME",
+    help="compact, paper-re10k or paper-dl3dv. The options below that have no default override it.",
+)  # fmt: skip
+@click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes (transforms.json each).")
+@click.option("--textures", type=FILE_PATH, help="Folder of images for procedural surfaces, besides built-in patterns.")
+@click.option(
+    "--max-minutes", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
+    help="Stop cleanly after so long.",
+)  # fmt: skip
+@click.option("--steps", "num_steps", type=int, help="Length of the schedule.")
+@click.option("--one-stage-steps", "one_stage_until", type=int, help="Steps that train stage 1 alone.")
+@click.option("--bypass-steps", "bypass_until", type=int, help="Steps before the rate counts.")
+@click.option("--scenes", "num_scenes", type=int, help="Scenes a step and process, of the first --views and --size.")
+@click.option("--views", "view_shares", callback=_parse_views, help="Context views: 2, or shares such as 2:0.8,4:0.2.")
+@click.option("--targets", "num_target", type=int, help="Target views of a scene.")
+@click.option("--size", "sizes", multiple=True, callback=_parse_sizes, metavar="WxH", help="Repeat it for several.")
+@click.option("--side", type=int, help="A single, square size: --side 128 is --size 128x128.")
+@click.option("--learning-rate", type=float)
+@click.option("--lambda-range", type=float, nargs=2, help="Least and largest lambda.")
+@click.option("--photograph-share", type=float, nargs=2, help="At start and end.")
+@click.option("--depth-weight", "disparity_weight", type=float, nargs=2, help="At start and end.")
+@click.option("--precision", type=click.Choice(["float32", "bfloat16"]), help="Of convolutions and attention.")
+@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True)
 @click.option("--from", "start", type=FILE_PATH, help="Begin with the weights of the model in this folder.")
 @click.option("--export", "model", type=FILE_PATH, help="When done, write the weights files of a model to this folder.")
+@device_option
 @threads_option
 def command(
     folder: Path,
+    name: str,
     photographs: Path | None,
     textures: Path | None,
-    minutes: float,
-    steps: int,
-    one_stage_steps: int,
-    bypass_steps: int,
-    scenes: int,
-    views: int,
-    side: int,
-    learning_rate: float,
+    max_minutes: float,
     seed: int,
-    photograph_share: tuple[float, float],
-    depth_weight: tuple[float, float],
     start: Path | None,
     model: Path | None,
+    device: str,
+    **overrides: Any,
 ) -> None:
-    """Train in FOLDER, going on from its checkpoint if there is one; writes log.csv and last.pt there.
+    """Train in FOLDER, going on from its checkpoint if there is one; writes last.pt, log.csv and samples/ there.
 
     Started by torchrun, as in the last example, several processes train together.
     """
-    from fecocodec.training.dataset import BatchShape
+    from fecocodec.training.configurations import configuration_named
     from fecocodec.training.export import export_model
     from fecocodec.training.log import LOG_COLUMNS
     from fecocodec.training.loop import RunSettings, Trainer
     from fecocodec.training.processes import is_first, joined_processes
-    from fecocodec.training.schedule import Schedule
     from fecocodec.training.sources import open_sources
 
-    shape = BatchShape(scenes, views, num_target=2, size=(side, side))
-    schedule = Schedule(
-        steps,
-        one_stage_steps,
-        bypass_steps,
-        learning_rate,
-        photograph_share=photograph_share,
-        disparity_weight=depth_weight,
-    )
-    with joined_processes():
-        trainer = Trainer(RunSettings(folder, minutes, shape, schedule, seed), open_sources(photographs, textures))
+    from .device import require_device
+
+    require_device(device)
+    configuration = _overridden(configuration_named(name), overrides)
+    with joined_processes(device) as own_device:
+        sources = open_sources(photographs, textures, configuration.shapes)
+        trainer = Trainer(RunSettings(folder, configuration, max_minutes, seed, own_device), sources)
         if trainer.checkpoint.exists():
             trainer.resume(trainer.checkpoint)
         elif start is not None:
@@ -85,3 +110,14 @@ def command(
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if model is not None and is_first():
             export_model(trainer.checkpoint, model)
+
+
+def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":
+    """The configuration with every option that was given in place of its own value."""
+    given = {name: value for name, value in overrides.items() if value is not None}
+    if "side" in given:
+        given["sizes"] = ((given["side"], given["side"]),)
+    shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
+    schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
+    others = {name: given[name] for name in ("lambda_range", "precision") if name in given}
+    return replace(configuration, shapes=shapes, schedule=schedule, **others)

@@ -7,32 +7,30 @@ import torch
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.normalisation import normalise_scene
+from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.objective import Batch
-from fecocodec.training.photographs import Photographs
-from fecocodec.training.samples import Sample
-from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.samples import Sample, SampleSource
 
 
 @dataclass(frozen=True)
 class Sources:
     """Where samples come from. photographs: None trains on procedural scenes alone."""
 
-    world: ProceduralWorld
-    photographs: Photographs | None
+    world: SampleSource
+    photographs: SampleSource | None
 
 
-@dataclass(frozen=True)
-class BatchShape:
-    """Scenes, views and pixels of a batch; size is (height, width)."""
+def draw_batch(
+    sources: Sources,
+    generator: torch.Generator,
+    shape: BatchShape,
+    photograph_share: float,
+    lambda_q_range: tuple[int, int] = (0, LAMBDA_Q_MAX),
+) -> Batch:
+    """A batch in which each scene is a photographed one with probability `photograph_share`; lambda is log-uniform.
 
-    num_scenes: int
-    num_context: int
-    num_target: int
-    size: tuple[int, int]
-
-
-def draw_batch(sources: Sources, generator: torch.Generator, shape: BatchShape, photograph_share: float) -> Batch:
-    """A batch in which each scene is a photographed one with probability `photograph_share`; lambda is log-uniform."""
+    lambda_q_range: least and largest `lambda_q`, both included.
+    """
     samples = [_draw(sources, generator, shape, photograph_share) for _ in range(shape.num_scenes)]
     normalised = [normalise_scene(sample.views.cameras) for sample in samples]
     cameras = [cameras for cameras, _ in normalised]
@@ -40,6 +38,7 @@ def draw_batch(sources: Sources, generator: torch.Generator, shape: BatchShape, 
         torch.full_like(sample.views.images[:, 0], float("nan")) if sample.depth is None else sample.depth / frame.scale
         for sample, (_, frame) in zip(samples, normalised, strict=True)
     ]
+    lowest, highest = lambda_q_range
     return Batch(
         images=torch.stack([sample.views.images for sample in samples]),
         cameras=Cameras(
@@ -47,7 +46,7 @@ def draw_batch(sources: Sources, generator: torch.Generator, shape: BatchShape, 
         ),
         depth=torch.stack(depths).float(),
         num_context=shape.num_context,
-        lambda_q=torch.randint(0, LAMBDA_Q_MAX + 1, (shape.num_scenes,), generator=generator),
+        lambda_q=torch.randint(lowest, highest + 1, (shape.num_scenes,), generator=generator),
     )
 
 

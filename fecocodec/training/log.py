@@ -3,6 +3,8 @@
 import csv
 from pathlib import Path
 
+from fecocodec.formats.atomic import write_atomically
+
 LOG_COLUMNS = (
     "step", "minutes", "loss", "mse1", "mse2", "mse_context1", "mse_context2", "bpp1", "bpp2",
     "matching", "disparity1", "disparity2", "gradient", "skipped",
@@ -17,6 +19,17 @@ def append_row(path: Path, row: dict[str, float]) -> None:
         if is_new:
             writer.writeheader()
         writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+
+
+def forget_rows_after(path: Path, step: int) -> None:
+    """Remove what a run logged between its last checkpoint and its end, as it will take those steps again."""
+    if not path.exists():
+        return
+    with path.open(newline="") as file:
+        rows = list(csv.reader(file))
+    kept = [row for index, row in enumerate(rows) if index == 0 or (row and float(row[0]) <= step)]
+    with write_atomically(path, overwrite=True) as temporary, temporary.open("w", newline="") as file:
+        csv.writer(file).writerows(kept)
 
 
 def mean_of_rows(rows: list[dict[str, float]]) -> dict[str, float]:

@@ -1,8 +1,9 @@
 """The training loop: steps, averaged weights, log, checkpoints."""
 
+import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +11,20 @@ import torch
 from torch import nn
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into
-from fecocodec.config import ReceiverConfig, SenderConfig
-from fecocodec.errors import ModelError
+from fecocodec.errors import InputError, ModelError
 from fecocodec.layers.placement import place
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
-from fecocodec.training.dataset import BatchShape, Sources, draw_batch
-from fecocodec.training.log import append_row, mean_of_rows
-from fecocodec.training.objective import bypass_coding, code_with_noise, loss_of, run_stages
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
+from fecocodec.training.objective import Batch, Coding, bypass_coding, code_with_noise, loss_of, run_stages
+from fecocodec.training.precision import run_in_bfloat16
 from fecocodec.training.processes import average_gradients, gather_states, is_first, process_rank, told_by_first
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
 
 AVERAGE_DECAY = 0.999
 LARGEST_GRADIENT = 1.0
@@ -30,15 +32,19 @@ LARGEST_GRADIENT = 1.0
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Where a run keeps its files and when it stops and saves."""
+    """What is trained, where a run keeps its files, and when it stops, saves and draws pictures (minutes).
+
+    device: where the networks run, `cpu` or `cuda:N`; batches are drawn on the CPU.
+    """
 
     folder: Path
+    configuration: Configuration
     max_minutes: float
-    shape: BatchShape
-    schedule: Schedule
     seed: int = 0
+    device: str = "cpu"
     log_every: int = 50
     save_every_minutes: float = 5.0
+    samples_every_minutes: float = 15.0
 
 
 class Trainer:
@@ -46,12 +52,16 @@ class Trainer:
 
     def __init__(self, settings: RunSettings, sources: Sources) -> None:
         self.settings, self.sources = settings, sources
+        configuration = settings.configuration
+        if sources.photographs is None and min(configuration.schedule.photograph_share) == 1.0:
+            raise InputError("This configuration trains on photographs alone, but there are none; give --photographs.")
         torch.manual_seed(settings.seed)  # every process starts from the same weights
-        receiver_config = ReceiverConfig()
-        self.receiver = Receiver(receiver_config)
-        self.sender = Sender(SenderConfig(), receiver_config)
+        self.receiver = Receiver(configuration.receiver)
+        self.sender = Sender(configuration.sender, configuration.receiver)
         self.networks = nn.ModuleDict({"receiver": self.receiver, "sender": self.sender})
-        place(self.networks, "cpu")
+        place(self.networks, settings.device)
+        if configuration.precision == "bfloat16":
+            run_in_bfloat16(self.networks, settings.device)
         self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
         self.optimiser = torch.optim.AdamW(
             self.networks.parameters(), lr=1.0, betas=(0.9, 0.95), weight_decay=1e-4, fused=True
@@ -59,12 +69,17 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
         torch.manual_seed(settings.seed * 1000 + process_rank())  # and goes on with noise of its own
         self.step, self.num_skipped = 0, 0
-        self.coding = code_with_noise(self.receiver, self.sender)
+        self._fixed_scenes: list[Batch] = []
 
     @property
     def checkpoint(self) -> Path:
         """The file that `run` saves to and `resume` goes on from."""
         return self.settings.folder / "last.pt"
+
+    @property
+    def log(self) -> Path:
+        """The table that `run` adds rows to."""
+        return self.settings.folder / "log.csv"
 
     def start_from(self, model: Path) -> None:
         """Begin with the weights of a released model's folder; raises ModelError where they are missing."""
@@ -89,6 +104,10 @@ class Trainer:
             ) from error
         self.generator.set_state(generator)
         torch.set_rng_state(noise)
+        if self._is_on_cuda and "cuda_generators" in saved:
+            torch.cuda.set_rng_state(saved["cuda_generators"][process_rank()], self.settings.device)
+        if is_first():
+            forget_rows_after(self.log, self.step)
 
     def save(self, path: Path) -> None:
         """Write everything `resume` needs; every process must call it, the first one writes."""
@@ -101,15 +120,21 @@ class Trainer:
             "generators": gather_states(self.generator.get_state()),
             "global_generators": gather_states(torch.get_rng_state()),
         }
+        if self._is_on_cuda:
+            contents["cuda_generators"] = gather_states(torch.cuda.get_rng_state(self.settings.device))
         if is_first():
             save_checkpoint(path, contents)
 
+    @property
+    def _is_on_cuda(self) -> bool:
+        return self.settings.device != "cpu"
+
     def train_step(self) -> dict[str, float]:
         """Draw a batch, take one step, return the parts of the loss; a batch with non-finite gradients is skipped."""
-        schedule = self.settings.schedule
-        batch = draw_batch(self.sources, self.generator, self.settings.shape, schedule.photograph_share_at(self.step))
-        coding = bypass_coding if self.step < schedule.bypass_until else self.coding
-        outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, schedule.num_stages_at(self.step))
+        schedule = self.settings.configuration.schedule
+        batch = self._draw_batch()
+        num_stages = schedule.num_stages_at(self.step)
+        outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages)
         loss, parts = loss_of(batch, outcomes, matched, schedule.disparity_weight_at(self.step))
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
@@ -125,26 +150,46 @@ class Trainer:
         self.step += 1
         return parts | {"loss": float(loss.detach()), "gradient": float(norm)}
 
+    def _draw_batch(self) -> Batch:
+        configuration = self.settings.configuration
+        shape = configuration.shapes.draw(self.generator)
+        share = configuration.schedule.photograph_share_at(self.step)
+        batch = draw_batch(self.sources, self.generator, shape, share, configuration.lambda_q_range)
+        return _moved(batch, self.settings.device)
+
+    @property
+    def _coding(self) -> Coding:
+        is_warming_up = self.step < self.settings.configuration.schedule.bypass_until
+        return bypass_coding if is_warming_up else code_with_noise(self.receiver, self.sender)
+
     @torch.no_grad()
     def _update_average(self) -> None:
         decay = min(AVERAGE_DECAY, (1 + self.step) / (10 + self.step))
         torch._foreach_lerp_(list(self.average.values()), list(self.networks.state_dict().values()), 1.0 - decay)
 
     def run(self) -> Iterator[dict[str, float]]:
-        """Train until the schedule or the time ends; yields the mean of the log's columns every `log_every` steps."""
+        """Train until the schedule or the time ends; yields the mean of the log's columns every `log_every` steps.
+
+        Skipped batches count in the column `skipped` and in no mean.
+        """
         settings = self.settings
-        settings.folder.mkdir(parents=True, exist_ok=True)
+        (settings.folder / "samples").mkdir(parents=True, exist_ok=True)
         start = saved = time.monotonic()
+        drawn = -math.inf
         window: list[dict[str, float]] = []
-        while self.step < settings.schedule.num_steps:
-            window.append(self.train_step())
+        while self.step < settings.configuration.schedule.num_steps:
+            parts = self.train_step()
+            if math.isfinite(parts["gradient"]):
+                window.append(parts)
             now = time.monotonic()
+            if is_first() and now - drawn > 60 * settings.samples_every_minutes:
+                self.draw_samples()
+                drawn = now
             if self.step % settings.log_every == 0:
-                counts = {"step": float(self.step), "minutes": (now - start) / 60, "skipped": float(self.num_skipped)}
-                row = mean_of_rows(window) | counts
+                row = mean_of_rows(window) | self._counts((now - start) / 60)
                 window = []
                 if is_first():
-                    append_row(settings.folder / "log.csv", row)
+                    append_row(self.log, row)
                     yield row
             is_over = told_by_first(now - start > 60 * settings.max_minutes)
             is_due = told_by_first(now - saved > 60 * settings.save_every_minutes)
@@ -154,3 +199,26 @@ class Trainer:
             if is_over:
                 return
         self.save(self.checkpoint)
+
+    def _counts(self, minutes: float) -> dict[str, float]:
+        return {"step": float(self.step), "minutes": minutes, "skipped": float(self.num_skipped)}
+
+    def draw_samples(self) -> Path:
+        """Write a picture of the fixed scenes as the networks render them now; returns its path."""
+        settings = self.settings
+        if not self._fixed_scenes:
+            scenes = draw_fixed_scenes(self.sources, settings.configuration.shapes.usual.size)
+            self._fixed_scenes = [_moved(scene, settings.device) for scene in scenes]
+        num_stages = settings.configuration.schedule.num_stages_at(self.step)
+        grid = sample_grid(self.sender, self.receiver, self._fixed_scenes, self._coding, num_stages)
+        return write_sample_grid(settings.folder, self.step, grid)
+
+
+def _moved(batch: Batch, device: str) -> Batch:
+    return replace(
+        batch,
+        images=batch.images.to(device),
+        cameras=batch.cameras.to(device),
+        depth=batch.depth.to(device),
+        lambda_q=batch.lambda_q.to(device),
+    )

@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -14,14 +15,33 @@ from fecocodec.formats.images import read_image, read_image_size
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import require_numbers
 from fecocodec.formats.transforms_json import read_transforms_json
+from fecocodec.training.frustum_overlap import frustum_overlap
+
+
+@runtime_checkable
+class Capture(Protocol):
+    """Frames of one scene taken with one camera, wherever they are stored.
+
+    extrinsics: camera-to-world, OpenCV axes. near, far: in scene units.
+    """
+
+    @property
+    def lens(self) -> Lens: ...
+    @property
+    def extrinsics(self) -> Float[np.ndarray, "frame 4 4"]: ...
+    @property
+    def near(self) -> float: ...
+    @property
+    def far(self) -> float: ...
+    def frame_name(self, frame: int) -> str: ...
+    def image(self, frame: int) -> UInt8[Tensor, "3 height width"]: ...
 
 
 @dataclass(frozen=True)
 class PosedScene:
-    """Frames of one scene taken with one camera; an image is decoded once, when it is first asked for.
+    """A `Capture` in a folder; an image is decoded once, when it is first asked for.
 
-    extrinsics: camera-to-world, OpenCV axes. near, far: in scene units. covisibility: share of what one frame sees
-    that another sees too, symmetric.
+    covisibility: share of what one frame sees that another sees too, symmetric.
     """
 
     name: str
@@ -36,6 +56,9 @@ class PosedScene:
     def __len__(self) -> int:
         return len(self.paths)
 
+    def frame_name(self, frame: int) -> str:
+        return self.paths[frame].name
+
     def image(self, frame: int) -> UInt8[Tensor, "3 height width"]:
         """The photograph of a frame at its stored size. Raises InputError when it cannot be used."""
         if frame not in self._decoded:
@@ -48,9 +71,10 @@ class PosedScene:
 
 
 def read_posed_scene(folder: Path) -> PosedScene:
-    """Read `transforms.json` with `near`, `far` and `covisibility`; images stay on disk for now.
+    """Read `transforms.json` with `near`, `far` and, if it is there, `covisibility`; images stay on disk for now.
 
-    Covisibility becomes symmetric by taking the smaller of the two directions.
+    Covisibility becomes symmetric by taking the smaller of the two directions; without it, the overlap of what the
+    cameras have in front of them stands in.
     Raises InputError when one of them is missing, the lens is distorted, or there is a single frame.
     """
     path = folder / "transforms.json"
@@ -64,20 +88,32 @@ def read_posed_scene(folder: Path) -> PosedScene:
     lens = photographs[0].lens_for(width, height)
     if lens.has_distortion:
         raise InputError(f"{path}: the lens is distorted; undistort the images before training on them.")
+    extrinsics = np.stack([photograph.camera_to_world for photograph in photographs])
     covisibility = _read_covisibility(path, len(photographs))
+    if covisibility is None:
+        covisibility = frustum_overlap(extrinsics, _normalised(lens, len(photographs)), scene.near, scene.far)
     return PosedScene(
         name=folder.name,
         paths=tuple(photograph.path for photograph in photographs),
         lens=lens,
-        extrinsics=np.stack([photograph.camera_to_world for photograph in photographs]),
+        extrinsics=extrinsics,
         near=scene.near,
         far=scene.far,
         covisibility=np.minimum(covisibility, covisibility.T),
     )
 
 
-def _read_covisibility(path: Path, num_frames: int) -> Float[np.ndarray, "frame frame"]:
+def _normalised(lens: Lens, num_frames: int) -> Float[np.ndarray, "frame 3 3"]:
+    matrix = [
+        [lens.fx / lens.width, 0.0, lens.cx / lens.width],
+        [0.0, lens.fy / lens.height, lens.cy / lens.height],
+        [0.0, 0.0, 1.0],
+    ]
+    return np.tile(np.array(matrix), (num_frames, 1, 1))
+
+
+def _read_covisibility(path: Path, num_frames: int) -> Float[np.ndarray, "frame frame"] | None:
     values = json.loads(path.read_text(encoding="utf-8-sig")).get("covisibility")
     if values is None:
-        raise InputError(f"{path}: no `covisibility`; write how much each frame sees of each other frame, 0 to 1.")
+        return None
     return require_numbers(values, (num_frames, num_frames), f"{path}, covisibility")

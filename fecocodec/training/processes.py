@@ -10,17 +10,20 @@ from torch import Tensor, nn
 
 
 @contextmanager
-def joined_processes() -> Iterator[None]:
+def joined_processes(device: str = "cpu") -> Iterator[str]:
     """Join the process group that a launcher such as `torchrun` describes in the environment; alone without one.
 
-    Networks train on the CPU, hence gloo.
+    Gives the device of this process: of several that train on `cuda`, each has one of its own.
     """
     if not dist.is_torchelastic_launched():
-        yield
+        yield device
         return
-    dist.init_process_group("gloo")
+    if device != "cpu":
+        device = f"cuda:{dist.get_node_local_rank()}"
+        torch.cuda.set_device(device)
+    dist.init_process_group("gloo" if device == "cpu" else "cpu:gloo,cuda:nccl")
     try:
-        yield
+        yield device
     finally:
         dist.destroy_process_group()
 
@@ -56,15 +59,28 @@ def told_by_first(flag: bool) -> bool:
 def average_gradients(networks: nn.Module) -> None:
     """Replace gradients by their mean over the processes, in one message; does nothing in a single process.
 
-    A parameter that a step does not use has no gradient, in any process, and stays without. Gradients keep their layout
-    in memory: torch's fused optimisers on the CPU take it for granted that it is the parameter's, and scramble the
-    update where it is not.
+    Batches may differ in shape from process to process. A parameter that a step uses in some processes alone counts as
+    zero in the others; one that none uses stays without a gradient. Gradients keep their layout in memory: torch's
+    fused optimisers on the CPU take it for granted that it is the parameter's, and scramble the update where it is not.
     """
     if not dist.is_initialized():
         return
-    gradients = [parameter.grad for parameter in networks.parameters() if parameter.grad is not None]
+    gradients = _gradients_of_any(list(networks.parameters()))
     flat = torch.cat([gradient.reshape(-1) for gradient in gradients])
     dist.all_reduce(flat)
     flat /= dist.get_world_size()
     for gradient, mean in zip(gradients, flat.split([gradient.numel() for gradient in gradients]), strict=True):
         gradient.copy_(mean.view_as(gradient))
+
+
+def _gradients_of_any(parameters: list[nn.Parameter]) -> list[Tensor]:
+    """The gradients of all parameters that have one in some process, in the same order in every process."""
+    is_used = torch.tensor([parameter.grad is not None for parameter in parameters], dtype=torch.uint8)
+    dist.all_reduce(is_used, dist.ReduceOp.MAX)
+    gradients = []
+    for parameter, used in zip(parameters, is_used.tolist(), strict=True):
+        if used and parameter.grad is None:
+            parameter.grad = torch.zeros_like(parameter)
+        if parameter.grad is not None:
+            gradients.append(parameter.grad)
+    return gradients

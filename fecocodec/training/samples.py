@@ -1,6 +1,7 @@
 """What a data source hands to the trainer: some context views, some target views, and depth where it is known."""
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import torch
 from einops import rearrange
@@ -22,6 +23,14 @@ class Sample:
     views: Views
     num_context: int
     depth: Float[Tensor, "view height width"] | None
+
+
+@runtime_checkable
+class SampleSource(Protocol):
+    """Anything that training draws scenes from."""
+
+    def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
+        """One scene; size is (height, width) in pixels. The same for the same generator state."""
 
 
 def contact_sheet(samples: list[Sample]) -> Float[Tensor, "3 rows columns"]:

@@ -3,12 +3,15 @@
 import math
 from dataclasses import dataclass
 
+from fecocodec.errors import InputError
+
 
 @dataclass(frozen=True)
 class Schedule:
     """Steps of the phases of docs: bypass (one stage, then two), then rate-distortion; see `docs/training.md`.
 
-    one_stage_until, bypass_until: steps. photograph_share grows linearly from start to end over all steps.
+    one_stage_until, bypass_until: steps. photograph_share and disparity_weight go linearly from start to end over all
+    steps. Raises InputError for numbers out of range.
     """
 
     num_steps: int
@@ -18,6 +21,16 @@ class Schedule:
     warm_up: int = 200
     photograph_share: tuple[float, float] = (0.4, 0.6)
     disparity_weight: tuple[float, float] = (1.0, 0.1)
+
+    def __post_init__(self) -> None:
+        if self.num_steps < 1 or self.warm_up < 1:
+            raise InputError(f"A schedule of {self.num_steps} steps with {self.warm_up} of warm-up; give at least one.")
+        if not 0 < self.learning_rate < math.inf:
+            raise InputError(f"The learning rate is {self.learning_rate:g}; it must be positive.")
+        if not all(0 <= share <= 1 for share in self.photograph_share):
+            raise InputError(f"The share of photographs is {self.photograph_share}; give two numbers from 0 to 1.")
+        if not all(0 <= weight < math.inf for weight in self.disparity_weight):
+            raise InputError(f"The weight of depth is {self.disparity_weight}; give two numbers of 0 or more.")
 
     def learning_rate_at(self, step: int) -> float:
         """Linear warm-up, then cosine to 2% of the peak."""

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from fecocodec.errors import InputError
+from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.dataset import Sources
 from fecocodec.training.photographs import Photographs
 from fecocodec.training.scenes import ProceduralWorld
@@ -10,15 +12,22 @@ from fecocodec.training.textures import pattern_textures, textures_from_folder, 
 NUM_PATTERNS, NUM_CROPS = 100, 300
 
 
-def open_sources(photographs: Path | None, textures: Path | None) -> Sources:
+def open_sources(photographs: Path | None, textures: Path | None, shapes: BatchShapes) -> Sources:
     """Procedural worlds painted with patterns, the given textures and crops of the photographs; and the photographs.
 
-    Raises InputError where a folder holds nothing that can be used.
+    Raises InputError where a folder holds nothing that can be used, or too few frames for the shapes to be trained.
     """
     painted = pattern_textures(NUM_PATTERNS)
     if textures is not None:
         painted += textures_from_folder(textures)
     if photographs is None:
         return Sources(ProceduralWorld(painted), None)
+    scenes = Photographs(photographs)
+    most_views = max(count for count, _ in shapes.view_shares)
+    if scenes.most_frames < most_views:
+        raise InputError(
+            f"{photographs}: no scene has the {most_views} frames that batches may ask for; "
+            "add photographs, or train fewer context views (--views 2)."
+        )
     painted += textures_from_photographs(photographs, NUM_CROPS)
-    return Sources(ProceduralWorld(painted), Photographs(photographs))
+    return Sources(ProceduralWorld(painted), scenes)

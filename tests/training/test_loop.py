@@ -15,8 +15,10 @@ import torch.distributed as dist
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import ModelError
 from fecocodec.sender.encode import load_profile
+from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
-from fecocodec.training.dataset import BatchShape, Sources
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.dataset import Sources
 from fecocodec.training.export import export_model
 from fecocodec.training.log import append_row, mean_of_rows
 from fecocodec.training.loop import RunSettings, Trainer
@@ -46,9 +48,9 @@ print(json.dumps([losses, hashlib.sha256(weights).hexdigest()]))
 def trainer(folder: Path, num_steps: int = 4, seed: int = 0) -> Trainer:
     """Tiny: one scene of three 64x64 views a step; two steps of warm-up (one with a single stage), then the rate."""
     folder.mkdir(parents=True, exist_ok=True)
-    shape = BatchShape(num_scenes=1, num_context=2, num_target=1, size=(64, 64))
+    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
     schedule = Schedule(num_steps, one_stage_until=1, bypass_until=2, warm_up=1)
-    settings = RunSettings(folder, 5.0, shape, schedule, seed, log_every=2)
+    settings = RunSettings(folder, Configuration(shapes, schedule), 5.0, seed, log_every=2)
     return Trainer(settings, Sources(ProceduralWorld(pattern_textures(13)), None))
 
 
@@ -79,7 +81,7 @@ def test_a_run_logs_finite_losses_and_leaves_one_whole_checkpoint(finished: Trai
     assert all(torch.isfinite(torch.tensor(list(row.values()))).all() for row in rows)
     assert rows[0]["bpp1"] == 0.0 and rows[1]["bpp1"] > 0.0  # the warm-up codes nothing
     folder = finished.settings.folder
-    assert sorted(path.name for path in folder.iterdir()) == ["last.pt", "log.csv"]
+    assert sorted(path.name for path in folder.iterdir()) == ["last.pt", "log.csv", "samples"]
     assert len((folder / "log.csv").read_text().splitlines()) == 3
 
 

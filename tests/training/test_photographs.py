@@ -12,7 +12,8 @@ from torch import Tensor
 from fecocodec.errors import InputError
 from fecocodec.formats.images import write_image
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.training.photographs import Photographs, mirrored
+from fecocodec.training.augmentation import mirrored
+from fecocodec.training.photographs import Photographs
 from fecocodec.training.samples import Sample
 
 HEIGHT, WIDTH, FOCAL = 96, 128, 110.0
@@ -154,7 +155,7 @@ def test_a_folder_without_scenes_is_an_error(tmp_path: Path) -> None:
         Photographs(tmp_path)
 
 
-@pytest.mark.parametrize("key", ["covisibility", "near", "far"])
+@pytest.mark.parametrize("key", ["near", "far"])
 def test_a_missing_field_is_named(tmp_path: Path, key: str) -> None:
     path = write_scene(tmp_path / "balls") / "transforms.json"
     text = json.loads(path.read_text())

@@ -1,0 +1,96 @@
+"""How many scenes and views of which size a batch has: one usual shape, and others that cost about as much."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from fecocodec.container.header import MAX_VIEWS
+from fecocodec.errors import InputError
+
+SIDE_STEP, LEAST_SIDE, LARGEST_SIDE = 32, 64, 1024  # pixels; networks work down to 1/32
+
+
+@dataclass(frozen=True)
+class BatchShape:
+    """Scenes, views and pixels of a batch; size is (height, width)."""
+
+    num_scenes: int
+    num_context: int
+    num_target: int
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class BatchShapes:
+    """The shapes that a run draws from, batch by batch and process by process.
+
+    num_scenes: of a batch of the usual shape, which has the first number of views and the first size; a batch of
+    another shape gets as many scenes as keep its pixels, over all views, at those of the usual one or below.
+    view_shares: (number of context views, how likely); the shares need not add up to one.
+    sizes: (height, width), drawn evenly among those of which one scene with the drawn number of views fits.
+
+    Raises InputError where something is out of range, or a number of views fits with no size.
+    """
+
+    num_scenes: int
+    view_shares: tuple[tuple[int, float], ...]
+    num_target: int
+    sizes: tuple[tuple[int, int], ...]
+
+    def __post_init__(self) -> None:
+        if not self.view_shares or not self.sizes or self.num_scenes < 1 or self.num_target < 1:
+            raise InputError("A batch has no scenes, no views, no targets or no size; give at least one of each.")
+        for count, share in self.view_shares:
+            if not 1 <= count <= MAX_VIEWS or not 0 < share < math.inf:
+                raise InputError(
+                    f"{count} context views with share {share:g} cannot be trained; "
+                    f"give 1 to {MAX_VIEWS} views and positive shares."
+                )
+        for height, width in self.sizes:
+            _check_side(height)
+            _check_side(width)
+        for count, _ in self.view_shares:
+            if not self._sizes_for(count):
+                raise InputError(
+                    f"{count} context views exceed the {self.most_pixels} pixels of a batch of the usual shape at "
+                    "every size; give a smaller size too, or more scenes."
+                )
+
+    @property
+    def most_pixels(self) -> int:
+        """Pixels of all views of a batch, at most: those of the usual shape."""
+        height, width = self.sizes[0]
+        return self.num_scenes * (self.view_shares[0][0] + self.num_target) * height * width
+
+    @property
+    def usual(self) -> BatchShape:
+        """The first number of views at the first size."""
+        return BatchShape(self.num_scenes, self.view_shares[0][0], self.num_target, self.sizes[0])
+
+    def draw(self, generator: torch.Generator) -> BatchShape:
+        """The shape of a batch. Where there is no choice the generator is left alone."""
+        num_context = self._draw_views(generator)
+        sizes = self._sizes_for(num_context)
+        pick = int(torch.randint(len(sizes), (), generator=generator)) if len(sizes) > 1 else 0
+        return BatchShape(self._scenes_of(num_context, sizes[pick]), num_context, self.num_target, sizes[pick])
+
+    def _draw_views(self, generator: torch.Generator) -> int:
+        if len(self.view_shares) == 1:
+            return self.view_shares[0][0]
+        shares = torch.tensor([share for _, share in self.view_shares])
+        return self.view_shares[int(torch.multinomial(shares, 1, generator=generator))][0]
+
+    def _sizes_for(self, num_context: int) -> list[tuple[int, int]]:
+        return [size for size in self.sizes if self._scenes_of(num_context, size) > 0]
+
+    def _scenes_of(self, num_context: int, size: tuple[int, int]) -> int:
+        return self.most_pixels // ((num_context + self.num_target) * size[0] * size[1])
+
+
+def _check_side(side: int) -> None:
+    if side % SIDE_STEP or not LEAST_SIDE <= side <= LARGEST_SIDE:
+        raise InputError(
+            f"A training image side of {side} pixels cannot be used; "
+            f"choose a multiple of {SIDE_STEP} from {LEAST_SIDE} to {LARGEST_SIDE}."
+        )

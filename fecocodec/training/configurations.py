@@ -1,0 +1,85 @@
+"""The named configurations of `fecosplat train`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
+from fecocodec.errors import InputError
+from fecocodec.training.batch_shapes import BatchShapes
+from fecocodec.training.schedule import Schedule
+
+Precision = Literal["float32", "bfloat16"]
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What decides the result of a training run, apart from its data and its seed.
+
+    shapes: of the batches of each process. lambda_range: least and largest lambda, between which its logarithm is
+    uniform. precision: in which the networks' convolutions and products run (see `precision`).
+    """
+
+    shapes: BatchShapes
+    schedule: Schedule
+    lambda_range: tuple[float, float] = (LAMBDA_MIN, LAMBDA_MAX)
+    precision: Precision = "float32"
+    receiver: ReceiverConfig = field(default_factory=ReceiverConfig)
+    sender: SenderConfig = field(default_factory=SenderConfig)
+
+    @property
+    def lambda_q_range(self) -> tuple[int, int]:
+        """`lambda_range` in the fixed point of streams; raises InputError where it is no range within the codec's."""
+        lowest, highest = (quantise_lambda(lmbda) for lmbda in self.lambda_range)
+        if lowest > highest:
+            raise InputError(
+                f"The range of lambda goes from {self.lambda_range[0]:g} down; give the smaller end first."
+            )
+        return lowest, highest
+
+
+# As published (paper, implementation details): 300,000 steps of four scenes in all, one in each of four processes.
+# The warm-up without a rate is ours: trained without one, codecs of features saturate (docs/training.md).
+_PAPER_SCHEDULE = Schedule(
+    num_steps=300_000,
+    one_stage_until=5_000,
+    bypass_until=15_000,
+    learning_rate=2e-4,
+    warm_up=2_000,
+    photograph_share=(1.0, 1.0),
+    disparity_weight=(0.0, 0.0),
+)
+
+CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
+    {
+        "compact": Configuration(
+            shapes=BatchShapes(
+                num_scenes=2,
+                view_shares=((2, 0.8), (3, 0.08), (4, 0.06), (6, 0.04), (8, 0.02)),
+                num_target=2,
+                sizes=((128, 128), (96, 160), (160, 96), (96, 128), (160, 160), (128, 192)),
+            ),
+            schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
+        ),
+        "paper-re10k": Configuration(
+            shapes=BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=4, sizes=((256, 256),)),
+            schedule=_PAPER_SCHEDULE,
+            precision="bfloat16",
+        ),
+        "paper-dl3dv": Configuration(
+            shapes=BatchShapes(num_scenes=1, view_shares=((8, 1.0),), num_target=4, sizes=((256, 448),)),
+            schedule=_PAPER_SCHEDULE,
+            lambda_range=(LAMBDA_MIN, 1e-3),
+            precision="bfloat16",
+        ),
+    }
+)
+
+
+def configuration_named(name: str) -> Configuration:
+    """The configuration of that name; raises InputError where there is none."""
+    if name not in CONFIGURATIONS:
+        raise InputError(f"There is no training configuration '{name}'; choose one of {', '.join(CONFIGURATIONS)}.")
+    return CONFIGURATIONS[name]
