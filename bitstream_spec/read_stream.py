@@ -1,18 +1,23 @@
 """Second reader of `.fcs` streams, written from FORMAT.md alone: prints address | length | value | meaning.
 
-Usage: python read_stream.py FILE
+Usage: python read_stream.py FILE [WEIGHTS]
+With the receiver's weights file of the stream's model it also decodes the symbols (read_symbols.py, slowly).
 Needs the standard library and zstandard. Section numbers in comments are those of FORMAT.md. It is laid out like the
 document and takes its steps in the same order; it shares no code with the product, so that each can catch the other.
 """
 
+import hashlib
 import json
 import math
 import struct
 import sys
 import zlib
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import read_symbols
 import zstandard
+from read_symbols import Stage
 
 CAMERAS, B1, B2, KEEP, METADATA = 0x90, 0xA0, 0xB0, 0x38, 0x40
 NAMES = {CAMERAS: "cameras", B1: "B1", B2: "B2", KEEP: "keep", METADATA: "metadata"}
@@ -310,18 +315,58 @@ def show(value: Any) -> str:
     return json.dumps(value)
 
 
+def views_of_stage(header: dict[str, Any], stage: int) -> list[int]:
+    """Section 4: the views that a stage codes, from 0."""
+    return [v for v in range(header["views"]) if stage == 1 or header["stage_2_views"] >> v & 1]
+
+
+def decode(contents: Contents, weights: bytes) -> list[Stage]:
+    """Section 9, step 7: the symbols of every stage, their digests compared with the header's."""
+    header = contents.header
+    needed, found = header["model_id"], hashlib.sha256(weights).digest()[:8]
+    require(found == needed, 10, f"the stream needs the weights {needed.hex()}, these are {found.hex()}")
+    model = read_symbols.read_model(weights)
+    sides = [4 * math.ceil(header[side] / 32) for side in ("height", "width")]
+    stages: list[Stage] = []
+    for number, payload in enumerate(contents.payloads, 1):
+        views = views_of_stage(header, number)
+        before = [stages[0].y_hat[view] for view in views] if stages else None
+        size = len(views), sides[0], sides[1]
+        try:
+            stages.append(read_symbols.decode_stage(model, payload, size, header["lambda_q"], number, before))
+        except read_symbols.RefusedError as error:
+            raise RefusedError(f"payload B{number}: {error}") from error
+        require(stages[-1].digest == header["digests"][number - 1], 30, f"the digest of stage {number} does not hold")
+    return stages
+
+
+def print_fields(contents: Contents) -> None:
+    for field in contents.fields:
+        print(f"{field.address:08x} | {field.length:7} | {show(field.value)} | {field.meaning}")
+
+
+def print_stages(contents: Contents, stages: list[Stage]) -> None:
+    for number, stage in enumerate(stages, 1):
+        symbols = [symbol for batch in stage.batches for symbol in batch]
+        print(
+            f"stage {number} | views {views_of_stage(contents.header, number)} | {len(symbols)} symbols, "
+            f"{sum(symbol != 0 for symbol in symbols)} not zero, {min(symbols)} to {max(symbols)} | "
+            f"digest {stage.digest.hex()}"
+        )
+
+
 def main(arguments: list[str]) -> int:
-    if len(arguments) != 2:
-        print("usage: python read_stream.py FILE", file=sys.stderr)
+    if len(arguments) not in (2, 3):
+        print("usage: python read_stream.py FILE [WEIGHTS]", file=sys.stderr)
         return 1
     try:
-        with open(arguments[1], "rb") as file:
-            contents = read(file.read())
+        contents = read(Path(arguments[1]).read_bytes())
+        stages = decode(contents, Path(arguments[2]).read_bytes()) if len(arguments) == 3 else []
     except (OSError, RefusedError) as error:
         print(f"{arguments[1]}: {error}", file=sys.stderr)
         return 1
-    for field in contents.fields:
-        print(f"{field.address:08x} | {field.length:7} | {show(field.value)} | {field.meaning}")
+    print_fields(contents)
+    print_stages(contents, stages)
     return 0
 
 

@@ -1,12 +1,10 @@
 """The reader written from FORMAT.md alone agrees with the product, on good and on faulty streams."""
 
 import ast
-import importlib.util
 import re
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from hypothesis import given
@@ -14,6 +12,8 @@ from hypothesis import strategies as st
 
 from fecocodec.container import PackedCameras, Stream, read_stream, write_stream
 from fecocodec.errors import BitstreamError
+from tests.bitstream_spec.second_reader import READER, SPECIFICATION, SYMBOL_READER
+from tests.bitstream_spec.second_reader import read_stream as second_reader
 from tests.container.example_streams import CAMERAS, METADATA, sealed_section, streams
 from tests.container.faulty_streams import (
     B1_SECTION,
@@ -26,27 +26,16 @@ from tests.container.faulty_streams import (
     stream_of,
 )
 
+read_stream_again, RefusedError = second_reader.read, second_reader.RefusedError
+
 # The type checks of the tests pick an element to look at with `random`, also while a strategy builds a stream.
 pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
 
-SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
-READER = SPECIFICATION / "read_stream.py"
 INSIDE_PAYLOADS = ("inflated", "decompressed", "in keep")
 
 
-def load_reader() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("read_stream", READER)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-second_reader = load_reader()
-
-
 def assert_same_contents(data: bytes) -> None:
-    ours, theirs = read_stream(data), second_reader.read(data)
+    ours, theirs = read_stream(data), read_stream_again(data)
     header = ours.header
     assert theirs.header == {
         "major": header.version.major,
@@ -79,7 +68,7 @@ def test_both_readers_see_the_same_stream(stream: Stream) -> None:
 @given(streams())
 def test_the_fields_cover_every_byte_once(stream: Stream) -> None:
     data = write_stream(stream)
-    fields = [field for field in second_reader.read(data).fields if not field.meaning.startswith(INSIDE_PAYLOADS)]
+    fields = [field for field in read_stream_again(data).fields if not field.meaning.startswith(INSIDE_PAYLOADS)]
     end = 0
     for field in fields:
         assert field.address == end
@@ -89,8 +78,8 @@ def test_the_fields_cover_every_byte_once(stream: Stream) -> None:
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.rule}: {fault.cause}")
 def test_both_readers_refuse_a_faulty_stream(fault: Fault) -> None:
-    with pytest.raises(second_reader.RefusedError):
-        second_reader.read(fault.data)
+    with pytest.raises(RefusedError):
+        read_stream_again(fault.data)
 
 
 @given(st.data())
@@ -108,8 +97,8 @@ def test_both_readers_judge_bent_content_alike(data: st.DataObject) -> None:
     try:
         read_stream(bent)
     except BitstreamError:
-        with pytest.raises(second_reader.RefusedError):
-            second_reader.read(bent)
+        with pytest.raises(RefusedError):
+            read_stream_again(bent)
     else:
         assert_same_contents(bent)
 
@@ -141,7 +130,7 @@ def test_the_worked_example_is_a_stream_and_says_what_the_text_says() -> None:
 def test_the_program_prints_every_field(tmp_path: Path) -> None:
     file = tmp_path / "scene.fcs"
     file.write_bytes(worked_example())
-    result = subprocess.run([sys.executable, "-I", READER, file], capture_output=True, text=True, check=True)
+    result = subprocess.run([sys.executable, "-E", "-s", READER, file], capture_output=True, text=True, check=True)
     lines = result.stdout.splitlines()
     assert lines[0] == "00000000 |       8 | 89 46 43 53 0d 0a 1a 0a | signature"
     assert "00000069 |       4 | de ad be ef | B1: payload" in lines
@@ -152,18 +141,27 @@ def test_the_program_prints_every_field(tmp_path: Path) -> None:
 def test_the_program_refuses_with_one_sentence(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "scene.fcs"
     file.write_bytes(content)
-    result = subprocess.run([sys.executable, "-I", READER, file], capture_output=True, text=True, check=False)
+    result = subprocess.run([sys.executable, "-E", "-s", READER, file], capture_output=True, text=True, check=False)
     assert result.returncode == 1
     assert result.stdout == ""
     assert result.stderr.startswith(f"{file}: byte ")
     assert result.stderr.count("\n") == 1
 
 
-def test_the_second_reader_shares_no_code_with_the_product() -> None:
+FOREIGN_TO_US = {"zstandard", "read_symbols"}
+
+
+@pytest.mark.parametrize("file", [READER, SYMBOL_READER], ids=lambda file: file.stem)
+def test_the_second_reader_shares_no_code_with_the_product(file: Path) -> None:
     imported = {
-        name
-        for node in ast.walk(ast.parse(READER.read_text()))
-        for name in ([node.module] if isinstance(node, ast.ImportFrom) else getattr(node, "names", []))
+        name.partition(".")[0]
+        for node in ast.walk(ast.parse(file.read_text()))
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
     }
-    names = {name if isinstance(name, str) else name.name for name in imported if name is not None}
-    assert names <= {"json", "math", "struct", "sys", "zlib", "zstandard", "typing"}
+    assert imported - FOREIGN_TO_US <= sys.stdlib_module_names

@@ -1,0 +1,303 @@
+"""Second decoder of symbols, written from ENTROPY.md alone: payloads and a weights file to z_hat and y_hat.
+
+It computes in Python's own integers and needs nothing but the standard library. It is slow (a few milliseconds for each
+position of y) and laid out like the document; section numbers in comments are those of ENTROPY.md.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable
+from itertools import accumulate
+from operator import mul
+from pathlib import Path
+from typing import Any, NamedTuple
+
+TABLES = Path(__file__).resolve().parent.parent / "fecocodec" / "entropy" / "gaussian_tables.bin"
+TABLES_SHA256 = "48f9955c68544820f1ae729c957258bfc69f0a67aba87e0ec9d9d4214ce6bd93"
+LOWEST, HIGHEST = -32768, 32767
+LANE = 2**48
+HALF_LANE = LANE // 2
+
+Vector = list[int]
+Array = list[list[list[Vector]]]  # x[view][row][column][channel]
+Size = tuple[int, int, int]
+
+
+class RefusedError(Exception):
+    """A rule of ENTROPY.md that a payload or a weights file breaks."""
+
+
+class Table(NamedTuple):
+    """Section 4. starts[k] = f[0] + ... + f[k-1]."""
+
+    reach: int
+    frequencies: list[int]
+    starts: list[int]
+
+
+class Layer(NamedTuple):
+    """Section 5. rows[g][k] holds weight[g, k, o] of all o, and biases[g] the biases, as the sum of value[o] * LANE^o.
+
+    One product of long integers then stands for the products of all outputs: several times as fast as one by one.
+    """
+
+    rows: list[list[int]]
+    biases: list[int]
+    outputs: int
+
+
+class Stage(NamedTuple):
+    """What a payload says: symbols of the five batches, values Q8, digest (section 8)."""
+
+    batches: list[list[int]]
+    z_hat: Array
+    y_hat: Array
+    digest: bytes
+
+
+class Model(NamedTuple):
+    """Section 6. L, Z: channels of y and z."""
+
+    layers: dict[str, Layer]
+    L: int
+    Z: int
+    tables: list[Table]
+
+
+def require(condition: bool, sentence: str) -> None:
+    if not condition:
+        raise RefusedError(sentence)
+
+
+def read_tables(data: bytes) -> list[Table]:
+    """Section 4."""
+    require(hashlib.sha256(data).hexdigest() == TABLES_SHA256, "the tables are not those of the format")
+    tables, at = [], 0
+    for _ in range(64):
+        reach = int.from_bytes(data[at : at + 2], "little")
+        count = 2 * reach + 2
+        f = [int.from_bytes(data[at + 2 + 4 * k : at + 6 + 4 * k], "little") for k in range(count)]
+        tables.append(Table(reach, f, [0, *accumulate(f)][:-1]))
+        at += 2 + 4 * count
+    return tables
+
+
+def read_model(data: bytes) -> Model:
+    """Section 6.1, the weights file."""
+    header_size = int.from_bytes(data[:8], "little")
+    require(8 + header_size <= len(data), "the weights file ends within its header")
+    try:
+        header = json.loads(data[8 : 8 + header_size])
+    except ValueError as error:
+        raise RefusedError(f"the header of the weights file is no JSON ({error})") from error
+    body = data[8 + header_size :]
+    names = {name.removeprefix("prior.").rpartition(".")[0] for name in header if name.startswith("prior.")}
+    layers = {name: read_layer(header, body, f"prior.{name}") for name in sorted(names)}
+    require({"hyper_prior", "enter", "up_16", "around_16", "up_8", "merge_8"} <= names, "a layer is missing")
+    for s in range(4):
+        require({f"steps.{s}.{part}" for part in ("enter", "middle", "leave")} <= names, "a layer is missing")
+    num_y, num_z = 2 * layers["steps.0.leave"].outputs, layers["hyper_prior"].outputs // 2
+    return Model(layers, num_y, num_z, read_tables(TABLES.read_bytes()))
+
+
+def read_layer(header: dict[str, Any], body: bytes, name: str) -> Layer:
+    weight, shape = read_integers(header[f"{name}.weight"], body, "I16", 32767)
+    bias, _ = read_integers(header[f"{name}.bias"], body, "I32", 2**24)
+    groups, inputs, outputs = shape
+    rows = [side_by_side(weight[at : at + outputs]) for at in range(0, len(weight), outputs)]
+    biases = [side_by_side(bias[g * outputs : (g + 1) * outputs]) for g in range(groups)]
+    return Layer([rows[g * inputs : (g + 1) * inputs] for g in range(groups)], biases, outputs)
+
+
+def side_by_side(values: list[int]) -> int:
+    return sum(value * LANE**o for o, value in enumerate(values))
+
+
+def read_integers(entry: dict[str, Any], body: bytes, kind: str, largest: int) -> tuple[list[int], list[int]]:
+    begin, end = entry["data_offsets"]
+    size = {"I16": 2, "I32": 4}[kind]
+    count = 1
+    for side in entry["shape"]:
+        count *= side
+    require(entry["dtype"] == kind and end - begin == size * count and end <= len(body), "a tensor has a wrong form")
+    values = [int.from_bytes(body[at : at + size], "little", signed=True) for at in range(begin, end, size)]
+    require(max(map(abs, values)) <= largest, "a weight is out of range")
+    return values, entry["shape"]
+
+
+class Coder:
+    """Section 2."""
+
+    def __init__(self, payload: bytes) -> None:
+        require(len(payload) % 4 == 0 and payload[-4:] != bytes(4), "the payload is no list of words")
+        self.words = [int.from_bytes(payload[at : at + 4], "little") for at in range(0, len(payload), 4)]
+        self.state = 0
+        self.refill()
+        self.refill()
+
+    def refill(self) -> None:
+        if self.state < 2**32 and self.words:
+            self.state = self.state * 2**32 + self.words.pop()
+
+    def take(self, table: Table) -> int:
+        slot = self.state % 2**24
+        low, high = 0, len(table.starts)  # starts[low] <= slot < starts[high]
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if table.starts[middle] <= slot else (low, middle)
+        self.state = (self.state >> 24) * table.frequencies[low] + slot - table.starts[low]
+        self.refill()
+        return low
+
+    def take_bits(self, n: int) -> int:
+        slot, frequency = self.state % 2**24, 2 ** (24 - n)
+        self.state = (self.state >> 24) * frequency + slot % frequency
+        self.refill()
+        return slot // frequency
+
+
+def take_batch(coder: Coder, tables: list[Table], indices: list[int]) -> list[int]:
+    """Section 3."""
+    symbols = [0] * len(indices)
+    order = sorted((element for element, index in enumerate(indices) if index >= 6), key=lambda e: (indices[e], e))
+    escaped = []
+    for element in order:
+        table = tables[indices[element]]
+        entry = coder.take(table)
+        symbols[element] = entry - table.reach
+        if entry == 2 * table.reach + 1:
+            escaped.append(element)
+    exponents = [coder.take_bits(5) for _ in escaped]
+    require(max(exponents, default=0) <= 19, "an escape has an exponent above 19")
+    for element, exponent in zip(escaped, exponents, strict=True):
+        mantissa = coder.take_bits(exponent + 1)
+        magnitude = tables[indices[element]].reach + 2**exponent + (mantissa >> 1)
+        require(magnitude <= 2**20, "a symbol is above 2^20 in magnitude")
+        symbols[element] = -magnitude if mantissa % 2 else magnitude
+    return symbols
+
+
+def clip(value: int, low: int = LOWEST, high: int = HIGHEST) -> int:
+    return min(max(value, low), high)
+
+
+def apply(layer: Layer, x: Vector, group: int = 0) -> Vector:
+    """Section 5; `map` ends with the shorter list, so inputs that are not given count as 0."""
+    sums = layer.biases[group] + sum(map(mul, x, layer.rows[group]))
+    # Sums are below 2^40 in magnitude; half a lane added to each makes them digits of base LANE.
+    digits = (sums + HALF_LANE * ((LANE**layer.outputs - 1) // (LANE - 1))).to_bytes(6 * layer.outputs, "little")
+    found = (int.from_bytes(digits[at : at + 6], "little") - HALF_LANE for at in range(0, len(digits), 6))
+    return [clip((value + 2**11) >> 12) for value in found]
+
+
+def relu(x: Vector) -> Vector:
+    return [max(value, 0) for value in x]
+
+
+def around(x: Array, v: int, i: int, j: int) -> Vector:
+    rows, columns, nothing = len(x[v]), len(x[v][0]), [0] * len(x[v][0][0])
+    found: Vector = []
+    for a in (i - 1, i, i + 1):
+        for b in (j - 1, j, j + 1):
+            found += map(clip, x[v][a][b]) if 0 <= a < rows and 0 <= b < columns else nothing
+    return found
+
+
+def double(x: Array) -> Array:
+    quarter = len(x[0][0][0]) // 4
+    return [
+        [
+            [
+                view[i // 2][j // 2][(2 * (i % 2) + j % 2) * quarter :][:quarter]
+                for j in range(2 * len(view[0]))
+            ]
+            for i in range(2 * len(view))
+        ]
+        for view in x
+    ]  # fmt: skip
+
+
+def array(size: Size, vector: Callable[[int, int, int], Vector]) -> Array:
+    return [[[vector(v, i, j) for j in range(size[2])] for i in range(size[1])] for v in range(size[0])]
+
+
+def table_index(position: int) -> int:
+    return clip(22 + ((position + 16) >> 5), 0, 63)
+
+
+def decode_stage(model: Model, payload: bytes, size_8: Size, lambda_q: int, stage: int, before: Array | None) -> Stage:
+    """Section 7. size_8: N, H8, W8 of the views that the stage codes; before: y_hat of stage 1 of these views."""
+    coder, layers = Coder(payload), model.layers
+    condition = [0, 0, 0, 0]
+    condition[stage - 1], condition[stage + 1] = 256, lambda_q - 884
+    views, height, width = size_8
+    size_32 = (views, height // 4, width // 4)
+    z_symbols, z_hat = read_z(coder, model, size_32, condition)
+    a = array(size_32, lambda v, i, j: relu(apply(layers["enter"], around(z_hat, v, i, j) + condition)))
+    b = double([[[relu(apply(layers["up_16"], x)) for x in row] for row in view] for view in a])
+    size_16 = (views, height // 2, width // 2)
+    c = array(size_16, lambda v, i, j: relu(apply(layers["around_16"], around(b, v, i, j))))
+    d = double([[[relu(apply(layers["up_8"], x)) for x in row] for row in view] for view in c])
+
+    def merge(v: int, i: int, j: int) -> Vector:
+        seen = around(before, v, i, j) if before is not None else []
+        return relu(apply(layers["merge_8"], d[v][i][j] + condition + seen))
+
+    y_symbols, y_hat = read_y(coder, model, array(size_8, merge))
+    require(coder.state == 0 and not coder.words, "symbols and bytes do not end together")
+    batches = [z_symbols, *y_symbols]
+    return Stage(batches, z_hat, y_hat, digest(batches))
+
+
+def read_z(coder: Coder, model: Model, size: Size, condition: Vector) -> tuple[list[int], Array]:
+    """Section 7, step 2."""
+    parameters, channels = apply(model.layers["hyper_prior"], condition), model.Z
+    means, indices = parameters[:channels], [table_index(p) for p in parameters[channels:]]
+    symbols = take_batch(coder, model.tables, indices * (size[0] * size[1] * size[2]))
+
+    def values(v: int, i: int, j: int) -> Vector:
+        first = ((v * size[1] + i) * size[2] + j) * channels
+        return [256 * symbols[first + c] + means[c] for c in range(channels)]
+
+    return symbols, array(size, values)
+
+
+def read_y(coder: Coder, model: Model, e: Array) -> tuple[list[list[int]], Array]:
+    """Section 7, step 4."""
+    size, quarter = (len(e), len(e[0]), len(e[0][0])), model.L // 4
+    y_hat = array(size, lambda *_: [0] * model.L)
+    batches: list[list[int]] = []
+    steps: list[Array] = []
+    for s, x_s in enumerate((0, 3, 2, 1)):
+        places = [
+            (v, i, j)
+            for m in range(4)
+            for v in range(size[0])
+            for i in range(m >> 1, size[1], 2)
+            for j in range(m % 2, size[2], 2)
+        ]
+        means, indices = [], []
+        for v, i, j in places:
+            m = 2 * (i % 2) + j % 2
+            x = e[v][i][j] + [value for k in steps for value in around(k, v, i, j)]
+            for part in ("enter", "middle"):
+                x = relu(apply(model.layers[f"steps.{s}.{part}"], x, m))
+            parameters = apply(model.layers[f"steps.{s}.leave"], x, m)
+            means += parameters[:quarter]
+            indices += map(table_index, parameters[quarter:])
+        batches.append(take_batch(coder, model.tables, indices))
+        k = array(size, lambda *_: [0] * quarter)
+        for at, (v, i, j) in enumerate(places):
+            q = (2 * (i % 2) + j % 2) ^ x_s
+            values = [256 * batches[s][at * quarter + n] + means[at * quarter + n] for n in range(quarter)]
+            k[v][i][j] = y_hat[v][i][j][quarter * q : quarter * q + quarter] = values
+        steps.append(k)
+    return batches, y_hat
+
+
+def digest(batches: list[list[int]]) -> bytes:
+    """Section 8."""
+    found = hashlib.blake2b(digest_size=8)
+    for batch in batches:
+        found.update(b"".join(symbol.to_bytes(4, "little", signed=True) for symbol in batch))
+    return found.digest()
