@@ -20,21 +20,28 @@ from .stream import read_bytes
 Examples:
   fecosplat info scene.fcs
   fecosplat info scene.fcs --json
-  fecosplat info --model""",
+  fecosplat info --model paper""",
 )
 @click.argument("stream", metavar="[FILE.fcs]", required=False, type=FILE_PATH)
-@click.option("--model", "of_model", is_flag=True, help="Show the parameters of the networks by module and side.")
+@click.option(
+    "--model",
+    "profile",
+    type=click.Choice(["compact", "paper"]),
+    is_flag=False,
+    flag_value="compact",
+    help="Show the parameters of a profile's networks by module and side; compact if none is named.",
+)
 @json_option
-def command(stream: Path | None, of_model: bool, as_json: bool) -> None:
+def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
     """Describe FILE.fcs: its views, its stages, and where its bytes go. A damaged file is described as far as possible,
     and the exit code is then 1.
     """
-    if of_model == (stream is not None):
-        raise click.UsageError("Give either a .fcs file or --model.")
-    if stream is None:
+    if profile is not None and stream is None:
         from .model_table import print_parameters
 
-        return print_parameters(as_json)
+        return print_parameters(profile, as_json)
+    if profile is not None or stream is None:
+        raise click.UsageError("Give either a .fcs file or --model.")
     data = read_bytes(stream)
     with naming(stream):
         summary = inspect(data)

@@ -1,16 +1,40 @@
 """Parameters of the networks by module and side, for `fecosplat info --model`."""
 
-from fecocodec.sender.parameters import parameter_table
+from fecocodec.sender.parameters import PUBLISHED, ParameterRow, parameter_table
 
 from .output import print_columns, print_json
 
 
-def print_parameters(as_json: bool) -> None:
-    """One row a module, then the sums: all that `decode` loads, and all that `encode` loads."""
-    table = parameter_table()
+def print_parameters(profile: str, as_json: bool) -> None:
+    """One row a module, then the sums: all that `decode` loads, and all that `encode` loads.
+
+    Beside the sums of the profile `paper` stand those of the paper's Table 1.
+    """
+    table = parameter_table(profile)
+    published = PUBLISHED if profile == "paper" else {}
     if as_json:
-        print_json([{"module": row.module, "side": row.side, "parameters": row.parameters} for row in table])
-    else:
-        print_columns(
-            [("module", "side", "parameters"), *((row.module, row.side, f"{row.parameters:,}") for row in table)]
-        )
+        print_json([_fields(row, published) for row in table])
+        return
+    columns: list[tuple[str, ...]] = [
+        ("module", "side", "parameters"),
+        *((row.module, row.side, f"{row.parameters:,}") for row in table),
+    ]
+    if published:
+        columns = [
+            (*columns[0], "paper's Table 1"),
+            *((*c, _beside(r)) for c, r in zip(columns[1:], table, strict=True)),
+        ]
+    print_columns(columns)
+
+
+def _fields(row: ParameterRow, published: dict[str, float]) -> dict[str, object]:
+    fields: dict[str, object] = {"module": row.module, "side": row.side, "parameters": row.parameters}
+    return fields | {"published": published[row.module]} if row.module in published else fields
+
+
+def _beside(row: ParameterRow) -> str:
+    """The published count and how far ours is from it."""
+    if row.module not in PUBLISHED:
+        return ""
+    published = PUBLISHED[row.module]
+    return f"{published / 1e6:.2f} M ({100 * (row.parameters / published - 1):+.2f}%)"
