@@ -16,14 +16,10 @@ from tests.bitstream_spec.second_reader import READER, SPECIFICATION, SYMBOL_REA
 from tests.bitstream_spec.second_reader import read_stream as second_reader
 from tests.container.example_streams import CAMERAS, METADATA, sealed_section, streams
 from tests.container.faulty_streams import (
-    B1_SECTION,
-    B2_SECTION,
-    CAMERA_SECTION,
+    EXAMPLE,
     FAULTS,
     GOOD,
-    METADATA_SECTION,
     Fault,
-    stream_of,
 )
 
 read_stream_again, RefusedError = second_reader.read, second_reader.RefusedError
@@ -85,15 +81,15 @@ def test_both_readers_refuse_a_faulty_stream(fault: Fault) -> None:
 @given(st.data())
 def test_both_readers_judge_bent_content_alike(data: st.DataObject) -> None:
     """Camera and metadata payloads with changed bytes under a CRC that holds."""
-    kind, original = data.draw(st.sampled_from([(CAMERAS, CAMERA_SECTION[9:]), (METADATA, METADATA_SECTION[9:])]))
+    kind, original = data.draw(st.sampled_from([(CAMERAS, EXAMPLE.cameras[9:]), (METADATA, EXAMPLE.metadata[9:])]))
     payload = bytearray(original)
     for position in data.draw(st.lists(st.integers(0, len(payload) - 1), min_size=1, max_size=3)):
         payload[position] = data.draw(st.integers(0, 255))
     section = sealed_section(kind, bytes(payload))
-    sections = [section] if kind == CAMERAS else [CAMERA_SECTION]
-    sections += [B1_SECTION, B2_SECTION]
+    sections = [section] if kind == CAMERAS else [EXAMPLE.cameras]
+    sections += [EXAMPLE.b1, EXAMPLE.b2]
     sections += [section] if kind == METADATA else []
-    bent = stream_of(*sections)
+    bent = EXAMPLE.stream_of(*sections)
     try:
         read_stream(bent)
     except BitstreamError:

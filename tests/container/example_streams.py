@@ -41,13 +41,21 @@ def sealed_section(kind: int, payload: bytes) -> bytes:
 
 
 def sealed_header(
-    *, major: int = 1, minor: int = 0, views: int = 2, stages: int = 2, height: int = 256, width: int = 448,
-    lambda_q: int = 1179, sections: int = 4, reserved: int = 0, stage_2_views: int | None = None,
+    like: Header, *, major: int = 1, minor: int = 0, views: int | None = None, stages: int | None = None,
+    height: int | None = None, width: int | None = None, lambda_q: int | None = None, sections: int = 4,
+    reserved: int = 0, stage_2_views: int | None = None,
 ) -> bytes:  # fmt: skip
-    """A header with a CRC that holds, whatever its fields say."""
-    mask = (3 if stages == 2 else 0) if stage_2_views is None else stage_2_views
-    fields = (major, minor, b"modelid8", views, stages, height, width, lambda_q, sections, reserved, mask)
-    content = SIGNATURE + struct.pack("<BB8sBBHHHBBH", *fields) + b"digest 1digest 2"[: 8 * stages]
+    """The header of a stream of two stages with other fields, and a CRC that holds whatever they say."""
+    stages = like.num_stages if stages is None else stages
+    mask = sum(1 << view for view in like.stage_2_views) if stages == 2 else 0
+    fields = (
+        *(major, minor, like.model_id, like.num_views if views is None else views, stages),
+        *(like.height if height is None else height, like.width if width is None else width),
+        *(like.lambda_q if lambda_q is None else lambda_q, sections, reserved),
+        mask if stage_2_views is None else stage_2_views,
+    )
+    digests = b"".join(like.symbol_digests)[: 8 * stages]
+    content = SIGNATURE + struct.pack("<BB8sBBHHHBBH", *fields) + digests
     return content + struct.pack("<I", zlib.crc32(content))
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import zstandard
 
-from fecocodec.container import PackedCameras, write_stream
+from fecocodec.container import PackedCameras, Stream, write_stream
 from fecocodec.container.cameras import pack_cameras
 from fecocodec.container.metadata import pack_metadata
 from tests.container.example_streams import (
@@ -15,7 +15,6 @@ from tests.container.example_streams import (
     KEEP,
     METADATA,
     TURNED,
-    example_cameras,
     example_stream,
     pose,
     sealed_header,
@@ -33,96 +32,130 @@ class Fault:
     cause: str
 
 
-GOOD = write_stream(example_stream())
-CAMERA_SECTION = sealed_section(CAMERAS, pack_cameras(example_cameras()))
-B1_SECTION, B2_SECTION = sealed_section(B1, b"first payload"), sealed_section(B2, b"second payload")
-METADATA_SECTION = sealed_section(METADATA, pack_metadata({"name": "fox"}))
-B1_OFFSET = 50 + len(CAMERA_SECTION)
-B2_OFFSET = B1_OFFSET + len(B1_SECTION)
-END = B2_OFFSET + len(B2_SECTION)
+@dataclass(frozen=True)
+class Parts:
+    """A good stream of two views, two stages and metadata, and the parts to make faulty ones of."""
+
+    stream: Stream
+
+    @property
+    def good(self) -> bytes:
+        return write_stream(self.stream)
+
+    @property
+    def cameras(self) -> bytes:
+        return sealed_section(CAMERAS, pack_cameras(self.stream.cameras))
+
+    @property
+    def b1(self) -> bytes:
+        return sealed_section(B1, self.stream.payloads[0])
+
+    @property
+    def b2(self) -> bytes:
+        return sealed_section(B2, self.stream.payloads[1])
+
+    @property
+    def metadata(self) -> bytes:
+        return sealed_section(METADATA, pack_metadata(self.stream.metadata or {}))
+
+    @property
+    def b1_offset(self) -> int:
+        return 50 + len(self.cameras)
+
+    @property
+    def b2_offset(self) -> int:
+        return self.b1_offset + len(self.b1)
+
+    @property
+    def end(self) -> int:
+        """Of B2."""
+        return self.b2_offset + len(self.b2)
+
+    def header(self, **fields: int) -> bytes:
+        return sealed_header(self.stream.header, **fields)
+
+    def stream_of(self, *sections: bytes, stages: int = 2) -> bytes:
+        return self.header(sections=len(sections), stages=stages) + b"".join(sections)
 
 
-def stream_of(*sections: bytes, stages: int = 2) -> bytes:
-    return sealed_header(sections=len(sections), stages=stages) + b"".join(sections)
-
-
-def signature_faults() -> list[Fault]:
+def signature_faults(parts: Parts) -> list[Fault]:
     text_mode = "the signature was not changed by text mode"
     faults = [
-        ("the stream starts with the signature", b"\x89PNG\r\n\x1a\n" + GOOD[8:], "found 89 50 4e 47"),
-        (text_mode, GOOD.replace(b"\r\n", b"\n"), "changed as if it were text"),
-        (text_mode, GOOD.replace(b"\n", b"\r\n"), "changed as if it were text"),
-        (text_mode, b"\x09" + GOOD[1:], "changed as if it were text"),
+        ("the stream starts with the signature", b"\x89PNG\r\n\x1a\n" + parts.good[8:], "found 89 50 4e 47"),
+        (text_mode, parts.good.replace(b"\r\n", b"\n"), "changed as if it were text"),
+        (text_mode, parts.good.replace(b"\n", b"\r\n"), "changed as if it were text"),
+        (text_mode, b"\x09" + parts.good[1:], "changed as if it were text"),
     ]
     return [Fault(rule, data, "signature at byte 0", cause) for rule, data, cause in faults]
 
 
-def header_faults() -> list[Fault]:
+def header_faults(parts: Parts) -> list[Fault]:
     cut = "the whole header is there"
     with_or_without = "stage-2 views exactly if there is a stage 2"
     faults = [
         (cut, b"", 0, "the file ends after 0 bytes"),
-        (cut, GOOD[:20], 0, "the file ends after 20 bytes, the header needs 30"),
-        (cut, GOOD[:49], 0, "the file ends after 49 bytes, the header needs 50"),
-        ("major version is not above 1", sealed_header(major=2), 8, "version 2.0 is newer than 1.x"),
-        ("major version is not below 1", sealed_header(major=0), 8, "there is no format version 0"),
-        ("number of stages", sealed_header(stages=0), 19, "the number of stages is 0"),
-        ("number of stages", sealed_header(stages=3), 19, "the number of stages is 3"),
-        ("header CRC-32", GOOD[:10] + b"M" + GOOD[11:], 0, "CRC-32 is 0x"),
-        ("reserved byte", sealed_header(reserved=1), 27, "the reserved byte is 1"),
-        ("number of views", sealed_header(views=0), 18, "the number of views is 0"),
-        ("number of views", sealed_header(views=17), 18, "the number of views is 17"),
-        ("height", sealed_header(height=15), 20, "the height is 15, allowed are 16 to 4096"),
-        ("width", sealed_header(width=4097), 22, "the width is 4097, allowed are 16 to 4096"),
-        ("lambda_q", sealed_header(lambda_q=1769), 24, "the quantised lambda is 1769, allowed are 0 to 1768"),
-        ("number of sections", sealed_header(sections=2), 26, "the number of sections is 2, allowed are 3 to 16"),
-        ("number of sections", sealed_header(sections=17), 26, "the number of sections is 17, allowed are 3 to 16"),
-        ("stage-2 views are among the views", sealed_header(stage_2_views=4), 28, "codes the views [2] of 2"),
-        (with_or_without, sealed_header(stage_2_views=0), 28, "codes 0 views in a stream of 2 stages"),
-        (with_or_without, sealed_header(stages=1, stage_2_views=1), 28, "codes 1 views in a stream of 1 stages"),
-        ("padded pixels", sealed_header(views=16, height=1025, width=1024), 18, "17301504 pixels after padding"),
+        (cut, parts.good[:20], 0, "the file ends after 20 bytes, the header needs 30"),
+        (cut, parts.good[:49], 0, "the file ends after 49 bytes, the header needs 50"),
+        ("major version is not above 1", parts.header(major=2), 8, "version 2.0 is newer than 1.x"),
+        ("major version is not below 1", parts.header(major=0), 8, "there is no format version 0"),
+        ("number of stages", parts.header(stages=0), 19, "the number of stages is 0"),
+        ("number of stages", parts.header(stages=3), 19, "the number of stages is 3"),
+        ("header CRC-32", parts.good[:10] + b"M" + parts.good[11:], 0, "CRC-32 is 0x"),
+        ("reserved byte", parts.header(reserved=1), 27, "the reserved byte is 1"),
+        ("number of views", parts.header(views=0), 18, "the number of views is 0"),
+        ("number of views", parts.header(views=17), 18, "the number of views is 17"),
+        ("height", parts.header(height=15), 20, "the height is 15, allowed are 16 to 4096"),
+        ("width", parts.header(width=4097), 22, "the width is 4097, allowed are 16 to 4096"),
+        ("lambda_q", parts.header(lambda_q=1769), 24, "the quantised lambda is 1769, allowed are 0 to 1768"),
+        ("number of sections", parts.header(sections=2), 26, "the number of sections is 2, allowed are 3 to 16"),
+        ("number of sections", parts.header(sections=17), 26, "the number of sections is 17, allowed are 3 to 16"),
+        ("stage-2 views are among the views", parts.header(stage_2_views=4), 28, "codes the views [2] of 2"),
+        (with_or_without, parts.header(stage_2_views=0), 28, "codes 0 views in a stream of 2 stages"),
+        (with_or_without, parts.header(stages=1, stage_2_views=1), 28, "codes 1 views in a stream of 1 stages"),
+        ("padded pixels", parts.header(views=16, height=1025, width=1024), 18, "17301504 pixels after padding"),
     ]
     return [Fault(rule, data, f"header at byte {offset}: ", cause) for rule, data, offset, cause in faults]
 
 
-def cut_and_changed_section_faults() -> list[Fault]:
-    last = END - 1
-    too_long = GOOD[:51] + (2049).to_bytes(4, "little") + GOOD[55:]
-    changed_kind = GOOD[:B1_OFFSET] + b"\xa1" + GOOD[B1_OFFSET + 1 :]
+def cut_and_changed_section_faults(parts: Parts) -> list[Fault]:
+    good, b1, b2, end = parts.good, parts.b1_offset, parts.b2_offset, parts.end
+    last = end - 1
+    too_long = good[:51] + (2049).to_bytes(4, "little") + good[55:]
+    changed_kind = good[:b1] + b"\xa1" + good[b1 + 1 :]
     faults = [
-        ("every section head is there", GOOD[:END], "", END, "inside or before the head"),
-        ("every section head is there", GOOD[: B1_OFFSET + 8], "", B1_OFFSET, "inside or before the head"),
+        ("every section head is there", good[:end], "", end, "inside or before the head"),
+        ("every section head is there", good[: b1 + 8], "", b1, "inside or before the head"),
         ("length within the limit", too_long, "cameras ", 50, "its length is 2049, at most 2048"),
-        ("the whole payload is there", GOOD[:last], "B2 ", B2_OFFSET, f"after {last} bytes, the section needs {END}"),
-        ("section CRC-32", changed_kind, "0xa1 ", B1_OFFSET, "CRC-32 is 0x"),
-        ("section CRC-32", GOOD[: B2_OFFSET - 1] + b"!" + GOOD[B2_OFFSET:], "B1 ", B1_OFFSET, "CRC-32 is 0x"),
-        ("section CRC-32", GOOD[:last] + b"!" + GOOD[END:], "B2 ", B2_OFFSET, "CRC-32 is 0x"),
+        ("the whole payload is there", good[:last], "B2 ", b2, f"after {last} bytes, the section needs {end}"),
+        ("section CRC-32", changed_kind, "0xa1 ", b1, "CRC-32 is 0x"),
+        ("section CRC-32", good[: b2 - 1] + bytes([good[b2 - 1] ^ 1]) + good[b2:], "B1 ", b1, "CRC-32 is 0x"),
+        ("section CRC-32", good[:last] + bytes([good[last] ^ 1]) + good[end:], "B2 ", b2, "CRC-32 is 0x"),
     ]
     return [Fault(rule, data, f"section {name}at byte {at}: ", cause) for rule, data, name, at, cause in faults] + [
-        Fault("nothing follows", GOOD + b"\0", f"end at byte {len(GOOD)}: ", "1 bytes follow the last section")
+        Fault("nothing follows", good + b"\0", f"end at byte {len(good)}: ", "1 bytes follow the last section")
     ]
 
 
-def section_order_faults() -> list[Fault]:
-    cameras, b1, b2, metadata = CAMERA_SECTION, B1_SECTION, B2_SECTION, METADATA_SECTION
+def section_order_faults(parts: Parts) -> list[Fault]:
+    cameras, b1, b2, metadata = parts.cameras, parts.b1, parts.b2, parts.metadata
     missing = "cameras, B1, B2 are there"
-    wrong_bit = stream_of(cameras, sealed_section(0x20, b"first payload"), b2)
-    unknown = stream_of(cameras, sealed_section(0x95, b"needed"), b1, b2)
-    one_stage = stream_of(cameras, b1, b2, stages=1)
+    wrong_bit = parts.stream_of(cameras, sealed_section(0x20, parts.stream.payloads[0]), b2)
+    unknown = parts.stream_of(cameras, sealed_section(0x95, b"needed"), b1, b2)
+    one_stage = parts.stream_of(cameras, b1, b2, stages=1)
     faults = [
         (
             "critical bit of a known kind",
             wrong_bit,
-            f"0x20 at byte {B1_OFFSET}",
+            f"0x20 at byte {parts.b1_offset}",
             "the critical bit of this kind is wrong",
         ),
-        ("unknown kinds are not critical", unknown, f"0x95 at byte {B1_OFFSET}", "unknown and marked as needed"),
-        ("no kind twice", stream_of(cameras, b1, b1, b2), f"B1 at byte {B2_OFFSET}", "it appears twice"),
-        ("ascending order", stream_of(b1, cameras, b2), f"cameras at byte {50 + len(b1)}", "before section B1"),
-        ("B2 only with two stages", one_stage, f"B2 at byte {B2_OFFSET - 8}", "the header announces 1 stage"),
-        (missing, stream_of(b1, b2, metadata), "cameras", "it is missing"),
-        (missing, stream_of(cameras, b2, metadata), "B1", "it is missing"),
-        (missing, stream_of(cameras, b1, metadata), "B2", "it is missing"),
+        ("unknown kinds are not critical", unknown, f"0x95 at byte {parts.b1_offset}", "unknown and marked as needed"),
+        ("no kind twice", parts.stream_of(cameras, b1, b1, b2), f"B1 at byte {parts.b2_offset}", "it appears twice"),
+        ("ascending order", parts.stream_of(b1, cameras, b2), f"cameras at byte {50 + len(b1)}", "before section B1"),
+        ("B2 only with two stages", one_stage, f"B2 at byte {parts.b2_offset - 8}", "the header announces 1 stage"),
+        (missing, parts.stream_of(b1, b2, metadata), "cameras", "it is missing"),
+        (missing, parts.stream_of(cameras, b2, metadata), "B1", "it is missing"),
+        (missing, parts.stream_of(cameras, b1, metadata), "B2", "it is missing"),
     ]
     return [Fault(rule, data, f"section {place}: ", cause) for rule, data, place, cause in faults]
 
@@ -132,8 +165,8 @@ def deflated(content: bytes) -> bytes:
     return compressor.compress(content) + compressor.flush()
 
 
-def camera_payload_faults() -> list[Fault]:
-    payload = pack_cameras(example_cameras())
+def camera_payload_faults(parts: Parts) -> list[Fault]:
+    payload = pack_cameras(parts.stream.cameras)
     content = zlib.decompress(payload, -15)
     faults = {
         "Deflate data valid": (b"\xff" * 40, "no valid Deflate data"),
@@ -145,14 +178,14 @@ def camera_payload_faults() -> list[Fault]:
     }
     return [
         Fault(
-            rule, stream_of(sealed_section(CAMERAS, bad), B1_SECTION, B2_SECTION), "section cameras at byte 50", cause
+            rule, parts.stream_of(sealed_section(CAMERAS, bad), parts.b1, parts.b2), "section cameras at byte 50", cause
         )
         for rule, (bad, cause) in faults.items()
     ]
 
 
-def camera_value_faults() -> list[Fault]:
-    good = example_cameras()
+def camera_value_faults(parts: Parts) -> list[Fault]:
+    good = parts.stream.cameras
     nan, infinity = float("nan"), float("inf")
 
     def with_pose(second: tuple[float, ...]) -> PackedCameras:
@@ -191,7 +224,7 @@ def camera_value_faults() -> list[Fault]:
     return [
         Fault(
             rule,
-            stream_of(sealed_section(CAMERAS, pack_cameras(cameras)), B1_SECTION, B2_SECTION),
+            parts.stream_of(sealed_section(CAMERAS, pack_cameras(cameras)), parts.b1, parts.b2),
             f"section cameras at byte 50: {camera}",
             cause,
         )
@@ -199,7 +232,7 @@ def camera_value_faults() -> list[Fault]:
     ]
 
 
-def keep_faults() -> list[Fault]:
+def keep_faults(parts: Parts) -> list[Fault]:
     """Two views of 32x56 cells take 448 bytes; two of 3x3 cells take 18 bits, with 6 to spare."""
     faults = [
         ("Deflate data valid", b"\2" + b"\xff" * 40, "no valid Deflate data"),
@@ -209,18 +242,18 @@ def keep_faults() -> list[Fault]:
         ("keep is not empty", b"", "it is empty, it must begin with an opacity threshold"),
         ("cells of keep have their size", b"\2" + deflated(bytes(447)), "447 bytes, 3584 cells need 448"),
     ]
-    sections = (CAMERA_SECTION, B1_SECTION, B2_SECTION)
-    place = f"section keep at byte {END}"
-    spare = sealed_header(height=24, width=24) + b"".join(
+    sections = (parts.cameras, parts.b1, parts.b2)
+    place = f"section keep at byte {parts.end}"
+    spare = parts.header(height=24, width=24) + b"".join(
         (*sections, sealed_section(KEEP, b"\2" + deflated(b"\xff\xff\xc1")))
     )
     return [
-        Fault(rule, stream_of(*sections, sealed_section(KEEP, payload)), place, cause)
+        Fault(rule, parts.stream_of(*sections, sealed_section(KEEP, payload)), place, cause)
         for rule, payload, cause in faults
     ] + [Fault("spare bits of keep are 0", spare, place, "a bit after the last cell's is not 0")]
 
 
-def metadata_faults() -> list[Fault]:
+def metadata_faults(parts: Parts) -> list[Fault]:
     compress = zstandard.ZstdCompressor(level=19).compress
     without_size = zstandard.ZstdCompressor(write_content_size=False).compress(b"{}")
     faults = [
@@ -239,21 +272,29 @@ def metadata_faults() -> list[Fault]:
         ("JSON as in section 8", compress(b"[" * 60_000), "no valid JSON"),
         ("the JSON is an object", compress(b"[]"), "its JSON is not an object"),
     ]
-    place = f"section metadata at byte {END}"
-    sections = (CAMERA_SECTION, B1_SECTION, B2_SECTION)
+    place = f"section metadata at byte {parts.end}"
+    sections = (parts.cameras, parts.b1, parts.b2)
     return [
-        Fault(rule, stream_of(*sections, sealed_section(METADATA, payload)), place, cause)
+        Fault(rule, parts.stream_of(*sections, sealed_section(METADATA, payload)), place, cause)
         for rule, payload, cause in faults
     ]
 
 
-FAULTS = (
-    *signature_faults(),
-    *header_faults(),
-    *cut_and_changed_section_faults(),
-    *section_order_faults(),
-    *camera_payload_faults(),
-    *camera_value_faults(),
-    *keep_faults(),
-    *metadata_faults(),
-)
+def faults_of(stream: Stream) -> tuple[Fault, ...]:
+    """Every rule broken in what is otherwise that stream of two views, two stages and metadata."""
+    parts = Parts(stream)
+    return (
+        *signature_faults(parts),
+        *header_faults(parts),
+        *cut_and_changed_section_faults(parts),
+        *section_order_faults(parts),
+        *camera_payload_faults(parts),
+        *camera_value_faults(parts),
+        *keep_faults(parts),
+        *metadata_faults(parts),
+    )
+
+
+EXAMPLE = Parts(example_stream())
+GOOD = EXAMPLE.good
+FAULTS = faults_of(EXAMPLE.stream)

@@ -5,7 +5,7 @@ import pytest
 from fecocodec.container import inspect, list_sections
 from fecocodec.errors import BitstreamError
 from tests.container.example_streams import example_stream
-from tests.container.faulty_streams import B1_OFFSET, B2_OFFSET, END, GOOD
+from tests.container.faulty_streams import EXAMPLE, GOOD
 
 
 def test_a_whole_stream_is_described() -> None:
@@ -15,7 +15,7 @@ def test_a_whole_stream_is_described() -> None:
     assert summary.metadata == example_stream().metadata
     assert (summary.near, summary.far) == (0.5, 100.0)
     assert [section.name for section in summary.sections] == ["cameras", "B1", "B2", "metadata"]
-    assert [section.offset for section in summary.sections] == [50, B1_OFFSET, B2_OFFSET, END]
+    assert [section.offset for section in summary.sections] == [50, EXAMPLE.b1_offset, EXAMPLE.b2_offset, EXAMPLE.end]
     assert all(section.is_intact for section in summary.sections)
     assert summary.total_bytes == summary.overhead_bytes + sum(section.length for section in summary.sections)
     assert summary.overhead_bytes == summary.header_bytes + 4 * 9
@@ -23,10 +23,10 @@ def test_a_whole_stream_is_described() -> None:
 
 
 def test_sections_behind_a_damaged_one_are_found() -> None:
-    damaged = GOOD[: B2_OFFSET - 1] + b"!" + GOOD[B2_OFFSET:]
+    damaged = GOOD[: EXAMPLE.b2_offset - 1] + b"!" + GOOD[EXAMPLE.b2_offset :]
     summary = inspect(damaged)
     assert [section.is_intact for section in summary.sections] == [True, False, True, True]
-    assert summary.damage is not None and summary.damage.startswith(f"section B1 at byte {B1_OFFSET}: CRC-32")
+    assert summary.damage is not None and summary.damage.startswith(f"section B1 at byte {EXAMPLE.b1_offset}: CRC-32")
     assert summary.near is None
 
 

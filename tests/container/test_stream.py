@@ -19,7 +19,7 @@ from fecocodec.container import (
 from fecocodec.container.cameras import pack_cameras
 from fecocodec.errors import BitstreamError, InputError
 from tests.container.example_streams import example_stream, sealed_header, sealed_section, streams
-from tests.container.faulty_streams import B1_SECTION, B2_OFFSET, B2_SECTION, CAMERA_SECTION, END, GOOD
+from tests.container.faulty_streams import EXAMPLE, GOOD
 
 # The type checks of the tests pick an element to look at with `random`, also while a strategy builds a stream.
 pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
@@ -66,8 +66,8 @@ def test_header_and_sections_cost_what_the_specification_says(
 
 def test_a_newer_minor_version_with_unknown_sections_is_read() -> None:
     early, late = sealed_section(0x11, b"new and skippable"), sealed_section(0x7F, b"")
-    header = sealed_header(minor=9, sections=5)
-    stream = read_stream(header + CAMERA_SECTION + early + B1_SECTION + B2_SECTION + late)
+    header = sealed_header(example_stream().header, minor=9, sections=5)
+    stream = read_stream(header + EXAMPLE.cameras + early + EXAMPLE.b1 + EXAMPLE.b2 + late)
     expected = example_stream()
     assert stream == replace(expected, header=replace(expected.header, version=FormatVersion(1, 9)), metadata=None)
 
@@ -85,7 +85,7 @@ def test_the_intact_part_of_a_whole_stream_is_the_stream() -> None:
     assert part.damage is None
 
 
-@pytest.mark.parametrize("cut", [B2_OFFSET, B2_OFFSET + 5, END - 1])
+@pytest.mark.parametrize("cut", [EXAMPLE.b2_offset, EXAMPLE.b2_offset + 5, EXAMPLE.end - 1])
 def test_the_intact_part_of_a_cut_stream_is_its_first_stage(cut: int) -> None:
     part = read_intact(GOOD[:cut])
     assert part.stream == read_prefix(GOOD, 1)
@@ -100,12 +100,12 @@ def test_damaged_metadata_leaves_both_stages_intact() -> None:
 
 def test_nothing_is_intact_without_the_first_stage() -> None:
     with pytest.raises(BitstreamError, match="section B1 at byte"):
-        read_intact(GOOD[: B2_OFFSET - 1])
+        read_intact(GOOD[: EXAMPLE.b2_offset - 1])
 
 
 def test_a_damaged_second_stage_is_answered_with_the_way_out() -> None:
     with pytest.raises(BitstreamError, match=r"section B2 .*--stages 1"):
-        read_stream(GOOD[: END - 1])
+        read_stream(GOOD[: EXAMPLE.end - 1])
 
 
 def test_the_container_needs_neither_torch_nor_numpy() -> None:

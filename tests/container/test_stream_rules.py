@@ -10,14 +10,10 @@ from fecocodec.container import inspect, read_intact, read_prefix, read_stream, 
 from fecocodec.errors import BitstreamError
 from tests.container.example_streams import B1, B2, CAMERAS, METADATA, example_stream, sealed_section
 from tests.container.faulty_streams import (
-    B1_SECTION,
-    B2_SECTION,
-    CAMERA_SECTION,
+    EXAMPLE,
     FAULTS,
     GOOD,
-    METADATA_SECTION,
     Fault,
-    stream_of,
 )
 
 
@@ -70,12 +66,12 @@ def test_arbitrary_bytes_raise_only_our_error(data: bytes) -> None:
 @given(st.data())
 def test_hostile_payloads_with_valid_crcs_raise_only_our_error(data: st.DataObject) -> None:
     """Sections whose content was made up or bent, sealed with a CRC that holds."""
-    kind, original = data.draw(st.sampled_from([(CAMERAS, CAMERA_SECTION[9:]), (METADATA, METADATA_SECTION[9:])]))
+    kind, original = data.draw(st.sampled_from([(CAMERAS, EXAMPLE.cameras[9:]), (METADATA, EXAMPLE.metadata[9:])]))
     payload = bytearray(original)
     for position in data.draw(st.lists(st.integers(0, len(payload) - 1), max_size=4)):
         payload[position] = data.draw(st.integers(0, 255))
-    sections = {CAMERAS: CAMERA_SECTION, B1: B1_SECTION, B2: B2_SECTION, kind: sealed_section(kind, bytes(payload))}
-    hostile = stream_of(*(sections[kind] for kind in sorted(sections, key=lambda kind: kind & 0x7F)))
+    sections = {CAMERAS: EXAMPLE.cameras, B1: EXAMPLE.b1, B2: EXAMPLE.b2, kind: sealed_section(kind, bytes(payload))}
+    hostile = EXAMPLE.stream_of(*(sections[kind] for kind in sorted(sections, key=lambda kind: kind & 0x7F)))
     for read in (read_stream, read_intact, inspect, lambda stream: read_prefix(stream, 1)):
         try:
             read(hostile)
