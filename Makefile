@@ -50,7 +50,8 @@ arch: $(READY) ## check the dependency rules
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -q tests/test_architecture.py
 
-vectors: $(READY) ## check the golden vectors with both readers
+vectors: $(READY) ## make the golden vectors again, say what changed, check them with both readers
+	$(BIN)/python tests/vectors/make_vectors.py
 	$(BIN)/python -m pytest -q tests/vectors tests/bitstream_spec
 
 bench: $(READY) ## measure time and memory of encode, decode and info

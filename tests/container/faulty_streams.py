@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import zstandard
 
-from fecocodec.container import PackedCameras, Stream, write_stream
+from fecocodec.container import PackedCameras, Stream, num_cells, write_stream
 from fecocodec.container.cameras import pack_cameras
 from fecocodec.container.metadata import pack_metadata
 from tests.container.example_streams import (
@@ -174,7 +174,7 @@ def camera_payload_faults(parts: Parts) -> list[Fault]:
         "Deflate data has an end": (payload[:-1], "its Deflate data has no end"),
         "nothing after the Deflate data": (payload + b"\0", "1 bytes follow its Deflate data"),
         "K is 1 or N": (deflated(b"\3" + content[1:]), "it holds 3 sets of intrinsics"),
-        "content size": (deflated(content[:-1]), "inflates to 120 bytes, 2 views need 121"),
+        "content size": (deflated(content[:-1]), f"to {len(content) - 1} bytes, 2 views need {len(content)}"),
     }
     return [
         Fault(
@@ -233,24 +233,31 @@ def camera_value_faults(parts: Parts) -> list[Fault]:
 
 
 def keep_faults(parts: Parts) -> list[Fault]:
-    """Two views of 32x56 cells take 448 bytes; two of 3x3 cells take 18 bits, with 6 to spare."""
+    """Two views of 24x24 pixels have 18 cells, with 6 bits to spare."""
+    cells = num_cells(parts.stream.header)
+    size = -(-cells // 8)
+    whole = deflated(bytes(size))
     faults = [
         ("Deflate data valid", b"\2" + b"\xff" * 40, "no valid Deflate data"),
-        ("Deflate data not too long", b"\2" + deflated(bytes(50_000_000)), "inflates to more than the 448 bytes"),
-        ("Deflate data has an end", b"\2" + deflated(bytes(448))[:-1], "its Deflate data has no end"),
-        ("nothing after the Deflate data", b"\2" + deflated(bytes(448)) + b"\0", "1 bytes follow its Deflate data"),
+        ("Deflate data not too long", b"\2" + deflated(bytes(20_000_000)), f"inflates to more than the {size} bytes"),
+        ("Deflate data has an end", b"\2" + whole[:-1], "its Deflate data has no end"),
+        ("nothing after the Deflate data", b"\2" + whole + b"\0", "1 bytes follow its Deflate data"),
         ("keep is not empty", b"", "it is empty, it must begin with an opacity threshold"),
-        ("cells of keep have their size", b"\2" + deflated(bytes(447)), "447 bytes, 3584 cells need 448"),
+        (
+            "cells of keep have their size",
+            b"\2" + deflated(bytes(size - 1)),
+            f"{size - 1} bytes, {cells} cells need {size}",
+        ),
     ]
     sections = (parts.cameras, parts.b1, parts.b2)
     place = f"section keep at byte {parts.end}"
-    spare = parts.header(height=24, width=24) + b"".join(
-        (*sections, sealed_section(KEEP, b"\2" + deflated(b"\xff\xff\xc1")))
-    )
-    return [
-        Fault(rule, parts.stream_of(*sections, sealed_section(KEEP, payload)), place, cause)
-        for rule, payload, cause in faults
-    ] + [Fault("spare bits of keep are 0", spare, place, "a bit after the last cell's is not 0")]
+    spare = sealed_section(KEEP, b"\2" + deflated(b"\xff\xff\xc1"))
+    bad = [
+        Fault(rule, parts.stream_of(*sections, sealed_section(KEEP, data)), place, cause)
+        for rule, data, cause in faults
+    ]
+    small = parts.header(height=24, width=24) + b"".join((*sections, spare))
+    return [*bad, Fault("spare bits of keep are 0", small, place, "a bit after the last cell's is not 0")]
 
 
 def metadata_faults(parts: Parts) -> list[Fault]:

@@ -1,48 +1,184 @@
-"""Writes the golden stream of the released model and what must come out of it: `python tests/vectors/make_vectors.py`.
+"""Makes the golden vectors again and says what changed: `python tests/vectors/make_vectors.py` (`make vectors`).
 
-To be run when a model is released, and never to make a failing test pass.
+A vector that changes is a change of the format: it needs a new `BITS` line in CHANGELOG.md, without which nothing is
+written. The scene of a released model is made again only for another model, which the CHANGELOG must name by its id;
+that of the same model stays, because a sender computes in floating point and another machine may write other bytes.
 """
 
 import hashlib
 import json
+import re
+import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from fecocodec import decode, encode, read_views
-from fecocodec.container import read_stream
-from fecocodec.geometry.gaussians import Gaussians
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
 
-ROOT = Path(__file__).parent.parent.parent
-VECTORS = ROOT / "bitstream_spec" / "vectors"
+from fecocodec import encode, read_views  # noqa: E402
+from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SHIPPED, model_id_of  # noqa: E402
+from fecocodec.container import read_stream  # noqa: E402
+from tests.vectors.faulty_vectors import faulty_vectors  # noqa: E402
+from tests.vectors.gaussian_samples import scene_samples  # noqa: E402
+from tests.vectors.good_vectors import Vector, good_vectors  # noqa: E402
+from tests.vectors.readme import readme  # noqa: E402
+from tests.vectors.symbols import camera_fingerprint, decode_symbols, fingerprint  # noqa: E402
+from tests.vectors.tiny_model import TINY_MODEL, VECTORS, make_tiny_model  # noqa: E402
+
+CHANGELOG = ROOT / "CHANGELOG.md"
+EXPECTED = "expected.json"
+SCENE_BREAKS = "one that was tried on small models only"
 
 
-def summary(gaussians: Gaussians) -> dict[str, list[float]]:
-    """Mean and standard deviation of every field over the Gaussians: what tolerant conformance compares here."""
+def main() -> int:
+    if not TINY_MODEL.exists():
+        TINY_MODEL.write_bytes(make_tiny_model())
+    made = make_all(CHANGELOG.read_text())
+    here = {path.relative_to(VECTORS).as_posix() for path in VECTORS.rglob("*") if path.is_file()}
+    here -= {TINY_MODEL.name, *(name for name in here if Path(name).suffix not in (".fcs", ".json", ".md", ".f32"))}
+    changes = changes_of(made, {name: (VECTORS / name).read_bytes() for name in here})
+    for name, change in changes.items():
+        print(f"{change}  {name}")
+    print(f"{len(made)} files, {len(changes)} of them new, changed or removed")
+    refusal = why_not(changes, CHANGELOG.read_text(), read_expected())
+    if refusal is not None:
+        print(f"make_vectors: {refusal}", file=sys.stderr)
+        return 1
+    for name in changes:
+        write(name, made.get(name))
+    return 0
+
+
+def make_all(changelog: str) -> dict[str, bytes]:
+    """Every file below vectors/ but the model: path to content."""
+    good, faulty = good_vectors() | released_scenes(), faulty_vectors()
+    samples = {samples_name(name): samples_of(name, vector.data) for name, vector in good.items() if is_scene(name)}
+    expected = {
+        "bits": newest_bits(changelog),
+        "good": {name: expectation(vector) for name, vector in sorted(good.items())},
+        "faulty": {
+            name: {"sha256": sha256(vector.data), "rule": vector.rule, "says": vector.says}
+            for name, vector in sorted(faulty.items())
+        },
+    }
+    files = {name: vector.data for name, vector in (good | faulty).items()} | samples
+    files[EXPECTED] = (json.dumps(expected, indent=1, ensure_ascii=False) + "\n").encode()
+    files["README.md"] = readme(expected).encode()
+    return files
+
+
+def released_scenes() -> dict[str, Vector]:
+    """The scene of every released model: kept as it is, or made for a model that has none."""
+    released = {model_id_of(path.read_bytes()) for path in SHIPPED.glob(f"*/{RECEIVER_FILE}")}
+    kept = {path: path.read_bytes() for path in sorted(VECTORS.glob("valid/scene-*.fcs"))}
+    found = {
+        path.relative_to(VECTORS).as_posix(): Vector(data, SCENE_BREAKS)
+        for path, data in kept.items()
+        if read_stream(data).header.model_id in released
+    }
+    if f"valid/scene-{DEFAULT_MODEL}.fcs" not in found:
+        data = encode(read_views(ROOT / "examples" / "motorcycle", size=(128, 192)), lmbda=1e-3)
+        found[f"valid/scene-{DEFAULT_MODEL}.fcs"] = Vector(data, SCENE_BREAKS)
+    return found
+
+
+def samples_of(name: str, data: bytes) -> bytes:
+    """Reference Gaussians: kept with the scene they belong to, as floating point differs between machines."""
+    scene, samples = VECTORS / name, VECTORS / samples_name(name)
+    if samples.exists() and scene.exists() and scene.read_bytes() == data:
+        return samples.read_bytes()
+    return scene_samples(data)
+
+
+def samples_name(name: str) -> str:
+    return name.removesuffix(".fcs") + ".f32"
+
+
+def is_scene(name: str) -> bool:
+    return name.startswith("valid/scene-")
+
+
+def expectation(vector: Vector) -> dict[str, Any]:
+    """What every reader must find in a stream."""
+    stream = read_stream(vector.data)
+    header, keep = stream.header, stream.keep
     return {
-        name: [float(statistic) for statistic in (field.double().mean(), field.double().std())]
-        for name, field in zip(gaussians.__dataclass_fields__, gaussians.fields(), strict=True)
+        "breaks": vector.breaks,
+        "sha256": sha256(vector.data),
+        "model_id": header.model_id.hex(),
+        "size": [header.num_views, header.height, header.width],
+        "lambda_q": header.lambda_q,
+        "cameras": camera_fingerprint(stream.cameras),
+        "keep": None if keep is None else [keep.opacity_threshold, keep.cells.hex() if keep.cells else None],
+        "metadata": stream.metadata is not None,
+        "stages": [
+            {
+                "views": list(header.views_of_stage(number)),
+                "payload_bytes": len(payload),
+                "digest": digest.hex(),
+                "symbols": [fingerprint(batch.ravel()) for batch in values.batches],
+                "z_hat": fingerprint(values.z_hat),
+                "y_hat": fingerprint(values.y_hat),
+            }
+            for number, (payload, digest, values) in enumerate(
+                zip(stream.payloads, header.symbol_digests, decode_symbols(stream), strict=True), 1
+            )
+        ],
     }
 
 
-def expectation(data: bytes) -> dict[str, object]:
-    """What a reader must find in a stream: exact facts, then the summary of each stage's Gaussians."""
-    stream = read_stream(data)
-    decoded = {stage: decode(data, num_stages=stage) for stage in range(1, stream.header.num_stages + 1)}
+def changes_of(made: Mapping[str, bytes], here: Mapping[str, bytes]) -> dict[str, str]:
+    """Path to `new`, `changed` or `removed`."""
     return {
-        "sha256": hashlib.sha256(data).hexdigest(),
-        "model_id": stream.header.model_id.hex(),
-        "symbol_digests": [digest.hex() for digest in stream.header.symbol_digests],
-        "num_gaussians": {str(stage): gaussians.count for stage, gaussians in decoded.items()},
-        "gaussians": {str(stage): summary(gaussians) for stage, gaussians in decoded.items()},
+        name: "new    " if name not in here else "removed" if name not in made else "changed"
+        for name in sorted(made.keys() | here.keys())
+        if made.get(name) != here.get(name)
     }
 
 
-def main() -> None:
-    """Encode the bundled scene and write stream and expectation."""
-    data = encode(read_views(ROOT / "examples" / "motorcycle", size=(128, 192)), lmbda=1e-3)
-    (VECTORS / "valid").mkdir(parents=True, exist_ok=True)
-    (VECTORS / "valid" / "motorcycle.fcs").write_bytes(data)
-    (VECTORS / "expected.json").write_text(json.dumps({"valid/motorcycle.fcs": expectation(data)}, indent=1) + "\n")
+def why_not(changes: Mapping[str, str], changelog: str, expected: dict[str, Any]) -> str | None:
+    """The version note that is missing, if one is."""
+    streams = {name: change.strip() for name, change in changes.items() if name.endswith(".fcs")}
+    moved = [name for name, change in streams.items() if change != "new" and not is_scene(name)]
+    if moved and newest_bits(changelog) == expected["bits"]:
+        return (
+            f"{moved[0]} is {streams[moved[0]]}, which changes the format; give it a new version and a `- BITS: ...` "
+            "line in CHANGELOG.md, the first of its section, and run this again."
+        )
+    model_id = model_id_of((SHIPPED / DEFAULT_MODEL / RECEIVER_FILE).read_bytes()).hex()
+    if any(is_scene(name) for name in streams) and expected["good"] and model_id not in changelog:
+        return (
+            f"the model {DEFAULT_MODEL} has the id {model_id}, which CHANGELOG.md does not name; add a line "
+            f"`- BITS: weights {DEFAULT_MODEL}, model id {model_id}: ...` and run this again."
+        )
+    return None
+
+
+def newest_bits(changelog: str) -> str:
+    """The first `BITS` line about anything but weights."""
+    lines = re.findall(r"^- BITS: (?!weights )(.+)$", changelog, re.MULTILINE)
+    return lines[0] if lines else ""
+
+
+def read_expected() -> dict[str, Any]:
+    path = VECTORS / EXPECTED
+    found: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    return found if "good" in found else {"bits": "", "good": {}, "faulty": {}}
+
+
+def write(name: str, data: bytes | None) -> None:
+    path = VECTORS / name
+    if data is None:
+        path.unlink()
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

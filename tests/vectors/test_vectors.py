@@ -1,30 +1,126 @@
-"""The golden streams: exact in bytes and symbols, tolerant in Gaussians."""
+"""The golden streams: both readers find, symbol for symbol, what `expected.json` says, and refuse the faulty ones."""
 
+import hashlib
 import json
-from pathlib import Path
+from functools import cache
 
+import numpy as np
 import pytest
 
-from tests.vectors.make_vectors import VECTORS, expectation
+from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SHIPPED, find_receiver
+from fecocodec.container import read_stream
+from fecocodec.errors import BitstreamError, ModelError
+from tests.bitstream_spec.second_reader import SPECIFICATION
+from tests.bitstream_spec.second_reader import read_stream as second_reader
+from tests.vectors.good_vectors import Vector
+from tests.vectors.make_vectors import changes_of, expectation, is_scene, make_all, newest_bits, why_not
+from tests.vectors.symbols import decode_symbols
+from tests.vectors.tiny_model import TINY_MODEL, VECTORS, tiny_model_id
 
 EXPECTED = json.loads((VECTORS / "expected.json").read_text())
-TOLERANCE = 1e-3  # of a statistic, relative to itself or 1e-3 absolute: floating point differs between machines
+GOOD, FAULTY = EXPECTED["good"], EXPECTED["faulty"]
+QUICK = [name for name in GOOD if not is_scene(name)]
+SCENES = [name for name in GOOD if is_scene(name)]
 
 
-def test_there_is_a_stream_for_every_expectation_and_no_other() -> None:
-    streams = {path.relative_to(VECTORS).as_posix() for path in Path(VECTORS).glob("*/*.fcs")}
-    assert streams == set(EXPECTED) and streams
+def read(name: str) -> bytes:
+    return (VECTORS / name).read_bytes()
 
 
-@pytest.mark.parametrize("name", EXPECTED)
-def test_a_golden_stream_decodes_to_what_it_did_when_it_was_made(name: str) -> None:
-    """Decoding compares the symbols' digests with the header's, so symbols are exact where it succeeds."""
-    found, expected = expectation((VECTORS / name).read_bytes()), EXPECTED[name]
-    for exact in ("sha256", "model_id", "symbol_digests"):
-        assert found[exact] == expected[exact]
-    assert found["num_gaussians"] == pytest.approx(
-        expected["num_gaussians"], rel=TOLERANCE
-    )  # a few are almost too faint
-    for stage, fields in expected["gaussians"].items():
-        for field, statistics in fields.items():
-            assert found["gaussians"][stage][field] == pytest.approx(statistics, rel=TOLERANCE, abs=TOLERANCE), field
+@cache
+def weights_of(model_id: bytes) -> bytes:
+    return (TINY_MODEL if model_id == tiny_model_id() else find_receiver(model_id, SHIPPED)).read_bytes()
+
+
+def test_no_vector_is_missing_and_none_is_unknown() -> None:
+    streams = {path.relative_to(VECTORS).as_posix() for path in VECTORS.glob("*/*.fcs")}
+    assert streams == GOOD.keys() | FAULTY.keys()
+    by_folder = {folder: sum(name.startswith(folder) for name in streams) for folder in ("valid", "uncommon", "faulty")}
+    assert by_folder["valid"] >= 12 and by_folder["uncommon"] >= 12 and by_folder["faulty"] >= 40
+    assert f"valid/scene-{DEFAULT_MODEL}.fcs" in SCENES
+
+
+@pytest.mark.parametrize("name", [*GOOD, *FAULTY])
+def test_a_vector_is_the_file_it_was(name: str) -> None:
+    assert hashlib.sha256(read(name)).hexdigest() == (GOOD | FAULTY)[name]["sha256"]
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_the_product_finds_what_is_expected(name: str) -> None:
+    assert expectation(Vector(read(name), GOOD[name]["breaks"])) == GOOD[name]
+
+
+def assert_second_reader_agrees(name: str) -> None:
+    data = read(name)
+    ours = decode_symbols(read_stream(data))
+    theirs = second_reader.decode(second_reader.read(data), weights_of(read_stream(data).header.model_id))
+    assert len(ours) == len(theirs)
+    for mine, other in zip(ours, theirs, strict=True):
+        assert [batch.ravel().tolist() for batch in mine.batches] == other.batches
+        assert np.array_equal(mine.z_hat, np.array(other.z_hat).clip(-(1 << 24), 1 << 24))
+        assert np.array_equal(mine.y_hat, np.array(other.y_hat).clip(-(1 << 24), 1 << 24))
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_the_second_reader_agrees_symbol_for_symbol(name: str) -> None:
+    assert_second_reader_agrees(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_the_second_reader_agrees_on_released_scenes(name: str) -> None:
+    assert_second_reader_agrees(name)
+
+
+@pytest.mark.parametrize("name", FAULTY)
+def test_the_product_refuses_a_faulty_stream(name: str) -> None:
+    with pytest.raises((BitstreamError, ModelError)) as caught:
+        decode_symbols(read_stream(read(name)))
+    assert FAULTY[name]["says"] in str(caught.value)
+
+
+@pytest.mark.parametrize("name", FAULTY)
+def test_the_second_reader_refuses_a_faulty_stream(name: str) -> None:
+    with pytest.raises(second_reader.RefusedError):
+        second_reader.decode(second_reader.read(read(name)), TINY_MODEL.read_bytes())
+
+
+def test_every_rule_has_a_faulty_vector() -> None:
+    """Those of the tables of FORMAT.md and ENTROPY.md, by the text in their first column."""
+    format_rules = first_column((SPECIFICATION / "FORMAT.md").read_text(), "## 12. Errors", "## 13.")
+    entropy_rules = first_column((SPECIFICATION / "ENTROPY.md").read_text(), "## 9. Errors", "## 10.")
+    found = {entry["rule"] for entry in FAULTY.values()}
+    about_weights = {"names, shapes, types and ranges of the model"}
+    assert found == (format_rules | entropy_rules | {"model id"}) - about_weights
+
+
+def first_column(text: str, begin: str, end: str) -> set[str]:
+    rows = [line for line in text.split(begin)[1].split(end)[0].splitlines() if line.startswith("| ")]
+    return {row.split("|")[1].split(" (section")[0].strip() for row in rows[1:]}
+
+
+def test_making_the_vectors_again_changes_nothing() -> None:
+    """Recipes, model and files belong together: whoever changes what is written learns it here."""
+    made = make_all((VECTORS.parents[1] / "CHANGELOG.md").read_text())
+    here = {path.relative_to(VECTORS).as_posix(): path.read_bytes() for path in VECTORS.rglob("*") if path.is_file()}
+    here.pop(TINY_MODEL.name)
+    assert changes_of(made, here) == {}
+
+
+@pytest.mark.parametrize("change", ["changed", "removed"])
+def test_a_vector_is_not_changed_without_a_version_note(change: str) -> None:
+    old, new = "- BITS: format 1.0\n", "- BITS: format 1.1\n- BITS: format 1.0\n"
+    expected = {"bits": newest_bits(old), "good": GOOD, "faulty": FAULTY}
+    refusal = why_not({"valid/one-stage.fcs": change}, old, expected)
+    assert refusal is not None and f"valid/one-stage.fcs is {change}" in refusal and "CHANGELOG.md" in refusal
+    assert why_not({"valid/one-stage.fcs": change}, new, expected) is None
+    assert why_not({"valid/another.fcs": "new"}, old, expected) is None
+
+
+def test_a_released_scene_is_not_changed_without_the_models_id_in_the_changelog() -> None:
+    expected = {"bits": "", "good": GOOD, "faulty": FAULTY}
+    model_id = hashlib.sha256((SHIPPED / DEFAULT_MODEL / RECEIVER_FILE).read_bytes()).hexdigest()[:16]
+    refusal = why_not({f"valid/scene-{DEFAULT_MODEL}.fcs": "changed"}, "", expected)
+    assert refusal is not None and model_id in refusal
+    note = f"- BITS: weights {DEFAULT_MODEL}, model id {model_id}: better"
+    assert why_not({f"valid/scene-{DEFAULT_MODEL}.fcs": "changed"}, note, expected) is None

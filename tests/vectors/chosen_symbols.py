@@ -1,0 +1,108 @@
+"""Streams whose symbols are chosen one by one, in integers: the same bytes on every machine."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from random import Random
+
+import numpy as np
+
+from fecocodec.coding.payload import CodedLatents, code_latents
+from fecocodec.container import Header, Keep, PackedCameras, Stream, num_cells
+from fecocodec.container.metadata import Metadata
+from fecocodec.entropy.ports import SymbolWriter
+from fecocodec.entropy.tables import load_tables
+from fecocodec.geometry.padding import padded_size
+from fecocodec.receiver.view_states import select_context
+from tests.container.example_streams import TURNED, float32, pose
+from tests.vectors.tiny_model import tiny_model_id, tiny_prior
+
+Choice = Callable[[Random, int], int]
+"""(generator, table index) -> symbol."""
+
+LENS = tuple(float32(value) for value in (0.9, 1.6, 0.5, 0.5))
+LEVEL = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def usual(random: Random, table: int) -> int:
+    """About as wide as the table; now and then beyond its reach."""
+    reach = load_tables()[table].reach
+    if random.random() < 0.002:
+        return int(random.random() * 40 * reach) - 20 * reach
+    return sum(int(random.random() * (2 * reach + 1)) - reach for _ in range(6)) // 6
+
+
+def zero(random: Random, table: int) -> int:
+    return 0
+
+
+def around_the_escape(random: Random, table: int) -> int:
+    """The last symbols that a table has, the first it has not, and the largest there are; both signs."""
+    reach = load_tables()[table].reach
+    magnitudes = (reach - 1, reach, reach + 1, reach + 2, reach + 3, 2**19, 2**20 - 1, 2**20)
+    magnitude = magnitudes[int(random.random() * len(magnitudes))]
+    return -magnitude if random.random() < 0.5 else magnitude
+
+
+class ChosenWriter(SymbolWriter):
+    """Writes what is chosen, whatever the latents would be."""
+
+    def __init__(self, choose: Choice, seed: int) -> None:
+        super().__init__()
+        self.choose, self.random = choose, Random(seed)
+
+    def exchange(self, table_index: np.ndarray, wanted: np.ndarray | None) -> np.ndarray:
+        symbols = [self.choose(self.random, table) for table in table_index.ravel().tolist()]
+        return super().exchange(table_index, np.array(symbols, dtype=np.int64).reshape(table_index.shape))
+
+
+def cameras_of(num_views: int, shares_lens: bool = True) -> PackedCameras:
+    """Views side by side, every other one turned."""
+    poses = tuple(
+        pose(TURNED if view % 2 else LEVEL, (0.25 * view, -0.125 * view, 0.5 * view)) for view in range(num_views)
+    )
+    lenses = tuple(LENS if shares_lens else (LENS[0] + view / 64, *LENS[1:]) for view in range(num_views))
+    return PackedCameras(poses, tuple(tuple(map(float32, lens)) for lens in lenses), 0.5, 100.0)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a stream of the tiny model is made of. stage_2_views: empty for a stream of one stage."""
+
+    height: int = 40
+    width: int = 56
+    lambda_q: int = 1179
+    cameras: PackedCameras = field(default_factory=lambda: cameras_of(2))
+    stage_2_views: tuple[int, ...] = (0, 1)
+    choose: Choice = usual
+    keep: Keep | None = None
+    metadata: Metadata | None = None
+    seed: int = 1
+
+
+def stream_of_recipe(recipe: Recipe) -> Stream:
+    """The recipe's stream, its digests those of its symbols."""
+    num_views, padded = recipe.cameras.num_views, padded_size(recipe.height, recipe.width)
+    payloads: list[bytes] = []
+    coded: list[CodedLatents] = []
+    for stage, views in enumerate((tuple(range(num_views)), recipe.stage_2_views), start=1):
+        if not views:
+            break
+        writer = ChosenWriter(recipe.choose, 100 * recipe.seed + stage)
+        context = select_context(coded[0].y_hat, views) if coded else None
+        size = (len(views), padded[0] // 32, padded[1] // 32)
+        coded.append(code_latents(tiny_prior(), writer, recipe.lambda_q, stage, context, size, None))
+        payloads.append(writer.finish())
+    header = Header(
+        *(tiny_model_id(), num_views, recipe.height, recipe.width, recipe.lambda_q),
+        symbol_digests=tuple(latents.digest() for latents in coded),
+        stage_2_views=recipe.stage_2_views,
+    )
+    return Stream(header, recipe.cameras, tuple(payloads), recipe.metadata, recipe.keep)
+
+
+def cells_kept(stream_of: Recipe, every: int) -> bytes:
+    """A bitmap that keeps every so-manieth cell."""
+    header = Header(tiny_model_id(), stream_of.cameras.num_views, stream_of.height, stream_of.width, 0, (), ())
+    count = num_cells(header)
+    bits = [1 if cell % every == 0 else 0 for cell in range(count)]
+    return np.packbits(np.array(bits, dtype=np.uint8)).tobytes()

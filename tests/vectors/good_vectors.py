@@ -1,0 +1,127 @@
+"""The streams under valid/ and uncommon/, each with what it would break in a naive reader."""
+
+from dataclasses import dataclass, replace
+
+from fecocodec.container import FormatVersion, Keep, Stream, write_stream
+from tests.container.example_streams import TURNED, float32, pose, sealed_header, sealed_section
+from tests.vectors.chosen_symbols import (
+    LENS,
+    Recipe,
+    around_the_escape,
+    cameras_of,
+    cells_kept,
+    stream_of_recipe,
+    zero,
+)
+
+
+@dataclass(frozen=True)
+class Vector:
+    """A stream, and in one line what a reader that was not written with care does wrong with it."""
+
+    data: bytes
+    breaks: str
+
+
+BASE = Recipe(cameras=cameras_of(2, shares_lens=False), metadata={"name": "tiny", "made": [2026, 11]})
+THREE, FOUR = cameras_of(3), cameras_of(4)
+
+VALID: dict[str, tuple[Recipe, str]] = {
+    "two-views": (BASE, "any that takes words of a payload from its beginning"),
+    "one-stage": (replace(BASE, stage_2_views=(), seed=2), "one that expects two digests, or a B2"),
+    "shared-lens": (Recipe(cameras=THREE, seed=3), "one that expects intrinsics for every view"),
+    "five-views": (Recipe(32, 64, 700, cameras_of(5), (0, 1, 2, 3, 4), seed=4), "one that walks views before phases"),
+    "portrait": (Recipe(96, 40, seed=5), "one that mixes up height and width"),
+    "landscape": (Recipe(40, 128, seed=6), "one that mixes up rows and columns of the quadtree"),
+    "fine": (Recipe(lambda_q=0 + 281, seed=7), "one that takes lambda_q for a number without sign in the condition"),
+    "coarse": (Recipe(lambda_q=1600, seed=8), "one that clips the condition to 8 bits"),
+    "second-stage-of-two-in-three": (
+        Recipe(cameras=THREE, stage_2_views=(0, 2), seed=9),
+        "one that takes y_hat of stage 1 of the wrong view as context",
+    ),
+    "second-stage-of-the-last-view": (
+        Recipe(cameras=FOUR, stage_2_views=(3,), seed=10),
+        "one that reads as many views from B2 as from B1",
+    ),
+    "keep-threshold": (Recipe(keep=Keep(100), seed=11), "one that expects cells in every keep section"),
+    "keep-cells": (
+        Recipe(keep=Keep(2, cells_kept(Recipe(), 3)), seed=12),
+        "one that counts cells of padded views, or from the lowest bit",
+    ),
+    "metadata": (
+        Recipe(metadata={"text": "größer \u2713", "list": [[1, 2.5], None, True], "empty": {}}, seed=13),
+        "one that takes metadata for ASCII",
+    ),
+}
+
+_far = replace(
+    cameras_of(2),
+    extrinsics=(pose(TURNED, (2.0**60, -(2.0**60), 0.0)), pose(TURNED, (0.0, 2.0**-100, -0.0))),
+    intrinsics=((2.0**-10, 2.0**10, -(2.0**10), 2.0**10), LENS),
+    near=2.0**-60,
+    far=2.0**60,
+)
+_loose = replace(
+    cameras_of(2),
+    extrinsics=(pose(tuple(float32(1.0004 * value) for value in TURNED), (1.0, 2.0, 3.0)), pose(TURNED, (0, 0, 0))),
+)
+_same = replace(cameras_of(3), extrinsics=cameras_of(3).extrinsics[:1] * 3)
+_nested = {"a": [[[[[[["deep"]]]]]]], "zeros": "0" * 60_000, "escape": "\x1b[31m\x00"}
+
+UNCOMMON: dict[str, tuple[Recipe, str]] = {
+    "one-view": (Recipe(cameras=cameras_of(1), stage_2_views=(0,), seed=20), "one that stacks views"),
+    "sixteen-views": (
+        Recipe(32, 32, 1000, cameras_of(16), tuple(range(16)), seed=21),
+        "one that has room for fewer views, or loses bit 15 of the stage-2 views",
+    ),
+    "odd-sides": (Recipe(33, 47, seed=22), "one that divides sides by 8 before padding"),
+    "smallest": (Recipe(16, 16, cameras=cameras_of(1), stage_2_views=(0,), seed=23), "one that needs neighbours"),
+    "tallest": (Recipe(4096, 16, 1500, cameras_of(1), (0,), seed=24), "one that keeps a side in 12 bits"),
+    "widest": (Recipe(16, 4096, 1500, cameras_of(1), (), seed=25), "one that keeps a side in 12 bits"),
+    "lambda-lowest": (Recipe(lambda_q=0, seed=26), "one whose condition is not negative"),
+    "lambda-highest": (Recipe(lambda_q=1768, seed=27), "one that keeps lambda_q in 10 bits"),
+    "all-symbols-zero": (Recipe(choose=zero, seed=28), "one that takes a symbol of zero for a value of zero"),
+    "escapes": (
+        Recipe(choose=around_the_escape, seed=29),
+        "one that keeps values in 16 bits, or takes mantissas and exponents in turns",
+    ),
+    "identical-views": (Recipe(cameras=_same, stage_2_views=(0, 1, 2), seed=30), "one that divides by a baseline"),
+    "cameras-at-the-limits": (Recipe(cameras=_far, seed=31), "one that squares lengths in float16, or drops -0"),
+    "rotation-barely-one": (Recipe(cameras=_loose, seed=32), "one that rebuilds rotations as exact ones"),
+    "nothing-kept": (Recipe(keep=Keep(255, bytes(9)), seed=33), "one that cannot write a scene without Gaussians"),
+    "metadata-at-the-limits": (Recipe(metadata=_nested, seed=34), "one that shows control characters as they are"),
+}
+
+
+def good_vectors() -> dict[str, Vector]:
+    """Path below vectors/ to stream, without the scenes of released models."""
+    found = {}
+    for folder, recipes in (("valid", VALID), ("uncommon", UNCOMMON)):
+        for name, (recipe, breaks) in recipes.items():
+            found[f"{folder}/{name}.fcs"] = Vector(write_stream(stream_of_recipe(recipe)), breaks)
+    return found | {f"uncommon/{name}.fcs": vector for name, vector in _from_the_future().items()}
+
+
+def _from_the_future() -> dict[str, Vector]:
+    """What this version never writes and must read."""
+    stream = stream_of_recipe(BASE)
+    newer = write_stream(replace(stream, header=replace(stream.header, version=FormatVersion(1, 255))))
+    return {
+        "newer-minor-version": Vector(newer, "one that reads only the minor version that it knows"),
+        "unknown-sections": Vector(_with_sections(stream), "one that stops at a section it does not know"),
+    }
+
+
+def _with_sections(stream: Stream) -> bytes:
+    """As many sections as there may be, most of them unknown and skippable."""
+    kinds = (0x01, 0x11, 0x12, 0x21, 0x22, 0x23, 0x31, 0x41, 0x42, 0x43, 0x44, 0x7E, 0x7F)
+    known = {0x90: 0, 0xA0: 1, 0xB0: 2}
+    whole = write_stream(replace(stream, metadata=None))
+    sections, at = [], 50
+    for _ in known:
+        length = 9 + int.from_bytes(whole[at + 1 : at + 5], "little")
+        sections.append(whole[at : at + length])
+        at += length
+    sections += [sealed_section(kind, bytes(range(kind % 7))) for kind in kinds]
+    ordered = sorted(sections, key=lambda section: section[0] & 0x7F)
+    return sealed_header(stream.header, sections=len(ordered)) + b"".join(ordered)

@@ -1,0 +1,36 @@
+"""The list of vectors for people, one line a file."""
+
+from typing import Any
+
+_HEAD = """# Test vectors
+
+Made by `make vectors`; do not edit. All but `valid/scene-*.fcs` use the entropy model in `tiny.safetensors`
+(ENTROPY.md, section 6.1): integers that were drawn once and never change. `expected.json` says what a reader must find:
+
+| field | meaning |
+|---|---|
+| `sha256` | of the file |
+| `cameras` | of near, far, then fx fy cx cy and the rows of camera-to-world of each view, little-endian float32 |
+| `keep` | opacity threshold and cells (hexadecimal), or null |
+| `stages` / `symbols` | one for each of the five batches: of its symbols in their order, little-endian int64 |
+| `stages` / `z_hat`, `y_hat` | of values in Q8, clipped to +-2^24, by view, row, column, channel, little-endian int64 |
+| `rule` | of a faulty stream: that of FORMAT.md, section 12, or ENTROPY.md, section 9 |
+| `says` | what the product's message contains |
+
+Fingerprints of values are the first 16 hexadecimal digits of their SHA-256. `valid/scene-*.f32` holds every sixteenth
+Gaussian of a released model's scene, which other machines must come close to (FORMAT.md, section 15).
+"""
+
+
+def readme(expected: dict[str, Any]) -> str:
+    lines = [_HEAD]
+    for folder, what in (("valid", "what it breaks"), ("uncommon", "what it breaks")):
+        lines += [f"\n## {folder}/\n\n| file | {what} |\n|---|---|\n"]
+        lines += [
+            f"| {name.partition('/')[2]} | {entry['breaks']} |\n"
+            for name, entry in expected["good"].items()
+            if name.startswith(folder)
+        ]
+    lines += ["\n## faulty/\n\n| file | the rule it breaks |\n|---|---|\n"]
+    lines += [f"| {name.partition('/')[2]} | {entry['rule']} |\n" for name, entry in expected["faulty"].items()]
+    return "".join(lines)

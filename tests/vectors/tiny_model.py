@@ -1,0 +1,59 @@
+"""The entropy model of the test vectors: small, of fixed integers, kept beside them, and never trained."""
+
+import math
+from functools import cache
+from pathlib import Path
+from random import Random
+
+import torch
+from safetensors.torch import load
+from torch import Tensor
+
+from fecocodec.checkpoint import model_id_of, serialise_weights
+from fecocodec.coding.fixed_point import export_integers, load_integers
+from fecocodec.coding.priors import LatentPrior
+
+VECTORS = Path(__file__).resolve().parents[2] / "bitstream_spec" / "vectors"
+TINY_MODEL = VECTORS / "tiny.safetensors"
+LATENT_CHANNELS, HYPER_CHANNELS, WIDTH = 8, 4, 8
+
+
+def make_tiny_model() -> bytes:
+    """A weights file whose tables range from skipped to wide. To be used once: what counts is the file."""
+    random = Random(20261121)
+    integers = export_integers(empty_prior())
+    made = {f"prior.{name}": _random_like(name, integers[name], random) for name in sorted(integers)}
+    return serialise_weights(made, {"prior": [LATENT_CHANNELS, HYPER_CHANNELS, WIDTH]})
+
+
+def empty_prior() -> LatentPrior:
+    return LatentPrior(LATENT_CHANNELS, HYPER_CHANNELS, WIDTH)
+
+
+def load_prior(weights: bytes, prior: LatentPrior) -> LatentPrior:
+    """The prior with the integers of a weights file."""
+    found = {name.removeprefix("prior."): value for name, value in load(weights).items() if name.startswith("prior.")}
+    load_integers(prior, found)
+    return prior.requires_grad_(False)
+
+
+@cache
+def tiny_prior() -> LatentPrior:
+    return load_prior(TINY_MODEL.read_bytes(), empty_prior())
+
+
+@cache
+def tiny_model_id() -> bytes:
+    return model_id_of(TINY_MODEL.read_bytes())
+
+
+def _random_like(name: str, like: Tensor, random: Random) -> Tensor:
+    """Sums of four uniform values: near enough to a Gaussian, and the same in every Python."""
+    is_output = "leave" in name or "hyper_prior" in name
+    if name.endswith("weight"):
+        spread, limit = 4096 * (3.0 if is_output else 1.4) / math.sqrt(like.shape[1]), (1 << 15) - 1
+    else:
+        spread, limit = 0.3 * 2**20, 1 << 24
+    drawn = (math.sqrt(3.0) * (sum(random.random() for _ in range(4)) - 2.0) for _ in range(like.numel()))
+    values = [max(-limit, min(limit, round(spread * value))) for value in drawn]
+    return torch.tensor(values, dtype=like.dtype).view(like.shape)
