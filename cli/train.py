@@ -100,7 +100,7 @@ def command(
     require_device(device)
     configuration = _overridden(configuration_named(name), overrides)
     with joined_processes(device) as own_device:
-        sources = open_sources(photographs, textures, configuration.shapes)
+        sources = open_sources(photographs, textures, configuration)
         trainer = Trainer(RunSettings(folder, configuration, max_minutes, seed, own_device), sources)
         if trainer.checkpoint.exists():
             trainer.resume(trainer.checkpoint)

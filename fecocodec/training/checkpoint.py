@@ -7,14 +7,24 @@ from typing import Any
 
 import torch
 
-from fecocodec.errors import ModelError
+from fecocodec.errors import ModelError, OutputError
 
 
 def save_checkpoint(path: Path, contents: dict[str, Any]) -> None:
-    """Write under a temporary name and rename, so that a stop at any moment leaves a whole file."""
+    """Write under a temporary name and rename, so that a stop at any moment leaves a whole file.
+
+    Raises OutputError where the system refuses to write (disk full, no permission); the old file stays.
+    """
     partial = path.with_suffix(".partial")
-    torch.save(contents, partial)
-    os.replace(partial, path)
+    try:
+        torch.save(contents, partial)
+        os.replace(partial, path)
+    except (OSError, RuntimeError) as error:  # torch's writer raises RuntimeError for a full disk
+        partial.unlink(missing_ok=True)
+        reason = str(error).splitlines()[0]
+        raise OutputError(
+            f"{path}: the checkpoint cannot be written ({reason}); make room or train in another folder."
+        ) from error
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:

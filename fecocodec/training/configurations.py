@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
-from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.training.batch_shapes import BatchShapes
@@ -20,6 +20,8 @@ class Configuration:
 
     shapes: of the batches of each process. lambda_range: least and largest lambda, between which its logarithm is
     uniform. precision: in which the networks' convolutions and products run (see `precision`).
+
+    Raises InputError where the range of lambda is none within the codec's.
     """
 
     shapes: BatchShapes
@@ -27,17 +29,19 @@ class Configuration:
     lambda_range: tuple[float, float] = (LAMBDA_MIN, LAMBDA_MAX)
     precision: Precision = "float32"
     receiver: ReceiverConfig = field(default_factory=ReceiverConfig)
-    sender: SenderConfig = field(default_factory=SenderConfig)
+    sender: CodecConfig = field(default_factory=SenderConfig)
 
-    @property
-    def lambda_q_range(self) -> tuple[int, int]:
-        """`lambda_range` in the fixed point of streams; raises InputError where it is no range within the codec's."""
-        lowest, highest = (quantise_lambda(lmbda) for lmbda in self.lambda_range)
+    def __post_init__(self) -> None:
+        lowest, highest = self.lambda_q_range
         if lowest > highest:
             raise InputError(
                 f"The range of lambda goes from {self.lambda_range[0]:g} down; give the smaller end first."
             )
-        return lowest, highest
+
+    @property
+    def lambda_q_range(self) -> tuple[int, int]:
+        """`lambda_range` in the fixed point of streams."""
+        return quantise_lambda(self.lambda_range[0]), quantise_lambda(self.lambda_range[1])
 
 
 # As published (paper, implementation details): 300,000 steps of four scenes in all, one in each of four processes.
@@ -67,12 +71,14 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
             shapes=BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=4, sizes=((256, 256),)),
             schedule=_PAPER_SCHEDULE,
             precision="bfloat16",
+            sender=PaperSenderConfig(),
         ),
         "paper-dl3dv": Configuration(
             shapes=BatchShapes(num_scenes=1, view_shares=((8, 1.0),), num_target=4, sizes=((256, 448),)),
             schedule=_PAPER_SCHEDULE,
             lambda_range=(LAMBDA_MIN, 1e-3),
             precision="bfloat16",
+            sender=PaperSenderConfig(matching_scale=2),
         ),
     }
 )

@@ -3,6 +3,7 @@
 import csv
 from pathlib import Path
 
+from fecocodec.errors import OutputError
 from fecocodec.formats.atomic import write_atomically
 
 LOG_COLUMNS = (
@@ -12,13 +13,19 @@ LOG_COLUMNS = (
 
 
 def append_row(path: Path, row: dict[str, float]) -> None:
-    """Add a row to a CSV file, which starts with `LOG_COLUMNS`; what the row lacks stays empty."""
+    """Add a row to a CSV file, which starts with `LOG_COLUMNS`; what the row lacks stays empty.
+
+    Raises OutputError where the file cannot be written.
+    """
     is_new = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, LOG_COLUMNS, extrasaction="ignore")
-        if is_new:
-            writer.writeheader()
-        writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+    try:
+        with path.open("a", newline="") as file:
+            writer = csv.DictWriter(file, LOG_COLUMNS, extrasaction="ignore")
+            if is_new:
+                writer.writeheader()
+            writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
+    except OSError as error:
+        raise OutputError(f"{path}: the log cannot be written ({error.strerror}); check free space.") from error
 
 
 def forget_rows_after(path: Path, step: int) -> None:

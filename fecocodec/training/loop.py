@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into
-from fecocodec.errors import InputError, ModelError
+from fecocodec.errors import ModelError, OutputError
 from fecocodec.layers.placement import place
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
@@ -53,8 +53,6 @@ class Trainer:
     def __init__(self, settings: RunSettings, sources: Sources) -> None:
         self.settings, self.sources = settings, sources
         configuration = settings.configuration
-        if sources.photographs is None and min(configuration.schedule.photograph_share) == 1.0:
-            raise InputError("This configuration trains on photographs alone, but there are none; give --photographs.")
         torch.manual_seed(settings.seed)  # every process starts from the same weights
         self.receiver = Receiver(configuration.receiver)
         self.sender = Sender(configuration.sender, configuration.receiver)
@@ -170,10 +168,10 @@ class Trainer:
     def run(self) -> Iterator[dict[str, float]]:
         """Train until the schedule or the time ends; yields the mean of the log's columns every `log_every` steps.
 
-        Skipped batches count in the column `skipped` and in no mean.
+        Skipped batches count in the column `skipped` and in no mean. Raises OutputError where files cannot be written.
         """
         settings = self.settings
-        (settings.folder / "samples").mkdir(parents=True, exist_ok=True)
+        _make_folder(settings.folder / "samples")
         start = saved = time.monotonic()
         drawn = -math.inf
         window: list[dict[str, float]] = []
@@ -212,6 +210,13 @@ class Trainer:
         num_stages = settings.configuration.schedule.num_stages_at(self.step)
         grid = sample_grid(self.sender, self.receiver, self._fixed_scenes, self._coding, num_stages)
         return write_sample_grid(settings.folder, self.step, grid)
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be made ({error.strerror}); train in another folder.") from error
 
 
 def _moved(batch: Batch, device: str) -> Batch:

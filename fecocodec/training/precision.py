@@ -12,10 +12,11 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 from fecocodec.receiver.predictor import Predictor
 from fecocodec.sender.extractors.compact import CompactExtractor
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
 
 # Their own forward passes compute cameras, depths or correlations; of these, the parts are converted one by one.
-_TAKEN_APART = (nn.ModuleDict, Sender, Receiver, CompactExtractor, Predictor)
+_TAKEN_APART = (nn.ModuleDict, nn.ModuleList, Sender, Receiver, CompactExtractor, DepthSplatSmall, Predictor)
 # Integers, positions in space, and what conditions everything.
 _KEPT = (LatentPrior, NeighbourAttention, RateEmbedding)
 _KEPT_HEADS = ("depth_head", "matching_head")  # depth, and the features whose products are matched
@@ -34,7 +35,7 @@ def _convertible(module: nn.Module) -> Iterator[nn.Module]:
     for name, child in module.named_children():
         if isinstance(child, _KEPT) or name in _KEPT_HEADS:
             continue
-        if isinstance(child, _TAKEN_APART) or type(child) is nn.ModuleList:
+        if type(child) in _TAKEN_APART:
             yield from _convertible(child)
         else:
             yield child

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from fecocodec.errors import InputError
-from fecocodec.training.batch_shapes import BatchShapes
+from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources
 from fecocodec.training.photographs import Photographs
 from fecocodec.training.scenes import ProceduralWorld
@@ -12,18 +12,20 @@ from fecocodec.training.textures import pattern_textures, textures_from_folder, 
 NUM_PATTERNS, NUM_CROPS = 100, 300
 
 
-def open_sources(photographs: Path | None, textures: Path | None, shapes: BatchShapes) -> Sources:
+def open_sources(photographs: Path | None, textures: Path | None, configuration: Configuration) -> Sources:
     """Procedural worlds painted with patterns, the given textures and crops of the photographs; and the photographs.
 
-    Raises InputError where a folder holds nothing that can be used, or too few frames for the shapes to be trained.
+    Raises InputError where a folder holds nothing that can be used, or too few frames for the batches to be drawn.
     """
+    if photographs is None and min(configuration.schedule.photograph_share) == 1.0:
+        raise InputError("This configuration trains on photographs alone, but there are none; give --photographs.")
     painted = pattern_textures(NUM_PATTERNS)
     if textures is not None:
         painted += textures_from_folder(textures)
     if photographs is None:
         return Sources(ProceduralWorld(painted), None)
     scenes = Photographs(photographs)
-    most_views = max(count for count, _ in shapes.view_shares)
+    most_views = max(count for count, _ in configuration.shapes.view_shares)
     if scenes.most_frames < most_views:
         raise InputError(
             f"{photographs}: no scene has the {most_views} frames that batches may ask for; "

@@ -1,0 +1,84 @@
+"""`fecosplat train`: options over configurations, and one sentence for what cannot be trained."""
+
+from pathlib import Path
+
+import pytest
+from fecosplat_cli.train import _overridden, command
+
+from fecocodec.training.configurations import CONFIGURATIONS, Configuration
+from tests.cli.conftest import CommandLine
+
+
+def parsed(*arguments: str) -> Configuration:
+    """The configuration that these options of `train` lead to."""
+    values = dict(command.make_context("train", ["folder", *arguments]).params)
+    name = values["name"]
+    known = {option.name for option in command.params}
+    assert set(values) <= known
+    others = ("folder", "name", "photographs", "textures", "max_minutes", "seed", "start", "model", "device")
+    return _overridden(CONFIGURATIONS[name], {key: value for key, value in values.items() if key not in others})
+
+
+def test_without_options_a_configuration_is_taken_as_it_is() -> None:
+    for name, configuration in CONFIGURATIONS.items():
+        assert parsed("--config", name) == configuration
+    assert parsed() == CONFIGURATIONS["compact"]
+
+
+def test_options_override_the_configuration_and_nothing_else() -> None:
+    found = parsed("--views", "2", "--side", "128", "--scenes", "3", "--steps", "70", "--photograph-share", "0", "0.5")
+    assert found.shapes.view_shares == ((2, 1.0),) and found.shapes.sizes == ((128, 128),)
+    assert (found.shapes.num_scenes, found.shapes.num_target) == (3, 2)
+    assert (found.schedule.num_steps, found.schedule.photograph_share) == (70, (0.0, 0.5))
+    assert found.schedule.learning_rate == CONFIGURATIONS["compact"].schedule.learning_rate
+    several = parsed("--views", "2:0.9,4:.1", "--size", "160x96", "--size", "128x64", "--lambda-range", "1e-4", "1e-3")
+    assert several.shapes.view_shares == ((2, 0.9), (4, 0.1))
+    assert several.shapes.sizes == ((96, 160), (64, 128))
+    assert several.lambda_range == (1e-4, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--side", "100"], "A training image side of 100 pixels cannot be used; choose a multiple of 32 from 64"),
+        (["--config", "large"], "There is no training configuration 'large'; choose one of compact"),
+        (["--config", "paper-re10k"], "trains on photographs alone, but there are none; give --photographs."),
+        (["--views", "40"], "40 context views with share 1 cannot be trained; give 1 to 16"),
+        (["--scenes", "0"], "give at least one of each"),
+        (["--steps", "0"], "A schedule of 0 steps"),
+        (["--learning-rate", "-1"], "The learning rate is -1; it must be positive."),
+        (["--photograph-share", "0", "2"], "The share of photographs is (0.0, 2.0); give two numbers from 0 to 1."),
+        (["--depth-weight", "nan", "1"], "give two numbers of 0 or more."),
+        (["--lambda-range", "1e-3", "1e-4"], "The range of lambda goes from 0.001 down; give the smaller end first."),
+        (["--lambda-range", "1e-9", "1e-4"], "lambda is 1e-09, outside the range of the codec"),
+        (["--photographs", "nowhere"], "nowhere: no scene folders with transforms.json"),
+        (["--textures", "nowhere"], "nowhere"),
+        (["--from", "nowhere"], "the weights cannot be read"),
+        (["--device", "cuda:7"], "device cuda:7 was asked for"),
+    ],
+)
+def test_what_cannot_be_trained_is_one_sentence(
+    fecosplat: CommandLine, tmp_path: Path, arguments: list[str], sentence: str
+) -> None:
+    folder = tmp_path / "run"
+    result = fecosplat("train", folder, *arguments)
+    assert result.code == 1 and result.out == ""
+    assert sentence in result.err and result.err.count("\n") == 1
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--views", "two"], ["--size", "128"], ["--max-minutes", "0"], ["--precision", "half"]]
+)
+def test_what_is_no_value_of_an_option_is_wrong_usage(
+    fecosplat: CommandLine, tmp_path: Path, arguments: list[str]
+) -> None:
+    result = fecosplat("train", tmp_path / "run", *arguments)
+    assert result.code == 2 and arguments[0] in result.err
+
+
+def test_a_folder_that_is_a_file_is_one_sentence(fecosplat: CommandLine, tmp_path: Path) -> None:
+    path = tmp_path / "run"
+    path.write_text("not a folder")
+    result = fecosplat("train", path, "--max-minutes", "0.001")
+    assert result.code == 1 and f"{path}/samples: cannot be made" in result.err and result.err.count("\n") == 1
