@@ -54,3 +54,12 @@ class PaperSenderConfig(CodecConfig):
     extractor: ClassVar[str] = "depthsplat-small"
     geometry: str = "public"
     matching_scale: int = 1
+
+
+@dataclass(frozen=True)
+class AdaptedSenderConfig(CodecConfig):
+    """A sender around an extractor of others; see `sender/extractors/adapter.py`."""
+
+    extractor: ClassVar[str] = "adapted"
+    fingerprint: str = ""  # of the extractor's weights
+    extractor_channels: int = 0

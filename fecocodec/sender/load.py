@@ -4,13 +4,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 from fecocodec.checkpoint import Weights, config_of, load_into, read_weights, serialise_weights
-from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import AdaptedSenderConfig, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.model import Sender
 
 RECEIVER_ID = "receiver_model_id"
 EXTRACTOR = "extractor"
-_CONFIGS: tuple[CodecConfig, ...] = (SenderConfig(), PaperSenderConfig())
+_CONFIGS: tuple[CodecConfig, ...] = (SenderConfig(), PaperSenderConfig(), AdaptedSenderConfig())
 
 
 def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender:
@@ -20,14 +20,19 @@ def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender
     """
     weights = read_weights(path)
     config = config_of(weights, "sender", _config_like(weights, path), path)
+    require_receiver(weights, model_id, path)
+    sender = Sender(config, receiver)
+    load_into(sender, weights.tensors, path)
+    return sender.eval().requires_grad_(False)
+
+
+def require_receiver(weights: Weights, model_id: bytes, path: Path) -> None:
+    """Raises ModelError where a sender's file was made for another receiver."""
     if weights.config.get(RECEIVER_ID) != model_id.hex():
         raise ModelError(
             f"{path}: this sender was made for the receiver {weights.config.get(RECEIVER_ID)}, the one beside it is "
             f"{model_id.hex()}; put the two files of one model together."
         )
-    sender = Sender(config, receiver)
-    load_into(sender, weights.tensors, path)
-    return sender.eval().requires_grad_(False)
 
 
 def serialise_sender(sender: Sender, model_id: bytes) -> bytes:

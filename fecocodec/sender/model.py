@@ -5,6 +5,7 @@ from torch import nn
 from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.analysis import Analysis, HyperAnalysis
+from fecocodec.sender.extractors.adapter import AdaptedExtractor
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.feedback import FeedbackExtractor
@@ -13,10 +14,13 @@ from fecocodec.sender.feedback import FeedbackExtractor
 class Sender(nn.Module):
     """E_mv, E_fb, g_a and h_a; g_a and h_a are shared by the two stages, and E_mv is what profiles differ in."""
 
-    def __init__(self, config: CodecConfig, receiver: ReceiverConfig) -> None:
+    def __init__(
+        self, config: CodecConfig, receiver: ReceiverConfig, extractor: AdaptedExtractor | None = None
+    ) -> None:
+        """extractor: one that `adapted_sender` puts together; without it the one that the configuration describes."""
         super().__init__()
         self.config = config
-        self.extractor = _extractor(config, receiver.state_channels)
+        self.extractor = extractor or _extractor(config, receiver.state_channels)
         self.feedback = FeedbackExtractor(config, receiver)
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)
@@ -27,4 +31,4 @@ def _extractor(config: CodecConfig, channels: int) -> CompactExtractor | DepthSp
         return CompactExtractor(config, channels)
     if isinstance(config, PaperSenderConfig):
         return DepthSplatSmall(config.geometry, config.matching_scale)
-    raise ModelError(f"extractor {config.extractor}: a sender with it is put together by `adapted_sender`.")
+    raise ModelError(f"extractor {config.extractor}: its own network is needed too; use `load_adapted_sender`.")

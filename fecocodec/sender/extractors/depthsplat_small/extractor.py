@@ -131,8 +131,8 @@ class DepthSplatSmall(nn.Module):
         batch, views, _, h, w = features.shape
         if views == 1:
             return features.new_zeros(batch, NUM_CANDIDATES, h, w)
-        small = (h // self.matching_scale, w // self.matching_scale)
-        at_scale = rearrange(_resize(_flat(features).float(), small), "(b v) c h w -> b v c h w", v=views)
+        size = (h // self.matching_scale, w // self.matching_scale)
+        at_scale = rearrange(_resize(_flat(features).float(), size), "(b v) c h w -> b v c h w", v=views)
         with torch.autocast(features.device.type, enabled=False):
             costs = cost_volume(at_scale, cameras, source_views(cameras), _POSITIONS[self.geometry])
         return _resize(_flat(costs), (h, w))
@@ -141,7 +141,7 @@ class DepthSplatSmall(nn.Module):
 def _resize(x: Float[Tensor, "item channel _ _"], size: tuple[int, int]) -> Float[Tensor, "item channel _ _"]:
     if x.shape[-2:] == size:
         return x
-    return F.interpolate(x, size, mode="bilinear", align_corners=True)
+    return F.interpolate(x, size, mode="bilinear", align_corners=False)
 
 
 def _colour(values: tuple[float, float, float], like: Tensor) -> Float[Tensor, "3 1 1"]:

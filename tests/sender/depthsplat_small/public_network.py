@@ -1,0 +1,71 @@
+"""The public network's reference outputs, and the rule that made its weights up."""
+
+import json
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
+
+HERE = Path(__file__).parent
+SHIPPED = HERE / "public_outputs.npz"
+FULL = HERE.parents[3] / "shared" / "fixtures" / "depthsplat_small_2_views.npz"
+SHAPES: dict[str, list[int]] = json.loads((HERE / "public_tensors.json").read_text())
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Two views, and some of what the public network makes of them; `step` of channels and of positions is kept."""
+
+    images: Tensor
+    cameras: Cameras
+    outputs: dict[str, Tensor]
+    channel_step: int
+    position_step: int
+
+    def thinned(self, found: Tensor) -> Tensor:
+        return found[:, :: self.channel_step, :: self.position_step, :: self.position_step]
+
+
+def read_reference(path: Path) -> Reference:
+    arrays = dict(np.load(path))
+    names = ("features_cnn", "features_mv", "features_mono", "cost_volume", "f1")
+    return Reference(
+        images=torch.from_numpy((arrays["images"] / 65535).astype(np.float32))[None],
+        cameras=Cameras(
+            torch.from_numpy(arrays["extrinsics"])[None],
+            torch.from_numpy(arrays["intrinsics"])[None],
+            torch.from_numpy(arrays["near"][:1]),
+            torch.from_numpy(arrays["far"][:1]),
+        ),
+        outputs={name: torch.from_numpy(arrays[name]) for name in names},
+        channel_step=int(arrays["channel_step"]),
+        position_step=int(arrays.get("position_step", 1)),
+    )
+
+
+def made_up_tensor(name: str, shape: list[int]) -> Tensor:
+    generator = np.random.Generator(np.random.PCG64(zlib.crc32(name.encode())))
+    values = generator.standard_normal(shape)
+    if len(shape) >= 2:
+        values *= 0.7 / np.sqrt(max(1, values.size // shape[0]))
+    elif name.endswith("bias"):
+        values *= 0.05
+    else:
+        values = 1 + 0.1 * values
+    return torch.from_numpy(values.astype(np.float32))
+
+
+def made_up_weights() -> dict[str, Tensor]:
+    return {name: made_up_tensor(name, shape) for name, shape in SHAPES.items()}
+
+
+def made_up_extractor(**settings) -> DepthSplatSmall:
+    extractor = DepthSplatSmall(**settings)
+    extractor.load_state_dict(made_up_weights())
+    return extractor.eval().requires_grad_(False)

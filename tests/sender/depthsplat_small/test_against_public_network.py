@@ -1,0 +1,52 @@
+"""Tensor by tensor and number by number the public network, up to its fused features."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from public_network import FULL, SHAPES, SHIPPED, made_up_extractor, read_reference
+
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
+
+PARAMETERS = {
+    "backbone": 1_049_120,
+    "transformer": 3_150_336,
+    "pretrained": 22_056_192,
+    "regressor.0": 6_453_504,
+    "regressor_residual.0": 98_432,
+}
+
+
+@pytest.fixture(scope="module")
+def extractor() -> DepthSplatSmall:
+    return made_up_extractor()
+
+
+def test_tensors_have_the_public_names_and_shapes(extractor: DepthSplatSmall) -> None:
+    assert {name: list(value.shape) for name, value in extractor.state_dict().items()} == SHAPES
+
+
+@pytest.mark.parametrize(("module", "expected"), PARAMETERS.items(), ids=PARAMETERS.keys())
+def test_parameters_of_each_module(extractor: DepthSplatSmall, module: str, expected: int) -> None:
+    assert sum(parameter.numel() for parameter in extractor.get_submodule(module).parameters()) == expected
+
+
+@pytest.mark.parametrize("path", [SHIPPED, FULL], ids=["shipped", "full"])
+def test_every_branch_gives_the_public_numbers(extractor: DepthSplatSmall, path: Path) -> None:
+    if not path.is_file():
+        pytest.skip(f"{path.name} with every 4th channel is not beside this clone; the shipped outputs were compared")
+    reference = read_reference(path)
+    with torch.inference_mode():
+        evidence = extractor.match(reference.images, reference.cameras)
+        found = {
+            "features_cnn": evidence.appearance,
+            "features_mv": evidence.multi_view,
+            "features_mono": evidence.monocular,
+            "cost_volume": evidence.cost,
+            "f1": extractor.fuse(reference.images, evidence),
+        }
+    assert found.keys() == reference.outputs.keys()
+    for name, expected in reference.outputs.items():
+        difference = reference.thinned(found[name]) - expected
+        assert difference.norm() < 1e-5 * expected.norm(), name  # the bound is 1e-4; measured 1e-6
+        assert difference.abs().max() < 1e-4 * expected.abs().max(), name
