@@ -8,7 +8,8 @@ from pathlib import Path
 from statistics import mean
 
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.novel_views import Score, evaluate, read_index
+from fecocodec.evaluation.novel_views import Score, evaluate
+from fecocodec.formats.evaluation_index import read_index
 from fecocodec.sender.encode import load_profile
 
 

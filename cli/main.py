@@ -12,7 +12,7 @@ import click
 
 from fecocodec import FecoError, __version__
 
-COMMANDS = ("encode", "decode", "info", "render", "train")
+COMMANDS = ("encode", "decode", "info", "render", "train", "eval")
 INTERRUPTED = 130
 
 

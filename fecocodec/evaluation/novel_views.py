@@ -1,6 +1,5 @@
 """The novel-view protocol: encode context views to bytes, decode the bytes, render at target views, compare."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.container import read_stream
-from fecocodec.errors import InputError
+from fecocodec.formats.evaluation_index import IndexEntry
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
@@ -18,16 +17,6 @@ from fecocodec.receiver.decode import decode_stream
 from fecocodec.rendering.metrics import psnr, ssim
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.encode import Profile, encode_with
-
-
-@dataclass(frozen=True)
-class IndexEntry:
-    """One line of an evaluation index: frames of a scene to code and frames to judge by."""
-
-    name: str
-    scene: str
-    context: tuple[int, ...]
-    target: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -40,21 +29,6 @@ class Score:
     target_psnr: float
     target_ssim: float
     context_psnr: float
-
-
-def read_index(path: Path) -> tuple[IndexEntry, ...]:
-    """Entries `{"scene/label": {"context": [...], "target": [...]}}`; raises InputError for anything else."""
-    try:
-        entries = json.loads(path.read_text())
-        return tuple(
-            IndexEntry(name, name.split("/")[0], tuple(entry["context"]), tuple(entry["target"]))
-            for name, entry in entries.items()
-        )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"{path}: not an evaluation index ({error}); "
-            'write {"scene/label": {"context": [...], "target": [...]}}.'
-        ) from error
 
 
 def evaluate(

@@ -1,36 +1,16 @@
 """The novel-view protocol on real bytes."""
 
-import json
 from pathlib import Path
 
 import pytest
 import torch
 
 from fecocodec.container import quantise_lambda
-from fecocodec.errors import InputError
-from fecocodec.evaluation.novel_views import read_index, render_views, score
+from fecocodec.evaluation.novel_views import render_views, score
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.encode import encode_with, load_profile
 from tests.example_scenes import MODEL, example_views
-
-
-def test_an_index_names_scenes_and_frames(tmp_path: Path) -> None:
-    path = tmp_path / "index.json"
-    path.write_text(json.dumps({"garden/near2": {"context": [4, 9], "target": [6]}}))
-    (entry,) = read_index(path)
-    assert (entry.name, entry.scene, entry.context, entry.target) == ("garden/near2", "garden", (4, 9), (6,))
-
-
-@pytest.mark.parametrize(
-    "text", [None, "", "[1, 2]", '{"a/b": 3}', '{"a/b": {"context": [1]}}', '{"a/b": {"context": 1}}']
-)
-def test_what_is_no_index_is_named(tmp_path: Path, text: str | None) -> None:
-    path = tmp_path / "index.json"
-    if text is not None:
-        path.write_text(text)
-    with pytest.raises(InputError, match=r"index\.json: not an evaluation index .*; write"):
-        read_index(path)
 
 
 def test_a_score_is_that_of_the_bytes(random_weights: Path) -> None:

@@ -1,0 +1,122 @@
+"""`fecosplat eval`: rate and quality on an evaluation index, from real bytes, beside what a user would take instead."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fecocodec.container import quantise_lambda
+from fecocodec.errors import InputError
+
+from .options import FILE_PATH, json_option, parse_size, threads_option
+from .output import print_columns, print_json, say
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from fecocodec.evaluation.evaluation import Report
+
+DEFAULT_LAMBDAS = "1e-2,3e-3,1e-3,3e-4,1e-4,1e-5"
+
+
+def parse_lambdas(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, ...]:
+    """Numbers with commas between; whether the codec has them is for the library to say."""
+    try:
+        return tuple(float(number) for number in value.split(","))
+    except ValueError as error:
+        raise click.BadParameter(
+            f"{value!r} is not numbers with commas between, such as 1e-2,1e-4.", ctx, param
+        ) from error
+
+
+@click.command(
+    "eval",
+    short_help="Measure rate and quality on scenes with target views.",
+    epilog="""\b
+Examples:
+  fecosplat eval scenes/ --index index.json -o results/
+  fecosplat eval scenes/ --index index.json -o results/ --systems codec,images --most 8
+  fecosplat eval re10k/test --index evaluation_index_re10k.json -o results/ --lambdas 1e-2,1e-4""",
+)
+@click.argument("root", metavar="ROOT", type=FILE_PATH)
+@click.option("--index", required=True, type=FILE_PATH, help="Which frames are context and target (JSON).")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of results; a run that is there goes on.")
+@click.option("--lambdas", callback=parse_lambdas, default=DEFAULT_LAMBDAS, show_default=True, metavar="LIST")
+@click.option(
+    "--systems",
+    "groups",
+    default="codec",
+    show_default=True,
+    metavar="LIST",
+    help="What to measure: codec, ablations, images (compressed photographs), gaussians (splat files), floor.",
+)
+@click.option("--model", type=FILE_PATH, help="Folder of the weights.  [default: those that ship]")
+@click.option("--views", "num_context", type=click.IntRange(min=1), help="Only entries with so many context views.")
+@click.option("--most", type=click.IntRange(min=1), help="At most so many entries, evenly spread over the index.")
+@click.option("--size", callback=parse_size, metavar="WxH", help="[default: 256x256, from three views on 448x256]")
+@click.option("--strips/--no-strips", default=True, show_default=True, help="Pictures: target, decoded, error, depth.")
+@threads_option
+@json_option
+def command(
+    root: Path,
+    index: Path,
+    output: Path,
+    lambdas: tuple[float, ...],
+    groups: str,
+    model: Path | None,
+    num_context: int | None,
+    most: int | None,
+    size: tuple[int, int] | None,
+    strips: bool,
+    as_json: bool,
+) -> None:
+    """Encode the context views of every entry of INDEX, decode the file, and compare with its target views.
+
+    ROOT holds a folder a scene (transforms.json, COLMAP), or RealEstate10K, ACID or DL3DV chunks as pixelSplat writes
+    them. Bytes are those of whole files. The output folder gets entries.tsv, summary.tsv, comparisons.tsv,
+    summary.json and strips/; an interrupted run goes on where it stopped, and a scene that fails is named at the end.
+    """
+    for lmbda in lambdas:
+        quantise_lambda(lmbda)  # refuses a value outside the range before anything is read
+
+    from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+    from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
+
+    names = tuple(group.strip() for group in groups.split(","))
+    weights = model or SHIPPED / DEFAULT_MODEL
+    plan = Plan(root, index, weights, output, names, lambdas, size, num_context, most, with_strips=strips)
+    with progress_bar() as on_progress:
+        report = evaluate_to_folder(plan, lambda m, fraction: on_progress(f"{m.entry} {m.system}"[:24], fraction))
+    if as_json:
+        print_json({"averages": [asdict(a) for a in report.averages], "output": str(output)})
+    else:
+        _print_report(report)
+    if report.failures:
+        for failure in report.failures:
+            say(f"{failure.entry}, {failure.system}, {failure.setting}: {failure.error}")
+        raise InputError(f"{output}: {len(report.failures)} measurements failed, the others are there; see above.")
+
+
+def _print_report(report: "Report") -> None:
+    head = ("system", "setting", "entries", "KiB", "bpp", "PSNR", "SSIM", "FLIP", "Gaussians", "encode s", "decode s")
+    rows = [
+        (
+            row.system,
+            row.setting,
+            f"{row.entries}",
+            f"{row.kib:.2f}",
+            f"{row.bits_per_pixel:.3f}",
+            f"{row.psnr:.2f}",
+            f"{row.ssim:.3f}",
+            f"{row.flip:.3f}" if row.flip is not None else "",
+            f"{row.gaussians:.0f}",
+            f"{row.encode_seconds:.3f}",
+            f"{row.decode_seconds:.3f}",
+        )
+        for row in report.averages
+    ]
+    print_columns([head, *rows])
+    for found in report.comparisons:
+        rate = "no common quality" if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"
+        gain = "no common rate" if found.bd_psnr is None else f"{found.bd_psnr:+.2f} dB at equal bytes"
+        say(f"fecosplat against {found.baseline}: {rate}, {gain}")

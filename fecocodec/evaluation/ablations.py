@@ -1,0 +1,67 @@
+"""Ablations of the paper that the shipped weights allow: a part is taken away at inference, nothing is retrained.
+
+They say how much the trained system leans on a part, not how well one trained without it would do. All make streams
+that every receiver decodes, because only the sender works differently.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import torch
+
+from fecocodec.container import quantise_lambda
+from fecocodec.evaluation.codec_systems import codec_system, stream_system
+from fecocodec.evaluation.reconstruction import System
+from fecocodec.geometry.views import Views
+from fecocodec.sender.encode import Profile, assemble
+from fecocodec.sender.steps import (
+    CodedStage,
+    Latents,
+    PreparedScene,
+    analyse,
+    code_stage,
+    feedback_features,
+    matched_features,
+    prepare,
+    stage_rendering,
+    start_state,
+)
+
+SecondLatents = Callable[[Profile, PreparedScene, CodedStage, int], Latents]
+
+
+def ablation_systems(profile: Profile, lmbda: float) -> tuple[System, ...]:
+    """Stage I alone; stage II whose analysis does not see S1; stage II whose feedback shows a perfect rendering."""
+    lambda_q = quantise_lambda(lmbda)
+    variants: dict[str, SecondLatents] = {
+        "no decoded context": _without_context,
+        "no rendered feedback": _without_rendering,
+    }
+    others = (
+        stream_system(profile, name, f"lambda {lmbda:g}", partial(_encode, profile, second, lambda_q))
+        for name, second in variants.items()
+    )
+    return codec_system(profile, lmbda, num_stages=1), *others
+
+
+def _without_context(profile: Profile, scene: PreparedScene, first: CodedStage, lambda_q: int) -> Latents:
+    """g_a of stage 2 gets S0 in the place of S1."""
+    rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
+    features = feedback_features(profile, scene, rendering, lambda_q)
+    return analyse(profile, features, start_state(profile, scene), lambda_q, 2)
+
+
+def _without_rendering(profile: Profile, scene: PreparedScene, first: CodedStage, lambda_q: int) -> Latents:
+    """E_fb gets the photographs in the place of the rendering, so that no error is seen."""
+    features = feedback_features(profile, scene, scene.images, lambda_q)
+    return analyse(profile, features, first.state, lambda_q, 2)
+
+
+@torch.inference_mode()
+def _encode(profile: Profile, second: SecondLatents, lambda_q: int, views: Views) -> bytes:
+    scene = prepare(profile, views)
+    every = tuple(range(scene.num_views))
+    latents = analyse(profile, matched_features(profile, scene), start_state(profile, scene), lambda_q, 1)
+    first = code_stage(profile, scene, latents, lambda_q, every, None)
+    latents = second(profile, scene, first, lambda_q)
+    return assemble(profile, scene, (first, code_stage(profile, scene, latents, lambda_q, every, first)), lambda_q)

@@ -1,0 +1,50 @@
+"""From an entry of an evaluation index to its views."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from fecocodec.errors import InputError
+from fecocodec.formats.chunks import ChunkFolder, is_chunk_folder
+from fecocodec.formats.evaluation_index import IndexEntry
+from fecocodec.formats.scene_folder import read_views
+from fecocodec.geometry.views import Views
+
+PAIR_SIZE = (256, 256)  # (height, width) of the field's two-view protocol
+SEVERAL_SIZE = (256, 448)  # and of its protocol for more views
+
+EntryReader = Callable[[IndexEntry], Views]
+
+
+def protocol_size(num_context: int) -> tuple[int, int]:
+    """(height, width) in pixels that views are cropped and resized to: 256x256 for up to two, 256x448 for more."""
+    return PAIR_SIZE if num_context <= 2 else SEVERAL_SIZE
+
+
+def open_scenes(root: Path, size: tuple[int, int] | None = None) -> EntryReader:
+    """A reader of entries: their context views, then their target views.
+
+    root: holds a folder a scene (`transforms.json`, COLMAP ...), or chunks as pixelSplat writes them. size: (height,
+    width), by default that of the protocol. The reader raises InputError for a scene or frame that cannot be used, this
+    function where there is no such folder.
+    """
+    if not root.is_dir():
+        raise InputError(f"{root}: there is no such folder; give the one that holds the scenes or chunks.")
+    if is_chunk_folder(root):
+        chunks = ChunkFolder(root)
+        return lambda entry: chunks.scene(entry.scene).views(_frames(entry), size=size or _size(entry))
+    return lambda entry: read_views(_folder(root, entry), views=_frames(entry), size=size or _size(entry))
+
+
+def _frames(entry: IndexEntry) -> tuple[int, ...]:
+    return (*entry.context, *entry.target)
+
+
+def _size(entry: IndexEntry) -> tuple[int, int]:
+    return protocol_size(len(entry.context))
+
+
+def _folder(root: Path, entry: IndexEntry) -> Path:
+    folder = root / entry.scene
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such scene, but entry {entry.name} needs it; check ROOT and INDEX.")
+    return folder

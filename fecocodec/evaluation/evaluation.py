@@ -1,0 +1,143 @@
+"""A whole evaluation in a folder: records, averages, comparisons and strips."""
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
+from fecocodec.errors import InputError, ModelError, OutputError
+from fecocodec.evaluation.entries import open_scenes
+from fecocodec.evaluation.machine import describe_machine
+from fecocodec.evaluation.reconstruction import Reconstruction, System
+from fecocodec.evaluation.records import Measurement, RecordFile
+from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
+from fecocodec.evaluation.strips import strip
+from fecocodec.evaluation.summary import OURS, Average, Comparison, as_tsv, averages, compare
+from fecocodec.evaluation.systems import systems_of
+from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.evaluation_index import IndexEntry, read_index
+from fecocodec.formats.images import write_image
+from fecocodec.geometry.views import Views
+from fecocodec.sender.encode import load_profile
+
+RECORDS = "measurements.jsonl"
+STRIP_LAMBDA = 1e-3  # strips are drawn at the lambda nearest to it
+
+OnMeasured = Callable[[Measurement, float], None]  # (what was measured, fraction of all done)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to evaluate. root: scenes or chunks. model: folder of the weights. size: (height, width), None: protocol.
+
+    num_context: only entries with so many context views; most: at most so many entries, evenly spread; None: all.
+    """
+
+    root: Path
+    index: Path
+    model: Path
+    output: Path
+    groups: tuple[str, ...]
+    lambdas: tuple[float, ...]
+    size: tuple[int, int] | None = None
+    num_context: int | None = None
+    most: int | None = None
+    with_strips: bool = True
+
+
+@dataclass(frozen=True)
+class Report:
+    """What an evaluation found. failures: the measurements that carry an error."""
+
+    averages: tuple[Average, ...]
+    comparisons: tuple[Comparison, ...]
+    failures: tuple[Measurement, ...]
+
+
+def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fraction: None) -> Report:
+    """Measure what the folder does not hold yet, and write its tables.
+
+    Raises FecoError where nothing can be measured; a scene that fails is reported with the others' results.
+    """
+    entries = choose_entries(read_index(plan.index), plan.num_context, plan.most, plan.index)
+    read = open_scenes(plan.root, plan.size)
+    profile = load_profile(plan.model, "cpu")
+    systems = systems_of(plan.groups, profile, plan.lambdas)
+    make_folder(plan.output)
+    records = RecordFile(plan.output / RECORDS)
+    draw = _drawing(plan) if plan.with_strips else draw_nothing
+    found = []
+    for measurement in measure_all(read, entries, systems, records, weights_label(plan.model, plan.size), draw):
+        found.append(measurement)
+        on_measured(measurement, len(found) / (len(entries) * len(systems)))
+    rows = averages(found)
+    report = Report(rows, compare(rows), tuple(m for m in found if m.error))
+    write_tables(plan.output, found, report)
+    return report
+
+
+def choose_entries(
+    entries: Sequence[IndexEntry], num_context: int | None, most: int | None, index: Path
+) -> tuple[IndexEntry, ...]:
+    """Those with so many context views, thinned evenly to `most`; raises InputError where none is left."""
+    chosen = [entry for entry in entries if num_context in (None, len(entry.context))]
+    if not chosen:
+        raise InputError(f"{index}: has no entry with {num_context} context views; leave the number out.")
+    if most is not None and most < len(chosen):
+        chosen = [chosen[round(position * (len(chosen) - 1) / max(1, most - 1))] for position in range(most)]
+    return tuple(chosen)
+
+
+def weights_label(model: Path, size: tuple[int, int] | None) -> str:
+    """Text that changes with the weights of either end and with the size views are brought to."""
+    try:
+        both = [(model / name).read_bytes() for name in (RECEIVER_FILE, SENDER_FILE)]
+    except OSError as error:
+        raise ModelError(f"{model}: its weights cannot be read ({error.strerror}); name a model's folder.") from error
+    digests = "-".join(hashlib.sha256(data).hexdigest()[:16] for data in both)
+    return digests + (f"@{size[1]}x{size[0]}" if size else "")
+
+
+def write_tables(folder: Path, found: Sequence[Measurement], report: Report) -> None:
+    """`entries.tsv`, `summary.tsv`, `comparisons.tsv` and `summary.json`, each replaced as a whole."""
+    summary = {
+        "machine": describe_machine(),
+        "averages": [asdict(row) for row in report.averages],
+        "comparisons": [asdict(row) for row in report.comparisons],
+        "failures": [{"entry": m.entry, "system": m.system, "error": m.error} for m in report.failures],
+    }
+    texts = {
+        "entries.tsv": as_tsv(found),
+        "summary.tsv": as_tsv(report.averages),
+        "comparisons.tsv": as_tsv(report.comparisons),
+        "summary.json": json.dumps(summary, indent=1),
+    }
+    for name, text in texts.items():
+        with write_atomically(folder / name, overwrite=True) as temporary:
+            temporary.write_text(text)
+
+
+def make_folder(folder: Path) -> None:
+    """Raises OutputError where there is no folder and none can be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: the folder cannot be made ({error.strerror}); choose another output path."
+        ) from error
+
+
+def _drawing(plan: Plan) -> Draw:
+    folder = plan.output / "strips"
+    make_folder(folder)
+    drawn = min(plan.lambdas, key=lambda lmbda: abs(math.log(lmbda / STRIP_LAMBDA)))
+
+    def draw(entry: IndexEntry, system: System, views: Views, found: Reconstruction) -> None:
+        if (system.name, system.setting) == (OURS, f"lambda {drawn:g}"):
+            name = f"{entry.name.replace('/', '_')}.png"
+            write_image(folder / name, strip(views, len(entry.context), found), overwrite=True)
+
+    return draw

@@ -1,0 +1,58 @@
+"""Gaussians as PLY, compressed PLY (PlayCanvas) and SPZ (Niantic) bytes and back; the latter two through gsply."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from fecocodec.errors import InputError
+from fecocodec.evaluation.extras import require_extra
+from fecocodec.formats.ply import read_ply, write_ply
+from fecocodec.geometry.gaussians import Gaussians
+
+GAUSSIAN_FORMATS = ("PLY", "compressed PLY", "SPZ")
+
+
+def encode_gaussians(gaussians: Gaussians, form: str) -> bytes:
+    """The file's bytes. form: one of GAUSSIAN_FORMATS; SPZ is version 4 (zstd), positions in steps of 2^-12 units.
+
+    Raises InputError where gsply is not installed or the form is unknown.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder, "scene.ply")
+        write_ply(plain, gaussians)
+        if form == "PLY":
+            return plain.read_bytes()
+        gsply = require_extra("gsply", f"writing {form}")
+        cloud = gsply.plyread(str(plain))
+        if form == "compressed PLY":
+            return bytes(gsply.compress_to_bytes(cloud))
+        if form == "SPZ":
+            gsply.write_spz(Path(folder, "scene.spz"), cloud, version=4)
+            return Path(folder, "scene.spz").read_bytes()
+    raise InputError(f"Gaussian format {form} is unknown; use one of {', '.join(GAUSSIAN_FORMATS)}.")
+
+
+def decode_gaussians(data: bytes, form: str) -> Gaussians:
+    """The Gaussians of `encode_gaussians`; their order may differ from what was written."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "scene.spz" if form == "SPZ" else "scene.ply")
+        path.write_bytes(data)
+        if form == "PLY":
+            return read_ply(path)
+        gsply = require_extra("gsply", f"reading {form}")
+        cloud = gsply.read_spz(path) if form == "SPZ" else gsply.decompress_from_bytes(data)
+        rest = np.zeros((len(cloud.means), 0, 3)) if cloud.shN is None else cloud.shN.reshape(len(cloud.means), -1, 3)
+        harmonics = np.concatenate((cloud.sh0[:, None], rest), axis=1)
+        return Gaussians(
+            means=_tensor(cloud.means),
+            scales=_tensor(np.exp(cloud.scales)),
+            rotations=torch.nn.functional.normalize(_tensor(cloud.quats), dim=-1),
+            opacities=torch.sigmoid(_tensor(cloud.opacities)),
+            harmonics=_tensor(harmonics),
+        )
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, np.float32))

@@ -1,0 +1,91 @@
+"""Every entry through every system: measured, recorded, and where asked for drawn."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+from fecocodec.errors import FecoError
+from fecocodec.evaluation.entries import EntryReader
+from fecocodec.evaluation.memory import forget_peak, peak_mib
+from fecocodec.evaluation.quality import measure_quality
+from fecocodec.evaluation.reconstruction import Reconstruction, System
+from fecocodec.evaluation.records import Measurement, RecordFile
+from fecocodec.formats.evaluation_index import IndexEntry
+from fecocodec.geometry.views import Views
+from fecocodec.rendering.metrics import psnr
+
+Draw = Callable[[IndexEntry, System, Views, Reconstruction], None]
+
+
+def draw_nothing(entry: IndexEntry, system: System, views: Views, reconstruction: Reconstruction) -> None:
+    """No strips."""
+
+
+def measure_all(
+    read: EntryReader,
+    entries: Sequence[IndexEntry],
+    systems: Sequence[System],
+    records: RecordFile,
+    model: str,
+    draw: Draw = draw_nothing,
+) -> Iterator[Measurement]:
+    """Measure what `records` does not hold yet; yields every measurement, known ones too.
+
+    model: id of the weights, part of what makes a measurement known. An entry or system that fails is recorded with
+    its error and loses nothing else.
+    """
+    for entry in entries:
+        missing = [system for system in systems if not records.is_known(_key(entry, system, model))]
+        yield from (records.measurements[_key(entry, s, model)] for s in systems if s not in missing)
+        if not missing:
+            continue
+        try:
+            views = read(entry)
+        except FecoError as error:
+            for system in missing:
+                yield _recorded(records, _failure(entry, system, model, error))
+            continue
+        for system in missing:
+            yield _recorded(records, _measure(entry, system, views, model, draw))
+
+
+def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: Draw) -> Measurement:
+    num_context = len(entry.context)
+    forget_peak()
+    try:
+        found = system.reconstruct(views, num_context)
+        peak = peak_mib()
+        target = measure_quality(found.images[num_context:], views.images[num_context:])
+        draw(entry, system, views, found)
+    except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:  # a scene must not lose the others
+        return _failure(entry, system, model, error)
+    height, width = views.image_size
+    return Measurement(
+        *_key(entry, system, model),
+        num_context=num_context,
+        height=height,
+        width=width,
+        num_bytes=found.num_bytes,
+        bits_per_pixel=8 * found.num_bytes / (num_context * height * width),
+        num_gaussians=found.gaussians.count if found.gaussians else 0,
+        psnr=target.psnr,
+        ssim=target.ssim,
+        ms_ssim=target.ms_ssim,
+        flip=target.flip,
+        lpips=target.lpips,
+        context_psnr=float(psnr(found.images[:num_context], views.images[:num_context]).clamp_max(99.0).mean()),
+        encode_seconds=found.encode_seconds,
+        decode_seconds=found.decode_seconds,
+        peak_mib=peak,
+    )
+
+
+def _key(entry: IndexEntry, system: System, model: str) -> tuple[str, str, str, str]:
+    return entry.name, system.name, system.setting, model
+
+
+def _failure(entry: IndexEntry, system: System, model: str, error: Exception) -> Measurement:
+    return Measurement(*_key(entry, system, model), num_context=len(entry.context), error=f"{error}" or repr(error))
+
+
+def _recorded(records: RecordFile, measurement: Measurement) -> Measurement:
+    records.add(measurement)
+    return measurement

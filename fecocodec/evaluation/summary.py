@@ -1,0 +1,108 @@
+"""Averages over entries, as rows of a table."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from statistics import fmean, median
+
+from fecocodec.evaluation.bd_rate import Point, bd_psnr, bd_rate
+from fecocodec.evaluation.records import Measurement
+
+OURS = "fecosplat"
+
+
+@dataclass(frozen=True)
+class Average:
+    """One system on so many entries. Means, but for the seconds (medians) and the memory (the largest)."""
+
+    system: str
+    setting: str
+    entries: int
+    kib: float
+    bits_per_pixel: float
+    gaussians: float
+    psnr: float
+    ssim: float
+    ms_ssim: float | None
+    flip: float | None
+    lpips: float | None
+    context_psnr: float
+    encode_seconds: float
+    decode_seconds: float
+    peak_mib: float | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Ours against a baseline's curve: rate at equal PSNR in percent, PSNR at equal rate in dB; None: no overlap."""
+
+    baseline: str
+    bd_rate: float | None
+    bd_psnr: float | None
+
+
+def averages(measurements: Sequence[Measurement]) -> tuple[Average, ...]:
+    """One average a system and setting, over the entries that every one of them has (failures drop an entry)."""
+    points: dict[tuple[str, str], dict[str, Measurement]] = {}
+    for found in measurements:
+        if not found.error:
+            points.setdefault((found.system, found.setting), {})[found.entry] = found
+    if not points:
+        return ()
+    common = set.intersection(*(set(by_entry) for by_entry in points.values()))
+    return tuple(_average([by_entry[entry] for entry in sorted(common)]) for by_entry in points.values() if common)
+
+
+def compare(rows: Sequence[Average], ours: str = OURS) -> tuple[Comparison, ...]:
+    """Our curve against that of every other system with at least two settings."""
+    names = list(dict.fromkeys(row.system for row in rows))
+    curves = {name: _curve(rows, name) for name in names}
+    others = [name for name in names if name != ours and len(curves[name]) > 1]
+    if ours not in curves:
+        return ()
+    return tuple(
+        Comparison(name, bd_rate(curves[name], curves[ours]), bd_psnr(curves[name], curves[ours])) for name in others
+    )
+
+
+def _curve(rows: Sequence[Average], name: str) -> list[Point]:
+    return [(row.kib, row.psnr) for row in rows if row.system == name and row.kib > 0]
+
+
+def _average(found: Sequence[Measurement]) -> Average:
+    return Average(
+        system=found[0].system,
+        setting=found[0].setting,
+        entries=len(found),
+        kib=fmean(m.num_bytes for m in found) / 1024,
+        bits_per_pixel=fmean(m.bits_per_pixel for m in found),
+        gaussians=fmean(m.num_gaussians for m in found),
+        psnr=fmean(m.psnr for m in found),
+        ssim=fmean(m.ssim for m in found),
+        ms_ssim=_mean_if_all([m.ms_ssim for m in found]),
+        flip=_mean_if_all([m.flip for m in found]),
+        lpips=_mean_if_all([m.lpips for m in found]),
+        context_psnr=fmean(m.context_psnr for m in found),
+        encode_seconds=median(m.encode_seconds for m in found),
+        decode_seconds=median(m.decode_seconds for m in found),
+        peak_mib=max((m.peak_mib for m in found if m.peak_mib is not None), default=None),
+    )
+
+
+def _mean_if_all(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return fmean(known) if known and len(known) == len(values) else None
+
+
+def as_tsv(rows: Sequence[Average | Measurement | Comparison]) -> str:
+    """A header line and one line a row; numbers with six significant digits, nothing for None."""
+    if not rows:
+        return ""
+    lines = ["\t".join(asdict(rows[0]))]
+    lines += ["\t".join(_cell(value) for value in asdict(row).values()) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value).replace("\t", " ").replace("\n", " ")

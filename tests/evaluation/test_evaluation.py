@@ -1,0 +1,94 @@
+"""An evaluation from scenes on disk to tables: resumed, and not lost to one broken scene."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fecocodec.errors import InputError
+from fecocodec.evaluation.evaluation import RECORDS, Plan, choose_entries, evaluate_to_folder
+from fecocodec.evaluation.records import Measurement, RecordFile
+from fecocodec.evaluation.summary import as_tsv, averages, compare
+from fecocodec.formats.evaluation_index import IndexEntry
+from tests.chunk_files import write_wall_chunks
+from tests.example_scenes import MODEL
+
+INDEX = {"wall0": {"context": [0, 2], "target": [1]}, "gone": {"context": [0, 2], "target": [1]}}
+
+
+@pytest.fixture
+def plan(tmp_path: Path, random_weights: Path) -> Plan:
+    root = write_wall_chunks(tmp_path / "chunks", num_scenes=1)
+    index = tmp_path / "evaluation.json"
+    index.write_text(json.dumps(INDEX))
+    size = (64, 96)
+    return Plan(root, index, random_weights / MODEL, tmp_path / "out", ("codec", "floor"), (1e-2,), size)
+
+
+def test_one_broken_scene_loses_nothing_else_and_a_second_run_measures_nothing_again(plan: Plan) -> None:
+    report = evaluate_to_folder(plan)
+    assert [failure.entry for failure in report.failures] == ["gone"] * 3
+    assert "has no scene gone" in report.failures[0].error
+    assert [(row.system, row.entries) for row in report.averages] == [
+        ("fecosplat", 1),
+        ("nearest view", 1),
+        ("best plane", 1),
+    ]
+    assert sorted(path.name for path in (plan.output / "strips").iterdir()) == ["wall0.png"]
+    lines = (plan.output / RECORDS).read_text().splitlines()
+    plan.index.write_text(json.dumps({"wall0": INDEX["wall0"]}))
+    again = evaluate_to_folder(plan)
+    assert (plan.output / RECORDS).read_text().splitlines() == lines
+    assert again.averages == report.averages and again.failures == ()
+    summary = json.loads((plan.output / "summary.json").read_text())
+    assert summary["averages"][0]["kib"] == report.averages[0].kib
+    assert {"processor", "torch", "date"} <= summary["machine"].keys()
+
+
+def measurement(entry: str, system: str, setting: str, num_bytes: int, psnr: float) -> Measurement:
+    return Measurement(entry, system, setting, "model", num_bytes=num_bytes, psnr=psnr)
+
+
+def test_averages_are_over_common_entries_and_curves_are_compared() -> None:
+    found = [
+        measurement(entry, system, f"{step}", factor * 1024 * 2**step, 20.0 + step)
+        for entry in ("a", "b")
+        for system, factor in (("fecosplat", 1), ("AVIF", 2))
+        for step in range(4)
+    ]
+    failed = replace(found[0], entry="c", error="broken")
+    only_one = measurement("c", "AVIF", "0", 9, 50.0)
+    rows = averages([*found, failed, only_one])
+    assert {row.entries for row in rows} == {2}
+    (comparison,) = compare(rows)
+    assert comparison.baseline == "AVIF" and comparison.bd_rate == pytest.approx(-50.0)
+    header, *lines = as_tsv(rows).splitlines()
+    assert header.split("\t")[:4] == ["system", "setting", "entries", "kib"] and len(lines) == 8
+
+
+def test_a_cut_last_line_is_measured_again(tmp_path: Path) -> None:
+    path = tmp_path / RECORDS
+    records = RecordFile(path)
+    for entry in ("a", "b"):
+        records.add(measurement(entry, "fecosplat", "x", 10, 20.0))
+    path.write_text(path.read_text()[:-30])
+    known = RecordFile(path)
+    assert known.is_known(("a", "fecosplat", "x", "model")) and not known.is_known(("b", "fecosplat", "x", "model"))
+    known.add(measurement("b", "fecosplat", "x", 10, 20.0))
+    assert RecordFile(path).is_known(("b", "fecosplat", "x", "model"))
+
+
+def test_other_files_are_no_measurements(tmp_path: Path) -> None:
+    path = tmp_path / RECORDS
+    path.write_text('{"what": 1}\n{"else": 2}\n')
+    with pytest.raises(InputError, match=r"measurements\.jsonl: not measurements of this version .*another output"):
+        RecordFile(path)
+
+
+def test_entries_are_thinned_evenly() -> None:
+    entries = [IndexEntry(f"{n}", f"{n}", (0, 1) if n < 9 else (0, 1, 2), (2,)) for n in range(12)]
+    assert [e.name for e in choose_entries(entries, 2, 3, Path("i.json"))] == ["0", "4", "8"]
+    assert [e.name for e in choose_entries(entries, 3, None, Path("i.json"))] == ["9", "10", "11"]
+    with pytest.raises(InputError, match="has no entry with 5 context views"):
+        choose_entries(entries, 5, None, Path("i.json"))
