@@ -13,7 +13,7 @@ READY := $(VENV)/.ready
 DEMO_LAMBDA ?= 1e-4
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors bench check clean
+.PHONY: help demo test test-slow lint types arch vectors fuzz bench check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-10s %s\n", $$1, $$2}'
@@ -53,6 +53,12 @@ arch: $(READY) ## check the dependency rules
 vectors: $(READY) ## make the golden vectors again, say what changed, check them with both readers
 	$(BIN)/python tests/vectors/make_vectors.py
 	$(BIN)/python -m pytest -q tests/vectors tests/bitstream_spec
+
+fuzz: $(READY) ## ten minutes of mutated streams, half of them guided by coverage where atheris is installed
+	$(BIN)/python benchmarks/fuzz_streams.py --minutes 5 --seed $$(date +%s)
+	@if $(BIN)/python -c 'import atheris' 2>/dev/null; then $(BIN)/python benchmarks/fuzz_atheris.py -max_total_time=300; \
+	else echo "atheris is not installed (pip install atheris): five more minutes without it"; \
+	$(BIN)/python benchmarks/fuzz_streams.py --minutes 5 --seed $$(date +%N); fi
 
 bench: $(READY) ## measure time and memory of encode, decode and info
 	$(BIN)/python benchmarks/bench_codec.py

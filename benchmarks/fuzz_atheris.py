@@ -1,0 +1,49 @@
+"""The container's parsers under atheris, which follows code coverage (`make fuzz`).
+
+`python benchmarks/fuzz_atheris.py -max_total_time=300`; options are libFuzzer's. Half of the changes keep checksums that hold, or nothing behind them would be reached.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+from random import Random
+
+import atheris
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+with atheris.instrument_imports(include=["fecocodec.container"]):
+    from fecocodec.container import inspect, read_intact, read_prefix, read_stream
+    from fecocodec.errors import BitstreamError, InputError
+
+from tests.fuzzing.mutations import corpus, sealed  # noqa: E402
+
+READERS = (read_stream, read_intact, inspect, lambda data: read_prefix(data, 1), lambda data: read_prefix(data, 2))
+
+
+def read_all(data: bytes) -> None:
+    for read in READERS:
+        try:
+            read(data)
+        except (BitstreamError, InputError):
+            continue  # refused, as it should be; anything else ends the run
+
+
+def change(data: bytes, most: int, seed: int) -> bytes:
+    """libFuzzer's own mutation, every other time under checksums that hold."""
+    changed = atheris.Mutate(data, most)
+    return sealed(bytearray(changed))[:most] if Random(seed).random() < 0.5 else changed
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        for number, data in enumerate(corpus()):
+            (Path(folder) / f"{number}").write_bytes(data)
+        limits = ["-timeout=2", "-rss_limit_mb=1024", "-max_len=4096"]
+        atheris.Setup([sys.argv[0], *limits, *sys.argv[1:], folder], read_all, custom_mutator=change)
+        atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
