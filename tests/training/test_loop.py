@@ -1,48 +1,30 @@
-"""The trainer: steps, checkpoints, exact resumption, several processes."""
+"""The trainer: steps, checkpoints, log, exact resumption."""
 
-import json
-import os
-import socket
-import subprocess
-import sys
+import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 import torch.distributed as dist
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
-from fecocodec.errors import ModelError
+from fecocodec.errors import ModelError, OutputError
 from fecocodec.sender.encode import load_profile
+from fecocodec.training import loop
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources
 from fecocodec.training.export import export_model
-from fecocodec.training.log import append_row, mean_of_rows
+from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
 from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.objective import Batch
 from fecocodec.training.scenes import ProceduralWorld
 from fecocodec.training.schedule import Schedule
 from fecocodec.training.textures import pattern_textures
 from tests.example_scenes import MODEL
-
-ROOT = Path(__file__).resolve().parents[2]
-
-# Two steps in a process of a group; prints the loss and a fingerprint of the weights.
-MEMBER = """
-import hashlib, json, sys
-from pathlib import Path
-sys.path.insert(0, sys.argv[1])
-from tests.training.test_loop import trainer
-from fecocodec.training.processes import joined_processes
-with joined_processes():
-    it = trainer(Path(sys.argv[2]), num_steps=2)
-    losses = [it.train_step()["loss"] for _ in range(2)]
-    it.save(it.checkpoint)
-weights = b"".join(value.contiguous().numpy().tobytes() for value in it.networks.state_dict().values())
-print(json.dumps([losses, hashlib.sha256(weights).hexdigest()]))
-"""
 
 
 def trainer(folder: Path, num_steps: int = 4, seed: int = 0) -> Trainer:
@@ -113,27 +95,6 @@ def test_a_group_of_one_trains_exactly_like_a_process_on_its_own(tmp_path: Path)
     assert all(torch.equal(a, b) for a, b in zip(weights_of(alone), weights_of(grouped), strict=True))
 
 
-@pytest.mark.slow
-def test_two_processes_draw_other_scenes_and_keep_the_same_weights(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "TORCHELASTIC_RUN_ID": "test"}
-    members = [
-        subprocess.Popen(
-            [sys.executable, "-c", MEMBER, str(ROOT), str(tmp_path)],
-            env={**os.environ, **group, "RANK": str(rank), "OMP_NUM_THREADS": "1"},
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for rank in range(2)
-    ]
-    (losses, weights), (other_losses, other_weights) = (json.loads(it.communicate(timeout=100)[0]) for it in members)
-    assert weights == other_weights
-    assert losses != other_losses
-    assert len(load_checkpoint(tmp_path / "last.pt")["generators"]) == 2
-
-
 def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_path: Path) -> None:
     export_model(finished.checkpoint, tmp_path / "model")
     profile = load_profile(tmp_path / "model", "cpu")
@@ -201,6 +162,36 @@ def test_log_rows_keep_their_columns(tmp_path: Path) -> None:
     assert dict(zip(header, first, strict=True))["loss"] == "2"
     assert dict(zip(header, first, strict=True))["bpp1"] == "0.5"
     assert dict(zip(header, second, strict=True))["bpp1"] == ""
+
+
+def test_a_resumed_run_replaces_the_rows_it_takes_again(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    for step in (50.0, 100.0, 150.0):
+        append_row(path, {"step": step, "loss": 1.0})
+    forget_rows_after(path, 100)
+    assert [row.split(",")[0] for row in path.read_text().splitlines()] == ["step", "50", "100"]
+    forget_rows_after(tmp_path / "none.csv", 100)
+    assert not (tmp_path / "none.csv").exists()
+
+
+def test_a_skipped_batch_is_counted_and_spoils_no_mean(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    it = trainer(tmp_path)
+    real = loop.loss_of
+
+    def broken_once(batch: Batch, *others: Any) -> tuple[torch.Tensor, dict[str, float]]:
+        loss, parts = real(batch, *others)
+        return (loss * float("nan"), parts | {"mse1": float("nan")}) if it.step == 2 else (loss, parts)
+
+    monkeypatch.setattr(loop, "loss_of", broken_once)
+    rows = list(it.run())
+    assert [row["skipped"] for row in rows] == [0.0, 1.0]
+    assert all(math.isfinite(value) for value in rows[1].values())
+    assert all(bool(value.isfinite().all()) for value in it.networks.state_dict().values())
+
+
+def test_a_checkpoint_that_cannot_be_written_is_one_sentence_and_the_old_one_stays(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"missing/last\.pt: the checkpoint cannot be written"):
+        save_checkpoint(tmp_path / "missing" / "last.pt", {"step": 1})
 
 
 def test_starting_from_a_model_and_exporting_gives_the_model_again(random_weights: Path, tmp_path: Path) -> None:

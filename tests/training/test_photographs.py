@@ -155,6 +155,15 @@ def test_a_folder_without_scenes_is_an_error(tmp_path: Path) -> None:
         Photographs(tmp_path)
 
 
+def test_overlap_comes_from_the_poses_where_no_covisibility_is_written(tmp_path: Path) -> None:
+    path = write_scene(tmp_path / "balls") / "transforms.json"
+    text = json.loads(path.read_text())
+    del text["covisibility"]
+    path.write_text(json.dumps(text))
+    frames = [sorted(int(name[:3]) for name in draw(Photographs(tmp_path), seed).views.names[:2]) for seed in range(20)]
+    assert all(first < second for first, second in frames)
+
+
 @pytest.mark.parametrize("key", ["near", "far"])
 def test_a_missing_field_is_named(tmp_path: Path, key: str) -> None:
     path = write_scene(tmp_path / "balls") / "transforms.json"

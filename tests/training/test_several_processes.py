@@ -1,0 +1,166 @@
+"""Training in a group of processes: gradients of the joint batch, the same weights everywhere, exact resumption."""
+
+import os
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+import torch.distributed as dist
+from torch import Tensor, nn
+
+from fecocodec.training.batch_shapes import BatchShape, BatchShapes
+from fecocodec.training.checkpoint import load_checkpoint
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.objective import Batch, loss_of, run_stages
+from fecocodec.training.processes import average_gradients, joined_processes, process_rank
+from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.schedule import Schedule
+from fecocodec.training.textures import pattern_textures
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def trainer(folder: Path, num_steps: int = 20, seed: int = 0) -> Trainer:
+    """Batches of several shapes: 2 or 3 context views, 64x64 or 64x96 pixels; the rate counts from the third step."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shapes = BatchShapes(2, ((2, 0.6), (3, 0.4)), 1, ((64, 64), (64, 96)))
+    configuration = Configuration(shapes, Schedule(num_steps, one_stage_until=1, bypass_until=2, warm_up=1))
+    world = ProceduralWorld(pattern_textures(13))
+    return Trainer(RunSettings(folder, configuration, 5.0, seed, log_every=5), Sources(world, None))
+
+
+def batch_of(it: Trainer, rank: int) -> Batch:
+    return draw_batch(it.sources, torch.Generator().manual_seed(rank), BatchShape(1, 2, 1, (64, 64)), 0.0)
+
+
+def backward(it: Trainer, batch: Batch) -> None:
+    """Gradients of one pass whose coding has neither noise nor rounding, so that nothing depends on who computes it."""
+
+    def code(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | None) -> tuple[Tensor, Tensor]:
+        return y, y.abs().flatten(1).sum(dim=1)
+
+    outcomes, matched = run_stages(it.sender, it.receiver, batch, code, 2)
+    loss_of(batch, outcomes, matched, 1.0)[0].backward()
+
+
+def gradients_of(networks: nn.Module) -> dict[str, Tensor]:
+    return {name: value.grad for name, value in networks.named_parameters() if value.grad is not None}
+
+
+def joined(first: Batch, second: Batch) -> Batch:
+    cameras = replace(
+        first.cameras,
+        **{
+            name: torch.cat((getattr(first.cameras, name), getattr(second.cameras, name)))
+            for name in ("extrinsics", "intrinsics", "near", "far")
+        },
+    )
+    parts = {name: torch.cat((getattr(first, name), getattr(second, name))) for name in ("images", "depth", "lambda_q")}
+    return replace(first, cameras=cameras, **parts)
+
+
+def leave_gradients(folder: Path) -> None:
+    """What each process of the group does for the test of gradients."""
+    with joined_processes():
+        it = trainer(folder)
+        backward(it, batch_of(it, process_rank()))
+        average_gradients(it.networks)
+        torch.save(gradients_of(it.networks), folder / f"{process_rank()}.pt")
+
+
+def leave_weights(folder: Path) -> None:
+    """What each process of the group does for the test of weights."""
+    with joined_processes():
+        it = trainer(folder, num_steps=4)
+        losses = [it.train_step()["loss"] for _ in range(4)]
+        it.save(it.checkpoint)
+        weights = [value.clone() for value in it.networks.state_dict().values()]
+        torch.save((losses, weights), folder / f"{process_rank()}.pt")
+
+
+def run_group(task: str, folder: Path) -> list[object]:
+    """Run a function of this file in a group of two processes; what each saved, by rank."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "TORCHELASTIC_RUN_ID": "test"}
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from pathlib import Path\n"
+    code += f"from tests.training import test_several_processes as group; group.{task}(Path({str(folder)!r}))"
+    members = [
+        subprocess.Popen(
+            [sys.executable, "-c", code],
+            env={**os.environ, **group, "RANK": str(rank), "LOCAL_RANK": str(rank), "OMP_NUM_THREADS": "1"},
+        )
+        for rank in range(2)
+    ]
+    assert [member.wait(timeout=110) for member in members] == [0, 0]
+    return [torch.load(folder / f"{rank}.pt", weights_only=True) for rank in range(2)]
+
+
+@pytest.mark.slow
+def test_two_processes_have_the_gradients_of_one_with_the_joint_batch(tmp_path: Path) -> None:
+    first, second = run_group("leave_gradients", tmp_path)
+    alone = trainer(tmp_path / "alone")
+    backward(alone, joined(batch_of(alone, 0), batch_of(alone, 1)))
+    expected = gradients_of(alone.networks)
+    assert isinstance(first, dict) and isinstance(second, dict)
+    assert first.keys() == second.keys() == expected.keys() and len(expected) > 100
+    for name, gradient in expected.items():
+        assert torch.equal(first[name], second[name])
+        torch.testing.assert_close(first[name], gradient, rtol=1e-3, atol=1e-4 * float(gradient.abs().max()) + 1e-9)
+
+
+@pytest.mark.slow
+def test_two_processes_draw_other_scenes_and_keep_the_same_weights(tmp_path: Path) -> None:
+    (losses, weights), (other_losses, other_weights) = run_group("leave_weights", tmp_path)  # type: ignore[misc]
+    assert all(torch.equal(a, b) for a, b in zip(weights, other_weights, strict=True))
+    assert losses != other_losses
+    assert len(load_checkpoint(tmp_path / "last.pt")["generators"]) == 2
+
+
+@pytest.mark.slow
+def test_ten_and_ten_steps_are_twenty(tmp_path: Path) -> None:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # sums of gradients must not depend on the number of threads
+    whole = trainer(tmp_path / "whole")
+    assert [row["step"] for row in whole.run()] == [5.0, 10.0, 15.0, 20.0]
+    first = trainer(tmp_path / "halves")
+    for _ in range(10):
+        first.train_step()
+    first.save(first.checkpoint)
+    second = trainer(tmp_path / "halves", seed=7)  # nothing of its own start may remain
+    second.resume(second.checkpoint)
+    assert [row["step"] for row in second.run()] == [15.0, 20.0]
+    torch.set_num_threads(threads)
+    states = zip(second.networks.state_dict().values(), whole.networks.state_dict().values(), strict=True)
+    assert all(torch.equal(resumed, at_once) for resumed, at_once in states)
+    assert all(torch.equal(value, whole.average[name]) for name, value in second.average.items())
+
+
+def test_a_parameter_without_gradient_here_counts_as_zero_where_others_have_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One process stands for a group: `all_reduce` answers as if another process had used the second layer too."""
+    layers = nn.ModuleList((nn.Linear(2, 2), nn.Linear(2, 2), nn.Linear(2, 2)))
+    layers[0](torch.ones(1, 2)).sum().backward()
+    dist.init_process_group("gloo", init_method=f"file://{tmp_path / 'store'}", rank=0, world_size=1)
+    reduce = dist.all_reduce
+
+    def with_another(tensor: Tensor, op: dist.ReduceOp = dist.ReduceOp.SUM) -> None:
+        reduce(tensor, op)
+        if tensor.dtype == torch.uint8:
+            tensor[2:4] = 1
+
+    monkeypatch.setattr(dist, "all_reduce", with_another)
+    try:
+        average_gradients(layers)
+    finally:
+        dist.destroy_process_group()
+    assert torch.equal(layers[1].weight.grad, torch.zeros(2, 2))
+    assert layers[2].weight.grad is None and bool(layers[0].weight.grad.any())
