@@ -1,6 +1,7 @@
 """The container's parsers under atheris, which follows code coverage (`make fuzz`).
 
-`python benchmarks/fuzz_atheris.py -max_total_time=300`; options are libFuzzer's. Half of the changes keep checksums that hold, or nothing behind them would be reached.
+`python benchmarks/fuzz_atheris.py -max_total_time=300`; options are libFuzzer's.
+Half of the changes keep checksums that hold, or nothing behind them would be reached.
 """
 
 import sys
