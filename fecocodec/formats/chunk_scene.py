@@ -65,7 +65,9 @@ class ChunkScene:
         near, far = self.bounds[0] if near is None else near, self.bounds[1] if far is None else far
         if not 0 < near < far:
             raise InputError(f"{self.place}: near {near:.6g} and far {far:.6g} are no range; give 0 < near < far.")
-        framed = [crop_and_resize(image, self._lens(frame, image), size) for frame, image in self._images(frames)]
+        images = [self.image(frame) for frame in frames]
+        pinholes = [self.lens(frame, *image.shape[1:]) for frame, image in zip(frames, images, strict=True)]
+        framed = [crop_and_resize(image, pinhole, size) for image, pinhole in zip(images, pinholes, strict=True)]
         chosen = list(frames)
         cameras = Cameras(
             extrinsics=torch.from_numpy(self.extrinsics[chosen].astype(np.float32)),
@@ -76,15 +78,10 @@ class ChunkScene:
         names = tuple(f"{frame}:{self.timestamps[frame]}" for frame in frames)
         return Views(torch.stack([image for image, _ in framed]), cameras, names)
 
-    def _images(self, frames: tuple[int, ...]) -> list[tuple[int, Float[Tensor, "3 height width"]]]:
-        return [(frame, self.image(frame)) for frame in frames]
-
-    def _lens(self, frame: int, image: Float[Tensor, "3 height width"]) -> Lens:
-        height, width = image.shape[1:]
-        matrix = self.intrinsics[frame]
-        return Lens(
-            width, height, matrix[0, 0] * width, matrix[1, 1] * height, matrix[0, 2] * width, matrix[1, 2] * height
-        )
+    def lens(self, frame: int, height: int, width: int) -> Lens:
+        """The pinhole of a frame whose image is stored at width x height."""
+        (fx, _, cx), (_, fy, cy), _ = self.intrinsics[frame].tolist()
+        return Lens(width, height, fx * width, fy * height, cx * width, cy * height)
 
 
 def chunk_scene(record: object, path: Path) -> ChunkScene:

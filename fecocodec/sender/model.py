@@ -1,5 +1,7 @@
 """The sender's own networks; it also needs the receiver's, because it must know S1 and G1."""
 
+from typing import Any
+
 from torch import nn
 
 from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
@@ -20,7 +22,8 @@ class Sender(nn.Module):
         """extractor: one that `adapted_sender` puts together; without it the one that the configuration describes."""
         super().__init__()
         self.config = config
-        self.extractor = extractor or _extractor(config, receiver.state_channels)
+        # CompactExtractor, DepthSplatSmall or AdaptedExtractor: each has `match`, `fuse` and, of both, `forward`.
+        self.extractor: Any = extractor or _extractor(config, receiver.state_channels)
         self.feedback = FeedbackExtractor(config, receiver)
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)
