@@ -2,16 +2,23 @@
 
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import click
 
-from fecocodec.formats.atomic import require_writable
+from fecocodec.formats.atomic import require_other_file, require_writable
 
 from .naming import naming
 from .options import FILE_PATH, device_option, json_option, overwrite_option, threads_option
 from .output import print_json, say
-from .progress import progress_bar
+from .progress import OnProgress, progress_bar
 from .stream import read_bytes
+
+if TYPE_CHECKING:
+    from fecocodec.receiver.partial import IntactDecoding
+
+PARTLY_DECODED = 3  # exit code
+STAGES = {1: "stage 1 could be", 2: "the two stages could be"}  # the rest is metadata, or what to keep
 
 
 @click.command(
@@ -20,7 +27,8 @@ from .stream import read_bytes
     epilog="""\b
 Examples:
   fecosplat decode scene.fcs -o scene.ply
-  fecosplat decode scene.fcs -o preview.ply --stages 1""",
+  fecosplat decode scene.fcs -o preview.ply --stages 1
+  fecosplat decode damaged.fcs -o rescued.ply --partial""",
 )
 @click.argument("stream", metavar="FILE.fcs", type=FILE_PATH)
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Where to write the Gaussians (3DGS .ply).")
@@ -29,29 +37,56 @@ Examples:
     type=click.IntRange(1, 2),
     help="Decode only the first stage: a preview, also of a file that was cut after it.  [default: all]",
 )
+@click.option(
+    "--partial",
+    is_flag=True,
+    help=f"Of a damaged file, decode the stages that are intact; exit code {PARTLY_DECODED} says that some were not.",
+)
 @device_option
 @threads_option
 @overwrite_option
 @json_option
-def command(stream: Path, output: Path, stages: int | None, device: str, overwrite: bool, as_json: bool) -> None:
+def command(
+    stream: Path, output: Path, stages: int | None, partial: bool, device: str, overwrite: bool, as_json: bool
+) -> int:
     """Decode FILE.fcs to 3D Gaussians in the frame and unit of length of the photographs' cameras.
 
     The result is a .ply with the usual 3DGS properties, which viewers such as SuperSplat open.
     """
+    if partial and stages is not None:
+        raise click.UsageError("--partial finds out by itself how many stages are intact; leave --stages out.")
     start = perf_counter()
     require_writable(output, overwrite=overwrite)
+    require_other_file(output, stream)
     data = read_bytes(stream)
 
-    from fecocodec import decode, write_ply
+    from fecocodec import write_ply
 
     from .device import require_device
 
     require_device(device)
     with naming(stream), progress_bar() as on_progress:
-        gaussians = decode(data, num_stages=stages, device=device, on_progress=on_progress)
-    write_ply(output, gaussians, overwrite=overwrite)
+        decoded = _decode(data, stages, partial, device, on_progress)
+    write_ply(output, decoded.gaussians, overwrite=overwrite)
     seconds = round(perf_counter() - start, 3)
+    count, damage = decoded.gaussians.count, decoded.damage
     if as_json:
-        print_json({"output": str(output), "gaussians": gaussians.count, "seconds": seconds})
+        fields = {"output": str(output), "gaussians": count, "stages": decoded.num_stages, "damage": damage}
+        print_json({**fields, "seconds": seconds})
     else:
-        say(f"{output}: {gaussians.count} Gaussians in {seconds:.2f} s")
+        say(f"{output}: {count} Gaussians in {seconds:.2f} s")
+    if damage is None:
+        return 0
+    say(f"fecosplat: {stream}: damaged, only {STAGES[decoded.num_stages]} decoded: {damage}")
+    return PARTLY_DECODED
+
+
+def _decode(data: bytes, stages: int | None, partial: bool, device: str, on_progress: OnProgress) -> "IntactDecoding":
+    from fecocodec import decode, decode_intact
+    from fecocodec.container import read_stream
+    from fecocodec.receiver.partial import IntactDecoding
+
+    if partial:
+        return decode_intact(data, device=device, on_progress=on_progress)
+    gaussians = decode(data, num_stages=stages, device=device, on_progress=on_progress)
+    return IntactDecoding(gaussians, read_stream(data).header.num_stages if stages is None else stages, None)

@@ -6,7 +6,7 @@ from time import perf_counter
 import click
 
 from fecocodec.container import inspect, quantise_lambda
-from fecocodec.formats.atomic import require_writable, write_atomically
+from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
 
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
@@ -71,6 +71,7 @@ def command(
     """
     start = perf_counter()
     require_writable(output, overwrite=overwrite)
+    require_other_file(output, views_folder)
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
 
     from fecocodec import encode, read_views

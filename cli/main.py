@@ -1,6 +1,7 @@
 """Entry point: finds the command, and turns every foreseen failure into one sentence and an exit code.
 
-Exit codes: 0 done, 1 the input or output cannot be used, 2 wrong usage, 130 interrupted.
+Exit codes: 0 done, 1 the input or output cannot be used, 2 wrong usage, 3 only part of a damaged file could be decoded
+(`decode --partial`), 130 interrupted.
 """
 
 import sys
@@ -12,7 +13,7 @@ import click
 
 from fecocodec import FecoError, __version__
 
-COMMANDS = ("encode", "decode", "info", "render", "train", "eval")
+COMMANDS = ("encode", "decode", "info", "render", "train", "eval", "stress")
 INTERRUPTED = 130
 
 

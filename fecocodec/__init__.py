@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fecocodec.geometry.gaussians import Gaussians
     from fecocodec.geometry.views import Views
     from fecocodec.receiver.decode import decode
+    from fecocodec.receiver.partial import decode_intact
     from fecocodec.rendering.rasterizer import Rendering, render
     from fecocodec.sender.encode import encode
 
@@ -35,6 +36,7 @@ __all__ = [
     "Views",
     "__version__",
     "decode",
+    "decode_intact",
     "encode",
     "read_ply",
     "read_views",
@@ -53,6 +55,7 @@ _MODULE_OF = {
     "Rendering": "fecocodec.rendering.rasterizer",
     "Views": "fecocodec.geometry.views",
     "decode": "fecocodec.receiver.decode",
+    "decode_intact": "fecocodec.receiver.partial",
     "encode": "fecocodec.sender.encode",
     "read_ply": "fecocodec.formats.ply",
     "read_views": "fecocodec.formats.scene_folder",

@@ -23,6 +23,19 @@ def require_writable(path: Path, *, overwrite: bool) -> None:
         raise OutputError(f"{path}: the file exists already; choose another output path or ask to overwrite it.")
 
 
+def require_other_file(output: Path, source: Path) -> None:
+    """Refuse to replace what is being read, whatever names lead to it.
+
+    Raises OutputError where both are the same file, or where `source` is a folder and `output` a file that is in it
+    already and no `.fcs`: a photograph or its cameras.
+    """
+    if not output.exists() or not source.exists():
+        return
+    is_inside = source.is_dir() and source.resolve() in output.resolve().parents and output.suffix != ".fcs"
+    if is_inside or output.samefile(source):
+        raise OutputError(f"{output}: this is the input, or part of it; choose another output path.")
+
+
 @contextmanager
 def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """Give a temporary path beside `path`; what was written there takes the name `path` when the block ends.

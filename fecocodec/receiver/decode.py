@@ -43,7 +43,7 @@ def decode(
     ModelError where its weights are not found.
     """
     stream = read_stream(data) if num_stages is None else read_prefix(data, num_stages)
-    receiver = _receiver(stream.header.model_id, weights, device)
+    receiver = receiver_of(stream.header.model_id, weights, device)
     return decode_stream(stream, receiver, on_progress)
 
 
@@ -103,8 +103,11 @@ def predict_scene(
 
 
 @lru_cache(maxsize=2)
-def _receiver(model_id: bytes, weights: Path, device: str) -> Receiver:
-    """Kept by model id, not by path: a file that was replaced is another model, and warm calls hash no weights."""
+def receiver_of(model_id: bytes, weights: Path, device: str) -> Receiver:
+    """The receiver of that id, found among `weights`; raises ModelError where it is not there.
+
+    It is kept by model id, not by path: a file that was replaced is another model, and warm calls hash no weights.
+    """
     receiver, _ = load_receiver(find_receiver(model_id, weights))
     place(receiver, device)
     return receiver

@@ -96,6 +96,7 @@ def networks(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands work with untrained networks instead of the shipped ones."""
     monkeypatch.setattr(fecocodec, "encode", partial(fecocodec.encode, model=MODEL, weights=random_weights))
     monkeypatch.setattr(fecocodec, "decode", partial(fecocodec.decode, weights=random_weights))
+    monkeypatch.setattr(fecocodec, "decode_intact", partial(fecocodec.decode_intact, weights=random_weights))
 
 
 @pytest.fixture(scope="session")

@@ -77,6 +77,19 @@ def move_section(data: bytearray, at: int, value: int) -> bytearray:
     return rest if value % 5 == 0 else rest[:target] + section + rest[target:]
 
 
+def bend_payload(data: bytearray, at: int, value: int) -> bytearray:
+    """A byte of a coded latent, or of what else the section at that place holds."""
+    starts = section_starts(data)
+    if not starts:
+        return data
+    start = starts[value % len(starts)]
+    length = int.from_bytes(data[start + 1 : start + 5], "little")
+    place = start + 9 + at % max(length, 1)
+    if place < len(data):
+        data[place] ^= 1 + value // 16 % 255
+    return data
+
+
 def bend_cameras(data: bytearray, at: int, value: int) -> bytearray:
     """A byte of the cameras changed before compression."""
     starts = section_starts(data)
@@ -87,6 +100,8 @@ def bend_cameras(data: bytearray, at: int, value: int) -> bytearray:
         content = bytearray(zlib.decompress(bytes(data[begin : begin + length]), -15))
     except zlib.error:
         return data
+    if not content:
+        return data
     content[at % len(content)] = value % 256
     compressor = zlib.compressobj(9, zlib.DEFLATED, -15)
     payload = compressor.compress(bytes(content)) + compressor.flush()
@@ -96,7 +111,19 @@ def bend_cameras(data: bytearray, at: int, value: int) -> bytearray:
 
 CHANGES: dict[str, Callable[[bytearray, int, int], bytearray]] = {
     change.__name__: change
-    for change in (flip, set_byte, cut, insert, delete, repeat, set_field, set_length, move_section, bend_cameras)
+    for change in (
+        flip,
+        set_byte,
+        cut,
+        insert,
+        delete,
+        repeat,
+        set_field,
+        set_length,
+        move_section,
+        bend_payload,
+        bend_cameras,
+    )
 }
 
 
@@ -145,8 +172,8 @@ def corpus() -> tuple[bytes, ...]:
 
 
 def random_mutant(random: Random) -> bytes:
-    """One to four changes to a stream of the corpus; every other time its checksums hold."""
-    kinds = tuple(CHANGES)
+    """One to four changes to a stream of the corpus; every other time its checksums hold, to get further."""
+    kinds = (*CHANGES, *("bend_payload", "flip", "set_byte") * 3)
     mutations = tuple(
         Mutation(kinds[int(random.random() * len(kinds))], random.random(), int(random.random() * 2**16))
         for _ in range(1 + int(random.random() ** 2 * 4))

@@ -1,0 +1,130 @@
+"""Killed, refused by the disk, or asked to replace the input: no file is damaged and none is lost."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from refusals import assert_refused
+
+from fecocodec.formats.ply import read_ply
+
+# Encodes or decodes until it writes, says so, and waits there to be killed: half of the output is on the disk then.
+CHILD = """
+import sys, time
+from functools import partial
+from pathlib import Path
+import fecocodec
+from fecocodec.formats import atomic
+model, weights, *arguments = sys.argv[1:]
+fecocodec.encode = partial(fecocodec.encode, model=model, weights=Path(weights))
+fecocodec.decode = partial(fecocodec.decode, weights=Path(weights))
+
+def stall(source, target):
+    data = source.read_bytes()
+    source.write_bytes(data[: len(data) // 2])
+    print("writing", flush=True)
+    time.sleep(600)
+
+atomic.os.replace = stall
+from fecosplat_cli.main import run
+sys.exit(run(arguments))
+"""
+MODEL = "random"
+
+
+@pytest.fixture(params=["encode", "decode"])
+def killed(request, photographs: Path, wall: bytes, random_weights: Path, tmp_path: Path, output: Path) -> Path:
+    """The output of a command that was killed while it wrote; a file was there before."""
+    source = photographs if request.param == "encode" else tmp_path / "wall.fcs"
+    (tmp_path / "wall.fcs").write_bytes(wall)
+    target = output / ("a.fcs" if request.param == "encode" else "a.ply")
+    target.write_bytes(b"precious")
+    arguments = [request.param, source, "-o", target, "--overwrite"]
+    arguments += ["--views", "0,1", "--stages", "1"] if request.param == "encode" else []
+    command = [sys.executable, "-c", CHILD, MODEL, random_weights, *arguments]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None and child.stdout.readline() == "writing\n"
+    child.send_signal(signal.SIGKILL)
+    child.wait(timeout=20)
+    return target
+
+
+def test_a_killed_command_leaves_the_old_file_whole(killed: Path) -> None:
+    assert killed.read_bytes() == b"precious"
+    leftovers = [path.name for path in killed.parent.iterdir() if path != killed]
+    assert all(name.startswith(".") and ".part" in name for name in leftovers), "half a file under a name of its own"
+
+
+@pytest.mark.usefixtures("networks")
+def test_an_interrupted_command_leaves_nothing(
+    fecosplat, wall: bytes, tmp_path: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(source: object, target: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    (tmp_path / "wall.fcs").write_bytes(wall)
+    monkeypatch.setattr("fecocodec.formats.atomic.os.replace", interrupt)
+    result = fecosplat("decode", tmp_path / "wall.fcs", "-o", output / "a.ply")
+    assert result.code == 130 and list(output.iterdir()) == []
+
+
+@pytest.fixture
+def read_only(output: Path) -> Iterator[Path]:
+    """A folder that takes no new files; for root, who may write anywhere else, one that the kernel keeps."""
+    if os.geteuid() == 0:
+        yield Path("/sys")
+        return
+    output.chmod(0o500)
+    yield output
+    output.chmod(0o700)
+
+
+@pytest.mark.usefixtures("networks")
+@pytest.mark.parametrize("command", ["encode", "decode"])
+def test_a_read_only_folder(
+    fecosplat, photographs: Path, wall: bytes, tmp_path: Path, output: Path, read_only: Path, command: str
+) -> None:
+    (tmp_path / "wall.fcs").write_bytes(wall)
+    options = ("--views", "0,1", "--stages", "1") if command == "encode" else ()
+    source = photographs if command == "encode" else tmp_path / "wall.fcs"
+    result = fecosplat(command, source, "-o", read_only / "a.fcs", *options)
+    assert_refused(result, output, f"{read_only / 'a.fcs'}: writing failed (...")
+
+
+def test_decoding_into_the_input_is_refused(fecosplat, wall: bytes, tmp_path: Path, output: Path) -> None:
+    file, link = tmp_path / "wall.fcs", tmp_path / "link.fcs"
+    file.write_bytes(wall)
+    link.symlink_to(file)
+    for target in (file, link, tmp_path / "output" / ".." / "wall.fcs"):
+        result = fecosplat("decode", file, "-o", target, "--overwrite")
+        assert_refused(result, output, f"{target}: this is the input, or part of it; choose another output path.")
+    assert file.read_bytes() == wall
+
+
+@pytest.mark.parametrize("name", ["view_0.png", "transforms.json"])
+def test_encoding_into_a_photograph_is_refused(fecosplat, photographs: Path, output: Path, name: str) -> None:
+    before = (photographs / name).read_bytes()
+    result = fecosplat("encode", photographs, "-o", photographs / name, "--overwrite")
+    assert_refused(
+        result, output, f"{photographs / name}: this is the input, or part of it; choose another output path."
+    )
+    assert (photographs / name).read_bytes() == before
+
+
+@pytest.mark.usefixtures("networks")
+def test_an_older_stream_among_the_photographs_may_be_replaced(
+    fecosplat, photographs: Path, wall: bytes, tmp_path: Path, output: Path
+) -> None:
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    for file in photographs.iterdir():
+        (folder / file.name).write_bytes(file.read_bytes())
+    (folder / "a.fcs").write_bytes(b"old")
+    arguments = ("--views", "0,1", "--stages", "1", "--overwrite")
+    assert fecosplat("encode", folder, "-o", folder / "a.fcs", *arguments).code == 0
+    assert fecosplat("decode", folder / "a.fcs", "-o", output / "a.ply").code == 0
+    assert read_ply(output / "a.ply").count > 0

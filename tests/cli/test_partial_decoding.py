@@ -1,0 +1,88 @@
+"""`fecosplat decode --partial`: what is intact is decoded, and said so."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from refusals import assert_refused
+
+from fecocodec import read_ply
+from fecocodec.container import Keep, list_sections, read_stream, write_stream
+
+pytestmark = pytest.mark.usefixtures("networks")
+
+
+@pytest.fixture(scope="module")
+def whole(wall: bytes) -> bytes:
+    """Two stages, keep and metadata: every kind of section there is."""
+    return write_stream(replace(read_stream(wall), keep=Keep(2), metadata={"name": "wall"}))
+
+
+def end_of(data: bytes, name: str) -> int:
+    section = next(section for section in list_sections(data) if section.name == name)
+    return section.offset + 9 + section.length
+
+
+def cuts(whole: bytes) -> dict[str, int]:
+    """Every boundary of sections behind B1, and places within the sections."""
+    ends = {name: end_of(whole, name) for name in ("B1", "B2", "keep")}
+    return ends | {
+        "head of B2": ends["B1"] + 4,
+        "half of B2": (ends["B1"] + ends["B2"]) // 2,
+        "last byte": len(whole) - 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("place", "stages"),
+    [("B1", 1), ("head of B2", 1), ("half of B2", 1), ("B2", 2), ("keep", 2), ("last byte", 2)],
+)
+def test_a_cut_file_gives_what_is_intact(
+    fecosplat, whole: bytes, tmp_path: Path, output: Path, place: str, stages: int
+) -> None:
+    file, result_file = tmp_path / "cut.fcs", output / "a.ply"
+    file.write_bytes(whole[: cuts(whole)[place]])
+    result = fecosplat("decode", file, "-o", result_file, "--partial", "--json")
+    fields = json.loads(result.out)
+    assert (result.code, fields["stages"]) == (3, stages)
+    assert f"the file ends after {cuts(whole)[place]} bytes" in fields["damage"]
+    assert result.err.startswith(f"fecosplat: {file}: damaged, only ") and result.err.count("\n") == 1
+    assert read_ply(result_file).count == fields["gaussians"] > 0
+
+
+@pytest.mark.parametrize("place", ["cameras", "middle of B1"])
+def test_nothing_is_made_of_a_file_without_an_intact_first_stage(
+    fecosplat, whole: bytes, tmp_path: Path, output: Path, place: str
+) -> None:
+    file = tmp_path / "cut.fcs"
+    at = end_of(whole, "cameras") if place == "cameras" else end_of(whole, "B1") - 50
+    file.write_bytes(whole[:at])
+    result = fecosplat("decode", file, "-o", output / "a.ply", "--partial")
+    assert_refused(result, output, f"{file}: section ...")
+
+
+def test_a_whole_file_is_decoded_as_ever(fecosplat, whole: bytes, tmp_path: Path, output: Path) -> None:
+    file = tmp_path / "whole.fcs"
+    file.write_bytes(whole)
+    result = fecosplat("decode", file, "-o", output / "a.ply", "--partial")
+    assert result.code == 0 and "damaged" not in result.err
+
+
+def test_a_second_stage_with_other_symbols_than_promised_is_left_out(
+    fecosplat, whole: bytes, tmp_path: Path, output: Path
+) -> None:
+    """Its checksum holds: only the digest tells."""
+    stream = read_stream(whole)
+    digests = (stream.header.symbol_digests[0], bytes(8))
+    file = tmp_path / "other.fcs"
+    file.write_bytes(write_stream(replace(stream, header=replace(stream.header, symbol_digests=digests))))
+    result = fecosplat("decode", file, "-o", output / "a.ply", "--partial", "--json")
+    fields = json.loads(result.out)
+    assert (result.code, fields["stages"]) == (3, 1)
+    assert fields["damage"].startswith("stage 2: the decoded symbols have digest")
+
+
+def test_the_number_of_stages_is_not_for_the_user_to_say(fecosplat, tmp_path: Path, output: Path) -> None:
+    result = fecosplat("decode", tmp_path / "a.fcs", "-o", output / "a.ply", "--partial", "--stages", "1")
+    assert result.code == 2 and "leave --stages out" in result.err
