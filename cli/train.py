@@ -69,6 +69,13 @@ Examples:
 @click.option("--precision", type=click.Choice(["float32", "bfloat16"]), help="Of convolutions and attention.")
 @click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True)
 @click.option("--from", "start", type=FILE_PATH, help="Begin with the weights of the model in this folder.")
+@click.option(
+    "--extractor-weights", "extractor", type=FILE_PATH,
+    help="Begin with the extractor of a model's folder, or of a DepthSplat, Depth Anything V2 or UniMatch checkpoint.",
+)  # fmt: skip
+@click.option(
+    "--freeze", "frozen", multiple=True, type=click.Choice(["receiver", "extractor"]), help="Leave it as it is."
+)
 @click.option("--export", "model", type=FILE_PATH, help="When done, write the weights files of a model to this folder.")
 @device_option
 @threads_option
@@ -80,6 +87,8 @@ def command(
     max_minutes: float,
     seed: int,
     start: Path | None,
+    extractor: Path | None,
+    frozen: tuple[str, ...],
     model: Path | None,
     device: str,
     **overrides: Any,
@@ -98,7 +107,7 @@ def command(
     from .device import require_device
 
     require_device(device)
-    configuration = _overridden(configuration_named(name), overrides)
+    configuration = replace(_overridden(configuration_named(name), overrides), frozen=frozen)
     with joined_processes(device) as own_device:
         sources = open_sources(photographs, textures, configuration)
         trainer = Trainer(RunSettings(folder, configuration, max_minutes, seed, own_device), sources)
@@ -106,10 +115,12 @@ def command(
             trainer.resume(trainer.checkpoint)
         elif start is not None:
             trainer.start_from(start)
+        if extractor is not None and trainer.step == 0:
+            say(f"extractor: {trainer.start_extractor_from(extractor)}")
         for row in trainer.run():
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if model is not None and is_first():
-            export_model(trainer.checkpoint, model)
+            export_model(trainer.checkpoint, model, configuration)
 
 
 def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":

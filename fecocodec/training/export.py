@@ -3,20 +3,22 @@
 from pathlib import Path
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
-from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.formats.atomic import write_atomically
 from fecocodec.receiver.load import serialise_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.load import serialise_sender
 from fecocodec.sender.model import Sender
 from fecocodec.training.checkpoint import load_checkpoint
+from fecocodec.training.configurations import Configuration
 
 
-def export_model(checkpoint: Path, folder: Path) -> None:
-    """Write `receiver.safetensors` and `sender.safetensors` of a checkpoint's averaged weights into `folder`."""
+def export_model(checkpoint: Path, folder: Path, configuration: Configuration) -> None:
+    """Write `receiver.safetensors` and `sender.safetensors` of a checkpoint's averaged weights into `folder`.
+
+    configuration: that of the run. A receiver that was frozen gives the bytes of the file it came from.
+    """
     average = load_checkpoint(checkpoint)["average"]
-    config = ReceiverConfig()
-    receiver, sender = Receiver(config), Sender(SenderConfig(), config)
+    receiver, sender = Receiver(configuration.receiver), Sender(configuration.sender, configuration.receiver)
     for name, network in (("receiver.", receiver), ("sender.", sender)):
         network.load_state_dict({k.removeprefix(name): v for k, v in average.items() if k.startswith(name)})
     folder.mkdir(parents=True, exist_ok=True)

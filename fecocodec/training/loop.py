@@ -10,16 +10,15 @@ from typing import Any
 import torch
 from torch import nn
 
-from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into
 from fecocodec.errors import ModelError, OutputError
 from fecocodec.layers.placement import place
-from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.load import load_sender
+from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
 from fecocodec.sender.model import Sender
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.fine_tuning import begin_with, freeze, load_extractor
 from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
 from fecocodec.training.objective import Batch, Coding, bypass_coding, code_with_noise, loss_of, run_stages
 from fecocodec.training.precision import run_in_bfloat16
@@ -60,10 +59,10 @@ class Trainer:
         place(self.networks, settings.device)
         if configuration.precision == "bfloat16":
             run_in_bfloat16(self.networks, settings.device)
-        self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
-        self.optimiser = torch.optim.AdamW(
-            self.networks.parameters(), lr=1.0, betas=(0.9, 0.95), weight_decay=1e-4, fused=True
-        )
+        self._begin_average()
+        freeze(self.sender, self.receiver, configuration.frozen)
+        learning = [parameter for parameter in self.networks.parameters() if parameter.requires_grad]
+        self.optimiser = torch.optim.AdamW(learning, lr=1.0, betas=(0.9, 0.95), weight_decay=1e-4, fused=True)
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
         torch.manual_seed(settings.seed * 1000 + process_rank())  # and goes on with noise of its own
         self.step, self.num_skipped = 0, 0
@@ -80,11 +79,17 @@ class Trainer:
         return self.settings.folder / "log.csv"
 
     def start_from(self, model: Path) -> None:
-        """Begin with the weights of a released model's folder; raises ModelError where they are missing."""
-        receiver, model_id = load_receiver(model / RECEIVER_FILE)
-        sender = load_sender(model / SENDER_FILE, receiver.config, model_id)
-        for network, released in ((self.receiver, receiver), (self.sender, sender)):
-            load_into(network, released.state_dict(), model)
+        """Begin with the weights of a model's folder, but for an extractor of another kind; see `begin_with`."""
+        begin_with(self.sender, self.receiver, model)
+        self._begin_average()
+
+    def start_extractor_from(self, source: Path) -> LoadReport:
+        """Fill the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
+        report = load_extractor(self.sender, source)
+        self._begin_average()
+        return report
+
+    def _begin_average(self) -> None:
         self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
 
     def resume(self, path: Path) -> None:
@@ -166,7 +171,8 @@ class Trainer:
         torch._foreach_lerp_(list(self.average.values()), list(self.networks.state_dict().values()), 1.0 - decay)
 
     def run(self) -> Iterator[dict[str, float]]:
-        """Train until the schedule or the time ends; yields the mean of the log's columns every `log_every` steps.
+        """Train until the schedule or the time ends; yields the mean of the log's columns every `log_every` steps and
+        when the time ends.
 
         Skipped batches count in the column `skipped` and in no mean. Raises OutputError where files cannot be written.
         """
@@ -180,16 +186,16 @@ class Trainer:
             if math.isfinite(parts["gradient"]):
                 window.append(parts)
             now = time.monotonic()
+            is_over = told_by_first(now - start > 60 * settings.max_minutes)
             if is_first() and now - drawn > 60 * settings.samples_every_minutes:
                 self.draw_samples()
                 drawn = now
-            if self.step % settings.log_every == 0:
+            if self.step % settings.log_every == 0 or is_over:
                 row = mean_of_rows(window) | self._counts((now - start) / 60)
                 window = []
                 if is_first():
                     append_row(self.log, row)
                     yield row
-            is_over = told_by_first(now - start > 60 * settings.max_minutes)
             is_due = told_by_first(now - saved > 60 * settings.save_every_minutes)
             if is_due or is_over:
                 self.save(self.checkpoint)

@@ -96,7 +96,7 @@ def test_a_group_of_one_trains_exactly_like_a_process_on_its_own(tmp_path: Path)
 
 
 def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_path: Path) -> None:
-    export_model(finished.checkpoint, tmp_path / "model")
+    export_model(finished.checkpoint, tmp_path / "model", finished.settings.configuration)
     profile = load_profile(tmp_path / "model", "cpu")
     average = finished.average["receiver.predictor.depth_head.weight"]
     torch.testing.assert_close(profile.receiver.predictor.depth_head.weight, average, atol=1e-3, rtol=1e-3)
@@ -198,6 +198,6 @@ def test_starting_from_a_model_and_exporting_gives_the_model_again(random_weight
     it = trainer(tmp_path / "run")
     it.start_from(random_weights / MODEL)
     it.save(it.checkpoint)
-    export_model(it.checkpoint, tmp_path / "again")
+    export_model(it.checkpoint, tmp_path / "again", it.settings.configuration)
     for name in (RECEIVER_FILE, SENDER_FILE):
         assert (tmp_path / "again" / name).read_bytes() == (random_weights / MODEL / name).read_bytes()

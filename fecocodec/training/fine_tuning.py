@@ -1,0 +1,65 @@
+"""What a run begins with, and what of it stays frozen: from a trained model to another extractor, and back.
+
+While the receiver is frozen its file stays the same to the byte, and so does the model id: files of every sender that
+was trained with it decode with the same receiver.
+"""
+
+from pathlib import Path
+
+from torch import nn
+
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into
+from fecocodec.errors import InputError, ModelError
+from fecocodec.receiver.load import load_receiver
+from fecocodec.receiver.model import Receiver
+from fecocodec.sender.adapted import adopt_codec
+from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
+from fecocodec.sender.load import load_sender
+from fecocodec.sender.model import Sender
+
+FREEZABLE = ("receiver", "extractor")
+
+
+def begin_with(sender: Sender, receiver: Receiver, model: Path) -> None:
+    """Copy a model's weights: all of the receiver and of the sender, but for an extractor of another kind.
+
+    Raises ModelError where the model is missing or of other sizes.
+    """
+    released, model_id = load_receiver(model / RECEIVER_FILE)
+    trained = load_sender(model / SENDER_FILE, released.config, model_id)
+    load_into(receiver, released.state_dict(), model)
+    if trained.config.extractor == sender.config.extractor:
+        load_into(sender, trained.state_dict(), model)
+    else:
+        adopt_codec(sender, trained)
+
+
+def load_extractor(sender: Sender, source: Path) -> LoadReport:
+    """Fill the extractor alone from a model's folder, or (depthsplat-small) from a public checkpoint.
+
+    Raises ModelError where the source is missing, damaged, or of another kind of extractor.
+    """
+    if not source.is_dir():
+        if not isinstance(sender.extractor, DepthSplatSmall):
+            raise ModelError(f"{source}: public checkpoints are for depthsplat-small; name the folder of a model.")
+        return load_public_weights(sender.extractor, source)
+    released, model_id = load_receiver(source / RECEIVER_FILE)
+    trained = load_sender(source / SENDER_FILE, released.config, model_id)
+    if trained.config.extractor != sender.config.extractor:
+        raise ModelError(
+            f"{source}: its extractor is {trained.config.extractor}, this run's is {sender.config.extractor}; "
+            "name another model."
+        )
+    tensors = trained.extractor.state_dict()
+    load_into(sender.extractor, tensors, source)
+    return LoadReport(tuple(tensors), (), ())
+
+
+def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
+    """Keep these parts as they are: "receiver", "extractor". Raises InputError for anything else."""
+    parts: dict[str, nn.Module] = {"receiver": receiver, "extractor": sender.extractor}
+    for name in names:
+        if name not in parts:
+            raise InputError(f"There is no part '{name}' to freeze; choose from {', '.join(FREEZABLE)}.")
+        parts[name].requires_grad_(False)

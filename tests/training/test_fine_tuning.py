@@ -1,0 +1,119 @@
+"""From a trained compact model to the paper's extractor and back, one receiver for both."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+import fecocodec
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
+from fecocodec.config import CodecConfig, PaperSenderConfig, SenderConfig
+from fecocodec.errors import InputError, ModelError
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.sender.encode import load_profile
+from fecocodec.training.batch_shapes import BatchShapes
+from fecocodec.training.checkpoint import save_checkpoint
+from fecocodec.training.chunk_scenes import ChunkScenes
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.dataset import Sources
+from fecocodec.training.export import export_model
+from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.schedule import Schedule
+from fecocodec.training.textures import pattern_textures
+from tests.chunk_files import write_wall_chunks
+from tests.example_scenes import MODEL, example_views
+
+pytestmark = pytest.mark.timeout(300)
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> Sources:
+    folder = write_wall_chunks(tmp_path_factory.mktemp("chunks"), num_scenes=2)
+    return Sources(ProceduralWorld(pattern_textures(5)), ChunkScenes(folder))
+
+
+def trainer(folder: Path, sources: Sources, sender: CodecConfig, frozen: tuple[str, ...] = ()) -> Trainer:
+    schedule = Schedule(4, photograph_share=(1.0, 1.0), disparity_weight=(0.0, 0.0), warm_up=1, learning_rate=1e-4)
+    shapes = BatchShapes(1, ((2, 1.0),), 1, ((64, 64),))
+    configuration = Configuration(shapes, schedule, sender=sender, frozen=frozen)
+    folder.mkdir(parents=True)
+    return Trainer(RunSettings(folder, configuration, 5.0, samples_every_minutes=float("inf")), sources)
+
+
+def exported(it: Trainer, folder: Path) -> Path:
+    save_checkpoint(it.checkpoint, {"average": it.average})  # without the optimiser's state, which is twice as much
+    export_model(it.checkpoint, folder, it.settings.configuration)
+    return folder
+
+
+def decoded_by(model: Path, data: bytes) -> Gaussians:
+    return fecocodec.decode(data, weights=model.parent)
+
+
+def test_files_of_both_senders_decode_with_the_receiver_that_was_frozen(
+    sources: Sources, random_weights: Path, tmp_path: Path
+) -> None:
+    compact = random_weights / MODEL
+    it = trainer(tmp_path / "run", sources, PaperSenderConfig(), frozen=("receiver",))
+    it.start_from(compact)
+    before = it.sender.extractor.regressor[0]["4"].weight.clone()
+    rows = [it.train_step() for _ in range(2)]
+    assert it.num_skipped == 0 and all(row["gradient"] > 0 for row in rows)
+    assert not torch.equal(it.sender.extractor.regressor[0]["4"].weight, before)
+
+    paper = exported(it, tmp_path / "weights" / "paper")
+    assert (paper / RECEIVER_FILE).read_bytes() == (compact / RECEIVER_FILE).read_bytes()
+    assert load_profile(paper, "cpu").model_id == load_profile(compact, "cpu").model_id
+    assert load_profile(paper, "cpu").sender.config == PaperSenderConfig()
+    views = example_views(2)
+    by_compact, by_paper = (
+        fecocodec.encode(views, model=model.name, weights=model.parent) for model in (compact, paper)
+    )
+    assert by_compact != by_paper
+    for data in (by_compact, by_paper):
+        first, second = decoded_by(compact, data), decoded_by(paper, data)
+        assert first.count > 0 and torch.equal(first.means, second.means)
+
+
+def test_back_to_the_compact_extractor(sources: Sources, random_weights: Path, tmp_path: Path) -> None:
+    """A receiver that learned with the paper's extractor, and the compact extractor of the model before it."""
+    forth = trainer(tmp_path / "forth", sources, PaperSenderConfig(), frozen=("extractor",))
+    forth.start_from(random_weights / MODEL)
+    untouched = {name: value.clone() for name, value in forth.sender.extractor.state_dict().items()}
+    forth.train_step()
+    assert all(torch.equal(value, untouched[name]) for name, value in forth.sender.extractor.state_dict().items())
+    paper = exported(forth, tmp_path / "weights" / "paper")
+    assert load_profile(paper, "cpu").model_id != load_profile(random_weights / MODEL, "cpu").model_id
+
+    back = trainer(tmp_path / "back", sources, SenderConfig(), frozen=("receiver",))
+    back.start_from(paper)
+    report = back.start_extractor_from(random_weights / MODEL)
+    assert report.missing == () and len(report.used) == len(back.sender.extractor.state_dict())
+    back.train_step()
+    again = exported(back, tmp_path / "weights" / "compact")
+    assert load_profile(again, "cpu").model_id == load_profile(paper, "cpu").model_id
+
+
+def test_refusals(sources: Sources, random_weights: Path, tmp_path: Path) -> None:
+    compact = trainer(tmp_path / "run", sources, SenderConfig())
+    with pytest.raises(ModelError, match="public checkpoints are for depthsplat-small; name the folder of a model"):
+        compact.start_extractor_from(tmp_path / "depthsplat.pth")
+    paper = trainer(tmp_path / "other", sources, PaperSenderConfig())
+    with pytest.raises(ModelError, match="its extractor is compact, this run's is depthsplat-small"):
+        paper.start_extractor_from(random_weights / MODEL)
+    configuration = replace(compact.settings.configuration, frozen=("tail",))
+    with pytest.raises(InputError, match="There is no part 'tail' to freeze; choose from receiver, extractor"):
+        Trainer(replace(compact.settings, configuration=configuration), sources)
+
+
+def test_a_paper_sender_is_not_taken_for_a_compact_one(random_weights: Path, tmp_path: Path) -> None:
+    for name in (RECEIVER_FILE, SENDER_FILE):
+        (tmp_path / name).write_bytes((random_weights / MODEL / name).read_bytes())
+    data = (tmp_path / SENDER_FILE).read_bytes()
+    (tmp_path / SENDER_FILE).write_bytes(
+        data.replace(b'\\"extractor\\": \\"compact\\"', b'\\"extractor\\": \\"unknown\\"')
+    )
+    with pytest.raises(ModelError, match="its extractor 'unknown' is not known to this version"):
+        load_profile(tmp_path, "cpu")

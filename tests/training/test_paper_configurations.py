@@ -1,0 +1,54 @@
+"""The paper's configurations on tiny data sets: two processes under torchrun, and a public checkpoint to begin with."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.training.checkpoint import load_checkpoint
+from fecocodec.training.configurations import configuration_named
+from tests.chunk_files import record, write_chunks, write_wall_chunks
+from tests.formats.wall_scene import shots
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def write_dl3dv(folder: Path) -> Path:
+    wall = record("", shots(10), url="1f0e06e4388dd600")
+    return write_chunks(folder, [[wall | {"key": f"capture{number}"} for number in range(2)]])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(("name", "write", "size"), [
+    ("paper-re10k", write_wall_chunks, "64x64"),
+    ("paper-dl3dv", write_dl3dv, "96x64"),
+])  # fmt: skip
+def test_twenty_steps_on_two_processes(name: str, write, size: str, tmp_path: Path) -> None:
+    chunks, run = write(tmp_path / "chunks"), tmp_path / "run"
+    command = [
+        sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2",
+        "-m", "fecosplat_cli", "train", str(run), "--config", name, "--photographs", str(chunks),
+        "--steps", "20", "--one-stage-steps", "4", "--bypass-steps", "8", "--size", size, "--targets", "1",
+        "--threads", "1",
+    ]  # fmt: skip
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr[-3000:]
+    saved = load_checkpoint(run / "last.pt")
+    assert saved["step"] == 20 and saved["num_skipped"] == 0 and len(saved["generators"]) == 2
+    assert all(bool(value.isfinite().all()) for value in saved["average"].values())
+
+
+def test_the_configurations_are_the_papers() -> None:
+    re10k, dl3dv = configuration_named("paper-re10k"), configuration_named("paper-dl3dv")
+    for configuration in (re10k, dl3dv):
+        assert configuration.schedule.num_steps == 300_000 and configuration.schedule.learning_rate == 2e-4
+        assert configuration.shapes.num_scenes == 1 and configuration.precision == "bfloat16"
+        assert configuration.sender.extractor == "depthsplat-small"
+    assert re10k.lambda_range == pytest.approx((1e-5, 1e-2)) and dl3dv.lambda_range == pytest.approx((1e-5, 1e-3))
+    assert re10k.shapes.sizes == ((256, 256),) and dl3dv.shapes.sizes == ((256, 448),)
+    assert torch.tensor(dl3dv.shapes.view_shares).tolist() == [[8.0, 1.0]]
