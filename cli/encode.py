@@ -47,6 +47,10 @@ Examples:
 @click.option("--near", type=float, help="Nearest depth of the scene, in its unit of length.  [default: estimated]")
 @click.option("--far", type=float, help="Farthest depth of the scene.  [default: estimated]")
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
+@click.option(
+    "--refine", "refinement_steps", type=click.IntRange(0, 1000), default=3, show_default=True, metavar="STEPS",
+    help="Gradient steps on the second stage: better pictures for more time.",
+)  # fmt: skip
 @device_option
 @threads_option
 @overwrite_option
@@ -60,6 +64,7 @@ def command(
     near: float | None,
     far: float | None,
     stages: int,
+    refinement_steps: int,
     device: str,
     overwrite: bool,
     as_json: bool,
@@ -84,7 +89,14 @@ def command(
         on_progress("reading views", 0.0)
         scene = read_views(views_folder, views=chosen, size=size, near=near, far=far)
         with naming(views_folder, OF_VIEWS):
-            data = encode(scene, lmbda=lmbda, num_stages=stages, device=device, on_progress=on_progress)
+            data = encode(
+                scene,
+                lmbda=lmbda,
+                num_stages=stages,
+                refinement_steps=refinement_steps,
+                device=device,
+                on_progress=on_progress,
+            )
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)

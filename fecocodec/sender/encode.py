@@ -16,6 +16,7 @@ from fecocodec.layers.placement import place
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.load import load_sender
+from fecocodec.sender.refinement import REFINEMENT_STEPS, refine_second_stage
 from fecocodec.sender.steps import (
     CodedStage,
     PreparedScene,
@@ -29,7 +30,7 @@ from fecocodec.sender.steps import (
     start_state,
 )
 
-__all__ = ["Profile", "assemble", "code_stages", "encode", "encode_with", "load_profile"]
+__all__ = ["Profile", "assemble", "check_views", "code_stages", "encode", "encode_with", "header_of", "load_profile"]
 
 MIN_SIDE, MAX_SIDE = 64, 1024
 
@@ -39,6 +40,7 @@ def encode(
     *,
     lmbda: float = 1e-3,
     num_stages: int = 2,
+    refinement_steps: int = REFINEMENT_STEPS,
     device: str = "cpu",
     model: str = DEFAULT_MODEL,
     weights: Path = SHIPPED,
@@ -47,13 +49,15 @@ def encode(
     """Bytes of a `.fcs` stream that `decode` turns into the Gaussians of these views.
 
     lmbda: price of a bit a pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. num_stages: 1
-    leaves the feedback stage out. model, weights: `<weights>/<model>/` holds the weights of both ends.
+    leaves the feedback stage out. refinement_steps: of the second stage's latents (see `refinement`); each takes about
+    as long as encoding without. model, weights: `<weights>/<model>/` holds the weights of both ends.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
     lambda_q = quantise_lambda(lmbda)
-    _check_views(views, num_stages)
-    return encode_with(load_profile(weights / model, device), views, lambda_q, num_stages, on_progress)
+    check_views(views, num_stages)
+    profile = load_profile(weights / model, device)
+    return encode_with(profile, views, lambda_q, num_stages, on_progress, refinement_steps)
 
 
 @lru_cache(maxsize=2)
@@ -66,13 +70,14 @@ def load_profile(folder: Path, device: str) -> Profile:
     return Profile(sender, receiver, model_id)
 
 
-@torch.inference_mode()
+@torch.no_grad()
 def encode_with(
     profile: Profile,
     views: Views,
     lambda_q: int,
     num_stages: int,
     on_progress: OnProgress = lambda _task, _fraction: None,
+    refinement_steps: int = REFINEMENT_STEPS,
 ) -> bytes:
     """Encode with networks that are loaded; the sender works from the cameras that the receiver will see.
 
@@ -81,7 +86,7 @@ def encode_with(
     scene = prepare(profile, views)
     on_progress("matching views", 0.1)
     features = matched_features(profile, scene)
-    stages = code_stages(profile, scene, features, lambda_q, num_stages, on_progress)
+    stages = code_stages(profile, scene, features, lambda_q, num_stages, on_progress, refinement_steps=refinement_steps)
     return assemble(profile, scene, stages, lambda_q)
 
 
@@ -93,10 +98,12 @@ def code_stages(
     num_stages: int,
     on_progress: OnProgress = lambda _task, _fraction: None,
     stage_2_views: tuple[int, ...] | None = None,
+    refinement_steps: int = 0,
 ) -> tuple[CodedStage, ...]:
     """Stage 1 from the matched features, stage 2 from what stage 1's Gaussians make of the views.
 
-    stage_2_views: the views that stage 2 codes, ascending from 0; None: all.
+    stage_2_views: the views that stage 2 codes, ascending from 0; None: all. refinement_steps: of all views' latents of
+    stage 2, before some are chosen.
     """
     on_progress("coding stage 1", 0.3)
     every = tuple(range(scene.num_views))
@@ -108,9 +115,10 @@ def code_stages(
     rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
     feedback = feedback_features(profile, scene, rendering, lambda_q)
     on_progress("coding stage 2", 0.7)
+    latents = analyse(profile, feedback, first.state, lambda_q, 2)
+    latents = refine_second_stage(profile, scene, latents, first, lambda_q, refinement_steps)
     views = every if stage_2_views is None else stage_2_views
-    latents = analyse(profile, feedback[list(views)], first.state[list(views)], lambda_q, 2)
-    return first, code_stage(profile, scene, latents, lambda_q, views, first)
+    return first, code_stage(profile, scene, latents.of_views(views), lambda_q, views, first)
 
 
 def assemble(
@@ -121,13 +129,19 @@ def assemble(
     keep: Keep | None = None,
 ) -> bytes:
     """The stream of these stages. keep: which Gaussians a receiver emits, None for all that can be seen."""
-    digests = tuple(stage.latents.digest() for stage in stages)
-    views = stages[1].views if len(stages) == 2 else ()
-    header = Header(profile.model_id, scene.num_views, *scene.image_size, lambda_q, digests, views)
+    header = header_of(profile, scene, stages, lambda_q)
     return write_stream(Stream(header, scene.packed, tuple(stage.payload for stage in stages), keep=keep))
 
 
-def _check_views(views: Views, num_stages: int) -> None:
+def header_of(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...], lambda_q: int) -> Header:
+    """The header of a stream of these stages."""
+    digests = tuple(stage.latents.digest() for stage in stages)
+    views = stages[1].views if len(stages) == 2 else ()
+    return Header(profile.model_id, scene.num_views, *scene.image_size, lambda_q, digests, views)
+
+
+def check_views(views: Views, num_stages: int) -> None:
+    """Raise InputError for views or a number of stages that cannot be coded."""
     count, (height, width) = len(views.images), views.image_size
     if not 1 <= count <= MAX_VIEWS:
         raise InputError(f"{count} views were given; give 1 to {MAX_VIEWS} (--views chooses some).")

@@ -66,6 +66,10 @@ class Latents:
     y: Float[Tensor, "view latent h8 w8"]
     z: Float[Tensor, "view hyper h32 w32"]
 
+    def of_views(self, views: tuple[int, ...]) -> "Latents":
+        """Those of some views, in the order given."""
+        return Latents(self.y[list(views)], self.z[list(views)])
+
 
 @dataclass(frozen=True)
 class CodedStage:

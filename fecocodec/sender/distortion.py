@@ -1,0 +1,23 @@
+"""What the codec was trained to make small, for each view: the D of R + D."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.rendering.metrics import ssim
+
+SSIM_WEIGHT = 0.03  # as in training
+
+
+def distortions(
+    renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]
+) -> Float[Tensor, " view"]:
+    """Mean squared error + 0.03 (1 - SSIM) of each view."""
+    squared = (renderings - images).square().mean(dim=(1, 2, 3))
+    return squared + SSIM_WEIGHT * (1.0 - ssim(renderings.clamp(0, 1), images))
+
+
+def mean_psnr(renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]) -> float:
+    """PSNR in dB of all views together, at most 100."""
+    error = (renderings.clamp(0, 1) - images).square().mean()
+    return float(-10.0 * torch.log10(error.clamp_min(1e-10)))

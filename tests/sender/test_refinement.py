@@ -1,0 +1,55 @@
+"""Refinement lowers what encoding minimises, and is left out where it is not asked for or does not fit."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.container.lagrangian import dequantise_lambda, quantise_lambda
+from fecocodec.sender import refinement
+from fecocodec.sender.distortion import distortions
+from fecocodec.sender.encode import code_stages, encode_with, load_profile
+from fecocodec.sender.steps import PreparedScene, Profile, matched_features, prepare, stage_rendering
+from tests.example_scenes import MODEL, example_views
+
+LAMBDA_Q = quantise_lambda(1e-4)
+
+
+@pytest.fixture(scope="module")
+def profile(random_weights: Path) -> Profile:
+    return load_profile(random_weights / MODEL, "cpu")
+
+
+@pytest.fixture(scope="module")
+def scene(profile: Profile) -> PreparedScene:
+    with torch.no_grad():
+        return prepare(profile, example_views(2))
+
+
+@torch.no_grad()
+def objective(profile: Profile, scene: PreparedScene, refinement_steps: int) -> float:
+    """D + lambda R of the stream itself."""
+    features = matched_features(profile, scene)
+    stages = code_stages(profile, scene, features, LAMBDA_Q, 2, refinement_steps=refinement_steps)
+    rendering = stage_rendering(profile, scene, stages[1].state, LAMBDA_Q, 2)
+    bits_per_pixel = 8 * len(stages[1].payload) / (scene.num_views * 64 * 64)
+    return float(distortions(rendering, scene.images).mean()) + dequantise_lambda(LAMBDA_Q) * bits_per_pixel
+
+
+def test_more_steps_lower_the_objective(profile: Profile, scene: PreparedScene) -> None:
+    unrefined, few, many = (objective(profile, scene, steps) for steps in (0, 3, 12))
+    assert many < few < unrefined
+
+
+def test_without_steps_the_bytes_are_those_of_the_networks(profile: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
+    views = example_views(2)
+    refined, plain = (encode_with(profile, views, LAMBDA_Q, 2, refinement_steps=steps) for steps in (3, 0))
+    monkeypatch.setattr(refinement, "MOST_PIXELS", 2 * 64 * 64 - 1)
+    too_large = encode_with(profile, views, LAMBDA_Q, 2, refinement_steps=3)
+    assert too_large == plain != refined
+
+
+def test_refining_leaves_no_gradients_in_the_networks(profile: Profile) -> None:
+    encode_with(profile, example_views(2), LAMBDA_Q, 2, refinement_steps=1)
+    networks = (profile.sender, profile.receiver)
+    assert all(parameter.grad is None for network in networks for parameter in network.parameters())
