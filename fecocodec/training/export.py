@@ -17,8 +17,13 @@ def export_model(checkpoint: Path, folder: Path, configuration: Configuration) -
 
     configuration: that of the run. A receiver that was frozen gives the bytes of the file it came from.
     """
-    average = load_checkpoint(checkpoint)["average"]
     receiver, sender = Receiver(configuration.receiver), Sender(configuration.sender, configuration.receiver)
+    export_networks(checkpoint, folder, receiver, sender)
+
+
+def export_networks(checkpoint: Path, folder: Path, receiver: Receiver, sender: Sender) -> None:
+    """`export_model` by way of these networks, which take the averaged weights."""
+    average = load_checkpoint(checkpoint)["average"]
     for name, network in (("receiver.", receiver), ("sender.", sender)):
         network.load_state_dict({k.removeprefix(name): v for k, v in average.items() if k.startswith(name)})
     folder.mkdir(parents=True, exist_ok=True)

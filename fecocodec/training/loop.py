@@ -49,12 +49,13 @@ class RunSettings:
 class Trainer:
     """Both ends' networks with optimiser, averaged weights and generator; resumes from `folder/last.pt`."""
 
-    def __init__(self, settings: RunSettings, sources: Sources) -> None:
+    def __init__(self, settings: RunSettings, sources: Sources, sender: Sender | None = None) -> None:
+        """sender: one around an extractor of others (`adapted_sender`), in place of the configuration's."""
         self.settings, self.sources = settings, sources
         configuration = settings.configuration
         torch.manual_seed(settings.seed)  # every process starts from the same weights
         self.receiver = Receiver(configuration.receiver)
-        self.sender = Sender(configuration.sender, configuration.receiver)
+        self.sender = sender or Sender(configuration.sender, configuration.receiver)
         self.networks = nn.ModuleDict({"receiver": self.receiver, "sender": self.sender})
         place(self.networks, settings.device)
         if configuration.precision == "bfloat16":

@@ -1,0 +1,78 @@
+"""A sender around an extractor that is not ours: DISK's dense descriptors (Tyszkiewicz et al. 2020), through kornia.
+
+Needs `pip install kornia`. Trains the adapter and the sender's half of the codec for a while, receiver and extractor
+frozen, so that the files it makes decode with the receiver everybody has:
+
+    python examples/larger_extractor.py SCENES OUT --minutes 30 [--disk depth]
+
+SCENES: folders with transforms.json, or chunks of RealEstate10K. OUT gets a model's folder. `--disk depth` fetches the
+published weights of DISK; without it they are random, which shows that everything fits together and no more.
+"""
+
+import argparse
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from einops import rearrange
+from kornia.feature import DISK
+from torch import Tensor
+
+from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.sender.adapted import adapted_sender
+from fecocodec.training.configurations import configuration_named
+from fecocodec.training.export import export_networks
+from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.sources import open_sources
+
+
+class DiskExtractor:
+    """The three methods of `fecocodec.sender.extractors.adapter.LargeExtractor`."""
+
+    def __init__(self, network: DISK) -> None:
+        self.network = network.eval().requires_grad_(False)
+
+    def num_channels(self) -> int:
+        return self.network.desc_dim
+
+    def features(self, images: Tensor, cameras: Cameras) -> Tensor:
+        """Descriptors of every pixel of every view; DISK looks at each view alone and needs no cameras."""
+        self.network.to(images.device)
+        _, descriptors = self.network.heatmap_and_dense_descriptors(rearrange(images, "b v c h w -> (b v) c h w"))
+        return rearrange(descriptors, "(b v) c h w -> b v c h w", b=len(images))
+
+    def fingerprint(self) -> str:
+        digest = hashlib.sha256()
+        for name, value in sorted(self.network.state_dict().items()):
+            digest.update(name.encode() + value.cpu().contiguous().numpy().tobytes())
+        return f"disk-{digest.hexdigest()[:16]}"
+
+
+def train(extractor: DiskExtractor, scenes: Path, out: Path, minutes: float, model: Path) -> None:
+    """Begin with a trained model's codec, train what is the sender's own, and write the model's two files to `out`."""
+    configuration = replace(configuration_named("compact"), frozen=("receiver",))
+    sources = open_sources(scenes, None, configuration)
+    sender = adapted_sender(extractor, configuration.receiver)
+    trainer = Trainer(RunSettings(out / "run", configuration, minutes), sources, sender)
+    trainer.start_from(model)
+    for row in trainer.run():
+        print(f"step {row['step']:.0f}  loss {row['loss']:.4g}")
+    export_networks(trainer.checkpoint, out, trainer.receiver, trainer.sender)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--disk", help="name of DISK's published weights, such as depth")
+    arguments = parser.parse_args()
+    torch.manual_seed(0)
+    network = DISK.from_pretrained(arguments.disk) if arguments.disk else DISK()
+    train(DiskExtractor(network), arguments.scenes, arguments.out, arguments.minutes, SHIPPED / DEFAULT_MODEL)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""Public checkpoints by name: official ones whole, initialisations in part, everything else refused."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from public_network import SHAPES, made_up_weights
+from torch import Tensor
+
+from fecocodec.errors import ModelError
+from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
+
+
+@pytest.fixture(scope="module")
+def weights() -> dict[str, Tensor]:
+    return made_up_weights()
+
+
+@pytest.fixture
+def extractor() -> DepthSplatSmall:
+    return DepthSplatSmall()
+
+
+def official(weights: dict[str, Tensor]) -> dict[str, Tensor]:
+    """As published: the prefix, and modules that this extractor has no use for."""
+    others = {
+        "encoder.depth_predictor.depth_head.0.0.bias": torch.zeros(256),
+        "encoder.gaussian_head.0.bias": torch.zeros(8),
+    }
+    return {f"encoder.depth_predictor.{name}": value for name, value in weights.items()} | others
+
+
+def saved(path: Path, contents: object) -> Path:
+    torch.save(contents, path)
+    return path
+
+
+@pytest.mark.parametrize("nest", [lambda tensors: tensors, lambda tensors: {"state_dict": tensors, "step": 3}])
+def test_official_checkpoints_load_whole(
+    extractor: DepthSplatSmall, weights: dict[str, Tensor], nest, tmp_path: Path
+) -> None:
+    report = load_public_weights(extractor, saved(tmp_path / "depthsplat.pth", nest(official(weights))))
+    assert set(report.used) == set(SHAPES) and report.missing == ()
+    assert report.unused == ("encoder.depth_predictor.depth_head.0.0.bias", "encoder.gaussian_head.0.bias")
+    assert all(torch.equal(value, weights[name]) for name, value in extractor.state_dict().items())
+    assert str(report) == f"{len(SHAPES)} tensors used, 2 unused, 0 missing"
+
+
+def test_depth_anything_initialises_the_monocular_branch(
+    extractor: DepthSplatSmall, weights: dict[str, Tensor], tmp_path: Path
+) -> None:
+    before = extractor.backbone.conv1.weight.clone()
+    part = {name: value for name, value in weights.items() if name.startswith("pretrained.")}
+    contents = part | {"pretrained.mask_token": torch.zeros(1, 384), "depth_head.scratch.bias": torch.zeros(3)}
+    report = load_public_weights(extractor, saved(tmp_path / "depth_anything_v2_vits.pth", contents))
+    assert set(report.used) == set(part) and report.unused == ("pretrained.mask_token", "depth_head.scratch.bias")
+    assert torch.equal(extractor.pretrained.cls_token, weights["pretrained.cls_token"])
+    assert torch.equal(extractor.backbone.conv1.weight, before)
+    assert str(report).endswith("missing (backbone, regressor, regressor_residual, transformer)")
+
+
+def test_unimatch_initialises_cnn_and_transformer(
+    extractor: DepthSplatSmall, weights: dict[str, Tensor], tmp_path: Path
+) -> None:
+    part = {name: value for name, value in weights.items() if name.split(".")[0] in ("backbone", "transformer")}
+    report = load_public_weights(extractor, saved(tmp_path / "gmdepth.pth", {"model": part}))
+    assert set(report.used) == set(part) and report.unused == () and len(report.missing) == len(SHAPES) - len(part)
+
+
+def test_refusals(extractor: DepthSplatSmall, weights: dict[str, Tensor], tmp_path: Path) -> None:
+    path = tmp_path / "weights.pth"
+    with pytest.raises(ModelError, match="no such checkpoint"):
+        load_public_weights(extractor, path)
+    path.write_bytes(b"PK not a checkpoint")
+    with pytest.raises(ModelError, match="no checkpoint, damaged, or with more than tensors in it"):
+        load_public_weights(extractor, path)
+    with pytest.raises(ModelError, match=r"store its state_dict alone with torch\.save"):
+        load_public_weights(extractor, saved(path, {"state_dict": {}, "callback": pytest.raises}))
+    with pytest.raises(ModelError, match="no tensor of it belongs to depthsplat-small"):
+        load_public_weights(extractor, saved(path, {"conv.weight": torch.zeros(3)}))
+    whole = official(weights)
+    del whole["encoder.depth_predictor.pretrained.cls_token"]
+    with pytest.raises(ModelError, match=r"lacks 1 tensors such as pretrained\.cls_token"):
+        load_public_weights(extractor, saved(path, whole))
+    with pytest.raises(ModelError, match=r"pretrained\.cls_token is \(1, 1, 768\), but \(1, 1, 384\) here"):
+        load_public_weights(extractor, saved(path, {"pretrained.cls_token": torch.zeros(1, 1, 768)}))
