@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -172,6 +173,14 @@ def test_a_resumed_run_replaces_the_rows_it_takes_again(tmp_path: Path) -> None:
     assert [row.split(",")[0] for row in path.read_text().splitlines()] == ["step", "50", "100"]
     forget_rows_after(tmp_path / "none.csv", 100)
     assert not (tmp_path / "none.csv").exists()
+
+
+def test_a_run_that_is_out_of_time_logs_saves_and_stops(tmp_path: Path) -> None:
+    it = trainer(tmp_path)
+    it.settings = replace(it.settings, max_minutes=1e-9, log_every=1000)
+    assert [row["step"] for row in it.run()] == [1.0]
+    assert load_checkpoint(it.checkpoint)["step"] == 1
+    assert len(it.log.read_text().splitlines()) == 2
 
 
 def test_a_skipped_batch_is_counted_and_spoils_no_mean(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
