@@ -106,9 +106,35 @@ def test_every_rule_of_the_specification_is_broken_by_a_test() -> None:
     assert len(rules) == len(set(rules))
 
 
-def worked_example() -> bytes:
-    text = (SPECIFICATION / "FORMAT.md").read_text().split("## 13. Worked example")[1]
+def hex_dump(begin: str, end: str) -> bytes:
+    """The bytes that are shown between two headings of FORMAT.md."""
+    text = (SPECIFICATION / "FORMAT.md").read_text().split(begin)[1].split(end)[0]
     return bytes.fromhex("".join(re.findall(r"^00[0-9a-f]0  (.+)$", text, re.MULTILINE)))
+
+
+def worked_example() -> bytes:
+    return hex_dump("### 13.1", "### 13.2")
+
+
+def test_the_smallest_vector_is_shown_as_it_is() -> None:
+    assert hex_dump("### 13.2", "## 14.") == (SPECIFICATION / "vectors" / "uncommon" / "smallest.fcs").read_bytes()
+
+
+def test_the_steps_of_the_worked_example_hold() -> None:
+    """Its numbers, found again by the second reader."""
+    text = (SPECIFICATION / "FORMAT.md").read_text().split("### 13.2")[1].split("## 14.")[0]
+    shown = dict(re.findall(r"^\| (.+?) \| ([-0-9, ]+)", text, re.MULTILINE))
+    vectors = SPECIFICATION / "vectors"
+    contents = read_stream_again((vectors / "uncommon" / "smallest.fcs").read_bytes())
+    first, _ = second_reader.decode(contents, (vectors / "tiny.safetensors").read_bytes())
+    assert numbers(shown["symbols of z"]) == first.batches[0]
+    assert numbers(shown["z_hat"]) == first.z_hat[0][0][0]
+    assert numbers(shown["symbols of y, first step, first eight"]) == first.batches[1][:8]
+    assert numbers(shown["y_hat at row 0, column 0"]) == first.y_hat[0][0][0]
+
+
+def numbers(text: str) -> list[int]:
+    return [int(number) for number in re.findall(r"-?\d+", text)]
 
 
 def test_the_worked_example_is_a_stream_and_says_what_the_text_says() -> None:
