@@ -13,10 +13,10 @@ READY := $(VENV)/.ready
 DEMO_LAMBDA ?= 1e-4
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors fuzz bench check clean
+.PHONY: help demo test test-slow lint types arch vectors fuzz conformance conformance-cuda bench check clean
 
 help: ## show this list
-	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-10s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
 
 $(READY): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "fecosplat needs Python 3.11, 3.12 or 3.13 with venv; set PYTHON=/path/to/python" >&2; exit 1; }
@@ -59,6 +59,12 @@ fuzz: $(READY) ## ten minutes of mutated streams, half of them guided by coverag
 	@if $(BIN)/python -c 'import atheris' 2>/dev/null; then $(BIN)/python benchmarks/fuzz_atheris.py -max_total_time=300; \
 	else echo "atheris is not installed (pip install atheris): five more minutes without it"; \
 	$(BIN)/python benchmarks/fuzz_streams.py --minutes 5 --seed $$(date +%N); fi
+
+conformance: $(READY) ## the same symbols with other threads, instructions and number types; how far Gaussians differ
+	$(BIN)/python benchmarks/conformance.py
+
+conformance-cuda: $(READY) ## the same, on the CUDA device too; fails where there is none
+	$(BIN)/python benchmarks/conformance.py --cuda
 
 bench: $(READY) ## measure time and memory of encode, decode and info
 	$(BIN)/python benchmarks/bench_codec.py

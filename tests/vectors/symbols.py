@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import torch
@@ -29,6 +30,7 @@ class StageValues:
     y_hat: Int64[np.ndarray, "view row column channel"]
 
 
+@cache
 def prior_of(model_id: bytes) -> LatentPrior:
     """The entropy model of that id; raises ModelError where there is none."""
     if model_id == tiny_model_id():

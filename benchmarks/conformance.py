@@ -1,0 +1,112 @@
+"""The same symbols everywhere, and how far Gaussians differ: `python benchmarks/conformance.py` (or `--cuda`).
+
+Every machine below is a process of its own with other threads, vector instructions, number type, torch or device. Each
+checks the golden vectors, encodes the bundled scene at three lambdas, and decodes what all of them have written; a
+symbol that differs is an error. `--python PATH` adds the torch of another environment.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+
+from tests.vectors.gaussian_difference import Difference, difference  # noqa: E402
+
+AVX2 = {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_ENABLE_INSTRUCTIONS": "AVX2"}
+SSE41 = {"ATEN_CPU_CAPABILITY": "default", "ONEDNN_MAX_CPU_ISA": "SSE41", "MKL_ENABLE_INSTRUCTIONS": "SSE4_2"}
+SCALAR = {**SSE41, "MKL_CBWR": "COMPATIBLE", "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512_SKX"}
+
+
+@dataclass(frozen=True)
+class Machine:
+    name: str
+    environment: dict[str, str] = field(default_factory=dict)
+    number_type: str = "fp32"
+    device: str = "cpu"
+    python: str = sys.executable
+
+
+MACHINES = (
+    Machine("one thread", {"OMP_NUM_THREADS": "1"}),
+    Machine("two threads", {"OMP_NUM_THREADS": "2"}),
+    Machine("four threads", {"OMP_NUM_THREADS": "4"}),
+    Machine("AVX2", {"OMP_NUM_THREADS": "2", **AVX2}),
+    Machine("SSE4.1", {"OMP_NUM_THREADS": "2", **SSE41}),
+    Machine("no vectors", {"OMP_NUM_THREADS": "1", **SCALAR}),
+    Machine("bf16", {"OMP_NUM_THREADS": "2"}, number_type="bf16"),
+)
+CUDA = (Machine("CUDA", device="cuda"), Machine("CUDA bf16", number_type="bf16", device="cuda"))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cuda", action="store_true", help="also on the CUDA device, without which nothing is checked")
+    parser.add_argument("--python", action="append", default=[], help="another environment's interpreter")
+    options = parser.parse_args()
+    if options.cuda and not torch.cuda.is_available():
+        print("conformance: there is no CUDA device on this machine; nothing was checked", file=sys.stderr)
+        return 1
+    others = tuple(Machine(f"python {path}", {"OMP_NUM_THREADS": "2"}, python=path) for path in options.python)
+    machines = (*MACHINES, *others, *(CUDA if options.cuda else ()))
+    with tempfile.TemporaryDirectory() as folder:
+        facts = run(machines, Path(folder))
+        for machine in machines:
+            report(machine, facts[machine.name], Path(folder))
+    return 0
+
+
+def run(machines: tuple[Machine, ...], folder: Path) -> dict[str, dict[str, Any]]:
+    """All encode, then all decode what is there; one works at a time."""
+    children = {}
+    for machine in machines:
+        script = Path(__file__).with_name("conformance_machine.py")
+        child = subprocess.Popen(
+            [machine.python, script, folder, machine.name.replace("/", "_"), machine.number_type, machine.device],
+            env={**os.environ, **machine.environment},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert child.stdout is not None
+        if child.stdout.readline() != "written\n":
+            raise SystemExit(f"conformance: {machine.name} failed")
+        children[machine.name] = child
+    facts = {}
+    for name, child in children.items():
+        out, _ = child.communicate("go\n")
+        if child.returncode != 0:
+            raise SystemExit(f"conformance: {name} failed")
+        facts[name] = json.loads(out)
+    return facts
+
+
+def report(machine: Machine, facts: dict[str, Any], folder: Path) -> None:
+    kind = f"torch {facts['torch']}, {facts['capability']}, {facts['threads']} threads, {machine.number_type}"
+    print(
+        f"{machine.name}: {kind}: {facts['vectors']} vectors and {facts['streams']} streams of all machines, every symbol the same"
+    )
+    reference, mine = folder / f"of {MACHINES[0].name}", folder / f"of {machine.name.replace('/', '_')}"
+    found = [
+        difference((folder / f"{path.stem}.fcs").read_bytes(), rows(path), rows(mine / path.name))
+        for path in sorted(reference.glob("*.npy"))
+    ]
+    print(f"  Gaussians against {MACHINES[0].name}: {Difference.largest(found)}", flush=True)
+
+
+def rows(path: Path) -> torch.Tensor:
+    return torch.from_numpy(np.load(path))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,60 @@
+"""One machine of `conformance.py`: checks the golden vectors, encodes, waits, decodes what all have written."""
+
+import json
+import sys
+import time
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+
+from fecocodec import decode, encode, read_views  # noqa: E402
+from tests.vectors.gaussian_samples import table  # noqa: E402
+from tests.vectors.good_vectors import Vector  # noqa: E402
+from tests.vectors.make_vectors import EXPECTED, expectation  # noqa: E402
+from tests.vectors.tiny_model import VECTORS  # noqa: E402
+
+LAMBDAS = (1e-2, 1e-3, 1e-5)
+SIZE = (128, 192)
+
+
+def main(folder: Path, name: str, number_type: str, device: str) -> None:
+    facts: dict[str, Any] = {
+        "torch": torch.__version__,
+        "threads": torch.get_num_threads(),
+        "vectors": check_vectors(),
+        "capability": torch.backends.cpu.get_cpu_capability(),
+    }
+    views = read_views(ROOT / "examples" / "motorcycle", size=SIZE)
+    for lmbda in LAMBDAS:
+        (folder / f"{name} {lmbda:g}.fcs").write_bytes(encode(views, lmbda=lmbda, device=device))
+    print("written", flush=True)
+    sys.stdin.readline()
+    started = time.perf_counter()
+    half = torch.autocast(torch.device(device).type, torch.bfloat16) if number_type == "bf16" else nullcontext()
+    streams = sorted(folder.glob("*.fcs"))
+    (folder / f"of {name}").mkdir()
+    with half:
+        for path in streams:
+            # Raises where a digest does not hold: what is compared afterwards is floating point alone.
+            rows = table(decode(path.read_bytes(), device=device))
+            np.save(folder / f"of {name}" / f"{path.stem}.npy", rows.float().numpy())
+    facts |= {"streams": len(streams), "seconds": time.perf_counter() - started}
+    print(json.dumps(facts), flush=True)
+
+
+def check_vectors() -> int:
+    """How many good vectors have exactly the symbols that are expected; AssertionError at the first that has not."""
+    expected = json.loads((VECTORS / EXPECTED).read_text())["good"]
+    for name, entry in expected.items():
+        assert expectation(Vector((VECTORS / name).read_bytes(), entry["breaks"])) == entry, name
+    return len(expected)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), *sys.argv[2:])
