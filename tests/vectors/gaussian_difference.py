@@ -1,7 +1,8 @@
 """How far two machines' Gaussians of one stream are apart, in the terms of FORMAT.md, section 15."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from jaxtyping import Float
@@ -47,6 +48,11 @@ class Difference:
 
 def difference(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 14"]) -> Difference:
     """Of two machines' Gaussians of the stream `data`, one a row as `gaussian_samples.table` gives them."""
+    return replace(without_rendering(data, one, other), render_psnr=_render_psnr(data, one, other))
+
+
+def without_rendering(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 14"]) -> Difference:
+    """The same, where some Gaussians are not there to be rendered; its PSNR is infinite."""
     first, second = matched(data, one, other)
     depth = nearest_depth(data, first)
     position = (first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth
@@ -55,7 +61,7 @@ def difference(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 
     scale = (first[:, 3:6].log() - second[:, 3:6].log()).abs()
     parts = [statistic for values in (position, colour, opacity, scale) for statistic in (_rms(values), _peak(values))]
     unmatched = 1.0 - 2.0 * len(first) / (len(one) + len(other))
-    return Difference(*parts, unmatched=unmatched, render_psnr=_render_psnr(data, one, other))
+    return Difference(*parts, unmatched=unmatched, render_psnr=math.inf)
 
 
 def matched(

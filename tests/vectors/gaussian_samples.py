@@ -31,6 +31,16 @@ def read_samples(path: Path) -> Float[Tensor, "n 14"]:
     return torch.frombuffer(bytearray(path.read_bytes()), dtype=torch.float32).view(-1, FIELDS)
 
 
+def like_samples(rows: Float[Tensor, "n 14"], samples: Float[Tensor, "m 14"]) -> Float[Tensor, "m 14"]:
+    """The row that stands for the Gaussian of each sample: the nearest of those around its place in the order, as a
+    few Gaussians that are almost too faint may be on one machine only.
+    """
+    around = torch.arange(len(samples))[:, None] * EVERY + torch.arange(-EVERY // 2, EVERY // 2 + 1)
+    around = around.clamp(0, len(rows) - 1)
+    distance = (rows[around, :3] - samples[:, None, :3]).norm(dim=2)
+    return rows[around.gather(1, distance.argmin(dim=1, keepdim=True))[:, 0]]
+
+
 def nearest_depth(data: bytes, rows: Float[Tensor, "n 14"]) -> Float[Tensor, " n"]:
     """Distance of each Gaussian from the nearest context camera, in scene units."""
     centres = unpack(read_stream(data).cameras).extrinsics[:, :3, 3]
