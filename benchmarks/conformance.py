@@ -94,7 +94,8 @@ def run(machines: tuple[Machine, ...], folder: Path) -> dict[str, dict[str, Any]
 def report(machine: Machine, facts: dict[str, Any], folder: Path) -> None:
     kind = f"torch {facts['torch']}, {facts['capability']}, {facts['threads']} threads, {machine.number_type}"
     print(
-        f"{machine.name}: {kind}: {facts['vectors']} vectors and {facts['streams']} streams of all machines, every symbol the same"
+        f"{machine.name}: {kind}: {facts['vectors']} vectors and {facts['streams']} streams of all machines, "
+        "every symbol the same"
     )
     reference, mine = folder / f"of {MACHINES[0].name}", folder / f"of {machine.name.replace('/', '_')}"
     found = [
