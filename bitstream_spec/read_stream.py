@@ -279,11 +279,11 @@ def read_keep(cursor: Cursor, start: int, payload: bytes, header: dict[str, Any]
 def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
     """Section 8.2."""
     try:
-        require(
-            zstandard.get_frame_parameters(payload).content_size <= 65536, start, "metadata does not state its size"
-        )
+        frame = zstandard.get_frame_parameters(payload)
+        require(frame.content_size <= 65536, start, "metadata does not state its size")
+        require(frame.window_size <= 2**23, start, "the window of the metadata's zstd frame is above 2^23")
         content = zstandard.ZstdDecompressor().decompress(payload, allow_extra_data=False)
-        value = json.loads(content.decode("utf-8"), object_pairs_hook=unique_keys)
+        value = json.loads(content.decode("utf-8"), object_pairs_hook=unique_keys, parse_int=bounded_int)
         # What is no UTF-8 (half a surrogate pair) or no JSON number (NaN, infinity) cannot be written again.
         json.dumps(value, ensure_ascii=False, allow_nan=False).encode("utf-8")
     except (zstandard.ZstdError, ValueError, RecursionError) as error:
@@ -293,6 +293,12 @@ def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
     cursor.fields.append(Field(start + 9, len(payload), value, "decompressed: metadata"))
     metadata: dict[str, Any] = value
     return metadata
+
+
+def bounded_int(text: str) -> int:
+    if not math.isfinite(float(text)):
+        raise ValueError("a number is outside the range of binary64")
+    return int(text)
 
 
 def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from fecocodec.container.cameras import PackedCameras
 from fecocodec.container.header import CURRENT_VERSION, FormatVersion, Header
+from fecocodec.container.header_bytes import SIGNATURE
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
 from fecocodec.container.keep import Keep, cell_grid, num_cells
 from fecocodec.container.lagrangian import (
@@ -11,13 +12,23 @@ from fecocodec.container.lagrangian import (
     dequantise_lambda,
     quantise_lambda,
 )
-from fecocodec.container.stream import IntactPart, Stream, read_intact, read_prefix, read_stream, write_stream
+from fecocodec.container.stream import (
+    MAX_STREAM_BYTES,
+    IntactPart,
+    Stream,
+    read_intact,
+    read_prefix,
+    read_stream,
+    write_stream,
+)
 
 __all__ = [
     "CURRENT_VERSION",
     "LAMBDA_MAX",
     "LAMBDA_MIN",
     "LAMBDA_Q_MAX",
+    "MAX_STREAM_BYTES",
+    "SIGNATURE",
     "FormatVersion",
     "Header",
     "IntactPart",

@@ -10,6 +10,7 @@ from fecocodec.errors import BitstreamError
 
 MAX_JSON_BYTES = 1 << 16
 MAX_JSON_DEPTH = 8  # of objects and lists in one another: far below what exhausts a stack
+MAX_WINDOW_BYTES = 1 << 23  # what RFC 8878, section 3.1.1.1.2, asks every decoder to support
 
 Metadata = dict[str, Any]
 _BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
@@ -34,10 +35,15 @@ def pack_metadata(metadata: Metadata) -> bytes:
 def unpack_metadata(payload: bytes, place: str) -> Metadata:
     """Read the payload of the metadata section; raises BitstreamError, naming `place`, for each rule it breaks."""
     try:
-        size = zstandard.get_frame_parameters(payload).content_size
-        if size > MAX_JSON_BYTES:  # also where the frame does not state its size, which zstd reports as 2^64 - 1
+        frame = zstandard.get_frame_parameters(payload)
+        if frame.content_size > MAX_JSON_BYTES:  # also where none is stated, which zstd reports as 2^64 - 1
             raise BitstreamError(
                 f"{place}: its zstd frame does not state a size of at most {MAX_JSON_BYTES} bytes; {_BAD_WRITER}"
+            )
+        if frame.window_size > MAX_WINDOW_BYTES:
+            raise BitstreamError(
+                f"{place}: its zstd frame has a window of {frame.window_size} bytes, at most {MAX_WINDOW_BYTES} are "
+                f"allowed; {_BAD_WRITER}"
             )
         content = zstandard.ZstdDecompressor().decompress(payload, allow_extra_data=False)
     except zstandard.ZstdError as error:
@@ -50,6 +56,7 @@ def _parse(content: bytes, place: str) -> Metadata:
         value = json.loads(
             content.decode("utf-8"),
             parse_float=_finite_float,
+            parse_int=_finite_int,
             parse_constant=_refuse_constant,
             object_pairs_hook=_object_of_pairs,
         )
@@ -65,8 +72,13 @@ def _parse(content: bytes, place: str) -> Metadata:
 def _finite_float(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"the number {text} is too large")
+        raise ValueError(f"the number {text if len(text) <= 20 else text[:20] + '...'} is too large")
     return value
+
+
+def _finite_int(text: str) -> int:
+    _finite_float(text)  # what a binary64 cannot hold has at least 309 digits; up to there int() is quick
+    return int(text)
 
 
 def _refuse_constant(name: str) -> NoReturn:

@@ -33,6 +33,7 @@ _NAMES: dict[int, str] = {
     SectionKind.KEEP: "keep",
     SectionKind.METADATA: "metadata",
 }
+KNOWN_KINDS = frozenset(SectionKind)
 _MAX_PAYLOADS: dict[int, int] = {
     SectionKind.CAMERAS: 1 << 11,
     SectionKind.KEEP: 1 << 16,

@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 from fecocodec.container.camera_rules import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
-from fecocodec.container.header import Header
+from fecocodec.container.header import MAX_SECTIONS, Header
 from fecocodec.container.header_bytes import ParsedHeader, read_header, write_header
 from fecocodec.container.keep import Keep, pack_keep, unpack_keep
 from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadata
 from fecocodec.container.sections import (
+    KNOWN_KINDS,
+    MAX_PAYLOAD,
     STAGE_KINDS,
     SectionHead,
     SectionKind,
@@ -21,6 +23,8 @@ from fecocodec.container.sections import (
     section_name,
 )
 from fecocodec.errors import BitstreamError, InputError
+
+MAX_STREAM_BYTES = MAX_SECTIONS * MAX_PAYLOAD  # more than any stream has: cameras are far below their share
 
 _BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
@@ -49,7 +53,7 @@ class IntactPart:
 
 
 class _Section(NamedTuple):
-    """A section whose CRC holds and whose kind is in its place."""
+    """A section whose CRC holds and whose kind is in its place. payload: empty where the kind is unknown."""
 
     head: SectionHead
     payload: bytes
@@ -135,7 +139,7 @@ def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[_Section]:
             raise BitstreamError(
                 f"{head.place}: the header announces {parsed.header.num_stages} stage, this is one more; {_BAD_WRITER}"
             )
-        yield _Section(head, payload)
+        yield _Section(head, payload if head.kind in KNOWN_KINDS else b"")
         offset, previous = head.end, head
 
 

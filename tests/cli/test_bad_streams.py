@@ -1,5 +1,6 @@
 """Streams that `decode` and `render` refuse: one sentence that names the file, and nothing left behind."""
 
+import os
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -121,3 +122,27 @@ def test_a_stage_that_the_file_does_not_have(fecosplat, photographs: Path, tmp_p
     assert fecosplat("encode", photographs, "-o", file, "--views", "0", "--stages", "1").code == 0
     result = fecosplat("decode", file, "-o", output / "result.ply", "--stages", "2")
     assert_refused(result, output, f"{file}: 2 stages asked for, the stream has 1; ask for fewer.")
+
+
+@pytest.mark.parametrize("command", ["decode", "info"])
+def test_a_file_longer_than_any_stream_is_not_read(
+    fecosplat, wall: bytes, tmp_path: Path, output: Path, command: str
+) -> None:
+    file = tmp_path / "endless.fcs"
+    file.write_bytes(wall)
+    os.truncate(file, 1 << 40)  # takes no room on the disk
+    result = fecosplat(command, file, *(("-o", output / "a.ply") if command == "decode" else ()))
+    assert_refused(result, output, f"{file}: it is longer than the 1073741824 bytes that a .fcs file can have; ...")
+
+
+def test_an_endless_device_is_refused_by_its_beginning(fecosplat, output: Path) -> None:
+    result = fecosplat("decode", "/dev/zero", "-o", output / "a.ply")
+    assert_refused(result, output, "/dev/zero: signature at byte 0: found 00 00 00 00 00 00 00 00...")
+
+
+def test_a_stream_may_come_through_a_pipe(fecosplat, wall: bytes, output: Path) -> None:
+    reader, writer = os.pipe()
+    os.write(writer, wall)
+    os.close(writer)
+    assert fecosplat("info", f"/dev/fd/{reader}").code == 0
+    os.close(reader)

@@ -260,6 +260,12 @@ def keep_faults(parts: Parts) -> list[Fault]:
     return [*bad, Fault("spare bits of keep are 0", small, place, "a bit after the last cell's is not 0")]
 
 
+def zstd_frame(window: int, content: bytes) -> bytes:
+    """A frame of one raw block that states its content size, with that window descriptor (RFC 8878, section 3.1.1)."""
+    head = bytes.fromhex("28b52ffd 80") + bytes([window]) + len(content).to_bytes(4, "little")
+    return head + (len(content) << 3 | 1).to_bytes(3, "little") + content
+
+
 def metadata_faults(parts: Parts) -> list[Fault]:
     compress = zstandard.ZstdCompressor(level=19).compress
     without_size = zstandard.ZstdCompressor(write_content_size=False).compress(b"{}")
@@ -269,6 +275,7 @@ def metadata_faults(parts: Parts) -> list[Fault]:
         ("zstd frame valid, nothing after it", compress(b"{}") + b"\0", "no valid zstd frame"),
         ("stated content size", without_size, "does not state a size of at most 65536 bytes"),
         ("stated content size", compress(bytes(20_000_000)), "does not state a size of at most 65536 bytes"),
+        ("window size", zstd_frame(0x70, b"{}"), "its zstd frame has a window of 16777216 bytes, at most 8388608"),
         ("JSON as in section 8", compress(b"{"), "no valid JSON"),
         ("JSON as in section 8", compress(b'{"a":"\xff"}'), "no valid JSON"),
         ("JSON as in section 8", compress(b'{"a":1,"a":2}'), "a key appears twice"),
@@ -277,6 +284,7 @@ def metadata_faults(parts: Parts) -> list[Fault]:
         ("JSON as in section 8", compress(b'{"a":"\\ud800"}'), "no valid JSON"),
         ("JSON as in section 8", compress(b'{"a":' + b"[" * 8 + b"]" * 8 + b"}"), "nested more than 8 deep"),
         ("JSON as in section 8", compress(b"[" * 60_000), "no valid JSON"),
+        ("JSON as in section 8", compress(b'{"a":1' + b"0" * 309 + b"}"), "00... is too large"),
         ("the JSON is an object", compress(b"[]"), "its JSON is not an object"),
     ]
     place = f"section metadata at byte {parts.end}"
