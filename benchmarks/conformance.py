@@ -73,7 +73,7 @@ def run(machines: tuple[Machine, ...], folder: Path) -> dict[str, dict[str, Any]
         script = Path(__file__).with_name("conformance_machine.py")
         child = subprocess.Popen(
             [machine.python, script, folder, machine.name.replace("/", "_"), machine.number_type, machine.device],
-            # Threads that wait must sleep: where there are more of them than cores, they would keep others from working.
+            # Threads that wait sleep: where there are more of them than cores, they would keep others from working.
             env={**os.environ, "OMP_WAIT_POLICY": "PASSIVE", **machine.environment},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

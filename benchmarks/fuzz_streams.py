@@ -68,7 +68,7 @@ def mutants(seed: int, files: int, minutes: float) -> Iterator[bytes]:
     for _ in range(files):
         if time.monotonic() > end:
             return
-        yield random_mutant(random)
+        yield random_mutant(random, corpus())
 
 
 def judge(data: bytes) -> str:

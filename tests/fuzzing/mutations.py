@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -171,12 +171,11 @@ def corpus() -> tuple[bytes, ...]:
     return tuple(data for data in (path.read_bytes() for path in files) if len(data) < 4000)
 
 
-def random_mutant(random: Random) -> bytes:
-    """One to four changes to a stream of the corpus; every other time its checksums hold, to get further."""
+def random_mutant(random: Random, streams: Sequence[bytes]) -> bytes:
+    """One to four changes to one of the streams; every other time its checksums hold, to get further."""
     kinds = (*CHANGES, *("bend_payload", "flip", "set_byte") * 3)
     mutations = tuple(
         Mutation(kinds[int(random.random() * len(kinds))], random.random(), int(random.random() * 2**16))
         for _ in range(1 + int(random.random() ** 2 * 4))
     )
-    streams = corpus()
     return apply(streams[int(random.random() * len(streams))], mutations, random.random() < 0.5)

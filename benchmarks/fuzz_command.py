@@ -1,0 +1,88 @@
+"""Mutated scenes through `fecosplat decode` itself, networks included: `python benchmarks/fuzz_command.py`.
+
+Every call must end in a PLY of finite values (exit code 0, or 3 with `--partial`, which every other call gets), or in
+one sentence and an empty folder (exit code 1). Ends with exit code 1 and the stream in out/fuzz/ where one does not.
+"""
+
+import argparse
+import io
+import sys
+import tempfile
+import time
+from collections import Counter
+from contextlib import redirect_stderr
+from pathlib import Path
+from random import Random
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
+
+import torch  # noqa: E402
+from fuzz_streams import keep  # noqa: E402
+
+from cli.main import run  # noqa: E402
+from fecocodec import read_ply  # noqa: E402
+from fecocodec.container import read_prefix  # noqa: E402
+from fecocodec.container.header import padded_pixels  # noqa: E402
+from fecocodec.errors import FecoError  # noqa: E402
+from tests.fuzzing.mutations import VECTORS, random_mutant  # noqa: E402
+from tests.fuzzing.verdicts import MOST_PIXELS  # noqa: E402
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--files", type=int, default=2000, help="how many  [default: 2000]")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    scenes = [path.read_bytes() for path in sorted(VECTORS.glob("valid/scene-*.fcs"))]
+    random, counts, slowest = Random(options.seed), Counter[str](), 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(options.files):
+            data = random_mutant(random, scenes)
+            if is_large(data):
+                counts["left out: larger than the scene"] += 1
+                continue
+            started = time.process_time()
+            found = outcome(data, Path(folder), ("--partial",) if number % 2 else ())
+            slowest = max(slowest, time.process_time() - started if found.startswith("refused") else 0.0)
+            counts[found] += 1
+            if found.startswith("WRONG"):
+                keep(data, found)
+    print(f"{options.files} files: {dict(counts.most_common())}, slowest refusal {slowest:.2f} s")
+    return 1 if any(found.startswith("WRONG") for found in counts) else 0
+
+
+def is_large(data: bytes) -> bool:
+    """Whether decoding would take the time of a scene of another size, which says nothing about hostile input."""
+    try:
+        header = read_prefix(data, 1).header
+    except FecoError:
+        return False
+    return padded_pixels(header.num_views, header.height, header.width) > MOST_PIXELS
+
+
+def outcome(data: bytes, folder: Path, options: tuple[str, ...]) -> str:
+    """`refused`, `decoded`, `partly decoded`, or `WRONG` and why."""
+    source, output = folder / "scene.fcs", folder / "output" / "scene.ply"
+    output.parent.mkdir(exist_ok=True)
+    source.write_bytes(data)
+    said = io.StringIO()
+    with redirect_stderr(said):
+        code = run(["decode", str(source), "-o", str(output), *options])
+    if code == 1:
+        is_sentence = said.getvalue().count("\n") == 1 and said.getvalue().startswith("fecosplat: ")
+        is_empty = not any(output.parent.iterdir())
+        return "refused" if is_sentence and is_empty else f"WRONG refusal: {said.getvalue()}"
+    if code not in (0, 3) or not is_finite(output):
+        return f"WRONG: exit code {code}: {said.getvalue()}"
+    output.unlink()
+    return "decoded" if code == 0 else "partly decoded"
+
+
+def is_finite(path: Path) -> bool:
+    return path.exists() and all(bool(field.isfinite().all()) for field in read_ply(path).fields())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
