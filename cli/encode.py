@@ -1,5 +1,6 @@
 """`fecosplat encode`: a folder of posed photographs in, a .fcs file out."""
 
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -8,6 +9,7 @@ import click
 from fecocodec.container import inspect, quantise_lambda
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
 
+from .goal import adaptive_options, goal_of
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, overwrite_option, parse_size, threads_option
@@ -24,7 +26,8 @@ Examples:
   fecosplat encode photos/ -o scene.fcs
   fecosplat encode photos/ -o scene.fcs --views 0,5 --size 256x256
   fecosplat encode photos/ -o scene.fcs --views left.jpg,right.jpg --lambda 1e-2
-  fecosplat encode photos/ -o scene.fcs --views spread:4 --near 0.5 --far 20""",
+  fecosplat encode photos/ -o scene.fcs --views spread:4 --near 0.5 --far 20
+  fecosplat encode photos/ -o scene.fcs --target-kib 8""",
 )
 @click.argument("views_folder", metavar="VIEWS", type=FILE_PATH)
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Where to write the stream (.fcs).")
@@ -37,6 +40,7 @@ Examples:
     metavar="NUMBER",
     help="Weight of the rate, 1e-5 to 1e-2: smaller is better quality and a larger file.",
 )
+@adaptive_options
 @click.option(
     "--views",
     callback=parse_selection,
@@ -59,6 +63,9 @@ def command(
     views_folder: Path,
     output: Path,
     lmbda: float,
+    adaptive: bool,
+    target_kib: float | None,
+    target_psnr: float | None,
     views: Selection | None,
     size: tuple[int, int] | None,
     near: float | None,
@@ -78,8 +85,9 @@ def command(
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
+    goal = goal_of(lmbda, adaptive, target_kib, target_psnr, stages)
 
-    from fecocodec import encode, read_views
+    from fecocodec import doubts_about, encode, encode_adaptively, read_views
 
     from .device import require_device
 
@@ -88,15 +96,14 @@ def command(
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)
         scene = read_views(views_folder, views=chosen, size=size, near=near, far=far)
+        for doubt in doubts_about(scene):
+            say(f"warning: {doubt}")
         with naming(views_folder, OF_VIEWS):
-            data = encode(
-                scene,
-                lmbda=lmbda,
-                num_stages=stages,
-                refinement_steps=refinement_steps,
-                device=device,
-                on_progress=on_progress,
-            )
+            if goal is None:
+                coder = partial(encode, lmbda=lmbda, num_stages=stages)
+            else:
+                coder = partial(encode_adaptively, goal=goal)
+            data = coder(scene, refinement_steps=refinement_steps, device=device, on_progress=on_progress)
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)

@@ -20,11 +20,16 @@ if TYPE_CHECKING:
     from fecocodec.receiver.decode import decode
     from fecocodec.receiver.partial import decode_intact
     from fecocodec.rendering.rasterizer import Rendering, render
+    from fecocodec.sender.adaptive import AtLambda, AtLeastPsnr, AtMostKib, encode_adaptively
+    from fecocodec.sender.doubts import doubts_about
     from fecocodec.sender.encode import encode
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "AtLambda",
+    "AtLeastPsnr",
+    "AtMostKib",
     "BitstreamError",
     "Cameras",
     "FecoError",
@@ -37,7 +42,9 @@ __all__ = [
     "__version__",
     "decode",
     "decode_intact",
+    "doubts_about",
     "encode",
+    "encode_adaptively",
     "read_ply",
     "read_views",
     "render",
@@ -45,6 +52,9 @@ __all__ = [
 ]
 
 _MODULE_OF = {
+    "AtLambda": "fecocodec.sender.adaptive",
+    "AtLeastPsnr": "fecocodec.sender.adaptive",
+    "AtMostKib": "fecocodec.sender.adaptive",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
     "FecoError": "fecocodec.errors",
@@ -56,7 +66,9 @@ _MODULE_OF = {
     "Views": "fecocodec.geometry.views",
     "decode": "fecocodec.receiver.decode",
     "decode_intact": "fecocodec.receiver.partial",
+    "doubts_about": "fecocodec.sender.doubts",
     "encode": "fecocodec.sender.encode",
+    "encode_adaptively": "fecocodec.sender.adaptive",
     "read_ply": "fecocodec.formats.ply",
     "read_views": "fecocodec.formats.scene_folder",
     "render": "fecocodec.rendering.rasterizer",

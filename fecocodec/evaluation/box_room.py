@@ -1,0 +1,94 @@
+"""A room whose picture is known in closed form, for what real photographs cannot be asked: any camera, any surface.
+
+The camera stands inside a box; every ray ends on one of its six faces, or at a sheet that hangs in the room.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras, pixel_rays
+from fecocodec.geometry.views import Views
+
+Paint = Callable[[Float[Tensor, "*pixel 3"]], Float[Tensor, "*pixel 3"]]
+
+HALF_SIZE = torch.tensor([2.0, 1.3, 2.5])  # of the room, in units
+SHEET_DEPTH, SHEET_HALF = 0.6, 0.9  # the sheet is a square in the plane z = SHEET_DEPTH
+BAR_PERIOD, BAR_WIDTH = 0.18, 0.02
+FOCAL = 0.8  # of the image's longer side
+SUPERSAMPLING = 2
+
+
+@dataclass(frozen=True)
+class Room:
+    """paint: colour of the walls at a point. reflection, transparency: of the sheet, both 0 without one; bars: the
+    sheet is a grid of thin bars."""
+
+    paint: Paint
+    reflection: float = 0.0
+    transparency: float = 1.0
+    has_bars: bool = False
+
+
+def painted(points: Float[Tensor, "*pixel 3"]) -> Float[Tensor, "*pixel 3"]:
+    """Many waves of different directions and lengths, a different mix in each colour: easy to match anywhere."""
+    generator = torch.Generator().manual_seed(7)
+    directions = torch.randn(24, 3, generator=generator)
+    directions = directions / directions.norm(dim=1, keepdim=True) * torch.logspace(0.3, 1.4, 24)[:, None]
+    phases = 6.28 * torch.rand(24, generator=generator)
+    waves = torch.sin(points @ directions.T + phases) / torch.linspace(1.0, 3.0, 24)
+    return (0.5 + 0.16 * waves @ torch.randn(24, 3, generator=generator)).clamp(0.02, 0.98)
+
+
+def blank(points: Float[Tensor, "*pixel 3"]) -> Float[Tensor, "*pixel 3"]:
+    """One grey a face, with nothing to match on it."""
+    face = (points.abs() / HALF_SIZE).argmax(dim=-1)
+    grey = torch.tensor([0.55, 0.7, 0.62])[face] + 0.05 * (points.sum(dim=-1) > 0)
+    return grey[..., None].expand(*points.shape)
+
+
+def chequered(points: Float[Tensor, "*pixel 3"]) -> Float[Tensor, "*pixel 3"]:
+    """The same tile everywhere: every match has equals."""
+    parity = (points * 4.0 + 0.01).floor().sum(dim=-1) % 2
+    return (0.2 + 0.6 * parity)[..., None].expand(*points.shape)
+
+
+def photograph(room: Room, extrinsics: Float[Tensor, "view 4 4"], size: tuple[int, int]) -> Views:
+    """The room seen by these cameras (inside it); size is (height, width) in pixels."""
+    height, width = size
+    focal = FOCAL * max(size)
+    intrinsics = torch.tensor([[focal / width, 0, 0.5], [0, focal / height, 0.5], [0, 0, 1]])
+    cameras = Cameras(extrinsics, intrinsics.repeat(len(extrinsics), 1, 1), torch.tensor(0.25), torch.tensor(6.0))
+    rays = pixel_rays(cameras, SUPERSAMPLING * height, SUPERSAMPLING * width)
+    directions = (cameras.extrinsics[:, None, None, :3, :3] @ rays[..., None])[..., 0]
+    origins = cameras.extrinsics[:, None, None, :3, 3].expand_as(directions)
+    colours = _look(room, origins, directions).permute(0, 3, 1, 2)
+    images = torch.nn.functional.avg_pool2d(colours, SUPERSAMPLING).clamp(0, 1)
+    return Views(images, cameras, tuple(f"view {view}" for view in range(len(images))))
+
+
+def _look(room: Room, origins: Tensor, directions: Tensor) -> Float[Tensor, "view height width 3"]:
+    behind = room.paint(_wall(origins, directions))
+    if room.transparency == 1.0:
+        return behind
+    t = (SHEET_DEPTH - origins[..., 2]) / directions[..., 2]
+    hit = origins + t[..., None] * directions
+    is_sheet = (t > 0) & (hit[..., :2].abs() < SHEET_HALF).all(dim=-1)
+    if room.has_bars:
+        is_sheet &= (hit[..., :2] % BAR_PERIOD < BAR_WIDTH).any(dim=-1)
+    mirrored = directions * torch.tensor([1.0, 1.0, -1.0])
+    reflected = room.paint(_wall(hit, mirrored))
+    own = torch.tensor([0.1, 0.1, 0.12])
+    body = room.reflection * reflected + (1 - room.reflection) * own
+    sheet = room.transparency * behind + (1 - room.transparency) * body
+    return torch.where(is_sheet[..., None], sheet, behind)
+
+
+def _wall(origins: Tensor, directions: Tensor) -> Float[Tensor, "view height width 3"]:
+    """Where rays that begin inside the box leave it."""
+    safe = torch.where(directions.abs() < 1e-9, torch.full_like(directions, 1e-9), directions)
+    distance = ((torch.sign(safe) * HALF_SIZE - origins) / safe).amin(dim=-1, keepdim=True)
+    return origins + distance * directions

@@ -1,0 +1,51 @@
+"""Cameras inside the room of the stability suite: two context views or more, and a target between the first two."""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+def look(position: tuple[float, float, float], yaw_degrees: float = 0.0) -> Float[Tensor, "4 4"]:
+    """Camera-to-world of a level camera; yaw 0 looks along +z, 90 along +x."""
+    yaw = math.radians(yaw_degrees)
+    pose = torch.eye(4)
+    pose[0, 0], pose[0, 2], pose[2, 0], pose[2, 2] = math.cos(yaw), math.sin(yaw), -math.sin(yaw), math.cos(yaw)
+    pose[:3, 3] = torch.tensor(position)
+    return pose
+
+
+def _stack(*poses: Float[Tensor, "4 4"]) -> Float[Tensor, "view 4 4"]:
+    return torch.stack(poses)
+
+
+def sideways(baseline: float = 0.5) -> Float[Tensor, "view 4 4"]:
+    """Two cameras side by side that look the same way, and one half-way."""
+    return _stack(*(look((baseline * step, 0.1 * step * baseline, -1.5)) for step in (-0.5, 0.5, 0.0)))
+
+
+def forwards() -> Float[Tensor, "view 4 4"]:
+    """One camera behind the other."""
+    return _stack(look((0.0, 0.0, -1.8)), look((0.05, 0.0, -0.9)), look((0.02, 0.0, -1.35)))
+
+
+def turning() -> Float[Tensor, "view 4 4"]:
+    """Cameras that turn where they stand: no depth can be had from them."""
+    return _stack(*(look((0.0, 0.0, -1.0), yaw) for yaw in (-8.0, 8.0, 0.0)))
+
+
+def facing() -> Float[Tensor, "view 4 4"]:
+    """Two cameras that look at each other, and one between them that looks as the first does."""
+    return _stack(look((0.0, 0.0, -1.9)), look((0.0, 0.0, 1.9), 180.0), look((0.3, 0.0, -1.5)))
+
+
+def back_to_back() -> Float[Tensor, "view 4 4"]:
+    """Two cameras that see nothing in common."""
+    return _stack(look((-0.2, 0.0, 0.0), -90.0), look((0.2, 0.0, 0.0), 90.0), look((-0.1, 0.0, 0.0), -90.0))
+
+
+def along_a_line(count: int) -> Float[Tensor, "view 4 4"]:
+    """So many context cameras over the same way, then the target in the middle."""
+    steps = torch.linspace(-0.5, 0.5, count).tolist() if count > 1 else [-0.25]
+    return _stack(*(look((step, 0.05 * step, -1.5)) for step in (*steps, 0.02)))

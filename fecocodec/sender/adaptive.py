@@ -1,0 +1,181 @@
+"""Encoding that sends no more than a scene needs, at a given lambda, file size or quality."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.container import quantise_lambda
+from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.errors import InputError
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import OnProgress
+from fecocodec.sender.distortion import mean_psnr
+from fecocodec.sender.encode import assemble, check_views, header_of, load_profile
+from fecocodec.sender.refinement import REFINEMENT_STEPS
+from fecocodec.sender.second_stage import choose_stages
+from fecocodec.sender.steps import CodedStage, PreparedScene, Profile, matched_features, prepare
+from fecocodec.sender.unneeded import choose_keep
+
+MOST_ENCODINGS = 9  # of one search; each halves what is left of 1769 steps of lambda
+
+
+@dataclass(frozen=True)
+class AtLambda:
+    """Encode at this lambda, in [1e-5, 1e-2]."""
+
+    lmbda: float
+
+
+@dataclass(frozen=True)
+class AtMostKib:
+    """The best quality in a file of at most so many KiB."""
+
+    kib: float
+
+
+@dataclass(frozen=True)
+class AtLeastPsnr:
+    """The smallest file whose decoded context views have this PSNR in dB."""
+
+    psnr: float
+
+
+Goal = AtLambda | AtMostKib | AtLeastPsnr
+
+
+@dataclass(frozen=True)
+class _Encoded:
+    """stages: what was chosen to be sent. data: the stream of them, without a keep section. psnr: of the context."""
+
+    lambda_q: int
+    stages: tuple[CodedStage, ...]
+    data: bytes
+    psnr: float
+
+
+def encode_adaptively(
+    views: Views,
+    goal: Goal,
+    *,
+    refinement_steps: int = REFINEMENT_STEPS,
+    device: str = "cpu",
+    model: str = DEFAULT_MODEL,
+    weights: Path = SHIPPED,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+) -> bytes:
+    """Bytes of a `.fcs` stream whose second stage codes only views that it pays for, and whose receiver emits only
+    Gaussians that some pixel needs. refinement_steps: of the second stage's latents, see `refinement`.
+
+    Raises InputError for views that cannot be coded and for a goal that no lambda reaches, ModelError where weights are
+    missing.
+    """
+    check_views(views, num_stages=2)
+    if isinstance(goal, AtLambda):
+        quantise_lambda(goal.lmbda)
+    return encode_adaptively_with(load_profile(weights / model, device), views, goal, on_progress, refinement_steps)
+
+
+@torch.no_grad()
+def encode_adaptively_with(
+    profile: Profile,
+    views: Views,
+    goal: Goal,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+    refinement_steps: int = REFINEMENT_STEPS,
+) -> bytes:
+    """The same with networks that are loaded; a search matches the views once."""
+    scene = prepare(profile, views)
+    on_progress("matching views", 0.05)
+    features = matched_features(profile, scene)
+    encoder = partial(_encode, profile, scene, features, refinement_steps)
+    if isinstance(goal, AtLambda):
+        on_progress("coding", 0.5)
+        found = encoder(quantise_lambda(goal.lmbda))
+    else:
+        found = _search(encoder, goal, on_progress)
+    on_progress("choosing Gaussians", 0.9)
+    data = _with_keep(profile, scene, found)
+    is_too_large = isinstance(goal, AtMostKib) and len(data) > 1024 * goal.kib
+    return found.data if is_too_large else data
+
+
+def _encode(
+    profile: Profile,
+    scene: PreparedScene,
+    features: Float[Tensor, "view channel h4 w4"],
+    refinement_steps: int,
+    lambda_q: int,
+) -> _Encoded:
+    chosen = choose_stages(profile, scene, features, lambda_q, refinement_steps)
+    data = assemble(profile, scene, chosen.stages, lambda_q)
+    return _Encoded(lambda_q, chosen.stages, data, mean_psnr(chosen.renderings, scene.images))
+
+
+def _with_keep(profile: Profile, scene: PreparedScene, found: _Encoded) -> bytes:
+    """The stream that also says which Gaussians to emit, where that is worth it."""
+    header = header_of(profile, scene, found.stages, found.lambda_q)
+    keep = choose_keep(profile, scene, found.stages, header, len(found.data))
+    return found.data if keep is None else assemble(profile, scene, found.stages, found.lambda_q, keep)
+
+
+def _search(encoder: Callable[[int], _Encoded], goal: AtMostKib | AtLeastPsnr, on_progress: OnProgress) -> _Encoded:
+    """Halve the range of lambda_q: a larger one makes smaller files of less quality.
+
+    Raises InputError where neither end of the range reaches the goal.
+    """
+    reached: list[_Encoded] = []
+    low, high = 0, LAMBDA_Q_MAX
+    for number in range(MOST_ENCODINGS):
+        lambda_q = (high if isinstance(goal, AtMostKib) else low) if number == 0 else (low + high) // 2
+        on_progress(f"coding, attempt {number + 1}", 0.1 + 0.9 * number / MOST_ENCODINGS)
+        found = encoder(lambda_q)
+        is_reached = _reaches(found, goal)
+        if number == 0 and not is_reached:
+            raise InputError(_unreachable(found, goal))
+        if is_reached:
+            reached.append(found)
+        if number and is_reached == isinstance(goal, AtMostKib):
+            high = lambda_q
+        elif number:
+            low = lambda_q
+        if _is_close(found, goal) or high - low < 2:
+            break
+    return _best(reached, goal)
+
+
+def _best(reached: list[_Encoded], goal: AtMostKib | AtLeastPsnr) -> _Encoded:
+    """What was asked for is quality or bytes, not closeness to the goal: neither falls strictly with lambda."""
+    if isinstance(goal, AtMostKib):
+        return max(reached, key=lambda found: found.psnr)
+    return min(reached, key=lambda found: len(found.data))
+
+
+def _reaches(found: _Encoded, goal: AtMostKib | AtLeastPsnr) -> bool:
+    return _distance(found, goal) >= 0.0
+
+
+def _distance(found: _Encoded, goal: AtMostKib | AtLeastPsnr) -> float:
+    """How far inside the goal: as a share of the bytes, or in dB; negative outside."""
+    if isinstance(goal, AtMostKib):
+        return 1.0 - len(found.data) / (1024 * goal.kib)
+    return found.psnr - goal.psnr
+
+
+def _is_close(found: _Encoded, goal: AtMostKib | AtLeastPsnr) -> bool:
+    """Within 1% of the bytes, or 0.02 dB, and inside."""
+    return 0.0 <= _distance(found, goal) <= (0.01 if isinstance(goal, AtMostKib) else 0.02)
+
+
+def _unreachable(found: _Encoded, goal: AtMostKib | AtLeastPsnr) -> str:
+    if isinstance(goal, AtMostKib):
+        return (
+            f"a file of {goal.kib:g} KiB cannot be made, the smallest of these views has {len(found.data) / 1024:.2f}; "
+            "ask for more, or give fewer or smaller views."
+        )
+    return f"a PSNR of {goal.psnr:g} dB cannot be reached, the best of these views is {found.psnr:.2f}; ask for less."

@@ -1,0 +1,73 @@
+"""What makes good Gaussians unlikely before any network runs: said as warnings, because it is for the user to judge."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.views import Views
+
+LEAST_PARALLAX_DEGREES = 0.5  # between lines of sight to a typical point; two pixels of 256 at a common focal length
+LEAST_OVERLAP = 0.2  # share of a view's sample points that another view sees
+LARGEST_DEPTH_RATIO = 1000.0
+LARGEST_EXPOSURE_RATIO = 1.5  # between mean brightnesses of views
+DARKEST, BRIGHTEST = 0.04, 0.96  # mean of all views
+_GRID = 8  # sample points a side
+
+
+def doubts_about(views: Views) -> tuple[str, ...]:
+    """One sentence for each thing about the views that will cost quality; empty where nothing is suspicious."""
+    return (*_doubts_about_cameras(views.cameras), *_doubts_about_images(views.images))
+
+
+def _doubts_about_cameras(cameras: Cameras) -> list[str]:
+    doubts = []
+    ratio = float(cameras.far / cameras.near)
+    if ratio > LARGEST_DEPTH_RATIO:
+        doubts.append(f"far is {ratio:.0f} times near, depth will be coarse; give tighter bounds (--near, --far).")
+    if cameras.num_views == 1:
+        return [*doubts, "one view has no parallax, its depth is a guess; add a view from another place."]
+    points = _sample_points(cameras)
+    overlap = _largest_overlap(points, cameras)
+    alone = [str(view) for view in range(cameras.num_views) if overlap[view] < LEAST_OVERLAP]
+    if alone:
+        doubts.append(f"views that see little of what any other sees: {', '.join(alone)}; choose views that overlap.")
+    if _largest_parallax(points, cameras) < LEAST_PARALLAX_DEGREES:
+        doubts.append("the views stand almost at one place, their depth is a guess; choose views from farther apart.")
+    return doubts
+
+
+def _doubts_about_images(images: Float[Tensor, "view 3 height width"]) -> list[str]:
+    doubts = []
+    brightness = images.mean(dim=(1, 2, 3))
+    if float(brightness.max() / brightness.min().clamp_min(1e-3)) > LARGEST_EXPOSURE_RATIO:
+        doubts.append("the views differ much in brightness; use one exposure and white balance for all.")
+    if not DARKEST <= float(brightness.mean()) <= BRIGHTEST:
+        doubts.append("the views are almost black or white; expose them so that surfaces can be told apart.")
+    return doubts
+
+
+def _sample_points(cameras: Cameras) -> Float[Tensor, "view n 3"]:
+    """World points on a grid of each view's rays, at the geometric mean of near and far."""
+    depth = (cameras.near * cameras.far).sqrt()
+    return camera_to_world_points(cameras, depth * pixel_rays(cameras, _GRID, _GRID)).flatten(1, 2)
+
+
+def _largest_overlap(points: Float[Tensor, "view n 3"], cameras: Cameras) -> Float[Tensor, " view"]:
+    """For each view the largest share of its points that some other view has in its picture."""
+    rotation, translation = cameras.world_to_camera[:, :3, :3], cameras.world_to_camera[:, :3, 3]
+    local = torch.einsum("wij,vnj->vwni", rotation, points) + translation[None, :, None]
+    image = torch.einsum("wij,vwnj->vwni", cameras.intrinsics, local / local[..., 2:].clamp_min(1e-12))
+    is_seen = (local[..., 2] > 0) & ((image[..., :2] >= 0) & (image[..., :2] <= 1)).all(dim=-1)
+    share = is_seen.float().mean(dim=-1)
+    share.fill_diagonal_(0.0)
+    return share.amax(dim=1)
+
+
+def _largest_parallax(points: Float[Tensor, "view n 3"], cameras: Cameras) -> float:
+    """Largest angle in degrees, median over a view's points, between its own line of sight and another view's."""
+    sight = points[:, None] - cameras.extrinsics[None, :, None, :3, 3]
+    sight = sight / sight.norm(dim=-1, keepdim=True).clamp_min(1e-20)
+    own = sight.diagonal(dim1=0, dim2=1).permute(2, 0, 1)[:, None]
+    angle = 2.0 * torch.asin(((sight - own).norm(dim=-1) / 2.0).clamp(max=1.0))  # exact for small angles, unlike acos
+    return float(torch.rad2deg(angle).median(dim=-1).values.max())
