@@ -7,6 +7,7 @@ import torch
 from public_network import SHAPES, made_up_weights
 from torch import Tensor
 
+from fecocodec.config import PaperSenderConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
@@ -66,6 +67,17 @@ def test_unimatch_initialises_cnn_and_transformer(
     part = {name: value for name, value in weights.items() if name.split(".")[0] in ("backbone", "transformer")}
     report = load_public_weights(extractor, saved(tmp_path / "gmdepth.pth", {"model": part}))
     assert set(report.used) == set(part) and report.unused == () and len(report.missing) == len(SHAPES) - len(part)
+
+
+def test_official_checkpoints_need_the_public_geometry_and_initialisations_do_not(
+    weights: dict[str, Tensor], tmp_path: Path
+) -> None:
+    path = saved(tmp_path / "depthsplat.pth", official(weights))
+    with pytest.raises(ModelError, match="was trained with the public code's geometry, this extractor has 'exact'"):
+        load_public_weights(DepthSplatSmall(geometry="exact"), path)
+    assert PaperSenderConfig().geometry == DepthSplatSmall().geometry == "public"
+    part = saved(tmp_path / "part.pth", {"pretrained.cls_token": weights["pretrained.cls_token"]})
+    assert load_public_weights(DepthSplatSmall(geometry="exact"), part).used == ("pretrained.cls_token",)
 
 
 def test_refusals(extractor: DepthSplatSmall, weights: dict[str, Tensor], tmp_path: Path) -> None:

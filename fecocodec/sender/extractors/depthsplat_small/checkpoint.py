@@ -37,10 +37,15 @@ def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
     """Copy every tensor of the file that the extractor has by that name; says which were used, unused and missing.
 
     Raises ModelError where the file is unreadable, a tensor has another shape, none is of use, or an official
-    checkpoint lacks one.
+    checkpoint lacks one or meets an extractor without the public geometry that it was trained with.
     """
     stored = _read(path)
     is_official = any(name.startswith(OFFICIAL_PREFIX) for name in stored)
+    if is_official and extractor.geometry != "public":
+        raise ModelError(
+            f"{path}: was trained with the public code's geometry, this extractor has {extractor.geometry!r}; "
+            "build it with geometry 'public'."
+        )
     renamed = {_own_name(name): name for name in stored}
     wanted = extractor.state_dict()
     used = [name for name in wanted if name in renamed]
