@@ -13,7 +13,7 @@ READY := $(VENV)/.ready
 DEMO_LAMBDA ?= 1e-4
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors fuzz conformance conformance-cuda bench check clean
+.PHONY: help demo test test-slow lint types arch vectors fuzz conformance conformance-cuda bench bench-paper check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -68,6 +68,9 @@ conformance-cuda: $(READY) ## the same, on the CUDA device too; fails where ther
 
 bench: $(READY) ## measure time and memory of encode, decode and info
 	$(BIN)/python benchmarks/bench_codec.py
+
+bench-paper: $(READY) ## measure time and memory of the paper's sender
+	$(BIN)/python benchmarks/bench_paper.py
 
 check: lint types arch test ## everything a change must pass
 

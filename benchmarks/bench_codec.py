@@ -125,7 +125,7 @@ def _seconds(call: Callable[[], object]) -> float:
     return perf_counter() - begin
 
 
-def _repeated(views: Views, count: int) -> Views:
+def repeated(views: Views, count: int) -> Views:
     """So many views by repeating those there are, each copy moved a little: timing does not depend on the content."""
     chosen = views.select([view % len(views.images) for view in range(count)])
     extrinsics = chosen.cameras.extrinsics.clone()
@@ -160,7 +160,7 @@ def main() -> None:
         bench_process("encode, 2 views 256x256", encode, (6.0, 1.3))
         bench_process("decode, 2 views 256x256", ["decode", str(stream), "-o", str(cloud), "--overwrite"], (4.0, 1.0))
         bench_process("info", ["info", str(stream)], (0.3, None))
-    wide = _repeated(read_views(EXAMPLE, size=(256, 448)), 8)
+    wide = repeated(read_views(EXAMPLE, size=(256, 448)), 8)
     bench_scene(profile, wide, "8 views 256x448", max(3, arguments.repeats // 5), (1.0, 10.0))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"| encode and decode, 8 views 256x448, peak memory of this process | {peak:.2f} GiB | 3.0 GiB | |")

@@ -1,0 +1,108 @@
+"""Time and memory of the paper's sender (profile `paper`, depthsplat-small) against their bounds: `make bench-paper`.
+
+Each case is a process of its own. Its extractor's weights are random, its codec is the shipped one: neither time nor
+memory depends on their values. Run it on an idle machine; where other work shares the cores, the seconds of processor
+time, divided by the threads, say more than those on the wall.
+"""
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter, process_time
+
+import torch
+from bench_codec import EXAMPLE, LAMBDA, repeated
+
+from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
+from fecocodec.config import PaperSenderConfig
+from fecocodec.container import quantise_lambda
+from fecocodec.evaluation.memory import peak_mib
+from fecocodec.formats.scene_folder import read_views
+from fecocodec.receiver.load import load_receiver
+from fecocodec.sender.adapted import adopt_codec
+from fecocodec.sender.encode import encode_with
+from fecocodec.sender.load import load_sender
+from fecocodec.sender.model import Sender
+from fecocodec.sender.steps import Profile, matched_features, prepare
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is coded, and the most it may take. size: (height, width). matching_scale: 2 halves the cost volume."""
+
+    num_views: int
+    size: tuple[int, int]
+    matching_scale: int
+    seconds: float
+    gibibytes: float
+
+    def __str__(self) -> str:
+        matched = "1/4" if self.matching_scale == 1 else "1/8"
+        return f"{self.num_views} views {self.size[0]}x{self.size[1]}, cost volume at {matched}"
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Seconds on the wall and of processor time, and the peak of the process so far in GiB."""
+
+    wall: float
+    processor: float
+    peak: float
+
+
+CASES = (
+    Case(2, (256, 256), 1, 8.0, 2.0),
+    Case(8, (256, 448), 1, 60.0, 4.0),
+    Case(8, (256, 448), 2, 60.0, 4.0),
+)
+
+
+def paper_profile(matching_scale: int) -> Profile:
+    """The shipped receiver and codec under an untrained extractor of the paper's."""
+    folder = SHIPPED / DEFAULT_MODEL
+    receiver, model_id = load_receiver(folder / RECEIVER_FILE)
+    sender = Sender(PaperSenderConfig(matching_scale=matching_scale), receiver.config)
+    adopt_codec(sender, load_sender(folder / SENDER_FILE, receiver.config, model_id))
+    return Profile(sender.eval().requires_grad_(False), receiver, model_id)
+
+
+def run_case(case: Case) -> Iterator[tuple[str, Taken]]:
+    """Features alone, then the whole of encoding without and with refinement of the second stage."""
+    profile = paper_profile(case.matching_scale)
+    views = repeated(read_views(EXAMPLE, size=case.size), case.num_views)
+    lambda_q = quantise_lambda(LAMBDA)
+    calls = {
+        "features": lambda: matched_features(profile, prepare(profile, views)),
+        "encode, not refined": lambda: encode_with(profile, views, lambda_q, 2, refinement_steps=0),
+        "encode": lambda: encode_with(profile, views, lambda_q, 2),
+    }
+    for name, call in calls.items():
+        wall, processor = perf_counter(), process_time()
+        with torch.no_grad():
+            call()
+        peak = (peak_mib() or float("nan")) / 1024
+        yield name, Taken(perf_counter() - wall, process_time() - processor, peak)
+
+
+def main() -> None:
+    """Print a Markdown table: what, seconds, memory, bounds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--case", type=int, help=argparse.SUPPRESS)  # what a child process runs
+    arguments = parser.parse_args()
+    if arguments.case is not None:
+        case = CASES[arguments.case]
+        for name, taken in run_case(case):
+            times = f"{taken.wall:.2f} s | {taken.processor:.2f} s | {case.seconds:g} s"
+            print(f"| {name}, {case} | {times} | {taken.peak:.2f} GiB | {case.gibibytes:g} GiB |", flush=True)
+        return
+    print(f"torch {torch.__version__}, {torch.get_num_threads()} threads, lambda {LAMBDA:g}\n")
+    print("| what | wall | processor | bound | peak memory so far | bound |\n|---|---|---|---|---|---|", flush=True)
+    for number in range(len(CASES)):
+        subprocess.run([sys.executable, str(Path(__file__)), "--case", str(number)], check=True)
+
+
+if __name__ == "__main__":
+    main()
