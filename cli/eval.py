@@ -48,7 +48,8 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="What to measure: codec, ablations, images (compressed photographs), gaussians (splat files), floor.",
+    help="What to measure: codec, adaptive, all-gaussians, ablations (or stage-1, no-refinement, no-context, "
+    "no-feedback), images (compressed photographs), gaussians (splat files), floor.",
 )
 @click.option("--model", type=FILE_PATH, help="Folder of the weights.  [default: those that ship]")
 @click.option("--views", "num_context", type=click.IntRange(min=1), help="Only entries with so many context views.")

@@ -1,7 +1,8 @@
 """Ablations of the paper that the shipped weights allow: a part is taken away at inference, nothing is retrained.
 
 They say how much the trained system leans on a part, not how well one trained without it would do. All make streams
-that every receiver decodes, because only the sender works differently.
+that every receiver decodes, because only the sender works differently. Gaussians at other resolutions and a third
+stage are not among them: the predictor's head has four Gaussians a cell, and the format has two stages.
 """
 
 from collections.abc import Callable
@@ -29,19 +30,23 @@ from fecocodec.sender.steps import (
 
 SecondLatents = Callable[[Profile, PreparedScene, CodedStage, int], Latents]
 
+STAGE_1 = "stage-1"
 
-def ablation_systems(profile: Profile, lmbda: float) -> tuple[System, ...]:
-    """Stage I alone; stage II whose analysis does not see S1; stage II whose feedback shows a perfect rendering."""
-    lambda_q = quantise_lambda(lmbda)
-    variants: dict[str, SecondLatents] = {
-        "no decoded context": _without_context,
-        "no rendered feedback": _without_rendering,
-    }
-    others = (
-        stream_system(profile, name, f"lambda {lmbda:g}", partial(_encode, profile, second, lambda_q))
-        for name, second in variants.items()
-    )
-    return codec_system(profile, lmbda, num_stages=1), *others
+
+def ablation_system(part: str, profile: Profile, lmbda: float) -> System:
+    """The codec without a part: "stage-1" leaves the second stage out, the others are keys of `WITHOUT`."""
+    if part == STAGE_1:
+        return codec_system(profile, lmbda, num_stages=1)
+    name, second = WITHOUT[part]
+    encoder = partial(_encode, profile, second, quantise_lambda(lmbda))
+    return stream_system(profile, name, f"lambda {lmbda:g}", encoder)
+
+
+def _plain(profile: Profile, scene: PreparedScene, first: CodedStage, lambda_q: int) -> Latents:
+    """Stage 2 as the networks give it, without gradient steps; the next two are compared with it."""
+    rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
+    features = feedback_features(profile, scene, rendering, lambda_q)
+    return analyse(profile, features, first.state, lambda_q, 2)
 
 
 def _without_context(profile: Profile, scene: PreparedScene, first: CodedStage, lambda_q: int) -> Latents:
@@ -55,6 +60,14 @@ def _without_rendering(profile: Profile, scene: PreparedScene, first: CodedStage
     """E_fb gets the photographs in the place of the rendering, so that no error is seen."""
     features = feedback_features(profile, scene, scene.images, lambda_q)
     return analyse(profile, features, first.state, lambda_q, 2)
+
+
+WITHOUT: dict[str, tuple[str, SecondLatents]] = {  # name of the curve; refinement is left out of all of them
+    "no-refinement": ("no refinement", _plain),
+    "no-context": ("no decoded context", _without_context),
+    "no-feedback": ("no rendered feedback", _without_rendering),
+}
+ABLATIONS = (STAGE_1, *WITHOUT)
 
 
 @torch.inference_mode()

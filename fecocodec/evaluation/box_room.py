@@ -18,6 +18,7 @@ Paint = Callable[[Float[Tensor, "*pixel 3"]], Float[Tensor, "*pixel 3"]]
 HALF_SIZE = torch.tensor([2.0, 1.3, 2.5])  # of the room, in units
 SHEET_DEPTH, SHEET_HALF = 0.6, 0.9  # the sheet is a square in the plane z = SHEET_DEPTH
 BAR_PERIOD, BAR_WIDTH = 0.18, 0.02
+MOST_WAVES = 24
 FOCAL = 0.8  # of the image's longer side
 SUPERSAMPLING = 2
 
@@ -34,13 +35,19 @@ class Room:
 
 
 def painted(points: Float[Tensor, "*pixel 3"]) -> Float[Tensor, "*pixel 3"]:
-    """Many waves of different directions and lengths, a different mix in each colour: easy to match anywhere."""
+    """Patterns enough to match any place of the walls."""
+    return waves(points, MOST_WAVES)
+
+
+def waves(points: Float[Tensor, "*pixel 3"], count: int) -> Float[Tensor, "*pixel 3"]:
+    """So many waves (1 to 24) of different directions, the longest first, a different mix in each colour."""
     generator = torch.Generator().manual_seed(7)
-    directions = torch.randn(24, 3, generator=generator)
-    directions = directions / directions.norm(dim=1, keepdim=True) * torch.logspace(0.3, 1.4, 24)[:, None]
-    phases = 6.28 * torch.rand(24, generator=generator)
-    waves = torch.sin(points @ directions.T + phases) / torch.linspace(1.0, 3.0, 24)
-    return (0.5 + 0.16 * waves @ torch.randn(24, 3, generator=generator)).clamp(0.02, 0.98)
+    directions = torch.randn(MOST_WAVES, 3, generator=generator)
+    directions = directions / directions.norm(dim=1, keepdim=True) * torch.logspace(0.3, 1.4, MOST_WAVES)[:, None]
+    phases = 6.28 * torch.rand(MOST_WAVES, generator=generator)
+    heights = torch.sin(points @ directions.T + phases) / torch.linspace(1.0, 3.0, MOST_WAVES)
+    mix = torch.randn(MOST_WAVES, 3, generator=generator)
+    return (0.5 + 0.16 * heights[..., :count] @ mix[:count]).clamp(0.02, 0.98)
 
 
 def blank(points: Float[Tensor, "*pixel 3"]) -> Float[Tensor, "*pixel 3"]:

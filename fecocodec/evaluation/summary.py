@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from statistics import fmean, median
+from typing import Any
 
 from fecocodec.evaluation.bd_rate import Point, bd_psnr, bd_rate
 from fecocodec.evaluation.records import Measurement
@@ -93,8 +94,8 @@ def _mean_if_all(values: Sequence[float | None]) -> float | None:
     return fmean(known) if known and len(known) == len(values) else None
 
 
-def as_tsv(rows: Sequence[Average | Measurement | Comparison]) -> str:
-    """A header line and one line a row; numbers with six significant digits, nothing for None."""
+def as_tsv(rows: Sequence[Any]) -> str:
+    """Frozen dataclasses of one kind as a header line and one line a row; six significant digits, nothing for None."""
     if not rows:
         return ""
     lines = ["\t".join(asdict(rows[0]))]

@@ -1,9 +1,11 @@
 """Groups of systems by name, as `fecosplat eval --systems` asks for them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from fecocodec.errors import InputError
-from fecocodec.evaluation.ablations import ablation_systems
+from fecocodec.evaluation.ablations import ABLATIONS, ablation_system
+from fecocodec.evaluation.adaptive_systems import adaptive_system, all_gaussians_system
 from fecocodec.evaluation.codec_systems import codec_system
 from fecocodec.evaluation.floor import floor_systems
 from fecocodec.evaluation.gaussian_systems import gaussian_systems
@@ -11,22 +13,35 @@ from fecocodec.evaluation.image_systems import image_systems
 from fecocodec.evaluation.reconstruction import System
 from fecocodec.sender.encode import Profile
 
-GROUPS = ("codec", "ablations", "images", "gaussians", "floor")
+OF_LAMBDA: dict[str, Callable[[Profile, float], System]] = {
+    "codec": codec_system,
+    "adaptive": adaptive_system,
+    "all-gaussians": all_gaussians_system,
+    **{part: partial(ablation_system, part) for part in ABLATIONS},
+}
+WHATEVER_LAMBDA: dict[str, Callable[[Profile], tuple[System, ...]]] = {
+    "images": image_systems,
+    "gaussians": gaussian_systems,
+    "floor": lambda _profile: floor_systems(),
+}
+ALIASES = {"ablations": ABLATIONS}
+GROUPS = (*OF_LAMBDA, *WHATEVER_LAMBDA)
 LAMBDAS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
 
 
 def systems_of(groups: Sequence[str], profile: Profile, lambdas: Sequence[float]) -> tuple[System, ...]:
-    """The systems of these groups, in the order of GROUPS; lambdas matter to the first two.
+    """The systems of these groups, in the order of GROUPS; those of OF_LAMBDA once for each lambda.
 
     Raises InputError for a group that does not exist and for a lambda outside the codec's range.
     """
-    if unknown := [group for group in groups if group not in GROUPS]:
-        raise InputError(f"there are no systems called {', '.join(unknown)}; choose from {', '.join(GROUPS)}.")
-    makers = {
-        "codec": lambda: tuple(codec_system(profile, lmbda) for lmbda in lambdas),
-        "ablations": lambda: tuple(system for lmbda in lambdas for system in ablation_systems(profile, lmbda)),
-        "images": lambda: image_systems(profile),
-        "gaussians": lambda: gaussian_systems(profile),
-        "floor": floor_systems,
-    }
-    return tuple(system for group in GROUPS if group in groups for system in makers[group]())
+    named = [name for group in groups for name in ALIASES.get(group, (group,))]
+    if unknown := [name for name in named if name not in GROUPS]:
+        choice = ", ".join((*GROUPS, *ALIASES))
+        raise InputError(f"there are no systems called {', '.join(unknown)}; choose from {choice}.")
+    systems: list[System] = []
+    for group in GROUPS:
+        if group in named and group in OF_LAMBDA:
+            systems += map(partial(OF_LAMBDA[group], profile), lambdas)
+        elif group in named:
+            systems += WHATEVER_LAMBDA[group](profile)
+    return tuple(systems)

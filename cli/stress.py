@@ -1,0 +1,72 @@
+"""`fecosplat stress`: hard cases made from given scenes and a drawn room, and whether the codec bears them."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fecocodec.errors import InputError
+from fecocodec.formats.atomic import write_atomically
+
+from .options import FILE_PATH, json_option, threads_option
+from .output import print_columns, print_json, say
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from fecocodec.evaluation.stress import Verdict
+
+
+@click.command(
+    "stress",
+    short_help="Put hard cases through the codec and judge them.",
+    epilog="""\b
+Examples:
+  fecosplat stress scenes/ --index index.json -o results/
+  fecosplat stress scenes/ --index index.json -o results/ --most 1 --lambda 1e-4""",
+)
+@click.argument("root", metavar="ROOT", type=FILE_PATH)
+@click.option("--index", required=True, type=FILE_PATH, help="Which frames are context and target (JSON).")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder for stress.tsv.")
+@click.option("--most", type=click.IntRange(min=1), default=2, show_default=True, help="Scenes to make cases from.")
+@click.option("--lambda", "lmbda", type=float, default=1e-3, show_default=True, metavar="NUMBER")
+@click.option("--model", type=FILE_PATH, help="Folder of the weights.  [default: those that ship]")
+@threads_option
+@json_option
+def command(root: Path, index: Path, output: Path, most: int, lmbda: float, model: Path | None, as_json: bool) -> None:
+    """Make hard cases (dark, blurred, wrong poses, other units, no overlap, mirrors ...) from two-view entries of INDEX
+    and from a drawn room, and compare each with the easy version of the same scene.
+
+    Exit code 1 where a rule is broken: a value that is not finite, a crash, a missing warning, a changed unit of length
+    or order of views that changes the result.
+    """
+    from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+    from fecocodec.evaluation.evaluation import make_folder
+    from fecocodec.evaluation.stress_run import read_pairs, run_suite
+    from fecocodec.evaluation.summary import as_tsv
+    from fecocodec.sender.encode import load_profile
+
+    pairs = read_pairs(root, index, most)
+    profile = load_profile(model or SHIPPED / DEFAULT_MODEL, "cpu")
+    make_folder(output)
+    verdicts = []
+    with progress_bar() as on_progress:
+        for verdict, fraction in run_suite(profile, pairs, lmbda):
+            verdicts.append(verdict)
+            on_progress(verdict.case[:24], fraction)
+    with write_atomically(output / "stress.tsv", overwrite=True) as temporary:
+        temporary.write_text(as_tsv(verdicts))
+    if as_json:
+        print_json([asdict(verdict) for verdict in verdicts])
+    else:
+        print_columns([("case", "rule", "PSNR", "lost", "baseline lost", "warnings", ""), *map(_row, verdicts)])
+    failed = [verdict for verdict in verdicts if not verdict.is_passed]
+    say(f"{len(verdicts) - len(failed)} of {len(verdicts)} cases hold")
+    if failed:
+        raise InputError("; ".join(f"{v.case}: {v.complaint}" for v in failed))
+
+
+def _row(verdict: "Verdict") -> tuple[str, ...]:
+    lost = (verdict.psnr, verdict.lost, verdict.baseline_lost)
+    numbers = ("" if value is None else f"{value:.2f}" for value in lost)
+    return (verdict.case, verdict.rule, *numbers, f"{verdict.warnings}", verdict.complaint or "holds")

@@ -1,0 +1,43 @@
+"""Bytes and Gaussians of rooms from blank walls to crowded ones, as the adaptive sender codes them."""
+
+from dataclasses import dataclass
+from functools import partial
+
+from fecocodec.container import read_stream
+from fecocodec.evaluation.box_room import Room, blank, photograph, waves
+from fecocodec.evaluation.camera_paths import sideways
+from fecocodec.evaluation.image_codecs import encode_image
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_stream
+from fecocodec.sender.adaptive import AtLambda, encode_adaptively_with
+from fecocodec.sender.encode import Profile
+
+LAMBDA = 1e-3
+NUM_WAVES = (0, 1, 2, 4, 8, 16, 24)  # patterns laid over each other on the walls; 0: one grey a wall
+COMPLEXITY_CODEC, COMPLEXITY_QUALITY = "JPEG XL", 1.0
+
+
+@dataclass(frozen=True)
+class Need:
+    """What one room takes. photograph_kib: of its context views as JPEG XL at distance 1, our measure of complexity."""
+
+    num_waves: int
+    photograph_kib: float
+    kib: float
+    gaussians: int
+    num_stages: int
+
+
+def measure_need(profile: Profile, num_waves: int, side: int) -> Need:
+    """Two square views of the room with so many patterns."""
+    paint = partial(waves, count=num_waves) if num_waves else blank
+    views = photograph(Room(paint), sideways(), (side, side)).select([0, 1])
+    stream = read_stream(data := encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
+    count = decode_stream(stream, profile.receiver).count
+    return Need(num_waves, photograph_kib(views), len(data) / 1024, count, stream.header.num_stages)
+
+
+def photograph_kib(views: Views) -> float:
+    """KiB of the views as good photographs: how much there is to see."""
+    files = [encode_image(image, COMPLEXITY_CODEC, COMPLEXITY_QUALITY) for image in views.images]
+    return sum(map(len, files)) / 1024

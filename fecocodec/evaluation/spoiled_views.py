@@ -1,0 +1,108 @@
+"""Views made worse in one way each: what photographs, cameras and depth bounds may suffer."""
+
+import math
+from dataclasses import replace
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.views import Views
+
+
+def exposed(views: Views, gains: Float[Tensor, "view 3"], noise: float = 0.0, seed: int = 0) -> Views:
+    """Linear light times a gain a view and colour, with sensor noise (standard deviation, of the sRGB range)."""
+    light = views.images.clamp_min(1e-6) ** 2.2 * gains[:, :, None, None]
+    grain = noise * torch.randn(views.images.shape, generator=torch.Generator().manual_seed(seed))
+    return replace(views, images=(light ** (1 / 2.2) + grain).clamp(0, 1))
+
+
+def gains_of(views: Views, *per_view: tuple[float, float, float]) -> Float[Tensor, "view 3"]:
+    """The gains of the first views as given, 1 for the others."""
+    gains = torch.ones(len(views.images), 3)
+    gains[: len(per_view)] = torch.tensor(per_view)
+    return gains
+
+
+def blurred(views: Views, length_px: int, num_context: int) -> Views:
+    """The context views smeared along their rows."""
+    kernel = torch.full((3, 1, 1, length_px), 1.0 / length_px)
+    padded = F.pad(views.images, (length_px // 2, length_px - 1 - length_px // 2, 0, 0), mode="replicate")
+    smeared = F.conv2d(padded, kernel, groups=3)
+    images = torch.cat((smeared[:num_context], views.images[num_context:]))
+    return replace(views, images=images)
+
+
+def turned(views: Views, degrees: float, num_context: int, seed: int = 0) -> Views:
+    """Context poses that are wrong by a rotation of that angle about a random axis."""
+    generator = torch.Generator().manual_seed(seed)
+    extrinsics = views.cameras.extrinsics.clone()
+    for view in range(num_context):
+        axis = torch.randn(3, generator=generator)
+        extrinsics[view, :3, :3] = extrinsics[view, :3, :3] @ _rotation(axis / axis.norm(), math.radians(degrees))
+    return _with_cameras(views, extrinsics=extrinsics)
+
+
+def moved(views: Views, share: float, num_context: int, seed: int = 0) -> Views:
+    """Context poses that are wrong by that share of the baseline in a random direction."""
+    generator = torch.Generator().manual_seed(seed)
+    extrinsics = views.cameras.extrinsics.clone()
+    baseline = (extrinsics[0, :3, 3] - extrinsics[1, :3, 3]).norm()
+    for view in range(num_context):
+        direction = torch.randn(3, generator=generator)
+        extrinsics[view, :3, 3] += share * baseline * direction / direction.norm()
+    return _with_cameras(views, extrinsics=extrinsics)
+
+
+def closer_together(views: Views, share: float, num_context: int) -> Views:
+    """Context cameras that claim to stand that share of their baseline apart; the photographs are not changed."""
+    extrinsics = views.cameras.extrinsics.clone()
+    middle = extrinsics[:num_context, :3, 3].mean(dim=0)
+    extrinsics[:, :3, 3] = middle + share * (extrinsics[:, :3, 3] - middle)
+    return _with_cameras(views, extrinsics=extrinsics)
+
+
+def in_other_units(views: Views, factor: float) -> Views:
+    """The same scene in another unit of length."""
+    extrinsics = views.cameras.extrinsics.clone()
+    extrinsics[:, :3, 3] *= factor
+    return _with_cameras(views, extrinsics=extrinsics, near=views.cameras.near * factor, far=views.cameras.far * factor)
+
+
+def with_bounds(views: Views, near_factor: float, far_factor: float) -> Views:
+    return _with_cameras(views, near=views.cameras.near * near_factor, far=views.cameras.far * far_factor)
+
+
+def with_focal(views: Views, factor: float) -> Views:
+    """Wrong intrinsics in every camera."""
+    intrinsics = views.cameras.intrinsics.clone()
+    intrinsics[:, 0, 0] *= factor
+    intrinsics[:, 1, 1] *= factor
+    return _with_cameras(views, intrinsics=intrinsics)
+
+
+def with_axes(views: Views, signs: tuple[float, float, float]) -> Views:
+    """Camera axes with other signs: (1, -1, -1) is OpenGL taken for OpenCV, (-1, 1, 1) is mirrored."""
+    extrinsics = views.cameras.extrinsics.clone()
+    extrinsics[:, :3, :3] = extrinsics[:, :3, :3] * torch.tensor(signs)
+    return _with_cameras(views, extrinsics=extrinsics)
+
+
+def resized(views: Views, height: int, width: int) -> Views:
+    """Stretched to that size; normalised intrinsics stay what they are."""
+    images = F.interpolate(views.images, (height, width), mode="bicubic", antialias=True, align_corners=False)
+    return replace(views, images=images.clamp(0, 1))
+
+
+def _with_cameras(views: Views, **changed: Tensor) -> Views:
+    cameras: Cameras = replace(views.cameras, **changed)
+    return replace(views, cameras=cameras)
+
+
+def _rotation(axis: Float[Tensor, "3"], radians: float) -> Float[Tensor, "3 3"]:
+    """Rodrigues' formula."""
+    x, y, z = axis.tolist()
+    cross = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return torch.eye(3) + math.sin(radians) * cross + (1 - math.cos(radians)) * cross @ cross

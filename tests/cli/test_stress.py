@@ -1,0 +1,35 @@
+"""`fecosplat stress` writes a table, names broken rules, and refuses before it works."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fecocodec.evaluation import stress_run
+from fecocodec.evaluation.stress import Verdict
+from tests.cli.conftest import CommandLine
+from tests.example_scenes import MODEL
+
+
+def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
+    yield Verdict("wall: easy", "finite", 20.0, 0.0, 21.0, 0.0, 3.5, 0, ""), 0.5
+    yield Verdict("wall: black", "warned", 40.0, -20.0, 40.0, -19.0, 1.5, 0, "the sender gave no warning"), 1.0
+
+
+def test_the_table_is_written_and_broken_rules_are_named(
+    fecosplat: CommandLine, random_weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stress_run, "read_pairs", lambda *_arguments: {})
+    monkeypatch.setattr(stress_run, "run_suite", verdicts)
+    model, output = random_weights / MODEL, tmp_path / "out"
+    result = fecosplat("stress", tmp_path, "--index", tmp_path / "i.json", "-o", output, "--model", model)
+    assert result.code == 1 and "1 of 2 cases hold" in result.err
+    assert "wall: black: the sender gave no warning" in result.err
+    header, *rows = (output / "stress.tsv").read_text().splitlines()
+    assert header.startswith("case\trule\tpsnr\tlost") and len(rows) == 2
+
+
+def test_a_missing_index_is_refused(fecosplat: CommandLine, tmp_path: Path) -> None:
+    result = fecosplat("stress", tmp_path, "--index", tmp_path / "index.json", "-o", tmp_path / "out")
+    assert result.code == 1 and "index.json: cannot be read" in result.err
+    assert not (tmp_path / "out").exists()
