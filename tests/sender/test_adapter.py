@@ -20,6 +20,7 @@ from fecocodec.sender.adapted import adapted_sender, adopt_codec, load_adapted_s
 from fecocodec.sender.encode import Profile, encode_with
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, LargeExtractor
 from fecocodec.sender.load import load_sender, serialise_sender
+from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL, example_cameras, example_views
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "larger_extractor.py"
@@ -104,5 +105,21 @@ def test_the_worked_example_fits(random_weights: Path) -> None:
     assert isinstance(disk, LargeExtractor) and disk.fingerprint() == disk.fingerprint() and disk.num_channels() == 128
     receiver, model_id = load_receiver(random_weights / MODEL / RECEIVER_FILE)
     sender = adapted_sender(disk, receiver.config).eval()
+    data = encode_with(Profile(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3), 1)
+    assert fecocodec.decode(data, weights=random_weights).count > 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_the_worked_example_trains_a_sender_for_the_receiver_there_is(random_weights: Path, tmp_path: Path) -> None:
+    kornia = pytest.importorskip("kornia.feature", reason="examples/larger_extractor.py needs kornia")
+    example, model = worked_example(), random_weights / MODEL
+    torch.manual_seed(0)
+    disk = example.DiskExtractor(kornia.DISK())
+    scenes = write_wall_chunks(tmp_path / "scenes", num_scenes=2, num_frames=10)
+    example.train(disk, scenes, tmp_path / "out", minutes=1e-3, model=model)
+    assert (tmp_path / "out" / RECEIVER_FILE).read_bytes() == (model / RECEIVER_FILE).read_bytes()
+    receiver, model_id = load_receiver(model / RECEIVER_FILE)
+    sender = load_adapted_sender(tmp_path / "out" / SENDER_FILE, disk, receiver.config, model_id)
     data = encode_with(Profile(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3), 1)
     assert fecocodec.decode(data, weights=random_weights).count > 0
