@@ -68,28 +68,35 @@ def main() -> int:
 
 def run(machines: tuple[Machine, ...], folder: Path) -> dict[str, dict[str, Any]]:
     """All encode, then all decode what is there; one works at a time."""
-    children = {}
-    for machine in machines:
-        script = Path(__file__).with_name("conformance_machine.py")
-        child = subprocess.Popen(
-            [machine.python, script, folder, machine.name.replace("/", "_"), machine.number_type, machine.device],
-            # Threads that wait sleep: where there are more of them than cores, they would keep others from working.
-            env={**os.environ, "OMP_WAIT_POLICY": "PASSIVE", **machine.environment},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert child.stdout is not None
-        if child.stdout.readline() != "written\n":
-            raise SystemExit(f"conformance: {machine.name} failed")
-        children[machine.name] = child
+    children: dict[str, subprocess.Popen[str]] = {}
     facts = {}
-    for name, child in children.items():
-        out, _ = child.communicate("go\n")
-        if child.returncode != 0:
-            raise SystemExit(f"conformance: {name} failed")
-        facts[name] = json.loads(out)
+    try:
+        for machine in machines:
+            children[machine.name] = child = start(machine, folder)
+            assert child.stdout is not None
+            if child.stdout.readline() != "written\n":
+                raise SystemExit(f"conformance: {machine.name} failed")
+        for name, child in children.items():
+            out, _ = child.communicate("go\n")
+            if child.returncode != 0:
+                raise SystemExit(f"conformance: {name} failed")
+            facts[name] = json.loads(out)
+    finally:
+        for child in children.values():
+            child.kill()
     return facts
+
+
+def start(machine: Machine, folder: Path) -> subprocess.Popen[str]:
+    script = Path(__file__).with_name("conformance_machine.py")
+    return subprocess.Popen(
+        [machine.python, script, folder, machine.name.replace("/", "_"), machine.number_type, machine.device],
+        # Threads that wait sleep: where there are more of them than cores, they would keep others from working.
+        env={**os.environ, "OMP_WAIT_POLICY": "PASSIVE", **machine.environment},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
 
 
 def report(machine: Machine, facts: dict[str, Any], folder: Path) -> None:
