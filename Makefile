@@ -72,6 +72,10 @@ bench: $(READY) ## measure time and memory of encode, decode and info
 bench-paper: $(READY) ## measure time and memory of the paper's sender
 	$(BIN)/python benchmarks/bench_paper.py
 
+report: $(READY) ## docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
+	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make report ROOT=folder INDEX=index.json" >&2; exit 1; }
+	$(BIN)/python benchmarks/make_report.py "$(ROOT)" "$(INDEX)" $(REPORT)
+
 check: lint types arch test ## everything a change must pass
 
 clean: ## remove the environment, caches and results

@@ -13,18 +13,21 @@ from fecocodec.sender.adaptive import AtLambda, encode_adaptively_with
 from fecocodec.sender.encode import Profile
 
 LAMBDA = 1e-3
-NUM_WAVES = (0, 1, 2, 4, 8, 16, 24)  # patterns laid over each other on the walls; 0: one grey a wall
 COMPLEXITY_CODEC, COMPLEXITY_QUALITY = "JPEG XL", 1.0
 
 
 @dataclass(frozen=True)
 class Need:
-    """What one room takes. photograph_kib: of its context views as JPEG XL at distance 1, our measure of complexity."""
+    """What one room takes. num_waves: patterns laid over each other on its walls, 0: one grey a wall.
+
+    photograph_kib: of its context views as JPEG XL at distance 1, our measure of complexity.
+    gaussians_per_pixel: of a context view.
+    """
 
     num_waves: int
     photograph_kib: float
     kib: float
-    gaussians: int
+    gaussians_per_pixel: float
     num_stages: int
 
 
@@ -33,8 +36,8 @@ def measure_need(profile: Profile, num_waves: int, side: int) -> Need:
     paint = partial(waves, count=num_waves) if num_waves else blank
     views = photograph(Room(paint), sideways(), (side, side)).select([0, 1])
     stream = read_stream(data := encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
-    count = decode_stream(stream, profile.receiver).count
-    return Need(num_waves, photograph_kib(views), len(data) / 1024, count, stream.header.num_stages)
+    density = decode_stream(stream, profile.receiver).count / (2 * side * side)
+    return Need(num_waves, photograph_kib(views), len(data) / 1024, density, stream.header.num_stages)
 
 
 def photograph_kib(views: Views) -> float:

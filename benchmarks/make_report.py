@@ -1,0 +1,41 @@
+"""The report docs/report.md with its charts: `make report ROOT=scenes INDEX=index.json`.
+
+A run that was interrupted goes on where it stopped; other weights are measured anew. Run it on an idle machine: other
+work on the same cores shows up in every second that is reported.
+"""
+
+import argparse
+from pathlib import Path
+from time import perf_counter
+
+from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.evaluation.report.make import make_report
+from fecocodec.evaluation.report.plan import ReportPlan, quick
+
+
+def main() -> None:
+    """Say what is measured and when; exit code 1 where a measurement failed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("root", type=Path, help="folder of scenes or chunks")
+    parser.add_argument("index", type=Path, help="evaluation index (JSON)")
+    parser.add_argument("--model", type=Path, default=SHIPPED / DEFAULT_MODEL, help="folder of the weights")
+    parser.add_argument("--work", type=Path, default=Path("out/report"), help="results, kept for the next time")
+    parser.add_argument("--output", type=Path, default=Path("docs"), help="folder of report.md and report/")
+    parser.add_argument("--entries", type=int, default=ReportPlan.entries, help="pairs of context views")
+    parser.add_argument("--quick", action="store_true", help="a few small pictures: to see that it works")
+    arguments = parser.parse_args()
+    plan = ReportPlan(
+        arguments.root, arguments.index, arguments.model, arguments.work, arguments.output, arguments.entries
+    )
+    begin = perf_counter()
+    failures = make_report(
+        quick(plan) if arguments.quick else plan,
+        lambda study: print(f"{perf_counter() - begin:7.1f} s  {study}", flush=True),
+    )
+    print(f"{perf_counter() - begin:7.1f} s  done: {plan.output / 'report.md'}")
+    if failures:
+        raise SystemExit("\n".join(failures))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""No more than a scene needs: bytes and Gaussians against complexity, and what adaptive decisions save."""
+
+from collections.abc import Sequence
+from statistics import fmean
+
+from fecocodec.evaluation.adaptive_systems import ADAPTIVE, ALL_GAUSSIANS
+from fecocodec.evaluation.complexity import COMPLEXITY_CODEC, COMPLEXITY_QUALITY, LAMBDA, Need
+from fecocodec.evaluation.records import Measurement
+from fecocodec.evaluation.report.charts import Chart, Mark, Series
+from fecocodec.evaluation.report.section import Section, number, picture, table
+from fecocodec.evaluation.summary import OURS, averages, compare
+
+LEAST_FEWER_GAUSSIANS, LARGEST_LOSS_DB = 20.0, 0.05  # what the project asks for
+LEAST_FEWER_BYTES = 10.0  # percent, on the simplest third
+TEXT = """\
+Complexity is the size of the context photographs as JPEG XL at distance 1. Files and Gaussians are those of the
+adaptive sender at lambda 1e-3: of drawn rooms, from bare walls to {waves} patterns over each other, and of photographs.
+
+{bytes_chart}
+
+{gaussians_chart}
+
+What the decisions save. Gaussians: the same adaptive files with and without their keep section. Bytes: adaptive files
+against plain ones at equal PSNR of target views (BD-rate), on thirds of the entries by complexity.
+
+{gaussians}
+
+{bytes}
+"""
+
+
+def adaptive_section(found: Sequence[Measurement], needs: Sequence[Need]) -> Section:
+    """found: of the rate study; needs: of drawn rooms."""
+    complexity = _complexity(found)
+    at_lambda = [m for m in found if m.system == ADAPTIVE and m.setting == _setting(LAMBDA) and not m.error]
+    at_lambda = at_lambda or [m for m in found if m.system == ADAPTIVE and not m.error]
+    photographs = [(m, complexity[m.entry]) for m in at_lambda if m.entry in complexity]
+    kib = Chart(
+        "complexity_bytes",
+        "Bytes and complexity",
+        "KiB of the photographs as JPEG XL",
+        "KiB of the file",
+        (
+            Series("rooms", tuple(Mark(n.photograph_kib, n.kib, _note(n)) for n in needs)),
+            Series("photographs", tuple(Mark(x, m.num_bytes / 1024, m.entry) for m, x in photographs), is_line=False),
+        ),
+    )
+    gaussians = Chart(
+        "complexity_gaussians",
+        "Gaussians and complexity",
+        "KiB of the photographs as JPEG XL",
+        "Gaussians a context pixel",
+        (
+            Series("photographs", tuple(Mark(x, _density(m), m.entry) for m, x in photographs), is_line=False),
+            Series("rooms", tuple(Mark(n.photograph_kib, n.gaussians_per_pixel, _note(n)) for n in needs)),
+        ),
+    )
+    text = TEXT.format(
+        waves=max((n.num_waves for n in needs), default=0),
+        bytes_chart=picture(kib),
+        gaussians_chart=picture(gaussians),
+        gaussians=_gaussians_saved(found),
+        bytes=_bytes_saved(found, complexity),
+    )
+    return Section("No more than a scene needs", text, (kib, gaussians))
+
+
+def _setting(lmbda: float) -> str:
+    return f"lambda {lmbda:g}"
+
+
+def _note(need: Need) -> str:
+    return f"{need.num_waves} patterns, {need.num_stages} stages"
+
+
+def _density(measurement: Measurement) -> float:
+    return measurement.num_gaussians / (measurement.num_context * measurement.height * measurement.width)
+
+
+def _complexity(found: Sequence[Measurement]) -> dict[str, float]:
+    """KiB of the photographs by entry."""
+    setting = f"quality {COMPLEXITY_QUALITY:g}"
+    return {
+        m.entry: m.num_bytes / 1024
+        for m in found
+        if (m.system, m.setting) == (COMPLEXITY_CODEC, setting) and not m.error
+    }
+
+
+def _gaussians_saved(found: Sequence[Measurement]) -> str:
+    """By lambda: means over entries."""
+    with_keep = {(m.entry, m.setting): m for m in found if m.system == ADAPTIVE and not m.error}
+    rows = []
+    for setting in dict.fromkeys(setting for _, setting in with_keep):
+        pairs = [
+            (m, with_keep[m.entry, setting])
+            for m in found
+            if m.system == ALL_GAUSSIANS and m.setting == setting and (m.entry, setting) in with_keep and not m.error
+        ]
+        if not pairs:
+            continue
+        saved = fmean(100 * (1 - kept.num_gaussians / every.num_gaussians) for every, kept in pairs)
+        loss = fmean(every.psnr - kept.psnr for every, kept in pairs)
+        largest = max(every.psnr - kept.psnr for every, kept in pairs)
+        context = fmean(every.context_psnr - kept.context_psnr for every, kept in pairs)
+        is_met = saved >= LEAST_FEWER_GAUSSIANS and loss < LARGEST_LOSS_DB
+        verdict = "met" if is_met else "missed"
+        rows.append((setting, number(saved, 1), number(loss, 3), number(largest, 3), number(context, 3), verdict))
+    head = (
+        "setting",
+        "fewer Gaussians, %",
+        "loss of target views, dB",
+        "the most of an entry",
+        "loss of context views",
+        f"at least {LEAST_FEWER_GAUSSIANS:.0f}% at under {LARGEST_LOSS_DB} dB",
+    )
+    return table(head, rows)
+
+
+def _bytes_saved(found: Sequence[Measurement], complexity: dict[str, float]) -> str:
+    order = sorted(complexity, key=lambda entry: complexity[entry])
+    count = -(-len(order) // 3)
+    thirds = {"simplest third": order[:count], "other entries": order[count:], "all": order}
+    curves = [m for m in found if m.system in (OURS, ADAPTIVE)]
+    rows = []
+    for name, entries in thirds.items():
+        (comparison, *_) = compare(averages([m for m in curves if m.entry in entries]), ours=ADAPTIVE) or (None,)
+        rate = comparison.bd_rate if comparison else None
+        gain = comparison.bd_psnr if comparison else None
+        is_asked, is_met = name == "simplest third", rate is not None and rate <= -LEAST_FEWER_BYTES
+        verdict = ("met" if is_met else "missed") if is_asked else ""
+        rows.append((name, f"{len(entries)}", number(rate, 1), number(gain), verdict))
+    head = (
+        "entries",
+        "number",
+        "bytes at equal PSNR, %",
+        "PSNR at equal bytes, dB",
+        f"at least {LEAST_FEWER_BYTES:.0f}% fewer",
+    )
+    return table(head, rows)

@@ -1,0 +1,61 @@
+"""The report as files: Markdown, one PNG a chart, and one page with all charts."""
+
+from fecocodec.evaluation.evaluation import make_folder, weights_label
+from fecocodec.evaluation.machine import describe_machine
+from fecocodec.evaluation.report.adaptive_section import adaptive_section
+from fecocodec.evaluation.report.page import html_page
+from fecocodec.evaluation.report.plan import ReportPlan
+from fecocodec.evaluation.report.png import write_png
+from fecocodec.evaluation.report.rate_section import rate_sections
+from fecocodec.evaluation.report.scaling_section import scaling_section
+from fecocodec.evaluation.report.section import Section
+from fecocodec.evaluation.report.speed_section import speed_section
+from fecocodec.evaluation.report.stress_section import stress_section
+from fecocodec.evaluation.report.studies import OnStudy, Studies, measure_studies
+from fecocodec.formats.atomic import write_atomically
+
+HEAD = """\
+# Report: rate, quality, speed, stability
+
+Made by `make report`; do not edit. {machine}. Weights `{model}` ({label}). The charts are also on
+[one page](report/charts.html) whose marks tell what they are under the pointer.
+"""
+
+
+def make_report(plan: ReportPlan, on_study: OnStudy) -> tuple[str, ...]:
+    """Measure what is missing and write the files; returns a sentence for every measurement that failed.
+
+    Raises FecoError where nothing can be measured or written.
+    """
+    studies = measure_studies(plan, on_study)
+    on_study("writing")
+    _write(plan, _sections(plan, studies))
+    measurements = (*studies.rate, *studies.speed, *studies.more_views)
+    return tuple(dict.fromkeys(f"{m.entry}, {m.system}, {m.setting}: {m.error}" for m in measurements if m.error))
+
+
+def _sections(plan: ReportPlan, studies: Studies) -> tuple[Section, ...]:
+    return (
+        *rate_sections(studies.rate, studies.more_views),
+        speed_section(studies.rate, studies.speed, studies.steps, plan.room_side),
+        scaling_section(studies.loads, plan.room_side),
+        adaptive_section(studies.rate, studies.needs),
+        stress_section(studies.verdicts),
+    )
+
+
+def _write(plan: ReportPlan, sections: tuple[Section, ...]) -> None:
+    folder = plan.output / "report"
+    make_folder(folder)
+    machine = ", ".join(f"{name} {value}" for name, value in describe_machine().items())
+    charts = tuple(chart for section in sections for chart in section.charts)
+    for chart in charts:
+        write_png(chart, folder / f"{chart.name}.png")
+    head = HEAD.format(
+        machine=machine[0].upper() + machine[1:], model=plan.model.name, label=weights_label(plan.model, plan.size)
+    )
+    body = "\n".join(f"## {section.title}\n\n{section.text}" for section in sections)
+    page = html_page("FeCoSplat: rate, quality, speed", f"{machine}.", charts)
+    for path, text in ((plan.output / "report.md", f"{head}\n{body}"), (folder / "charts.html", page)):
+        with write_atomically(path, overwrite=True) as temporary:
+            temporary.write_text(text.rstrip("\n") + "\n")

@@ -1,0 +1,20 @@
+"""All charts on one page that needs nothing but a browser: marks tell what they are under the pointer."""
+
+import json
+from dataclasses import asdict
+from html import escape
+from importlib.resources import files
+
+from fecocodec.evaluation.report.charts import Chart
+
+TEMPLATE = "page.html"
+
+
+def html_page(title: str, subtitle: str, charts: tuple[Chart, ...]) -> str:
+    """The page's text; charts travel in it as JSON."""
+    template = files(__package__).joinpath(TEMPLATE).read_text()
+    data = json.dumps([asdict(chart) for chart in charts]).replace("<", "\\u003c")  # no tag ends the script early
+    parts = {"@TITLE@": escape(title), "@SUBTITLE@": escape(subtitle), "@CHARTS@": data}
+    for mark, text in parts.items():
+        template = template.replace(mark, text)
+    return template

@@ -1,0 +1,50 @@
+"""How much work a report is."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class ReportPlan:
+    """root, index: scenes and evaluation index. model: folder of the weights. work: results, kept for the next time.
+
+    output: folder that gets `report.md` and `report/`. entries: pairs for rate and quality; speed_entries: of these for
+    seconds; entries_of_more_views: others, coded at one lambda; stress_scenes: pairs that hard cases are made
+    from, 0: no hard cases.
+    few_lambdas: for what is beside the main curve. sides: of square pictures, view_counts: for how cost grows.
+    """
+
+    root: Path
+    index: Path
+    model: Path
+    work: Path
+    output: Path
+    entries: int = 12
+    speed_entries: int = 3
+    entries_of_more_views: int = 4
+    stress_scenes: int = 1
+    lambdas: tuple[float, ...] = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
+    few_lambdas: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
+    sides: tuple[int, ...] = (64, 128, 256, 512, 1024)
+    view_counts: tuple[int, ...] = (1, 2, 4, 8, 16)
+    room_side: int = 256
+    num_waves: tuple[int, ...] = (0, 1, 2, 4, 8, 16, 24)
+    size: tuple[int, int] | None = None
+
+
+def quick(plan: ReportPlan) -> ReportPlan:
+    """The same report from a few small pictures, to see that it can be made: its numbers say little."""
+    return replace(
+        plan,
+        entries=2,
+        speed_entries=1,
+        entries_of_more_views=1,
+        stress_scenes=0,
+        lambdas=(1e-2, 1e-3, 1e-4),
+        few_lambdas=(1e-2, 1e-4),
+        sides=(64, 128),
+        view_counts=(1, 2),
+        room_side=64,
+        num_waves=(0, 24),
+        size=(96, 96),
+    )

@@ -1,0 +1,43 @@
+"""A chart as a PNG file, through matplotlib."""
+
+from pathlib import Path
+from typing import Any
+
+from fecocodec.evaluation.extras import require_extra
+from fecocodec.evaluation.report.charts import Chart
+from fecocodec.formats.atomic import write_atomically
+
+SIZE_INCHES, DPI = (7.6, 4.6), 100
+MARKERS = "osD^vP*Xhp<>d8"
+
+
+def write_png(chart: Chart, path: Path) -> None:
+    """Replace the file. Raises InputError where matplotlib is not installed, OutputError where writing fails."""
+    figure = require_extra("matplotlib.figure", "drawing charts").Figure(SIZE_INCHES, DPI, layout="constrained")
+    axes = figure.subplots()
+    _draw(chart, axes)
+    with write_atomically(path, overwrite=True) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def _draw(chart: Chart, axes: Any) -> None:
+    colours = require_extra("matplotlib", "drawing charts").colormaps["tab20"].colors
+    for number, series in enumerate(chart.series):
+        axes.plot(
+            [mark.x for mark in series.marks],
+            [mark.y for mark in series.marks],
+            label=series.name,
+            color=colours[(2 * number + number // 10) % len(colours)],
+            marker=MARKERS[number % len(MARKERS)],
+            markersize=5,
+            linewidth=1.4 if series.is_line else 0.0,
+        )
+    if chart.front:
+        xs, ys = [mark.x for mark in chart.front], [mark.y for mark in chart.front]
+        axes.step(xs, ys, where="post", color="0.4", linewidth=1.0, linestyle="--", label="Pareto front")
+    axes.set(title=chart.title, xlabel=chart.x_label, ylabel=chart.y_label)
+    axes.set_xscale("log" if chart.has_log_x else "linear")
+    axes.set_yscale("log" if chart.has_log_y else "linear")
+    axes.grid(visible=True, which="both", linewidth=0.3)
+    if len(chart.series) > 1 or chart.front:
+        axes.legend(fontsize=7)

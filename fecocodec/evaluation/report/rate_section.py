@@ -1,0 +1,121 @@
+"""Rate and quality: ours, what a user would take instead, and ours without some part."""
+
+from collections.abc import Callable, Sequence
+
+from fecocodec.evaluation.ablations import WITHOUT
+from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS
+from fecocodec.evaluation.records import Measurement
+from fecocodec.evaluation.report.charts import Chart, Mark, Series
+from fecocodec.evaluation.report.section import Section, number, picture, table
+from fecocodec.evaluation.summary import OURS, Average, averages, compare
+
+ABLATED = ("stage 1 alone", *(name for name, _ in WITHOUT.values()))
+TEXT = """\
+Bytes are those of whole files, cameras included; quality is that of target views, which no sender sees, rendered from
+decoded files; means over {entries} pairs of context views. Baselines: context photographs as JPEG XL, AVIF, WebP or
+JPEG, from which the receiver makes Gaussians with our networks, uncoded (it then needs the sender's networks, too); our
+uncoded Gaussians as PLY, compressed PLY or SPZ. *nearest view* copies a photograph; *best plane* warps both by one
+plane, chosen by looking at the target.
+
+{chart}
+
+BD figures are ours against each: bytes at equal PSNR, and PSNR at equal bytes. A dash: the curves have no such range in
+common, or the other is one point.
+
+{comparisons}
+
+{averages}
+"""
+ABLATION_TEXT = """\
+A part is taken away at inference and nothing is trained again: this is how much the trained networks lean on it. *No
+decoded context* and *no rendered feedback* are without refinement, and so to be compared with *no refinement*.
+Gaussians at 1/4 or 1/1 of the resolution and three stages are not among them: the weights have four Gaussians a cell,
+and the format has two stages; they would have to be trained.
+
+{chart}
+
+{comparisons}
+"""
+
+
+def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
+    """Rate and distortion, ablations, and entries of more views."""
+    rows = averages(found)
+    hidden = (*ABLATED, ALL_GAUSSIANS)
+    main, ablated = (_rows(rows, lambda name: name not in hidden), _rows(rows, lambda name: name in (OURS, *ABLATED)))
+    chart = Chart("rate_distortion", "Rate and quality", "KiB a scene", "PSNR of target views, dB", _curves(main), True)
+    parts = Chart("ablations", "Without some part", "KiB a scene", "PSNR of target views, dB", _curves(ablated), True)
+    entries = max((row.entries for row in rows), default=0)
+    text = TEXT.format(entries=entries, chart=picture(chart), comparisons=_comparisons(main), averages=_averages(main))
+    without = ABLATION_TEXT.format(chart=picture(parts), comparisons=_comparisons(ablated))
+    views = Section("More than two views", _by_views(more_views))
+    return Section("Rate and quality", text, (chart,)), Section("Without some part", without, (parts,)), views
+
+
+def _rows(rows: Sequence[Average], is_wanted: Callable[[str], bool]) -> list[Average]:
+    return [row for row in rows if is_wanted(row.system)]
+
+
+def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
+    """One series a system; what sends nothing is a level line."""
+    rates = [row.kib for row in rows if row.kib > 0]
+    series = []
+    for name in dict.fromkeys(row.system for row in rows):
+        own = sorted((row for row in rows if row.system == name), key=lambda row: row.kib)
+        marks = [Mark(row.kib, row.psnr, row.setting) for row in own if row.kib > 0]
+        level = [Mark(rate, own[0].psnr, own[0].setting) for rate in (min(rates), max(rates))]
+        series.append(Series(name, tuple(marks or level)))
+    return tuple(series)
+
+
+def _comparisons(rows: Sequence[Average]) -> str:
+    found = compare(rows)
+    return table(
+        ("against", "BD-rate, %", "BD-PSNR, dB"),
+        [(c.baseline, number(c.bd_rate, 1), number(c.bd_psnr)) for c in found],
+    )
+
+
+def _averages(rows: Sequence[Average]) -> str:
+    head = ("system", "setting", "KiB", "bits a pixel", "PSNR", "SSIM", "MS-SSIM", "FLIP", "LPIPS", "Gaussians")
+    return table(
+        head,
+        [
+            (
+                row.system,
+                row.setting,
+                number(row.kib),
+                number(row.bits_per_pixel, 3),
+                number(row.psnr),
+                number(row.ssim, 3),
+                number(row.ms_ssim, 3),
+                number(row.flip, 3),
+                number(row.lpips, 3),
+                number(row.gaussians, 0),
+            )
+            for row in rows
+        ],
+    )
+
+
+def _by_views(found: Sequence[Measurement]) -> str:
+    head = ("entry", "views", "size", "KiB", "PSNR of targets", "PSNR of context", "encode, s", "decode, s")
+    good = [m for m in found if not m.error]
+    if not good:
+        return "The index has no such entries."
+    return "At lambda 1e-3; single measurements.\n\n" + table(
+        head,
+        [
+            (
+                m.entry,
+                f"{m.num_context}",
+                f"{m.width}x{m.height}",
+                number(m.num_bytes / 1024),
+                number(m.psnr),
+                number(m.context_psnr),
+                number(m.encode_seconds),
+                number(m.decode_seconds),
+            )
+            for m in good
+        ],
+    )

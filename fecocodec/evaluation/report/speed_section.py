@@ -1,0 +1,120 @@
+"""Seconds against quality, at the sender and at the receiver, and where the seconds go."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fecocodec.evaluation.records import Measurement
+from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
+from fecocodec.evaluation.report.section import Section, number, picture, table
+from fecocodec.evaluation.summary import OURS, Average, averages
+
+TEXT = """\
+Medians over {entries} pairs of context views, warm, in one process; rendering is part of neither end. At equal rate:
+PSNR and seconds of each curve at {kib:.1f} KiB, between its points by the logarithm of bytes; a curve that does not
+reach so far is taken at its nearest end, which its note says. *n refinement steps*, *one thread*, *half the size*
+(photographs of half the sides are coded, the Gaussians drawn at the whole size), *adaptive*: the same codec, so used.
+Gaussian files and photographs are coded by libraries of their own; what their receivers take includes our networks for
+photographs. Only a CPU was at hand, so there is no other device and no other number type; no weights of the paper's
+larger extractor are trained.
+
+{sender}
+
+{receiver}
+
+All points, whatever their rate:
+
+{sender_all}
+
+{receiver_all}
+
+## Where the time goes
+
+Two views of {side} pixels a side, lambda 1e-3, milliseconds of a warm call.
+
+{steps}
+"""
+Seconds = Callable[[Average], float]
+
+
+def speed_section(
+    rate: Sequence[Measurement], speed: Sequence[Measurement], steps: dict[str, dict[str, float]], side: int
+) -> Section:
+    """rate: of all systems; those on the entries of `speed` stand beside it."""
+    entries = {m.entry for m in speed}
+    others = [m for m in rate if m.entry in entries and m.system not in {s.system for s in speed} and m.num_bytes]
+    rows = averages([*speed, *others])
+    if not rows:
+        return Section("Speed and quality", "Nothing could be measured.")
+    kib = _middle([row for row in rows if row.system == OURS])
+    equal = [_equal_rate(rows, kib, *end) for end in ENDS]
+    every = [_all_points(rows, *end) for end in ENDS]
+    text = TEXT.format(
+        entries=rows[0].entries,
+        kib=kib,
+        side=side,
+        sender=picture(equal[0]),
+        receiver=picture(equal[1]),
+        sender_all=picture(every[0]),
+        receiver_all=picture(every[1]),
+        steps=_steps(steps),
+    )
+    return Section("Speed and quality", text, (*equal, *every))
+
+
+ENDS: tuple[tuple[str, Seconds], ...] = (
+    ("sender", lambda row: row.encode_seconds),
+    ("receiver", lambda row: row.decode_seconds),
+)
+
+
+def _middle(rows: Sequence[Average]) -> float:
+    """KiB of the middle one of our operating points."""
+    return sorted(row.kib for row in rows)[len(rows) // 2]
+
+
+def _equal_rate(rows: Sequence[Average], kib: float, end: str, seconds: Seconds) -> Chart:
+    series = []
+    for name in dict.fromkeys(row.system for row in rows):
+        own = sorted((row for row in rows if row.system == name), key=lambda row: row.kib)
+        rates = np.log([row.kib for row in own])
+        psnr, cost = (
+            float(np.interp(np.log(kib), rates, values))
+            for values in ([row.psnr for row in own], [seconds(row) for row in own])
+        )
+        nearest = min(max(kib, own[0].kib), own[-1].kib)
+        note = f"at {nearest:.1f} KiB" + ("" if nearest == kib else ", the nearest it has")
+        series.append(Series(name, (Mark(max(cost, 1e-4), psnr, note),), is_line=False))
+    front = pareto_front(mark for one in series for mark in one.marks)
+    title = f"Speed of the {end} and quality at about {kib:.1f} KiB"
+    return Chart(
+        f"{end}_speed", title, f"seconds at the {end}", "PSNR of target views, dB", tuple(series), True, front=front
+    )
+
+
+def _all_points(rows: Sequence[Average], end: str, seconds: Seconds) -> Chart:
+    series = [
+        Series(
+            name,
+            tuple(
+                Mark(max(seconds(row), 1e-4), row.psnr, f"{row.setting}, {row.kib:.1f} KiB")
+                for row in rows
+                if row.system == name
+            ),
+        )
+        for name in dict.fromkeys(row.system for row in rows)
+    ]
+    front = pareto_front(mark for one in series for mark in one.marks)
+    title = f"Speed of the {end} and quality, all operating points"
+    return Chart(
+        f"{end}_points", title, f"seconds at the {end}", "PSNR of target views, dB", tuple(series), True, front=front
+    )
+
+
+def _steps(steps: dict[str, dict[str, float]]) -> str:
+    rows = []
+    for end, seconds in steps.items():
+        total = sum(seconds.values())
+        rows += [(end, step, number(1e3 * took, 0), f"{took / total:.0%}") for step, took in seconds.items()]
+        rows.append((end, "in all", number(1e3 * total, 0), ""))
+    return table(("end", "step", "ms", "share"), rows)

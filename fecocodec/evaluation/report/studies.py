@@ -1,0 +1,150 @@
+"""All that a report is made of, measured or taken from an earlier run."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+
+from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.evaluation.box_room import Room, painted, photograph
+from fecocodec.evaluation.camera_paths import sideways
+from fecocodec.evaluation.complexity import Need, measure_need
+from fecocodec.evaluation.entries import open_scenes
+from fecocodec.evaluation.evaluation import RECORDS, choose_entries, make_folder, weights_label
+from fecocodec.evaluation.reconstruction import System
+from fecocodec.evaluation.records import Measurement, RecordFile
+from fecocodec.evaluation.report.plan import ReportPlan
+from fecocodec.evaluation.report.results import ResultFile
+from fecocodec.evaluation.run import measure_all
+from fecocodec.evaluation.scaling import LAMBDA, Load, measure_load
+from fecocodec.evaluation.speed_systems import speed_systems
+from fecocodec.evaluation.step_clock import StepClock
+from fecocodec.evaluation.stress import STRESS_LAMBDA, Verdict
+from fecocodec.evaluation.stress_run import read_pairs, run_suite
+from fecocodec.evaluation.systems import systems_of
+from fecocodec.formats.evaluation_index import IndexEntry, read_index
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_stream
+from fecocodec.sender.encode import Profile, encode_with, load_profile
+
+OnStudy = Callable[[str], None]  # what is measured next
+WARM_UP_SIDE = 64
+WARM_RUNS = 3
+
+
+@dataclass(frozen=True)
+class Studies:
+    """What was measured. rate: pairs through every system; speed: some of them through ways to trade time for quality;
+    more_views: entries of more than two views; steps: seconds by step, by what was done."""
+
+    rate: tuple[Measurement, ...]
+    speed: tuple[Measurement, ...]
+    more_views: tuple[Measurement, ...]
+    steps: dict[str, dict[str, float]]
+    loads: tuple[Load, ...]
+    needs: tuple[Need, ...]
+    verdicts: tuple[Verdict, ...]
+
+
+def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
+    """Measure what `plan.work` does not hold yet for these weights. Raises FecoError where nothing can be measured."""
+    profile = load_profile(plan.model, "cpu")
+    make_folder(plan.work)
+    label = weights_label(plan.model, plan.size)
+    on_study("warming up")
+    _code(profile, _room(WARM_UP_SIDE), StepClock(), StepClock())
+    on_study("growth with views and pixels")
+    loads = _loads(plan, profile, ResultFile(plan.work / "scaling.jsonl", label))
+    on_study("time by step")
+    steps = _steps(plan, profile, ResultFile(plan.work / "steps.jsonl", label))
+    on_study("rooms from bare to crowded")
+    needs = _needs(plan, profile, ResultFile(plan.work / "complexity.jsonl", label))
+    rate, speed, more_views = _measurements(plan, profile, label, on_study)
+    on_study("hard cases")
+    verdicts = _verdicts(plan, profile, ResultFile(plan.work / "stress.jsonl", label))
+    return Studies(rate, speed, more_views, steps, loads, needs, verdicts)
+
+
+def _measurements(
+    plan: ReportPlan, profile: Profile, label: str, on_study: OnStudy
+) -> tuple[tuple[Measurement, ...], ...]:
+    """Of the rate, the speed and the more-views studies, which share one file: nothing is measured twice."""
+    index = read_index(plan.index)
+    pairs = choose_entries(index, 2, plan.entries, plan.index)
+    few = pairs[:: max(1, len(pairs) // plan.speed_entries)][: plan.speed_entries]
+    more = [entry for entry in index if len(entry.context) > 2]
+    records = RecordFile(plan.work / RECORDS)
+    read = open_scenes(plan.root, plan.size)
+
+    def measured(entries: Sequence[IndexEntry], systems: Sequence[System]) -> tuple[Measurement, ...]:
+        return tuple(measure_all(read, entries, systems, records, label))
+
+    on_study("rate and quality")
+    rate = measured(pairs, _rate_systems(plan, profile))
+    on_study("speed and quality")
+    speed = measured(few, [system for lmbda in plan.few_lambdas for system in speed_systems(profile, lmbda)])
+    on_study("more views")
+    thinned = choose_entries(more, None, plan.entries_of_more_views, plan.index) if more else ()
+    return rate, speed, measured(thinned, systems_of(["codec"], profile, [LAMBDA]))
+
+
+def _rate_systems(plan: ReportPlan, profile: Profile) -> tuple[System, ...]:
+    return (
+        *systems_of(["codec"], profile, plan.lambdas),
+        *systems_of(["ablations", "adaptive", "all-gaussians"], profile, plan.few_lambdas),
+        *systems_of(["images", "gaussians", "floor"], profile, ()),
+    )
+
+
+def _loads(plan: ReportPlan, profile: Profile, results: ResultFile) -> tuple[Load, ...]:
+    shapes = [(2, side) for side in plan.sides] + [(count, plan.room_side) for count in plan.view_counts]
+    found = []
+    for count, side in dict.fromkeys(shapes):
+        key = f"{count} views of {side}"
+        if key not in results.known():
+            results.add(key, asdict(measure_load(profile, count, side)))
+        found.append(Load(**results.known()[key]))
+    return tuple(found)
+
+
+def _needs(plan: ReportPlan, profile: Profile, results: ResultFile) -> tuple[Need, ...]:
+    found = []
+    for count in plan.num_waves:
+        key = f"{count} patterns on {plan.room_side}"
+        if key not in results.known():
+            results.add(key, asdict(measure_need(profile, count, plan.room_side)))
+        found.append(Need(**results.known()[key]))
+    return tuple(found)
+
+
+def _steps(plan: ReportPlan, profile: Profile, results: ResultFile) -> dict[str, dict[str, float]]:
+    """Of both ends, the last of some runs: warm."""
+    key = f"two views of {plan.room_side}"
+    if key not in results.known():
+        for _ in range(WARM_RUNS):
+            encoding, decoding = StepClock(), StepClock()
+            _code(profile, _room(plan.room_side), encoding, decoding)
+        results.add(key, {"encode": encoding.seconds, "decode": decoding.seconds})
+    return dict(results.known()[key])
+
+
+def _room(side: int) -> Views:
+    return photograph(Room(painted), sideways()[:2], (side, side))
+
+
+def _code(profile: Profile, views: Views, encoding: StepClock, decoding: StepClock) -> None:
+    data = encode_with(profile, views, quantise_lambda(LAMBDA), 2, encoding)
+    encoding.close()
+    decode_stream(read_stream(data), profile.receiver, decoding)
+    decoding.close()
+
+
+def _verdicts(plan: ReportPlan, profile: Profile, results: ResultFile) -> tuple[Verdict, ...]:
+    if plan.stress_scenes == 0:
+        return ()
+    pairs = read_pairs(plan.root, plan.index, plan.stress_scenes)
+    known = {key: Verdict(**values) for key, values in results.known().items()}
+    verdicts = []
+    for verdict, _ in run_suite(profile, pairs, STRESS_LAMBDA, known):
+        if verdict.case not in known:
+            results.add(verdict.case, asdict(verdict))
+        verdicts.append(verdict)
+    return tuple(verdicts)

@@ -1,0 +1,145 @@
+"""The report from made-up measurements: what it says follows from them, and its files stand alone."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fecocodec.errors import InputError
+from fecocodec.evaluation.complexity import Need
+from fecocodec.evaluation.records import Measurement
+from fecocodec.evaluation.report import make
+from fecocodec.evaluation.report.adaptive_section import adaptive_section
+from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
+from fecocodec.evaluation.report.page import html_page
+from fecocodec.evaluation.report.plan import ReportPlan
+from fecocodec.evaluation.report.results import ResultFile
+from fecocodec.evaluation.report.scaling_section import scaling_section
+from fecocodec.evaluation.report.section import table
+from fecocodec.evaluation.report.speed_section import speed_section
+from fecocodec.evaluation.report.studies import Studies
+from fecocodec.evaluation.scaling import Load, exponent
+from fecocodec.evaluation.stress import Verdict
+
+ENTRIES = ("a", "b", "c")
+SETTINGS = ("lambda 0.01", "lambda 0.001", "lambda 0.0001")
+
+
+def curve(system: str, kib: float, psnr: float, seconds: float = 1.0, gaussians: int = 1000) -> list[Measurement]:
+    """Three points that double in bytes and gain 1 dB each, of three entries that double in bytes."""
+    return [
+        Measurement(
+            entry,
+            system,
+            setting,
+            "weights",
+            2,
+            64,
+            64,
+            num_bytes=int(kib * 1024 * 2**step * 2**at),
+            num_gaussians=gaussians,
+            psnr=psnr + step,
+            context_psnr=psnr + step,
+            encode_seconds=seconds,
+            decode_seconds=seconds / 10,
+        )
+        for at, entry in enumerate(ENTRIES)
+        for step, setting in enumerate(SETTINGS)
+    ]
+
+
+def photographs() -> list[Measurement]:
+    points = curve("JPEG XL", 4, 20)
+    names = dict(zip(SETTINGS, ("quality 4", "quality 2", "quality 1"), strict=True))
+    return [replace(m, setting=names[m.setting]) for m in points]
+
+
+@pytest.fixture
+def studies() -> Studies:
+    rate = [
+        *curve("fecosplat", 2, 20),
+        *curve("stage 1 alone", 1.5, 19),
+        *curve("adaptive", 1, 20, gaussians=750),
+        *curve("adaptive, all Gaussians", 1, 20.01),
+        *photographs(),
+        replace(curve("nearest view", 1, 15)[0], num_bytes=0),
+    ]
+    rate += [replace(rate[-1], entry=entry) for entry in ENTRIES[1:]]
+    speed = [*curve("fecosplat", 2, 20), *curve("0 refinement steps", 2, 19, 0.2), *curve("one thread", 2, 20, 2.0)]
+    steps = {"encode": {"start": 0.01, "coding stage 1": 0.03}, "decode": {"predicting": 0.02}}
+    loads = tuple(Load(2, side, 2 * side**2, side**2 / 1e5, side / 1e4, 100.0, side**2) for side in (64, 128))
+    needs = (Need(0, 1.0, 1.0, 0.1, 1), Need(24, 9.0, 8.0, 0.2, 2))
+    verdicts = (Verdict("wall: easy", "finite", 20.0, 0.0, 21.0, 0.0, 3.5, 0, "a Gaussian is not finite"),)
+    return Studies(tuple(rate), tuple(speed), (), steps, loads, needs, verdicts)
+
+
+def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(make, "measure_studies", lambda _plan, _on_study: studies)
+    monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
+    plan = ReportPlan(tmp_path, tmp_path, tmp_path / "compact", tmp_path / "work", tmp_path / "docs")
+    assert make.make_report(plan, lambda _study: None) == ()
+    text = (plan.output / "report.md").read_text()
+    pictures = set(re.findall(r"\]\((report/\w+\.png)\)", text))
+    assert pictures == {f"report/{path.name}" for path in (plan.output / "report").glob("*.png")}
+    assert len(pictures) == 9 and sum((plan.output / path).stat().st_size for path in pictures) < 1_500_000
+    assert "Weights `compact` (0123)" in text and "torch" in text and "0 of 1 cases keep their rule" in text
+    assert re.search(r"\| JPEG XL \| -50\.0 \|", text), "ours needs half the bytes of what was made to need twice"
+    page = (plan.output / "report" / "charts.html").read_text()
+    assert "http://" not in page.replace("http://www.w3.org/2000/svg", "") and "https://" not in page
+    charts = json.loads(re.search(r"const CHARTS = (\[.*\]);\n", page)[1])  # type: ignore[index]
+    assert {f"report/{chart['name']}.png" for chart in charts} == pictures
+
+
+def test_failures_are_told(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = replace(studies.rate[0], entry="d", error="is gone")
+    monkeypatch.setattr(make, "measure_studies", lambda *_: replace(studies, rate=(*studies.rate, broken)))
+    monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
+    plan = ReportPlan(tmp_path, tmp_path, tmp_path, tmp_path / "work", tmp_path / "docs")
+    assert make.make_report(plan, lambda _study: None) == ("d, fecosplat, lambda 0.01: is gone",)
+
+
+def test_savings_are_judged_by_what_was_asked(studies: Studies) -> None:
+    text = adaptive_section(studies.rate, studies.needs).text
+    assert "| lambda 0.001 | 25.0 | 0.010 | 0.010 | 0.010 | met |" in text
+    assert "| simplest third | 1 | -50.0 |" in text and "| met |" in text.split("simplest third")[1]
+    costly = [replace(m, psnr=m.psnr - 1.0) if m.system == "adaptive" else m for m in studies.rate]
+    assert "| lambda 0.001 | 25.0 | 1.010 | 1.010 | 0.010 | missed |" in adaptive_section(costly, studies.needs).text
+
+
+def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:
+    marks = [Mark(1, 5, ""), Mark(2, 4, "slower and worse"), Mark(3, 7, ""), Mark(3, 6, "worse")]
+    assert pareto_front(marks) == (marks[0], marks[2])
+    sender = speed_section(studies.rate, studies.speed, studies.steps, 64).charts[0]
+    names = {series.name for series in sender.series for mark in series.marks if mark in sender.front}
+    assert "0 refinement steps" in names and "one thread" not in names
+
+
+def test_growth(studies: Studies) -> None:
+    assert exponent([1.0, 2.0, 4.0], [3.0, 12.0, 48.0]) == pytest.approx(2.0)
+    assert exponent([2.0], [1.0]) is None
+    assert "| two views of more pixels | 1.00 | 0.50 | 0.00 | 1.00 |" in scaling_section(studies.loads, 64).text
+
+
+def test_no_text_ends_the_script_or_the_table() -> None:
+    chart = Chart("c", "</script><b>", "x", "y", (Series("s", (Mark(1, 2, "</script>"),)),))
+    page = html_page("<title>", "&", (chart,))
+    assert page.count("</script>") == 1 and "&lt;title&gt;" in page
+    assert table(("a", "b"), [("1|2", "3")]) == "| a | b |\n| --- | --- |\n| 1/2 | 3 |"
+
+
+def test_results_are_of_one_set_of_weights_and_survive_a_cut(tmp_path: Path) -> None:
+    path = tmp_path / "r.jsonl"
+    ResultFile(path, "old").add("x", {"y": 1})
+    fresh = ResultFile(path, "new")
+    assert fresh.known() == {}
+    fresh.add("x", {"y": 2})
+    path.write_text(path.read_text() + '{"key": "z", "la')
+    again = ResultFile(path, "new")
+    assert again.known() == {"x": {"y": 2}}
+    again.add("z", {"y": 3})
+    assert ResultFile(path, "new").known() == {"x": {"y": 2}, "z": {"y": 3}}
+    path.write_text("[1]\n{}\n")
+    with pytest.raises(InputError, match=r"r\.jsonl: not results of this version"):
+        ResultFile(path, "new")
