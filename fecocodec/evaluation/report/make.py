@@ -54,7 +54,7 @@ def _write(plan: ReportPlan, sections: tuple[Section, ...]) -> None:
     head = HEAD.format(
         machine=machine[0].upper() + machine[1:], model=plan.model.name, label=weights_label(plan.model, plan.size)
     )
-    body = "\n".join(f"## {section.title}\n\n{section.text}" for section in sections)
+    body = "\n\n".join(f"## {section.title}\n\n{section.text.strip()}" for section in sections)
     page = html_page("FeCoSplat: rate, quality, speed", f"{machine}.", charts)
     for path, text in ((plan.output / "report.md", f"{head}\n{body}"), (folder / "charts.html", page)):
         with write_atomically(path, overwrite=True) as temporary:

@@ -36,8 +36,12 @@ def _draw(chart: Chart, axes: Any) -> None:
         xs, ys = [mark.x for mark in chart.front], [mark.y for mark in chart.front]
         axes.step(xs, ys, where="post", color="0.4", linewidth=1.0, linestyle="--", label="Pareto front")
     axes.set(title=chart.title, xlabel=chart.x_label, ylabel=chart.y_label)
-    axes.set_xscale("log" if chart.has_log_x else "linear")
-    axes.set_yscale("log" if chart.has_log_y else "linear")
-    axes.grid(visible=True, which="both", linewidth=0.3)
-    if len(chart.series) > 1 or chart.front:
-        axes.legend(fontsize=7)
+    for axis, is_log, name in ((axes.xaxis, chart.has_log_x, "x"), (axes.yaxis, chart.has_log_y, "y")):
+        if is_log:
+            axes.set(**{f"{name}scale": "log"})
+            ticker = require_extra("matplotlib.ticker", "drawing charts")
+            axis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(ticker.NullFormatter())
+    axes.grid(visible=True, linewidth=0.3)
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.01, 1.0))

@@ -27,5 +27,5 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """With so many digits after the point, a dash for None."""
-    return "-" if value is None else f"{value:.{digits}f}"
+    """With so many digits after the point and no negative zero, a dash for None."""
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"

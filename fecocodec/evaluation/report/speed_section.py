@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
 from fecocodec.evaluation.report.section import Section, number, picture, table
@@ -42,7 +43,8 @@ def speed_section(
 ) -> Section:
     """rate: of all systems; those on the entries of `speed` stand beside it."""
     entries = {m.entry for m in speed}
-    others = [m for m in rate if m.entry in entries and m.system not in {s.system for s in speed} and m.num_bytes]
+    own = {m.system for m in speed} | {ALL_GAUSSIANS}
+    others = [m for m in rate if m.entry in entries and m.system not in own and m.num_bytes]
     rows = averages([*speed, *others])
     if not rows:
         return Section("Speed and quality", "Nothing could be measured.")
