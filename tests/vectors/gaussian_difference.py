@@ -1,8 +1,10 @@
 """How far two machines' Gaussians of one stream are apart, in the terms of FORMAT.md, section 15."""
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
 import torch
 from jaxtyping import Float
@@ -13,6 +15,8 @@ from fecocodec.receiver.decode import read_cameras
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from tests.vectors.gaussian_samples import nearest_depth
+
+SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,20 @@ class Difference:
         )
 
 
+def tolerance(kind: str) -> dict[str, float]:
+    """The bounds of FORMAT.md, section 15, by the names of `Difference`; kind: "full" or "reduced"."""
+    text = (SPECIFICATION / "FORMAT.md").read_text().split("## 15.")[1].split("## 16.")[0]
+    rows = re.findall(r"^\| `(\w+)` \| ([-.\de]+) \| ([-.\de]+) \|", text, re.MULTILINE)
+    return {name: float({"full": full, "reduced": reduced}[kind]) for name, full, reduced in rows}
+
+
+def beyond(found: Difference, kind: str) -> list[str]:
+    """Names of what is outside the tolerance."""
+    bounds = tolerance(kind)
+    low = ["render_psnr"] if found.render_psnr < bounds["render_psnr"] else []
+    return low + [name for name in bounds if name != "render_psnr" and getattr(found, name) > bounds[name]]
+
+
 def difference(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 14"]) -> Difference:
     """Of two machines' Gaussians of the stream `data`, one a row as `gaussian_samples.table` gives them."""
     return replace(without_rendering(data, one, other), render_psnr=_render_psnr(data, one, other))
@@ -67,20 +85,20 @@ def without_rendering(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tens
 def matched(
     data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 14"]
 ) -> tuple[Float[Tensor, "k 14"], Float[Tensor, "k 14"]]:
-    """The rows that stand for the same Gaussian: both keep the order, and few are on one side only."""
-    if len(one) == len(other):
+    """The rows that stand for the same Gaussian. Both keep the order, and a few that are almost too faint are on one
+    side only: each row of the shorter goes with the most alike of those around its place in the longer.
+    """
+    spare = abs(len(one) - len(other))
+    if spare == 0:
         return one, other
-    longer, shorter = (one, other) if len(one) > len(other) else (other, one)
-    depth = nearest_depth(data, longer)
-    keep, at = [], 0
-    for row in range(len(longer)):
-        spare = len(longer) - row - (len(shorter) - at)
-        is_same = at < len(shorter) and float((longer[row, :3] - shorter[at, :3]).norm()) < 0.02 * float(depth[row])
-        if at < len(shorter) and (is_same or spare == 0):
-            keep.append(row)
-            at += 1
-    chosen = longer[keep]
-    return (chosen, shorter[: len(keep)]) if len(one) > len(other) else (shorter[: len(keep)], chosen)
+    shorter, longer = (one, other) if len(one) < len(other) else (other, one)
+    around = torch.arange(len(shorter))[:, None] + torch.arange(-spare, 2 * spare + 1)
+    around = around.clamp(0, len(longer) - 1)
+    unlike = longer[around] - shorter[:, None]
+    unlike[..., :3] /= nearest_depth(data, shorter).float()[:, None, None]
+    alike = unlike[..., [0, 1, 2, 10, 11, 12, 13]].norm(dim=2).argmin(dim=1, keepdim=True)
+    chosen = longer[around.gather(1, alike)[:, 0]]
+    return (shorter, chosen) if len(one) < len(other) else (chosen, shorter)
 
 
 def _render_psnr(data: bytes, one: Tensor, other: Tensor) -> float:

@@ -19,7 +19,6 @@ from tests.vectors.tiny_model import TINY_MODEL, VECTORS, tiny_model_id
 
 EXPECTED = json.loads((VECTORS / "expected.json").read_text())
 GOOD, FAULTY = EXPECTED["good"], EXPECTED["faulty"]
-QUICK = [name for name in GOOD if not is_scene(name)]
 SCENES = [name for name in GOOD if is_scene(name)]
 
 
@@ -50,7 +49,8 @@ def test_the_product_finds_what_is_expected(name: str) -> None:
     assert expectation(Vector(read(name), GOOD[name]["breaks"])) == GOOD[name]
 
 
-def assert_second_reader_agrees(name: str) -> None:
+@pytest.mark.parametrize("name", GOOD)
+def test_the_second_reader_agrees_symbol_for_symbol(name: str) -> None:
     data = read(name)
     ours = decode_symbols(read_stream(data))
     theirs = second_reader.decode(second_reader.read(data), weights_of(read_stream(data).header.model_id))
@@ -59,17 +59,6 @@ def assert_second_reader_agrees(name: str) -> None:
         assert [batch.ravel().tolist() for batch in mine.batches] == other.batches
         assert np.array_equal(mine.z_hat, np.array(other.z_hat).clip(-(1 << 24), 1 << 24))
         assert np.array_equal(mine.y_hat, np.array(other.y_hat).clip(-(1 << 24), 1 << 24))
-
-
-@pytest.mark.parametrize("name", QUICK)
-def test_the_second_reader_agrees_symbol_for_symbol(name: str) -> None:
-    assert_second_reader_agrees(name)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
-def test_the_second_reader_agrees_on_released_scenes(name: str) -> None:
-    assert_second_reader_agrees(name)
 
 
 @pytest.mark.parametrize("name", FAULTY)

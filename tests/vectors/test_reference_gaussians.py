@@ -1,0 +1,47 @@
+"""Gaussians of released models' scenes come close to those that were kept with them (FORMAT.md, section 15)."""
+
+import pytest
+import torch
+
+from fecocodec.receiver.decode import decode
+from tests.vectors.gaussian_difference import Difference, beyond, matched, tolerance, without_rendering
+from tests.vectors.gaussian_samples import EVERY, like_samples, read_samples, table
+from tests.vectors.tiny_model import VECTORS
+
+SCENES = sorted(VECTORS.glob("valid/scene-*.fcs"))
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_the_reference_is_met(path) -> None:
+    data = path.read_bytes()
+    reference, found = read_samples(path.with_suffix(".f32")), table(decode(data))
+    assert len(reference) == pytest.approx(len(found) / EVERY, abs=2)
+    difference = without_rendering(data, reference, like_samples(found, reference))
+    assert beyond(difference, "full") == []
+
+
+@pytest.mark.parametrize("kind", ["full", "reduced"])
+def test_the_specification_bounds_everything_that_is_measured(kind: str) -> None:
+    assert tolerance(kind).keys() == Difference.__dataclass_fields__.keys()
+
+
+def test_a_gaussian_on_one_side_only_does_not_shift_the_others() -> None:
+    data = SCENES[0].read_bytes()
+    rows = read_samples(SCENES[0].with_suffix(".f32"))
+    fewer = torch.cat((rows[:10], rows[11:300], rows[301:]))
+    one, other = matched(data, rows, fewer)
+    assert torch.equal(one, other) and torch.equal(other, fewer)
+    one, other = matched(data, fewer, rows)
+    assert torch.equal(one, fewer) and torch.equal(other, fewer)
+
+
+def test_what_moved_is_noticed() -> None:
+    data = SCENES[0].read_bytes()
+    rows = read_samples(SCENES[0].with_suffix(".f32"))
+    moved = rows.clone()
+    moved[7, :3] *= 1.1
+    moved[:, 11:] += 0.1
+    difference = without_rendering(data, rows, moved)
+    assert difference.position_peak > 0.05 and difference.position_rms < difference.position_peak
+    assert beyond(difference, "full") == ["position_rms", "position_peak", "colour_rms", "colour_peak"]
+    assert difference.colour_rms == pytest.approx(0.0282, rel=0.01)
