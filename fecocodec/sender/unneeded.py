@@ -23,10 +23,11 @@ from fecocodec.rendering.contribution import contributions
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.steps import CodedStage, PreparedScene, Profile
 
-LARGEST_LOSS = 0.006  # of the context views' squared error, which is 0.026 dB
+LARGEST_LOSS = 0.009  # of the context views' squared error, which is 0.039 dB
 THRESHOLDS = (4, 8, 12, 16, 24, 32, 48, 64)  # opacities in 255ths
 SHARES_OF_CELLS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45)
 LARGEST_SHARE_OF_BYTES = 0.02  # of the stream, for saying which cells are left out
+LEAST_SHARE_LEFT_OUT = 0.01  # of the Gaussians; a section that leaves out less is not worth its ten bytes
 MOST_NEARBY = 4
 LEAST_BYTES = 32  # a bitmap that leaves out anything takes about as much
 _SIDE = CELL // 2  # Gaussians along a cell's side
@@ -56,7 +57,9 @@ def choose_keep(
         return None
     threshold = _largest_threshold(trial)
     cells = _cells(trial, threshold, header, num_bytes)
-    return Keep(threshold, cells) if threshold or cells else None
+    kept = _opaque(trial, threshold) & is_in_kept_cell(Keep(threshold, cells), header).to(trial.is_visible.device)
+    is_worth_it = int(kept.sum()) <= (1.0 - LEAST_SHARE_LEFT_OUT) * int(trial.is_visible.sum())
+    return Keep(threshold, cells) if is_worth_it else None
 
 
 def _trial(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...], header: Header) -> _Trial | None:

@@ -12,10 +12,10 @@ from fecocodec.evaluation.summary import OURS, Average, averages, compare
 ABLATED = ("stage 1 alone", *(name for name, _ in WITHOUT.values()))
 TEXT = """\
 Bytes are those of whole files, cameras included; quality is that of target views, which no sender sees, rendered from
-decoded files; means over {entries} pairs of context views. Baselines: context photographs as JPEG XL, AVIF, WebP or
-JPEG, from which the receiver makes Gaussians with our networks, uncoded (it then needs the sender's networks, too); our
-uncoded Gaussians as PLY, compressed PLY or SPZ. *nearest view* copies a photograph; *best plane* warps both by one
-plane, chosen by looking at the target.
+decoded files; means over pairs of context views ({entries} of them). Baselines: context photographs as JPEG XL, AVIF,
+WebP or JPEG, from which the receiver makes Gaussians with our networks, uncoded (it then needs the sender's networks,
+too); our uncoded Gaussians as PLY, compressed PLY or SPZ. *nearest view* copies a photograph; *best plane* warps both
+by one plane, chosen by looking at the target. *adaptive* is `encode --adaptive`.
 
 {chart}
 

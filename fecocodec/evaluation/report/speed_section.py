@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from fecocodec.evaluation.ablations import WITHOUT
 from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
@@ -11,13 +12,13 @@ from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages
 
 TEXT = """\
-Medians over {entries} pairs of context views, warm, in one process; rendering is part of neither end. At equal rate:
-PSNR and seconds of each curve at {kib:.1f} KiB, between its points by the logarithm of bytes; a curve that does not
-reach so far is taken at its nearest end, which its note says. *n refinement steps*, *one thread*, *half the size*
-(photographs of half the sides are coded, the Gaussians drawn at the whole size), *adaptive*: the same codec, so used.
-Gaussian files and photographs are coded by libraries of their own; what their receivers take includes our networks for
-photographs. Only a CPU was at hand, so there is no other device and no other number type; no weights of the paper's
-larger extractor are trained.
+Medians over pairs of context views ({entries} of them), warm, in one process; rendering is part of neither end. At
+equal rate: PSNR and seconds of each curve at {kib:.1f} KiB, between its points by the logarithm of bytes; a curve that
+does not reach so far is taken at its nearest end, which its note says. *n refinement steps*, *one thread*, *half the
+size* (photographs of half the sides are coded, the Gaussians drawn at the whole size), *adaptive*: the same codec, so
+used. Gaussian files and photographs are coded by libraries of their own; what their receivers take includes our
+networks for photographs. Only a CPU was at hand, so there is no other device and no other number type; no weights of
+the paper's larger extractor are trained.
 
 {sender}
 
@@ -43,7 +44,7 @@ def speed_section(
 ) -> Section:
     """rate: of all systems; those on the entries of `speed` stand beside it."""
     entries = {m.entry for m in speed}
-    own = {m.system for m in speed} | {ALL_GAUSSIANS}
+    own = {m.system for m in speed} | {ALL_GAUSSIANS} | {name for name, _ in WITHOUT.values()}
     others = [m for m in rate if m.entry in entries and m.system not in own and m.num_bytes]
     rows = averages([*speed, *others])
     if not rows:

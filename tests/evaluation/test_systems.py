@@ -1,0 +1,68 @@
+"""Ablations and ways to trade time are systems whose streams every receiver decodes."""
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.errors import InputError
+from fecocodec.evaluation.ablations import ABLATIONS
+from fecocodec.evaluation.adaptive_systems import adaptive_system, all_gaussians_system
+from fecocodec.evaluation.reconstruction import Reconstruction, System
+from fecocodec.evaluation.speed_systems import speed_systems
+from fecocodec.evaluation.systems import systems_of
+from fecocodec.sender import unneeded
+from fecocodec.sender.encode import Profile, load_profile
+from tests.example_scenes import MODEL, example_views
+
+LAMBDA = 1e-3
+
+
+@pytest.fixture(scope="module")
+def profile(random_weights: Path) -> Profile:
+    return load_profile(random_weights / MODEL, "cpu")
+
+
+def run(system: System, side: int = 64) -> Reconstruction:
+    return system.reconstruct(example_views(3, side, side), 2)
+
+
+def test_ablations_change_what_is_sent(profile: Profile) -> None:
+    systems = systems_of(["ablations"], profile, [LAMBDA])
+    assert [system.name for system in systems] == [
+        "stage 1 alone",
+        "no refinement",
+        "no decoded context",
+        "no rendered feedback",
+    ]
+    found = [run(system) for system in systems]
+    assert found[0].num_bytes < min(other.num_bytes for other in found[1:])
+    pictures = [other.images for other in found[1:]]
+    assert not torch.equal(pictures[0], pictures[1]) and not torch.equal(pictures[0], pictures[2])
+
+
+def test_an_ablation_can_be_asked_for_alone(profile: Profile) -> None:
+    for part in ABLATIONS:
+        assert len(systems_of([part], profile, [1e-2, 1e-4])) == 2
+    with pytest.raises(InputError, match=r"no systems called magic; choose from codec, adaptive, .*ablations"):
+        systems_of(["codec", "magic"], profile, [LAMBDA])
+
+
+def test_ways_to_trade_time(profile: Profile) -> None:
+    systems = {system.name: partial(run, system) for system in speed_systems(profile, LAMBDA)}
+    threads = torch.get_num_threads()
+    torch.testing.assert_close(systems["one thread"]().images, systems["fecosplat"]().images, atol=1e-3, rtol=0)
+    assert torch.get_num_threads() == threads
+    half = systems["half the size"](side=128)
+    assert half.images.shape[-2:] == (128, 128) and half.num_bytes < systems["0 refinement steps"](side=128).num_bytes
+
+
+def test_the_keep_section_is_all_that_tells_the_adaptive_systems_apart(
+    profile: Profile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unneeded, "LARGEST_LOSS", 0.5)  # so that something is left out of noise
+    kept, every = run(adaptive_system(profile, LAMBDA)), run(all_gaussians_system(profile, LAMBDA))
+    assert kept.gaussians is not None and every.gaussians is not None
+    fewer, bytes_more = every.gaussians.count - kept.gaussians.count, kept.num_bytes - every.num_bytes
+    assert fewer > 0 and bytes_more > 0
