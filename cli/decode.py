@@ -1,5 +1,6 @@
 """`fecosplat decode`: a .fcs file in, Gaussians as a PLY out."""
 
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -42,12 +43,20 @@ Examples:
     is_flag=True,
     help=f"Of a damaged file, decode the stages that are intact; exit code {PARTLY_DECODED} says that some were not.",
 )
+@click.option("--prune", is_flag=True, help="Leave out the Gaussians that no picture near the cameras would miss.")
 @device_option
 @threads_option
 @overwrite_option
 @json_option
 def command(
-    stream: Path, output: Path, stages: int | None, partial: bool, device: str, overwrite: bool, as_json: bool
+    stream: Path,
+    output: Path,
+    stages: int | None,
+    partial: bool,
+    prune: bool,
+    device: str,
+    overwrite: bool,
+    as_json: bool,
 ) -> int:
     """Decode FILE.fcs to 3D Gaussians in the frame and unit of length of the photographs' cameras.
 
@@ -67,6 +76,8 @@ def command(
     require_device(device)
     with naming(stream), progress_bar() as on_progress:
         decoded = _decode(data, stages, partial, device, on_progress)
+        if prune:
+            decoded = _pruned(decoded, data)
     write_ply(output, decoded.gaussians, overwrite=overwrite)
     seconds = round(perf_counter() - start, 3)
     count, damage = decoded.gaussians.count, decoded.damage
@@ -79,6 +90,14 @@ def command(
         return 0
     say(f"fecosplat: {stream}: damaged, only {STAGES[decoded.num_stages]} decoded: {damage}")
     return PARTLY_DECODED
+
+
+def _pruned(decoded: "IntactDecoding", data: bytes) -> "IntactDecoding":
+    from fecocodec.receiver.decode import read_cameras
+    from fecocodec.rendering.pruning import needed
+
+    kept = needed(decoded.gaussians, *read_cameras(data))
+    return replace(decoded, gaussians=decoded.gaussians.keep(kept))
 
 
 def _decode(data: bytes, stages: int | None, partial: bool, device: str, on_progress: OnProgress) -> "IntactDecoding":

@@ -2,15 +2,17 @@
 
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 
 from fecocodec.container import read_stream, write_stream
-from fecocodec.evaluation.codec_systems import stream_system
-from fecocodec.evaluation.reconstruction import System
+from fecocodec.evaluation.codec_systems import rendered, stream_system
+from fecocodec.evaluation.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
+from fecocodec.rendering.pruning import needed
 from fecocodec.sender.adaptive import AtLambda, encode_adaptively_with
 from fecocodec.sender.encode import Profile
 
-ADAPTIVE, ALL_GAUSSIANS = "adaptive", "adaptive, all Gaussians"
+ADAPTIVE, ALL_GAUSSIANS, PRUNED = "adaptive", "adaptive, all Gaussians", "adaptive, pruned"
 
 
 def adaptive_system(profile: Profile, lmbda: float) -> System:
@@ -21,6 +23,22 @@ def adaptive_system(profile: Profile, lmbda: float) -> System:
 def all_gaussians_system(profile: Profile, lmbda: float) -> System:
     """The same without its keep section: the difference is what leaving Gaussians out saves and costs."""
     return stream_system(profile, ALL_GAUSSIANS, f"lambda {lmbda:g}", partial(_encode_without_keep, profile, lmbda))
+
+
+def pruned_system(profile: Profile, lmbda: float) -> System:
+    """The adaptive streams, decoded without what no picture near the context cameras would miss (`decode --prune`)."""
+    return System(PRUNED, f"lambda {lmbda:g}", partial(_pruned, profile, lmbda))
+
+
+def _pruned(profile: Profile, lmbda: float, views: Views, num_context: int) -> Reconstruction:
+    found = adaptive_system(profile, lmbda).reconstruct(views, num_context)
+    assert found.gaussians is not None  # a stream always has some
+    begin = perf_counter()
+    kept = found.gaussians.keep(
+        needed(found.gaussians, views.cameras.select(list(range(num_context))), views.image_size)
+    )
+    seconds = found.decode_seconds + perf_counter() - begin
+    return rendered(kept, views, found.num_bytes, found.encode_seconds, seconds)
 
 
 def _encode(profile: Profile, lmbda: float, views: Views) -> bytes:

@@ -5,7 +5,7 @@ from functools import partial
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.ablations import ABLATIONS, ablation_system
-from fecocodec.evaluation.adaptive_systems import adaptive_system, all_gaussians_system
+from fecocodec.evaluation.adaptive_systems import adaptive_system, all_gaussians_system, pruned_system
 from fecocodec.evaluation.codec_systems import codec_system
 from fecocodec.evaluation.floor import floor_systems
 from fecocodec.evaluation.gaussian_systems import gaussian_systems
@@ -17,6 +17,7 @@ OF_LAMBDA: dict[str, Callable[[Profile, float], System]] = {
     "codec": codec_system,
     "adaptive": adaptive_system,
     "all-gaussians": all_gaussians_system,
+    "pruned": pruned_system,
     **{part: partial(ablation_system, part) for part in ABLATIONS},
 }
 WHATEVER_LAMBDA: dict[str, Callable[[Profile], tuple[System, ...]]] = {

@@ -61,7 +61,8 @@ def test_ways_to_trade_time(profile: Profile) -> None:
 def test_the_keep_section_is_all_that_tells_the_adaptive_systems_apart(
     profile: Profile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(unneeded, "LARGEST_LOSS", 0.5)  # so that something is left out of noise
+    monkeypatch.setattr(unneeded, "LARGEST_LOSS", 9.0)  # so that something is left out of untrained Gaussians,
+    monkeypatch.setattr(unneeded, "THRESHOLDS", (4, 210))  # which are all opaque
     kept, every = run(adaptive_system(profile, LAMBDA)), run(all_gaussians_system(profile, LAMBDA))
     assert kept.gaussians is not None and every.gaussians is not None
     fewer, bytes_more = every.gaussians.count - kept.gaussians.count, kept.num_bytes - every.num_bytes

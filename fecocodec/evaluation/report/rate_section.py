@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from fecocodec.evaluation.ablations import WITHOUT
-from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS
+from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS, PRUNED
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
@@ -41,7 +41,7 @@ and the format has two stages; they would have to be trained.
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
     """Rate and distortion, ablations, and entries of more views."""
     rows = averages(found)
-    hidden = (*ABLATED, ALL_GAUSSIANS)
+    hidden = (*ABLATED, ALL_GAUSSIANS, PRUNED)
     main, ablated = (_rows(rows, lambda name: name not in hidden), _rows(rows, lambda name: name in (OURS, *ABLATED)))
     chart = Chart("rate_distortion", "Rate and quality", "KiB a scene", "PSNR of target views, dB", _curves(main), True)
     parts = Chart("ablations", "Without some part", "KiB a scene", "PSNR of target views, dB", _curves(ablated), True)

@@ -27,8 +27,8 @@ def scaling_section(loads: Sequence[Load], room_side: int) -> Section:
     kinds = {"two views of more pixels": by_side, f"more views of {room_side}x{room_side}": by_views}
     series = []
     for kind, own in kinds.items():
-        series.append(Series(f"encode, {kind}", tuple(Mark(o.pixels, o.encode_seconds, _note(o)) for o in own)))
-        series.append(Series(f"decode, {kind}", tuple(Mark(o.pixels, o.decode_seconds, _note(o)) for o in own)))
+        series.append(Series(f"encode, {kind}", tuple(Mark(float(o.pixels), o.encode_seconds, _note(o)) for o in own)))
+        series.append(Series(f"decode, {kind}", tuple(Mark(float(o.pixels), o.decode_seconds, _note(o)) for o in own)))
     chart = Chart(
         "scaling", "Time and pixels", "pixels of all views", "seconds", tuple(series), has_log_x=True, has_log_y=True
     )
