@@ -13,12 +13,14 @@ from torch import nn
 from fecocodec.errors import ModelError, OutputError
 from fecocodec.layers.placement import place
 from fecocodec.receiver.model import Receiver
+from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
 from fecocodec.sender.model import Sender
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.fine_tuning import begin_with, freeze, load_extractor
+from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
 from fecocodec.training.objective import Batch, Coding, bypass_coding, code_with_noise, loss_of, run_stages
 from fecocodec.training.precision import run_in_bfloat16
@@ -56,6 +58,8 @@ class Trainer:
         torch.manual_seed(settings.seed)  # every process starts from the same weights
         self.receiver = Receiver(configuration.receiver)
         self.sender = sender or Sender(configuration.sender, configuration.receiver)
+        if isinstance(self.sender.extractor, CompactExtractor):
+            start_as_block_transform(self.sender, self.receiver)
         self.networks = nn.ModuleDict({"receiver": self.receiver, "sender": self.sender})
         place(self.networks, settings.device)
         if configuration.precision == "bfloat16":

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import ChannelNorm, PlainBlock2d, downsample, upsample
+from fecocodec.layers.blocks import PlainBlock2d, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 
@@ -53,7 +53,7 @@ class CompactExtractor(nn.Module):
         self.coarse = nn.Sequential(PlainBlock2d(coarse, coarse), PlainBlock2d(coarse, coarse))
         self.down_fine, self.down_middle = downsample(fine, middle), downsample(middle, coarse)
         self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
-        self.output = nn.Sequential(ChannelNorm(), nn.Conv2d(fine, channels, 1))
+        self.output = nn.Conv2d(fine, channels, 1)
 
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras

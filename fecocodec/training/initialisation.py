@@ -1,0 +1,174 @@
+"""Start of training: networks that already are a linear block-transform codec, for learning to improve on.
+
+A codec of random networks spends thousands of steps on learning to carry colour from photographs to Gaussians
+(docs/experiments.md). Here some channels of every residual chain are reserved: they carry pixels and matched disparity
+through 8x8 DCT coefficients to the Gaussians' colours and depths, while everything else starts at random and adds to
+them as training goes on.
+"""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.predictor import PER_CELL, RAW
+from fecocodec.sender.model import Sender
+
+PIXELS = 48  # of a 4x4 cell: (colour, row, column), as pixel unshuffle orders them
+DISPARITY = PIXELS  # the channel after the pixels, in [-1, 1]
+CELL_CHANNELS = PIXELS + 1
+COLOURS = 3 * PER_CELL  # of a cell's Gaussians: (colour, row, column)
+STATE_CHANNELS = COLOURS + 1  # then disparity
+LUMA_FREQUENCIES = tuple((u, v) for u in range(4) for v in range(4))  # all that half the resolution can show
+CHROMA_FREQUENCIES = ((0, 0), (0, 1), (1, 0), (1, 1), (0, 2), (2, 0))
+LUMA = (1 / math.sqrt(3), 1 / math.sqrt(3), 1 / math.sqrt(3))
+CHROMA = ((1 / math.sqrt(2), 0.0, -1 / math.sqrt(2)), (1 / math.sqrt(6), -2 / math.sqrt(6), 1 / math.sqrt(6)))
+COLOUR_SCALE = 1.5  # quantisation step at lambda 1e-4: about 0.07 of an orthonormal coefficient of colours in [0, 1]
+DISPARITY_SCALE = 6.0
+DEPTH_SLOPE = 2.0  # sigmoid(2 d) lies near (1 + d) / 2
+COLOUR_SLOPE = 1.1  # likewise, for colours, with the sharpness that Gaussians blur away
+OPACITY, LOG_SCALE = 0.5, -0.15  # sharpest of those tried: opacity 0.92 and 0.58 cells
+
+
+@torch.no_grad()
+def start_as_block_transform(sender: Sender, receiver: Receiver) -> None:
+    """Overwrite the reserved channels' weights of all networks between photographs and Gaussians."""
+    _start_sender(sender)
+    _start_receiver(receiver)
+
+
+def _start_sender(sender: Sender) -> None:
+    extractor, analysis, feedback = sender.extractor, sender.analysis, sender.feedback
+    first_pixel = extractor.input.in_channels - PIXELS
+    disparity = first_pixel - 2  # then confidence, then pixels
+    _only(extractor.input, [*((c, first_pixel + c, 1.0) for c in range(PIXELS)), (DISPARITY, disparity, 1.0)])
+    for block in (extractor.fine_in, extractor.fine_out):
+        _leave_alone(block, CELL_CHANNELS)
+    _silence(extractor.up_middle[0], 4 * CELL_CHANNELS)
+    _only(extractor.output, _identity(CELL_CHANNELS))
+
+    _only(feedback.input, [(c, PIXELS + c, 0.5) for c in range(PIXELS)])
+    _silence(feedback.input, CELL_CHANNELS, first=PIXELS)
+    for block in feedback.blocks:
+        _leave_alone(block, CELL_CHANNELS)
+
+    _only(analysis.join, _identity(CELL_CHANNELS))
+    _leave_alone(analysis.fine, CELL_CHANNELS)
+    forward = forward_transform()
+    _silence(analysis.down, len(forward))
+    analysis.down.weight[: len(forward), :CELL_CHANNELS] = forward
+    for block in analysis.coarse:
+        _leave_alone(block, len(forward))
+    _only(analysis.output, [(k, k, scale) for k, scale in enumerate(_scales())])
+
+
+def _start_receiver(receiver: Receiver) -> None:
+    synthesis, update, predictor = receiver.synthesis, receiver.update, receiver.predictor
+    inverse = inverse_transform()
+    num_coefficients = inverse.shape[-1]
+    _only(synthesis.input, [(k, k, 1.0 / scale) for k, scale in enumerate(_scales())])
+    for block in synthesis.coarse:
+        _leave_alone(block, num_coefficients)
+    _silence(synthesis.up[0], 4 * STATE_CHANNELS)
+    synthesis.up[0].get_parameter("weight")[: 4 * STATE_CHANNELS, :num_coefficients, 0, 0] = inverse.flatten(0, 1)
+
+    channels = update.join.out_channels
+    _only(update.join, [entry for c in range(STATE_CHANNELS) for entry in ((c, c, 1.0), (c, channels + c, 1.0))])
+    _leave_alone(update.block, STATE_CHANNELS)
+    update.initial_state[:, :STATE_CHANNELS] = 0.0
+
+    _silence(predictor.up_middle[0], 4 * STATE_CHANNELS)
+    _leave_alone(predictor.fine, STATE_CHANNELS)
+    _silence(predictor.attention.output, STATE_CHANNELS)
+    predictor.depth_head.weight *= 0.1
+    predictor.depth_head.weight[0, COLOURS, 1, 1] = DEPTH_SLOPE
+    predictor.depth_head.get_parameter("bias").zero_()
+    _start_head(predictor.head[0], predictor.head[2])
+
+
+def _start_head(first: nn.Module, last: nn.Module) -> None:
+    """Colours pass the GELU unchanged because gelu(x) - gelu(-x) = x."""
+    _only(first, [entry for c in range(COLOURS) for entry in ((c, c, 1.0), (COLOURS + c, c, -1.0))])
+    order = list(RAW)
+    offset = {name: PER_CELL * sum(RAW[n] for n in order[: order.index(name)]) for name in order}
+    weight, bias = last.get_parameter("weight"), last.get_parameter("bias")
+    for c in range(COLOURS):
+        weight[offset["colour"] + c, : 2 * COLOURS] = 0.0
+        weight[offset["colour"] + c, c] = COLOUR_SLOPE
+        weight[offset["colour"] + c, COLOURS + c] = -COLOUR_SLOPE
+    for name, value in (("opacity", OPACITY), ("scale", LOG_SCALE)):
+        bias[offset[name] : offset[name] + PER_CELL * RAW[name]] = value
+
+
+def forward_transform() -> Tensor:
+    """[coefficient, channel, 2, 2]: what the 2x2 convolution from 1/4 to 1/8 must compute from pixels and disparity."""
+    dct = _dct_basis()
+    rows = []
+    for colour, (u, v) in _colour_coefficients():
+        pattern = torch.outer(dct[u], dct[v]).view(2, 4, 2, 4).permute(1, 3, 0, 2)  # [row column 2 2]
+        coefficient = torch.einsum("c,yxij->cyxij", torch.tensor(colour), pattern).flatten(0, 2)
+        rows.append(torch.cat((coefficient, torch.zeros(1, 2, 2))))
+    rows += [torch.cat((torch.zeros(PIXELS, 2, 2), pattern[None])) for pattern in _disparity_patterns()]
+    return torch.stack(rows)
+
+
+def inverse_transform() -> Tensor:
+    """[channel, 4, coefficient]: half-resolution colours and disparity of the four cells of an 8x8 block."""
+    dct = _dct_basis().view(8, 2, 2, 2).mean(dim=-1)  # [frequency, cell, Gaussian of the cell]
+    columns = []
+    for colour, (u, v) in _colour_coefficients():
+        pattern = torch.einsum("c,ig,jh->cghij", torch.tensor(colour), dct[u], dct[v])
+        columns.append(torch.cat((pattern.flatten(0, 2).flatten(1), torch.zeros(1, 4))))
+    columns += [torch.cat((torch.zeros(COLOURS, 4), pattern.flatten()[None])) for pattern in _disparity_patterns()]
+    return torch.stack(columns, dim=-1)
+
+
+def _colour_coefficients() -> list[tuple[tuple[float, float, float], tuple[int, int]]]:
+    """(orthonormal colour axis, frequency) of each coefficient: luma first, then the two chromas."""
+    chroma = [(axis, frequency) for axis in CHROMA for frequency in CHROMA_FREQUENCIES]
+    return [(LUMA, frequency) for frequency in LUMA_FREQUENCIES] + chroma
+
+
+def _dct_basis() -> Tensor:
+    """Orthonormal DCT-II of eight samples: [frequency, sample]."""
+    frequency, sample = torch.arange(8.0)[:, None], torch.arange(8.0)[None]
+    basis = 0.5 * torch.cos(math.pi * frequency * (2 * sample + 1) / 16)
+    basis[0] = 1 / math.sqrt(8)
+    return basis
+
+
+def _disparity_patterns() -> list[Tensor]:
+    """Orthonormal Haar patterns of the four cells of a block."""
+    sign = torch.tensor([1.0, -1.0])
+    one = torch.ones(2)
+    return [0.5 * torch.outer(a, b) for a in (one, sign) for b in (one, sign)]
+
+
+def _scales() -> list[float]:
+    return [COLOUR_SCALE] * len(_colour_coefficients()) + [DISPARITY_SCALE] * 4
+
+
+def _identity(num_channels: int) -> list[tuple[int, int, float]]:
+    return [(c, c, 1.0) for c in range(num_channels)]
+
+
+def _only(convolution: nn.Module, entries: list[tuple[int, int, float]]) -> None:
+    """Make the outputs named in `entries` (output, input, weight at the centre) depend on nothing else."""
+    for output in {output for output, _, _ in entries}:
+        _silence(convolution, output + 1, first=output)
+    weight = convolution.get_parameter("weight")
+    row, column = (side // 2 for side in weight.shape[-2:])
+    for output, source, value in entries:
+        weight[output, source, row, column] = value
+
+
+def _silence(layer: nn.Module, last: int, first: int = 0) -> None:
+    """Let outputs `first` to `last - 1` start at zero."""
+    layer.get_parameter("weight")[first:last] = 0.0
+    layer.get_parameter("bias")[first:last] = 0.0
+
+
+def _leave_alone(block: nn.Module, num_channels: int) -> None:
+    """Let a residual block pass the first channels unchanged."""
+    _silence(block.get_submodule("pointwise"), num_channels)
