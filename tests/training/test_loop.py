@@ -108,7 +108,7 @@ def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_pat
 def test_a_step_without_finite_gradients_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     it = trainer(tmp_path)
     before = weights_of(it)
-    monkeypatch.setattr(it.sender.extractor.log_temperature, "data", torch.tensor(2.3))
+    monkeypatch.setattr(it.sender.extractor.log_temperature, "data", torch.full((3,), 1.2))
     hook = it.sender.extractor.log_temperature.register_hook(lambda gradient: gradient * float("nan"))
     parts = it.train_step()
     hook.remove()

@@ -14,6 +14,8 @@ from fecocodec.layers.blocks import PlainBlock2d, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 
+PYRAMID_LEVELS = 3  # images at full, half and quarter size are matched
+
 
 @dataclass(frozen=True)
 class Matching:
@@ -28,7 +30,8 @@ class Matching:
 class CompactExtractor(nn.Module):
     """images -> CNN (1/4) -> cross-view attention (1/8) -> plane sweep -> U-Net (1/4, 1/8, 1/16) -> F1.
 
-    The U-Net also sees the pixels themselves (pixel unshuffle 4): the latent must carry colour, not only geometry.
+    Everything before the U-Net works on the images at three sizes. The U-Net also sees the pixels themselves (pixel
+    unshuffle 4): the latent must carry colour, not only geometry.
     """
 
     def __init__(self, config: SenderConfig, channels: int) -> None:
@@ -46,7 +49,7 @@ class CompactExtractor(nn.Module):
         self.cross_view = nn.ModuleList(CrossViewAttention(config.attention_channels) for _ in range(2))
         self.up_attended = upsample(config.attention_channels, stem)
         self.matching_head = nn.Conv2d(stem, config.matching_channels, 3, padding=1)
-        self.log_temperature = nn.Parameter(torch.tensor(2.3))
+        self.log_temperature = nn.Parameter(torch.full((PYRAMID_LEVELS,), 1.2))
         self.input = nn.Conv2d(2 * stem + config.num_candidates + 2 + 48, fine, 1)
         self.fine_in, self.fine_out = PlainBlock2d(fine, fine), PlainBlock2d(fine, fine)
         self.middle_in, self.middle_out = PlainBlock2d(middle, middle), PlainBlock2d(middle, middle)
@@ -62,7 +65,25 @@ class CompactExtractor(nn.Module):
         return self.fuse(images, self.match(images, cameras))
 
     def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Matching:
-        """Per-view features, exchanged between views, and the cost volume they give."""
+        """Per-view features, exchanged between views, and the cost volume they give.
+
+        Costs are summed over an image pyramid: coarse levels settle what fine ones find ambiguous, whatever the size.
+        """
+        appearance, cost = self._match_level(images, cameras)
+        cost = cost * self.log_temperature[0].exp()
+        for log_temperature in self.log_temperature[1:]:
+            images = rearrange(F.avg_pool2d(_flat(images), 2), "(b v) c h w -> b v c h w", b=len(images))
+            coarse = self._match_level(images, cameras)[1] * log_temperature.exp()
+            cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
+        probability = cost.softmax(dim=1)
+        candidates = torch.linspace(0.0, 1.0, self.config.num_candidates, device=images.device)
+        expected = torch.einsum("idhw,d->ihw", probability, candidates)[:, None]
+        return Matching(appearance, cost, expected, probability.amax(dim=1, keepdim=True))
+
+    def _match_level(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
+    ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
+        """Appearance and correlations, in [-1, 1], at one level of the pyramid."""
         batch, views = images.shape[:2]
         appearance = self.stem(_flat(images) * 2.0 - 1.0)
         sources = nearest_views(cameras, self.config.num_source_views)
@@ -73,11 +94,7 @@ class CompactExtractor(nn.Module):
         stem = self.config.stem_channels
         features = F.normalize(self.matching_head(appearance[:, :stem] + appearance[:, stem:]).float(), dim=1)
         features = rearrange(features, "(b v) c h w -> b v c h w", b=batch)
-        cost = _flat(cost_volume(features, cameras, sources, self.config.num_candidates)) * self.log_temperature.exp()
-        probability = cost.softmax(dim=1)
-        candidates = torch.linspace(0.0, 1.0, self.config.num_candidates, device=images.device)
-        expected = torch.einsum("idhw,d->ihw", probability, candidates)[:, None]
-        return Matching(appearance, cost, expected, probability.amax(dim=1, keepdim=True))
+        return appearance, _flat(cost_volume(features, cameras, sources, self.config.num_candidates))
 
     def fuse(
         self, images: Float[Tensor, "batch view 3 h w"], matching: Matching
