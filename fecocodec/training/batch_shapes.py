@@ -23,7 +23,7 @@ class BatchShape:
 
 @dataclass(frozen=True)
 class BatchShapes:
-    """The shapes that a run draws from, batch by batch and process by process.
+    """The shapes that a run draws from, batch by batch.
 
     num_scenes: of a batch of the usual shape, which has the first number of views and the first size; a batch of
     another shape gets as many scenes as keep its pixels, over all views, at those of the usual one or below.

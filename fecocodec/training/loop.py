@@ -160,7 +160,9 @@ class Trainer:
 
     def _draw_batch(self) -> Batch:
         configuration = self.settings.configuration
-        shape = configuration.shapes.draw(self.generator)
+        # Every process draws the same shape, so that none waits for a larger one.
+        common = torch.Generator().manual_seed(self.settings.seed * 1_000_003 + self.step)
+        shape = configuration.shapes.draw(common)
         share = configuration.schedule.photograph_share_at(self.step)
         batch = draw_batch(self.sources, self.generator, shape, share, configuration.lambda_q_range)
         return _moved(batch, self.settings.device)
