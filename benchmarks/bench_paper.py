@@ -70,13 +70,12 @@ def paper_profile(matching_scale: int) -> Profile:
 
 
 def run_case(case: Case) -> Iterator[tuple[str, Taken]]:
-    """Features alone, then the whole of encoding without and with refinement of the second stage."""
+    """Features alone, then the whole of encoding."""
     profile = paper_profile(case.matching_scale)
     views = repeated(read_views(EXAMPLE, size=case.size), case.num_views)
     lambda_q = quantise_lambda(LAMBDA)
     calls = {
         "features": lambda: matched_features(profile, prepare(profile, views)),
-        "encode, not refined": lambda: encode_with(profile, views, lambda_q, 2, refinement_steps=0),
         "encode": lambda: encode_with(profile, views, lambda_q, 2),
     }
     for name, call in calls.items():

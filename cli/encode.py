@@ -52,8 +52,8 @@ Examples:
 @click.option("--far", type=float, help="Farthest depth of the scene.  [default: estimated]")
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
 @click.option(
-    "--refine", "refinement_steps", type=click.IntRange(0, 1000), default=3, show_default=True, metavar="STEPS",
-    help="Gradient steps on the second stage: better pictures for more time.",
+    "--refine", "refinement_steps", type=click.IntRange(0, 1000), default=0, show_default=True, metavar="STEPS",
+    help="Gradient steps on the second stage: closer to the photographs, slower, and worse between them.",
 )  # fmt: skip
 @device_option
 @threads_option

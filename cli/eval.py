@@ -48,7 +48,7 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="What to measure: codec, adaptive, all-gaussians, pruned, ablations (or stage-1, no-refinement, no-context, "
+    help="What to measure: codec, adaptive, all-gaussians, pruned, ablations (or stage-1, refined, no-context, "
     "no-feedback), images (compressed photographs), gaussians (splat files), floor.",
 )
 @click.option("--model", type=FILE_PATH, help="Folder of the weights.  [default: those that ship]")

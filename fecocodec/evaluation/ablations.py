@@ -1,4 +1,4 @@
-"""Ablations of the paper that the shipped weights allow: a part is taken away at inference, nothing is retrained.
+"""Ablations that the shipped weights allow: a part is taken away, or added, at inference, and nothing is retrained.
 
 They say how much the trained system leans on a part, not how well one trained without it would do. All make streams
 that every receiver decodes, because only the sender works differently. Gaussians at other resolutions and a third
@@ -14,7 +14,7 @@ from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.codec_systems import codec_system, stream_system
 from fecocodec.evaluation.reconstruction import System
 from fecocodec.geometry.views import Views
-from fecocodec.sender.encode import Profile, assemble
+from fecocodec.sender.encode import Profile, assemble, encode_with
 from fecocodec.sender.steps import (
     CodedStage,
     Latents,
@@ -30,23 +30,20 @@ from fecocodec.sender.steps import (
 
 SecondLatents = Callable[[Profile, PreparedScene, CodedStage, int], Latents]
 
-STAGE_1 = "stage-1"
+STAGE_1, REFINED = "stage-1", "refined"
+REFINEMENT_STEPS = 3
 
 
 def ablation_system(part: str, profile: Profile, lmbda: float) -> System:
-    """The codec without a part: "stage-1" leaves the second stage out, the others are keys of `WITHOUT`."""
+    """The codec with a part left out (`WITHOUT`), without the second stage ("stage-1"), or refining it ("refined")."""
     if part == STAGE_1:
         return codec_system(profile, lmbda, num_stages=1)
+    lambda_q, setting = quantise_lambda(lmbda), f"lambda {lmbda:g}"
+    if part == REFINED:
+        refined = partial(encode_with, profile, lambda_q=lambda_q, num_stages=2, refinement_steps=REFINEMENT_STEPS)
+        return stream_system(profile, REFINED_NAME, setting, refined)
     name, second = WITHOUT[part]
-    encoder = partial(_encode, profile, second, quantise_lambda(lmbda))
-    return stream_system(profile, name, f"lambda {lmbda:g}", encoder)
-
-
-def _plain(profile: Profile, scene: PreparedScene, first: CodedStage, lambda_q: int) -> Latents:
-    """Stage 2 as the networks give it, without gradient steps; the next two are compared with it."""
-    rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
-    features = feedback_features(profile, scene, rendering, lambda_q)
-    return analyse(profile, features, first.state, lambda_q, 2)
+    return stream_system(profile, name, setting, partial(_encode, profile, second, lambda_q))
 
 
 def _without_context(profile: Profile, scene: PreparedScene, first: CodedStage, lambda_q: int) -> Latents:
@@ -62,12 +59,13 @@ def _without_rendering(profile: Profile, scene: PreparedScene, first: CodedStage
     return analyse(profile, features, first.state, lambda_q, 2)
 
 
-WITHOUT: dict[str, tuple[str, SecondLatents]] = {  # name of the curve; refinement is left out of all of them
-    "no-refinement": ("no refinement", _plain),
+WITHOUT: dict[str, tuple[str, SecondLatents]] = {  # name of the curve
     "no-context": ("no decoded context", _without_context),
     "no-feedback": ("no rendered feedback", _without_rendering),
 }
-ABLATIONS = (STAGE_1, *WITHOUT)
+REFINED_NAME = f"{REFINEMENT_STEPS} refinement steps"
+ABLATIONS = (STAGE_1, REFINED, *WITHOUT)
+ABLATION_NAMES = ("stage 1 alone", REFINED_NAME, *(name for name, _ in WITHOUT.values()))
 
 
 @torch.inference_mode()

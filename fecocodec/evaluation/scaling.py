@@ -19,7 +19,7 @@ REPEATS = 3
 
 @dataclass(frozen=True)
 class Load:
-    """One measurement. pixels: of all views. Seconds without refinement, whose length is the user's choice."""
+    """One measurement. pixels: of all views."""
 
     num_views: int
     side: int
@@ -39,7 +39,7 @@ def measure_load(profile: Profile, num_views: int, side: int) -> Load:
     encode_seconds, decode_seconds = [], []
     for _ in range(REPEATS if pixels < REPEAT_BELOW else 1):
         begin = perf_counter()
-        data = encode_with(profile, views, lambda_q, 2, refinement_steps=0)
+        data = encode_with(profile, views, lambda_q, 2)
         encoded = perf_counter()
         decode_stream(read_stream(data), profile.receiver)
         encode_seconds.append(encoded - begin)

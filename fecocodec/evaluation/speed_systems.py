@@ -12,11 +12,11 @@ from fecocodec.evaluation.spoiled_views import resized
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile, encode_with
 
-REFINEMENT_STEPS = (0, 1, 10)  # beside the default
+REFINEMENT_STEPS = (3, 10)  # the default has none
 
 
 def speed_systems(profile: Profile, lmbda: float) -> tuple[System, ...]:
-    """The default; other numbers of refinement steps; one stage; one thread; half the size; the adaptive sender."""
+    """The default; refinement steps; one stage; one thread; half the size; the adaptive sender."""
     setting, lambda_q = f"lambda {lmbda:g}", quantise_lambda(lmbda)
     default = codec_system(profile, lmbda)
     refined = (

@@ -17,7 +17,6 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.distortion import mean_psnr
 from fecocodec.sender.encode import assemble, check_views, header_of, load_profile
-from fecocodec.sender.refinement import REFINEMENT_STEPS
 from fecocodec.sender.second_stage import choose_stages
 from fecocodec.sender.steps import CodedStage, PreparedScene, Profile, matched_features, prepare
 from fecocodec.sender.unneeded import choose_keep
@@ -63,7 +62,7 @@ def encode_adaptively(
     views: Views,
     goal: Goal,
     *,
-    refinement_steps: int = REFINEMENT_STEPS,
+    refinement_steps: int = 0,
     device: str = "cpu",
     model: str = DEFAULT_MODEL,
     weights: Path = SHIPPED,
@@ -87,7 +86,7 @@ def encode_adaptively_with(
     views: Views,
     goal: Goal,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    refinement_steps: int = REFINEMENT_STEPS,
+    refinement_steps: int = 0,
 ) -> bytes:
     """The same with networks that are loaded; a search matches the views once."""
     scene = prepare(profile, views)

@@ -16,7 +16,7 @@ from fecocodec.layers.placement import place
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.load import load_sender
-from fecocodec.sender.refinement import REFINEMENT_STEPS, refine_second_stage
+from fecocodec.sender.refinement import refine_second_stage
 from fecocodec.sender.steps import (
     CodedStage,
     PreparedScene,
@@ -40,7 +40,7 @@ def encode(
     *,
     lmbda: float = 1e-3,
     num_stages: int = 2,
-    refinement_steps: int = REFINEMENT_STEPS,
+    refinement_steps: int = 0,
     device: str = "cpu",
     model: str = DEFAULT_MODEL,
     weights: Path = SHIPPED,
@@ -77,7 +77,7 @@ def encode_with(
     lambda_q: int,
     num_stages: int,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    refinement_steps: int = REFINEMENT_STEPS,
+    refinement_steps: int = 0,
 ) -> bytes:
     """Encode with networks that are loaded; the sender works from the cameras that the receiver will see.
 

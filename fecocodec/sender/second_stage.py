@@ -9,7 +9,7 @@ from torch import Tensor
 from fecocodec.container.lagrangian import dequantise_lambda
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.distortion import distortions
-from fecocodec.sender.refinement import REFINEMENT_STEPS, refine_second_stage
+from fecocodec.sender.refinement import refine_second_stage
 from fecocodec.sender.steps import (
     CodedStage,
     Latents,
@@ -35,7 +35,7 @@ def choose_stages(
     scene: PreparedScene,
     features: Float[Tensor, "view channel h4 w4"],
     lambda_q: int,
-    refinement_steps: int = REFINEMENT_STEPS,
+    refinement_steps: int = 0,
 ) -> ChosenStages:
     """Code both stages, then send of the second what pays: for each view its distortion must fall by more than lambda
     times its bits a pixel, which is what the networks were trained for.

@@ -32,7 +32,7 @@ def test_ablations_change_what_is_sent(profile: Profile) -> None:
     systems = systems_of(["ablations"], profile, [LAMBDA])
     assert [system.name for system in systems] == [
         "stage 1 alone",
-        "no refinement",
+        "3 refinement steps",
         "no decoded context",
         "no rendered feedback",
     ]
@@ -55,7 +55,7 @@ def test_ways_to_trade_time(profile: Profile) -> None:
     torch.testing.assert_close(systems["one thread"]().images, systems["fecosplat"]().images, atol=1e-3, rtol=0)
     assert torch.get_num_threads() == threads
     half = systems["half the size"](side=128)
-    assert half.images.shape[-2:] == (128, 128) and half.num_bytes < systems["0 refinement steps"](side=128).num_bytes
+    assert half.images.shape[-2:] == (128, 128) and half.num_bytes < systems["fecosplat"](side=128).num_bytes
 
 
 def test_the_keep_section_is_all_that_tells_the_adaptive_systems_apart(

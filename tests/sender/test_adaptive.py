@@ -43,20 +43,20 @@ def test_stage_2_is_sent_of_the_views_it_pays_for(
     """Gains are said to be those of a scene whose middle view has none."""
     gains = iter([torch.tensor([1.0, 0.0, 1.0]), torch.zeros(3)])  # distortion before, after
     monkeypatch.setattr(second_stage, "distortions", lambda _renderings, _images: next(gains))
-    stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA), refinement_steps=0))
+    stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
     assert stream.header.stage_2_views == (0, 2)
     assert decode_stream(stream, profile.receiver).count > 0
 
 
 def test_a_stage_that_gains_nothing_is_dropped(profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(second_stage, "distortions", lambda _renderings, _images: torch.zeros(3))
-    chosen = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA), refinement_steps=0))
+    chosen = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
     alone = read_stream(encode_with(profile, views, quantise_lambda(LAMBDA), 1))
     assert chosen.payloads == alone.payloads and chosen.header.num_stages == 1
 
 
 def test_what_is_left_out_is_hardly_missed(profile: Profile, views: Views) -> None:
-    stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA), refinement_steps=0))
+    stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
     assert stream.keep is not None
     everything = replace(stream, keep=None)
     assert decode_stream(stream, profile.receiver).count < decode_stream(everything, profile.receiver).count
@@ -68,27 +68,27 @@ def test_nothing_is_left_out_where_no_loss_is_allowed(
     profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(unneeded, "LARGEST_LOSS", -1.0)
-    stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA), refinement_steps=0))
+    stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
     assert stream.keep is None
 
 
 def test_a_size_is_not_exceeded(profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adaptive, "MOST_ENCODINGS", 4)
-    smallest = encode_adaptively_with(profile, views, AtLambda(1e-2), refinement_steps=0)
+    smallest = encode_adaptively_with(profile, views, AtLambda(1e-2))
     target = 1.5 * len(smallest) / 1024
-    found = encode_adaptively_with(profile, views, AtMostKib(target), refinement_steps=0)
+    found = encode_adaptively_with(profile, views, AtMostKib(target))
     assert len(found) <= 1024 * target
     assert quality_of(profile, found, views) >= quality_of(profile, smallest, views) - 0.05
 
 
 def test_a_quality_is_reached_or_refused(profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adaptive, "MOST_ENCODINGS", 4)
-    best = encode_adaptively_with(profile, views, AtLambda(1e-5), refinement_steps=0)
+    best = encode_adaptively_with(profile, views, AtLambda(1e-5))
     goal = AtLeastPsnr(quality_of(profile, best, views) - 1.0)
-    found = encode_adaptively_with(profile, views, goal, refinement_steps=0)
+    found = encode_adaptively_with(profile, views, goal)
     assert quality_of(profile, found, views) > goal.psnr - 0.05
     with pytest.raises(InputError, match="a PSNR of 99 dB cannot be reached, the best of these views is"):
-        encode_adaptively_with(profile, views, AtLeastPsnr(99.0), refinement_steps=0)
+        encode_adaptively_with(profile, views, AtLeastPsnr(99.0))
 
 
 def quality_of(profile: Profile, data: bytes, views: Views) -> float:

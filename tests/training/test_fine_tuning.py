@@ -69,8 +69,7 @@ def test_files_of_both_senders_decode_with_the_receiver_that_was_frozen(
     assert load_profile(paper, "cpu").sender.config == PaperSenderConfig()
     views = example_views(2)
     by_compact, by_paper = (
-        fecocodec.encode(views, model=model.name, weights=model.parent, refinement_steps=0)
-        for model in (compact, paper)
+        fecocodec.encode(views, model=model.name, weights=model.parent) for model in (compact, paper)
     )
     assert by_compact != by_paper
     for data in (by_compact, by_paper):
@@ -96,7 +95,7 @@ def test_back_to_the_compact_extractor(sources: Sources, random_weights: Path, t
     again = exported(back, tmp_path / "weights" / "compact")
     assert load_profile(again, "cpu").model_id == load_profile(paper, "cpu").model_id
     for model in (paper, again):
-        data = fecocodec.encode(example_views(2), model=model.name, weights=model.parent, refinement_steps=0)
+        data = fecocodec.encode(example_views(2), model=model.name, weights=model.parent)
         first, second = decoded_by(paper, data), decoded_by(again, data)
         assert first.count > 0 and torch.equal(first.means, second.means)
 

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Sequence
 
-from fecocodec.evaluation.ablations import WITHOUT
+from fecocodec.evaluation.ablations import ABLATION_NAMES
 from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS, PRUNED
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages, compare
 
-ABLATED = ("stage 1 alone", *(name for name, _ in WITHOUT.values()))
 TEXT = """\
 Bytes are those of whole files, cameras included; quality is that of target views, which no sender sees, rendered from
 decoded files; means over pairs of context views ({entries} of them). Baselines: context photographs as JPEG XL, AVIF,
@@ -27,8 +26,8 @@ common, or the other is one point.
 {averages}
 """
 ABLATION_TEXT = """\
-A part is taken away at inference and nothing is trained again: this is how much the trained networks lean on it. *No
-decoded context* and *no rendered feedback* are without refinement, and so to be compared with *no refinement*.
+A part is taken away at inference and nothing is trained again: this is how much the trained networks lean on it.
+*Refinement steps* are added: gradient steps of the second stage's latents towards the photographs (`encode --refine`).
 Gaussians at 1/4 or 1/1 of the resolution and three stages are not among them: the weights have four Gaussians a cell,
 and the format has two stages; they would have to be trained.
 
@@ -41,8 +40,11 @@ and the format has two stages; they would have to be trained.
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
     """Rate and distortion, ablations, and entries of more views."""
     rows = averages(found)
-    hidden = (*ABLATED, ALL_GAUSSIANS, PRUNED)
-    main, ablated = (_rows(rows, lambda name: name not in hidden), _rows(rows, lambda name: name in (OURS, *ABLATED)))
+    hidden = (*ABLATION_NAMES, ALL_GAUSSIANS, PRUNED)
+    main, ablated = (
+        _rows(rows, lambda name: name not in hidden),
+        _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES)),
+    )
     chart = Chart("rate_distortion", "Rate and quality", "KiB a scene", "PSNR of target views, dB", _curves(main), True)
     parts = Chart("ablations", "Without some part", "KiB a scene", "PSNR of target views, dB", _curves(ablated), True)
     entries = max((row.entries for row in rows), default=0)

@@ -7,10 +7,9 @@ from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.scaling import Load, exponent
 
 TEXT = """\
-Square pictures of a painted room, lambda 1e-3, without refinement (each of its steps takes about as long as encoding
-without; scenes of more than 2^20 pixels are never refined). The exponent e says that cost grows as pixels to the power
-e: 1 is proportional. It is fitted over all measurements of the row's kind; small pictures pull it down, because what a
-call costs whatever its size counts among them.
+Square pictures of a painted room, lambda 1e-3. The exponent e says that cost grows as pixels to the power e: 1 is
+proportional. It is fitted over all measurements of the row's kind; small pictures pull it down, because what a call
+costs whatever its size counts among them.
 
 {chart}
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fecocodec.evaluation.ablations import WITHOUT
+from fecocodec.evaluation.ablations import ABLATION_NAMES
 from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS, PRUNED
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
@@ -44,7 +44,7 @@ def speed_section(
 ) -> Section:
     """rate: of all systems; those on the entries of `speed` stand beside it."""
     entries = {m.entry for m in speed}
-    own = {m.system for m in speed} | {ALL_GAUSSIANS, PRUNED} | {name for name, _ in WITHOUT.values()}
+    own = {m.system for m in speed} | {ALL_GAUSSIANS, PRUNED} | set(ABLATION_NAMES)
     others = [m for m in rate if m.entry in entries and m.system not in own and m.num_bytes]
     rows = averages([*speed, *others])
     if not rows:
