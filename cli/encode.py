@@ -53,7 +53,7 @@ Examples:
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
 @click.option(
     "--refine", "refinement_steps", type=click.IntRange(0, 1000), default=0, show_default=True, metavar="STEPS",
-    help="Gradient steps on the second stage: closer to the photographs, slower, and worse between them.",
+    help="Gradient steps on the second stage: closer to the photographs, for time and bytes.",
 )  # fmt: skip
 @device_option
 @threads_option

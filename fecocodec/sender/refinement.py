@@ -3,7 +3,8 @@
 Networks guess in one pass what is missing; the sender can render what its guess gives, so it can come closer to the
 photographs. Published for images (Campos et al., "Content Adaptive Optimization for Neural Image Compression", 2019);
 here the gradient comes through the receiver's networks and the rasteriser. Receivers see nothing of it. Views between
-the photographs become worse rather than better (docs/experiments.md), so it is left out unless asked for.
+the photographs gain much less, and in some scenes lose, and it takes several times as long as encoding without
+(docs/experiments.md), so it is left out unless asked for.
 """
 
 import torch
