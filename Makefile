@@ -13,7 +13,7 @@ READY := $(VENV)/.ready
 DEMO_LAMBDA ?= 1e-4
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors fuzz conformance conformance-cuda bench bench-paper check clean
+.PHONY: help demo test test-slow lint types arch vectors fuzz conformance conformance-cuda bench bench-paper report check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'

@@ -82,6 +82,8 @@ def command(
     sparse model, or a RealEstate10K camera file.
     """
     start = perf_counter()
+    if stages == 1 and refinement_steps:
+        raise click.UsageError("--refine works on the second stage, which --stages 1 leaves out; give one of them.")
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
@@ -96,14 +98,14 @@ def command(
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)
         scene = read_views(views_folder, views=chosen, size=size, near=near, far=far)
-        for doubt in doubts_about(scene):
-            say(f"warning: {doubt}")
         with naming(views_folder, OF_VIEWS):
             if goal is None:
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
                 coder = partial(encode_adaptively, goal=goal)
             data = coder(scene, refinement_steps=refinement_steps, device=device, on_progress=on_progress)
+    for doubt in doubts_about(scene):  # after what refuses views altogether, whose sentence stands alone
+        say(f"warning: {doubt}")
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)

@@ -52,3 +52,8 @@ def test_options_that_contradict_each_other(
 def test_views_that_promise_little_are_warned_of(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
     single = fecosplat("encode", photographs, "-o", tmp_path / "one.fcs", "--views", "0")
     assert single.code == 0 and "warning: one view has no parallax" in single.err
+
+
+def test_what_is_not_coded_cannot_be_refined(fecosplat, photographs: Path, tmp_path: Path) -> None:
+    result = fecosplat("encode", photographs, "-o", tmp_path / "scene.fcs", "--stages", "1", "--refine", "2")
+    assert result.code == 2 and "--refine works on the second stage" in result.err
