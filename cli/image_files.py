@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fecocodec.errors import OutputError
-from fecocodec.formats.atomic import require_writable
+from fecocodec.formats.atomic import make_folder, require_writable
 
 if TYPE_CHECKING:
     from fecocodec import Rendering
@@ -52,22 +52,13 @@ def _folder(folder: Path) -> Iterator[None]:
     """Make a folder and those above it; where the block fails, those that were made are removed again."""
     missing = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
     try:
-        _make(folder)
+        make_folder(folder)
         yield
     except BaseException:
         for path in missing:
             with suppress(OSError):  # it was not made after all, or others have put something there meanwhile
                 path.rmdir()
         raise
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: the folder cannot be made ({error.strerror}); choose another output path."
-        ) from error
 
 
 @contextmanager

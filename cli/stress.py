@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fecocodec.errors import InputError
-from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.atomic import make_folder, write_atomically
 
 from .options import FILE_PATH, json_option, threads_option
 from .output import print_columns, print_json, say
@@ -41,7 +41,6 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
     or order of views that changes the result.
     """
     from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
-    from fecocodec.evaluation.evaluation import make_folder
     from fecocodec.evaluation.stress_run import read_pairs, run_suite
     from fecocodec.evaluation.summary import as_tsv
     from fecocodec.sender.encode import load_profile

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
-from fecocodec.errors import InputError, ModelError, OutputError
+from fecocodec.errors import InputError, ModelError
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.machine import describe_machine
 from fecocodec.evaluation.reconstruction import Reconstruction, System
@@ -17,7 +17,7 @@ from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
 from fecocodec.evaluation.strips import strip
 from fecocodec.evaluation.summary import OURS, Average, Comparison, as_tsv, averages, compare
 from fecocodec.evaluation.systems import systems_of
-from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.formats.images import write_image
 from fecocodec.geometry.views import Views
@@ -118,16 +118,6 @@ def write_tables(folder: Path, found: Sequence[Measurement], report: Report) -> 
     for name, text in texts.items():
         with write_atomically(folder / name, overwrite=True) as temporary:
             temporary.write_text(text)
-
-
-def make_folder(folder: Path) -> None:
-    """Raises OutputError where there is no folder and none can be made."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: the folder cannot be made ({error.strerror}); choose another output path."
-        ) from error
 
 
 def _drawing(plan: Plan) -> Draw:

@@ -9,6 +9,16 @@ from pathlib import Path
 from fecocodec.errors import OutputError
 
 
+def make_folder(folder: Path) -> None:
+    """Raises OutputError where there is no folder and none can be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: the folder cannot be made ({error.strerror}); choose another output path."
+        ) from error
+
+
 def require_writable(path: Path, *, overwrite: bool) -> None:
     """Refuse an output path before any work is spent on it.
 

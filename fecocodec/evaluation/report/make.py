@@ -1,6 +1,6 @@
 """The report as files: Markdown, one PNG a chart, and one page with all charts."""
 
-from fecocodec.evaluation.evaluation import make_folder, weights_label
+from fecocodec.evaluation.evaluation import weights_label
 from fecocodec.evaluation.machine import describe_machine
 from fecocodec.evaluation.report.adaptive_section import adaptive_section
 from fecocodec.evaluation.report.page import html_page
@@ -12,7 +12,7 @@ from fecocodec.evaluation.report.section import Section
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.stress_section import stress_section
 from fecocodec.evaluation.report.studies import OnStudy, Studies, measure_studies
-from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.atomic import make_folder, write_atomically
 
 HEAD = """\
 # Report: rate, quality, speed, stability

@@ -8,7 +8,7 @@ from fecocodec.evaluation.box_room import Room, painted, photograph
 from fecocodec.evaluation.camera_paths import sideways
 from fecocodec.evaluation.complexity import Need, measure_need
 from fecocodec.evaluation.entries import open_scenes
-from fecocodec.evaluation.evaluation import RECORDS, choose_entries, make_folder, weights_label
+from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.reconstruction import System
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.report.plan import ReportPlan
@@ -20,6 +20,7 @@ from fecocodec.evaluation.step_clock import StepClock
 from fecocodec.evaluation.stress import STRESS_LAMBDA, Verdict
 from fecocodec.evaluation.stress_run import read_pairs, run_suite
 from fecocodec.evaluation.systems import systems_of
+from fecocodec.formats.atomic import make_folder
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_stream
