@@ -10,7 +10,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from fecocodec.errors import ModelError, OutputError
+from fecocodec.errors import ModelError
+from fecocodec.formats.atomic import make_folder
 from fecocodec.layers.placement import place
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.extractors.compact import CompactExtractor
@@ -184,7 +185,7 @@ class Trainer:
         Skipped batches count in the column `skipped` and in no mean. Raises OutputError where files cannot be written.
         """
         settings = self.settings
-        _make_folder(settings.folder / "samples")
+        make_folder(settings.folder / "samples")
         start = saved = time.monotonic()
         drawn = -math.inf
         window: list[dict[str, float]] = []
@@ -223,13 +224,6 @@ class Trainer:
         num_stages = settings.configuration.schedule.num_stages_at(self.step)
         grid = sample_grid(self.sender, self.receiver, self._fixed_scenes, self._coding, num_stages)
         return write_sample_grid(settings.folder, self.step, grid)
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be made ({error.strerror}); train in another folder.") from error
 
 
 def _moved(batch: Batch, device: str) -> Batch:

@@ -81,4 +81,7 @@ def test_a_folder_that_is_a_file_is_one_sentence(fecosplat: CommandLine, tmp_pat
     path = tmp_path / "run"
     path.write_text("not a folder")
     result = fecosplat("train", path, "--max-minutes", "0.001")
-    assert result.code == 1 and f"{path}/samples: cannot be made" in result.err and result.err.count("\n") == 1
+    assert (result.code, result.out) == (1, "")
+    assert result.err == (
+        f"fecosplat: {path}/samples: the folder cannot be made (Not a directory); choose another output path.\n"
+    )
