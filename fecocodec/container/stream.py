@@ -13,6 +13,7 @@ from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadat
 from fecocodec.container.sections import (
     KNOWN_KINDS,
     MAX_PAYLOAD,
+    ONLY_STAGE_1,
     STAGE_KINDS,
     SectionHead,
     SectionKind,
@@ -122,7 +123,8 @@ def read_intact(data: bytes) -> IntactPart:
         damage = error
     for num_stages in range(read_header(data).header.num_stages, 0, -1):
         try:
-            return IntactPart(read_prefix(data, num_stages), str(damage))
+            # The advice to do with less is for those who asked for everything.
+            return IntactPart(read_prefix(data, num_stages), str(damage).replace(ONLY_STAGE_1, ""))
         except BitstreamError:
             continue  # a shorter prefix may still be whole; `damage` says what is wrong
     raise damage

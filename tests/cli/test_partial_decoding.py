@@ -48,6 +48,7 @@ def test_a_cut_file_gives_what_is_intact(
     assert (result.code, fields["stages"]) == (3, stages)
     assert f"the file ends after {cuts(whole)[place]} bytes" in fields["damage"]
     assert result.err.startswith(f"fecosplat: {file}: damaged, only ") and result.err.count("\n") == 1
+    assert "--stages" not in result.err
     assert read_ply(result_file).count == fields["gaussians"] > 0
 
 
