@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
+from fecocodec.container.cameras import PackedCameras
 from fecocodec.container.header import Header
 from fecocodec.container.header_bytes import read_header
 from fecocodec.container.keep import Keep
 from fecocodec.container.metadata import Metadata
 from fecocodec.container.sections import SECTION_OVERHEAD, read_payload, read_section_head
-from fecocodec.container.stream import read_stream
+from fecocodec.container.stream import read_packed_cameras, read_stream
 from fecocodec.errors import BitstreamError
 
 
@@ -52,6 +53,7 @@ def inspect(data: bytes) -> StreamSummary:
         stream, damage = read_stream(data), None
     except BitstreamError as error:
         stream, damage = None, str(error)
+    cameras = stream.cameras if stream else _intact_cameras(data)
     return StreamSummary(
         header=header,
         total_bytes=len(data),
@@ -59,8 +61,8 @@ def inspect(data: bytes) -> StreamSummary:
         overhead_bytes=parsed.end + SECTION_OVERHEAD * len(sections),
         bits_per_pixel=8 * len(data) / (header.num_views * header.height * header.width),
         sections=sections,
-        near=stream.cameras.near if stream else None,
-        far=stream.cameras.far if stream else None,
+        near=cameras.near if cameras else None,
+        far=cameras.far if cameras else None,
         keep=stream.keep if stream else None,
         metadata=stream.metadata if stream else None,
         damage=damage,
@@ -83,6 +85,13 @@ def list_sections(data: bytes) -> tuple[SectionSummary, ...]:
         sections.append(SectionSummary(head.name, offset, head.length, _is_intact(data, offset)))
         offset = head.end
     return tuple(sections)
+
+
+def _intact_cameras(data: bytes) -> PackedCameras | None:
+    try:
+        return read_packed_cameras(data)
+    except BitstreamError:
+        return None
 
 
 def _is_intact(data: bytes, offset: int) -> bool:

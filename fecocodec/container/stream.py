@@ -115,6 +115,17 @@ def read_prefix(data: bytes, num_stages: int) -> Stream:
     return _assemble(parsed.header, sections, num_stages)
 
 
+def read_packed_cameras(data: bytes) -> PackedCameras:
+    """The cameras of a stream, whatever follows them; raises BitstreamError for a rule broken before their end."""
+    parsed = read_header(data)
+    sections = []
+    for section in _sections(data, parsed):
+        sections.append(section)
+        if section.head.kind == SectionKind.CAMERAS:
+            break
+    return _assemble(parsed.header, sections, 0).cameras
+
+
 def read_intact(data: bytes) -> IntactPart:
     """Read as many stages as are undamaged; raises BitstreamError where not even the first can be decoded."""
     try:

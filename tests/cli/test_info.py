@@ -40,6 +40,12 @@ def test_damaged_section_is_described_and_fails(fecosplat, stream_file: Path, st
     assert "CRC-32" in result.err
 
 
+def test_a_cut_file_still_tells_its_depth_range(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
+    stream_file.write_bytes(stream_bytes[:-1])
+    result = fecosplat("info", stream_file)
+    assert result.code == 1 and ["depth", "1", "to", "10"] in [line.split() for line in result.out.splitlines()]
+
+
 def test_file_cut_in_the_header_is_one_sentence(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
     stream_file.write_bytes(stream_bytes[:20])
     result = fecosplat("info", stream_file)

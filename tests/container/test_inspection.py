@@ -27,7 +27,14 @@ def test_sections_behind_a_damaged_one_are_found() -> None:
     summary = inspect(damaged)
     assert [section.is_intact for section in summary.sections] == [True, False, True, True]
     assert summary.damage is not None and summary.damage.startswith(f"section B1 at byte {EXAMPLE.b1_offset}: CRC-32")
-    assert summary.near is None
+    assert (summary.near, summary.far) == (0.5, 100.0)
+
+
+def test_damaged_cameras_tell_no_depth_range() -> None:
+    damaged = GOOD[:60] + bytes([GOOD[60] ^ 1]) + GOOD[61:]
+    summary = inspect(damaged)
+    assert summary.damage is not None and summary.damage.startswith("section cameras at byte 50: CRC-32")
+    assert (summary.near, summary.far) == (None, None)
 
 
 @pytest.mark.parametrize("length", range(50, len(GOOD)))
@@ -36,6 +43,7 @@ def test_a_cut_stream_is_described_as_far_as_it_goes(length: int) -> None:
     assert summary.damage is not None and f"the file ends after {length} bytes" in summary.damage
     whole = [section for section in list_sections(GOOD) if section.offset + 9 + section.length <= length]
     assert [section for section in summary.sections if section.is_intact] == whole
+    assert (summary.near, summary.far) == ((0.5, 100.0) if length >= EXAMPLE.b1_offset else (None, None))
 
 
 def test_without_a_header_there_is_nothing_to_describe() -> None:
