@@ -20,6 +20,7 @@ import torch
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.container import quantise_lambda
+from fecocodec.evaluation.step_clock import StepClock
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode
@@ -31,38 +32,20 @@ LAMBDA = 1e-3
 Progress = Callable[[str, float], None]
 
 
-class StepClock:
-    """Collects the seconds between the progress messages of repeated calls."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, list[float]] = {}
-        self._task, self._since = "start", perf_counter()
-
-    def __call__(self, task: str, _fraction: float) -> None:
-        self._close()
-        self._task = task
-
-    def measure(self, call: Callable[[], object]) -> float:
-        """Seconds of one call; its steps are collected."""
-        begin = self._since = perf_counter()
-        self._task = "start"
-        call()
-        self._close()
-        return perf_counter() - begin
-
-    def _close(self) -> None:
-        now = perf_counter()
-        self.seconds.setdefault(self._task, []).append(now - self._since)
-        self._since = now
-
-
 def measure(call: Callable[[Progress], object], repeats: int) -> tuple[float, str]:
     """Median seconds of a warm call, and its steps' medians as text."""
     call(lambda _task, _fraction: None)
+    runs = [_seconds_by_step(call) for _ in range(repeats)]
+    steps = {task: statistics.median(run[task] for run in runs) for task in runs[0]}
+    text = ", ".join(f"{task} {1e3 * seconds:.0f}" for task, seconds in steps.items())
+    return statistics.median(sum(run.values()) for run in runs), f"{text} ms"
+
+
+def _seconds_by_step(call: Callable[[Progress], object]) -> dict[str, float]:
     clock = StepClock()
-    median = statistics.median(clock.measure(lambda: call(clock)) for _ in range(repeats))
-    steps = ", ".join(f"{task} {1e3 * statistics.median(values):.0f}" for task, values in clock.seconds.items())
-    return median, f"{steps} ms"
+    call(clock)
+    clock.close()
+    return clock.seconds
 
 
 def bench_scene(profile: Profile, views: Views, label: str, repeats: int, bounds: tuple[float, float]) -> bytes:
