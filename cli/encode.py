@@ -91,9 +91,12 @@ def command(
 
     from fecocodec import doubts_about, encode, encode_adaptively, read_views
 
-    from .device import require_device
+    from .device import require_device, require_rendering_device
 
-    require_device(device)
+    if stages == 1:
+        require_device(device)
+    else:
+        require_rendering_device(device)  # the second stage starts from what the first one looks like
     chosen = resolve(views_folder, views)
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)

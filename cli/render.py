@@ -69,6 +69,7 @@ def command(
     if cameras_folder is None and (views or size or scene.suffix.lower() == ".ply"):
         raise click.UsageError("A .ply file, --views and --size need --cameras FOLDER.")
     start = perf_counter()
+    _require_device(device, scene)
     cameras, image_size, names = _cameras(scene, cameras_folder, views, size)
     files = image_files(output, scene.stem, names, overwrite=overwrite)
 
@@ -111,12 +112,18 @@ def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{view:02d}_{name}" for view, name in enumerate(names))
 
 
+def _require_device(name: str, scene: Path) -> None:
+    from .device import require_device, require_rendering_device
+
+    if scene.suffix.lower() == ".ply":
+        require_rendering_device(name)
+    else:
+        require_device(name)  # for the networks: what they decode is rendered on the CPU
+
+
 def _gaussians(scene: Path, stages: int | None, device: str, on_progress: OnProgress) -> "Gaussians":
     from fecocodec import decode, read_ply
 
-    from .device import require_device
-
-    require_device(device)
     if scene.suffix.lower() == ".ply":
         return read_ply(scene).to(device)
     data = read_bytes(scene)

@@ -104,9 +104,9 @@ def command(
     from fecocodec.training.processes import is_first, joined_processes
     from fecocodec.training.sources import open_sources
 
-    from .device import require_device
+    from .device import require_rendering_device
 
-    require_device(device)
+    require_rendering_device(device)
     configuration = replace(_overridden(configuration_named(name), overrides), frozen=frozen)
     with joined_processes(device) as own_device:
         sources = open_sources(photographs, textures, configuration)

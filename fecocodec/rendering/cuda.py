@@ -1,6 +1,8 @@
 """Rendering on CUDA through gsplat: the same result as on the CPU, up to rounding."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import torch
 
@@ -21,13 +23,7 @@ def render_on_cuda(
 
     Raises InputError when gsplat is not installed.
     """
-    try:
-        from gsplat import rasterization  # here, because it needs CUDA and most installations do not have it
-    except ImportError as error:
-        raise InputError(
-            "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
-            "run `pip install gsplat`, or move the Gaussians to the CPU."
-        ) from error
+    rasterization = gsplat_rasterization()
     height, width = image_size
     drawable = _finite(gaussians)
     cameras = cameras.to(drawable.means.device)
@@ -53,6 +49,19 @@ def render_on_cuda(
         render_mode="RGB+ED",
     )
     return Rendering(images[..., :3].permute(0, 3, 1, 2), images[..., 3], alpha[..., 0])
+
+
+def gsplat_rasterization() -> Callable[..., Any]:
+    """The function of gsplat that renders; raises InputError when gsplat is not installed."""
+    try:
+        from gsplat import rasterization  # here, because it needs CUDA and most installations do not have it
+    except ImportError as error:
+        raise InputError(
+            "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
+            "run `pip install gsplat`, or stay on the CPU (--device cpu)."
+        ) from error
+    function: Callable[..., Any] = rasterization
+    return function
 
 
 def _finite(gaussians: Gaussians) -> Gaussians:
