@@ -30,7 +30,7 @@ def require_writable(path: Path, *, overwrite: bool) -> None:
     if os.path.exists(path) and not os.path.isfile(path):
         raise OutputError(f"{path}: this exists and is not a plain file; choose another output path.")
     if os.path.exists(path) and not overwrite:
-        raise OutputError(f"{path}: the file exists already; choose another output path or ask to overwrite it (--overwrite).")
+        raise OutputError(f"{path}: the file exists already; choose another output path or replace it by --overwrite.")
 
 
 def require_other_file(output: Path, source: Path) -> None:

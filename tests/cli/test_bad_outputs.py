@@ -99,7 +99,7 @@ def test_output_that_exists(
     cameras = ("--cameras", photographs, "--views", "0") if command == "render" else ()
     result = fecosplat(command, source, "-o", existing, *cameras)
     assert_refused(
-        result, output, f"{existing}: the file exists already; choose another output path or ask to overwrite it (--overwrite)."
+        result, output, f"{existing}: the file exists already; choose another output path or replace it by --overwrite."
     )
     assert existing.read_text() == "precious"
 

@@ -52,7 +52,9 @@ def test_an_existing_file_is_kept_unless_told_otherwise(tmp_path):
     path.write_bytes(b"old")
     with pytest.raises(OutputError) as caught, write_atomically(path, overwrite=False):
         pytest.fail("the block must not be entered")
-    assert str(caught.value) == (f"{path}: the file exists already; choose another output path or ask to overwrite it (--overwrite).")
+    assert str(caught.value) == (
+        f"{path}: the file exists already; choose another output path or replace it by --overwrite."
+    )
     with write_atomically(path, overwrite=True) as temporary:
         temporary.write_bytes(b"new")
     assert path.read_bytes() == b"new"
