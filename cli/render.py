@@ -93,10 +93,10 @@ def _cameras(
 ) -> tuple["Cameras", tuple[int, int], tuple[str, ...]]:
     """Cameras, (height, width), and a name for each view."""
     if folder is not None:
-        from fecocodec import read_views
+        from fecocodec.formats.scene_folder import read_view_cameras
 
-        views = read_views(folder, views=resolve(folder, selection), size=size)
-        return views.cameras, views.image_size, _distinct(tuple(Path(name).stem for name in views.names))
+        cameras, image_size, files = read_view_cameras(folder, views=resolve(folder, selection), size=size)
+        return cameras, image_size, _distinct(tuple(Path(name).stem for name in files))
     data = read_bytes(scene)
     from fecocodec.receiver.decode import read_cameras
 

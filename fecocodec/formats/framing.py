@@ -58,15 +58,8 @@ def crop_and_resize(
     Returns the image and its intrinsics, normalised by width and height.
     """
     height, width = image.shape[-2:]
-    crop_h, crop_w = _crop_shape(height, width, *size)
-    top, left = int((height - crop_h) // 2), int((width - crop_w) // 2)
-    intrinsics = np.array(
-        [
-            [pinhole.fx / crop_w, 0, (pinhole.cx - left) / crop_w],
-            [0, pinhole.fy / crop_h, (pinhole.cy - top) / crop_h],
-            [0, 0, 1],
-        ]
-    )
+    intrinsics = framed_intrinsics(pinhole, size)
+    top, left, crop_h, crop_w = _crop(height, width, size)
     if (crop_h, crop_w) == size:
         return image[:, top : top + size[0], left : left + size[1]], intrinsics
     box = (left, top, min(left + crop_w, width), min(top + crop_h, height))
@@ -75,6 +68,24 @@ def crop_and_resize(
         for plane in image.numpy()
     ]
     return torch.from_numpy(np.stack(planes)).clamp(0, 1), intrinsics
+
+
+def framed_intrinsics(pinhole: Lens, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
+    """The intrinsics that `crop_and_resize` returns for an image of the pinhole's size, without the image."""
+    top, left, crop_h, crop_w = _crop(pinhole.height, pinhole.width, size)
+    return np.array(
+        [
+            [pinhole.fx / crop_w, 0, (pinhole.cx - left) / crop_w],
+            [0, pinhole.fy / crop_h, (pinhole.cy - top) / crop_h],
+            [0, 0, 1],
+        ]
+    )
+
+
+def _crop(height: int, width: int, size: tuple[int, int]) -> tuple[int, int, float, float]:
+    """(top, left, height, width) of the centre crop to the shape of `size`."""
+    crop_h, crop_w = _crop_shape(height, width, *size)
+    return int((height - crop_h) // 2), int((width - crop_w) // 2), crop_h, crop_w
 
 
 def _crop_shape(height: int, width: int, new_height: int, new_width: int) -> tuple[float, float]:

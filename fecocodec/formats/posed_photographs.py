@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fecocodec.errors import InputError
-from fecocodec.formats.images import IMAGE_SUFFIXES
-from fecocodec.formats.lens import Lens
+from fecocodec.formats.images import IMAGE_SUFFIXES, read_image_size
+from fecocodec.formats.lens import Lens, undistorted
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,17 @@ class PosedPhotographs:
     far: float | None = None
 
 
+def stored_lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
+    """The lens of a photograph as it is stored, and the pinhole it is undistorted to; reads the image's header.
+
+    Raises InputError where there is no image, or it and its lens do not go together.
+    """
+    _require_file(photograph)
+    height, width = read_image_size(photograph.path)
+    lens = photograph.lens_for(width, height)
+    return lens, undistorted(lens, photograph.place)
+
+
 def find_image(folder: Path, name: str) -> Path:
     """The image `name` in `folder`; a name without an image suffix gets the first suffix that exists.
 
@@ -49,6 +60,20 @@ def find_image(folder: Path, name: str) -> Path:
         return path
     candidates = (path.with_name(path.name + suffix) for suffix in IMAGE_SUFFIXES)
     return next((candidate for candidate in candidates if candidate.is_file()), path)
+
+
+def _require_file(photograph: PosedPhotograph) -> None:
+    try:
+        is_there = photograph.path.is_file()
+    except OSError as error:
+        raise InputError(
+            f"{photograph.place}: its image {photograph.path} cannot be looked at ({error.strerror}); check its name "
+            "and the permissions of its folder."
+        ) from error
+    if not is_there:
+        raise InputError(
+            f"{photograph.place}: there is no image {photograph.path}; put it there or leave this view out by --views."
+        )
 
 
 def require_numbers(values: object, shape: tuple[int, ...], place: str) -> Float[np.ndarray, "*shape"]:

@@ -1,18 +1,19 @@
 """A folder of photographs with cameras, read into views of one size."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
 
 from fecocodec.errors import InputError
 from fecocodec.formats.colmap import find_colmap_model, read_colmap
-from fecocodec.formats.framing import common_size, crop_and_resize, require_size
-from fecocodec.formats.images import read_image, read_image_size
-from fecocodec.formats.lens import Lens, undistort, undistorted
-from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs
+from fecocodec.formats.framing import common_size, crop_and_resize, framed_intrinsics, require_size
+from fecocodec.formats.images import read_image
+from fecocodec.formats.lens import Lens, undistort
+from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, stored_lens
 from fecocodec.formats.poses import require_float32_range, rigid_pose
 from fecocodec.formats.realestate10k import find_realestate10k, read_realestate10k
 from fecocodec.formats.transforms_json import find_transforms_json, read_transforms_json
@@ -20,6 +21,25 @@ from fecocodec.formats.view_choice import choose_views
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_range import bounds_of_depths, estimate_depth_range
 from fecocodec.geometry.views import Views
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """Photographs of which no pixel is read yet.
+
+    lenses: as stored, and the pinholes they are undistorted to. image_size: (height, width) that all are brought to.
+    cameras: for that size, without near and far.
+    """
+
+    scene: PosedPhotographs
+    photographs: list[PosedPhotograph]
+    lenses: list[tuple[Lens, Lens]]
+    image_size: tuple[int, int]
+    cameras: Cameras
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(photograph.path.name for photograph in self.photographs)
 
 
 def read_views(
@@ -40,21 +60,23 @@ def read_views(
     camera file, else of its sparse points, else estimated from the images (`estimate_depth_range`).
     Raises InputError where the folder, a camera or an image cannot be used.
     """
-    if size:
-        require_size(size)
-    scene = read_cameras(path)
-    photographs = choose_views(scene.photographs, views, path)
-    poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
-    require_float32_range(poses, str(scene.cameras_path))
-    images, intrinsics = _read_images(photographs, size)
-    cameras = Cameras(
-        extrinsics=torch.from_numpy(poses.astype(np.float32)),
-        intrinsics=torch.from_numpy(intrinsics.astype(np.float32)),
-        near=torch.tensor(torch.nan),
-        far=torch.tensor(torch.nan),
-    )
-    unbounded = Views(images, cameras, tuple(photograph.path.name for photograph in photographs))
-    return _with_depth_bounds(unbounded, scene, photographs, near, far)
+    chosen = _choose(path, views, size)
+    unbounded = _read_unbounded(chosen)
+    cameras = _with_depth_bounds(chosen, near, far, partial(estimate_depth_range, unbounded))
+    return replace(unbounded, cameras=cameras)
+
+
+def read_view_cameras(
+    path: Path, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
+) -> tuple[Cameras, tuple[int, int], tuple[str, ...]]:
+    """The cameras, (height, width) and names of what `read_views` returns.
+
+    Pixels are read only where neither the camera file nor its sparse points tell the depth bounds.
+    Raises InputError as `read_views` does.
+    """
+    chosen = _choose(path, views, size)
+    cameras = _with_depth_bounds(chosen, None, None, lambda: estimate_depth_range(_read_unbounded(chosen)))
+    return cameras, chosen.image_size, chosen.names
 
 
 def view_names(path: Path) -> tuple[str, ...]:
@@ -91,54 +113,46 @@ def _find_cameras(path: Path) -> PosedPhotographs | None:
     return None
 
 
-def _read_images(
-    photographs: list[PosedPhotograph], size: tuple[int, int] | None
-) -> tuple[Float[torch.Tensor, "view 3 height width"], Float[np.ndarray, "view 3 3"]]:
-    """Undistorted images of one size with their normalised intrinsics; sizes are settled from the headers first."""
-    lenses = [_lens(photograph) for photograph in photographs]
+def _choose(path: Path, views: tuple[int | str, ...] | None, size: tuple[int, int] | None) -> _Chosen:
+    """Poses, lenses and sizes from the camera file and the headers of the images."""
+    if size:
+        require_size(size)
+    scene = read_cameras(path)
+    photographs = choose_views(scene.photographs, views, path)
+    poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
+    require_float32_range(poses, str(scene.cameras_path))
+    lenses = [stored_lens(photograph) for photograph in photographs]
     pinholes = [pinhole for _, pinhole in lenses]
     common = size or common_size(pinholes, [str(photograph.path) for photograph in photographs])
-    framed = [
-        crop_and_resize(undistort(read_image(photograph.path), lens, pinhole), pinhole, common)
-        for photograph, (lens, pinhole) in zip(photographs, lenses, strict=True)
+    intrinsics = np.stack([framed_intrinsics(pinhole, common) for pinhole in pinholes])
+    cameras = Cameras(
+        extrinsics=torch.from_numpy(poses.astype(np.float32)),
+        intrinsics=torch.from_numpy(intrinsics.astype(np.float32)),
+        near=torch.tensor(torch.nan),
+        far=torch.tensor(torch.nan),
+    )
+    return _Chosen(scene, photographs, lenses, common, cameras)
+
+
+def _read_unbounded(chosen: _Chosen) -> Views:
+    """Undistorted images of one size; near and far are not known yet."""
+    images = [
+        crop_and_resize(undistort(read_image(photograph.path), lens, pinhole), pinhole, chosen.image_size)[0]
+        for photograph, (lens, pinhole) in zip(chosen.photographs, chosen.lenses, strict=True)
     ]
-    return torch.stack([image for image, _ in framed]), np.stack([matrix for _, matrix in framed])
-
-
-def _lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
-    """The lens of a photograph and the pinhole it is undistorted to."""
-    _require_file(photograph)
-    height, width = read_image_size(photograph.path)
-    lens = photograph.lens_for(width, height)
-    return lens, undistorted(lens, photograph.place)
-
-
-def _require_file(photograph: PosedPhotograph) -> None:
-    try:
-        is_there = photograph.path.is_file()
-    except OSError as error:
-        raise InputError(
-            f"{photograph.place}: its image {photograph.path} cannot be looked at ({error.strerror}); check its name "
-            "and the permissions of its folder."
-        ) from error
-    if not is_there:
-        raise InputError(
-            f"{photograph.place}: there is no image {photograph.path}; put it there or leave this view out by --views."
-        )
+    return Views(torch.stack(images), chosen.cameras, chosen.names)
 
 
 def _with_depth_bounds(
-    views: Views,
-    scene: PosedPhotographs,
-    photographs: list[PosedPhotograph],
-    near: float | None,
-    far: float | None,
-) -> Views:
+    chosen: _Chosen, near: float | None, far: float | None, estimate: Callable[[], tuple[float, float]]
+) -> Cameras:
+    """The cameras with bounds that are given, stated, known from sparse points, or else estimated."""
+    scene = chosen.scene
     near = scene.near if near is None else near
     far = scene.far if far is None else far
     if near is None or far is None:
-        sparse_depths = np.concatenate([photograph.sparse_depths for photograph in photographs])
-        known = bounds_of_depths(torch.from_numpy(sparse_depths)) or estimate_depth_range(views)
+        sparse_depths = np.concatenate([photograph.sparse_depths for photograph in chosen.photographs])
+        known = bounds_of_depths(torch.from_numpy(sparse_depths)) or estimate()
         near, far = known[0] if near is None else near, known[1] if far is None else far
     if not 0 < near < far < torch.finfo(torch.float32).max:
         raise InputError(
@@ -146,4 +160,4 @@ def _with_depth_bounds(
             "0 < near < far is needed, set them with --near and --far."
         )
     bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}
-    return replace(views, cameras=replace(views.cameras, **bounds))
+    return replace(chosen.cameras, **bounds)
