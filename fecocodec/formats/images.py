@@ -14,6 +14,7 @@ import torch
 from einops import rearrange
 from jaxtyping import Float
 from PIL import Image
+from PIL.PngImagePlugin import PngImageFile
 from torch import Tensor
 
 from fecocodec.errors import InputError, OutputError
@@ -22,6 +23,8 @@ from fecocodec.formats.exr import ExrImage, read_exr, read_exr_size, write_exr
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")
 _FORMATS = ("PNG", "JPEG", "WEBP")
+# Of 16-bit colour Pillow keeps the high bytes; told that the samples have the other byte order, it keeps the low ones.
+_LOW_BYTES = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
 _SAVE_OPTIONS: dict[str, dict[str, Any]] = {
     ".png": {},
     ".jpg": {"quality": 95, "subsampling": 0},
@@ -77,7 +80,11 @@ def write_image(path: Path, image: Float[Tensor, "3 height width"], *, overwrite
 def _read(source: Path | BytesIO, place: Path | str) -> Float[Tensor, "3 height width"]:
     try:
         with _open(source, place) as image:
-            pixels = _rgb(image)
+            low_bytes = _low_bytes_of(image)
+            pixels = _rgb(image) if low_bytes is None else np.asarray(image, np.float32)
+        if low_bytes is not None:
+            with _open(source, place) as image:
+                pixels = _on_white((256 * pixels + _samples_as(low_bytes, image)) / 65535)
     except (OSError, ValueError, SyntaxError) as error:  # Pillow reports damage in all three ways
         raise InputError(_unreadable(place, error)) from error
     return rearrange(torch.from_numpy(pixels), "h w rgb -> rgb h w").contiguous()
@@ -97,10 +104,27 @@ def _rgb(image: Image.Image) -> Float[np.ndarray, "height width 3"]:
         grey = np.asarray(image, np.float32) / 65535
         return np.repeat(grey[..., None], 3, axis=-1)
     if image.has_transparency_data:
-        rgba = np.asarray(image.convert("RGBA"), np.float32) / 255
-        alpha = rgba[..., 3:]
-        return rgba[..., :3] * alpha + (1 - alpha)
+        return _on_white(np.asarray(image.convert("RGBA"), np.float32) / 255)
     return np.asarray(image.convert("RGB"), np.float32) / 255
+
+
+def _low_bytes_of(image: Image.Image) -> str | None:
+    """The raw mode that reads the low bytes of a PNG with 16 bits a colour; None for all other images."""
+    if not isinstance(image, PngImageFile) or not image.tile or "transparency" in image.info:
+        return None
+    return _LOW_BYTES.get(str(image.tile[0][3]))
+
+
+def _samples_as(raw_mode: str, image: Any) -> Float[np.ndarray, "height width channel"]:
+    """The samples of a PNG that was only opened, when its bytes are taken for those of another raw mode."""
+    image.tile = [(*image.tile[0][:3], raw_mode)]
+    return np.asarray(image, np.float32)
+
+
+def _on_white(pixels: Float[np.ndarray, "height width channel"]) -> Float[np.ndarray, "height width 3"]:
+    """Colours without, or with a fourth channel of opacity."""
+    alpha = pixels[..., 3:]
+    return pixels[..., :3] * alpha + (1 - alpha) if alpha.size else pixels
 
 
 def _unreadable(place: Path | str, error: Exception) -> str:

@@ -1,12 +1,15 @@
 """Photographs are read as sRGB in [0, 1], whatever way the pixels are stored."""
 
+import struct
+import zlib
+
 import numpy as np
 import pytest
 import torch
 from PIL import Image
 
 from fecocodec.errors import InputError, OutputError
-from fecocodec.formats.images import read_image, read_image_size, write_image
+from fecocodec.formats.images import decode_image, read_image, read_image_size, write_image
 
 HEIGHT, WIDTH = 40, 56
 
@@ -42,6 +45,35 @@ def test_sixteen_bit_grey(colours, tmp_path):
     Image.fromarray(grey).save(tmp_path / "grey.png")
     expected = torch.from_numpy(grey / 65535).float().expand(3, -1, -1)
     torch.testing.assert_close(read_image(tmp_path / "grey.png"), expected, atol=1e-6, rtol=0)
+
+
+def png_of_sixteen_bits(samples: np.ndarray) -> bytes:
+    """A PNG of 16 bits a channel, which Pillow does not write, of [height width 3 or 4] whole numbers."""
+    height, width, channels = samples.shape
+    head = struct.pack(">IIBBBBB", width, height, 16, {3: 2, 4: 6}[channels], 0, 0, 0)
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    framed = (struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
+
+
+def test_sixteen_bit_colour(colours, tmp_path):
+    data = png_of_sixteen_bits((colours * 65535).round())
+    (tmp_path / "image.png").write_bytes(data)
+    expected = torch.from_numpy(colours).permute(2, 0, 1).float()
+    torch.testing.assert_close(read_image(tmp_path / "image.png"), expected, atol=1e-5, rtol=0)
+    torch.testing.assert_close(decode_image(data, "frame 0"), expected, atol=1e-5, rtol=0)
+    (tmp_path / "cut.png").write_bytes(data[:-200])
+    with pytest.raises(InputError, match=r"cut\.png: the image is damaged, cut short"):
+        read_image(tmp_path / "cut.png")
+
+
+def test_sixteen_bit_colour_with_transparency_shows_white(tmp_path):
+    samples = np.zeros((HEIGHT, WIDTH, 4))
+    samples[..., 3] = 13000
+    (tmp_path / "image.png").write_bytes(png_of_sixteen_bits(samples))
+    expected = torch.full((3, HEIGHT, WIDTH), 1 - 13000 / 65535)
+    torch.testing.assert_close(read_image(tmp_path / "image.png"), expected, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("mode", ["L", "P", "CMYK", "LA", "RGBA"])
