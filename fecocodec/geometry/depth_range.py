@@ -65,6 +65,18 @@ def estimate_depth_range(views: Views) -> tuple[float, float]:
     return bounds[0] / _ESTIMATE_MARGIN, bounds[1] * _ESTIMATE_MARGIN
 
 
+def share_of_agreed_depths(views: Views) -> float:
+    """How well images and poses fit together: the share of one view's pixels for which it and another, the closest that
+    looks the same way, find one point; 0 where no two views stand apart.
+    """
+    pairs = _pairs(views.cameras)
+    if not pairs:
+        return 0.0
+    pair = list(pairs[0])
+    grey = _small_grey(views.images[pair])
+    return len(_agreed_depths(grey, views.cameras.select(pair))) / grey[0].numel()
+
+
 def _distances(cameras: Cameras) -> Float[Tensor, "view view"]:
     centres = cameras.extrinsics[:, :3, 3].double()
     distances: Tensor = torch.linalg.vector_norm(centres[:, None] - centres, dim=-1)

@@ -1,10 +1,13 @@
 """What makes good Gaussians unlikely before any network runs: said as warnings, because it is for the user to judge."""
 
+from dataclasses import replace
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.depth_range import share_of_agreed_depths
 from fecocodec.geometry.views import Views
 
 LEAST_PARALLAX_DEGREES = 0.5  # between lines of sight to a typical point; two pixels of 256 at a common focal length
@@ -12,12 +15,20 @@ LEAST_OVERLAP = 0.2  # share of a view's sample points that another view sees
 LARGEST_DEPTH_RATIO = 1000.0
 LARGEST_EXPOSURE_RATIO = 1.5  # between mean brightnesses of views
 DARKEST, BRIGHTEST = 0.04, 0.96  # mean of all views
+# Of the pixels of one view, the share that finds a common depth with another view when all axes are reversed, and how
+# many times as many that is as with the axes given. Right axes of real captures reached both 0.15 and a gain of 2.2.
+LEAST_AGREEMENT = 0.15
+LEAST_GAIN = 6.0
 _GRID = 8  # sample points a side
 
 
 def doubts_about(views: Views) -> tuple[str, ...]:
     """One sentence for each thing about the views that will cost quality; empty where nothing is suspicious."""
-    return (*_doubts_about_cameras(views.cameras), *_doubts_about_images(views.images))
+    return (
+        *_doubts_about_cameras(views.cameras),
+        *_doubts_about_images(views.images),
+        *_doubts_about_axes(views),
+    )
 
 
 def _doubts_about_cameras(cameras: Cameras) -> list[str]:
@@ -45,6 +56,21 @@ def _doubts_about_images(images: Float[Tensor, "view 3 height width"]) -> list[s
     if not DARKEST <= float(brightness.mean()) <= BRIGHTEST:
         doubts.append("the views are almost black or white; expose them so that surfaces can be told apart.")
     return doubts
+
+
+def _doubts_about_axes(views: Views) -> list[str]:
+    """OpenCV and OpenGL cameras differ in the signs of y and z. Cameras side by side fit together either way."""
+    given = share_of_agreed_depths(views)
+    if LEAST_GAIN * given >= 1.0:
+        return []
+    reversed_axes = views.cameras.extrinsics * torch.tensor([1.0, -1.0, -1.0, 1.0])
+    turned = share_of_agreed_depths(replace(views, cameras=replace(views.cameras, extrinsics=reversed_axes)))
+    if turned < max(LEAST_AGREEMENT, LEAST_GAIN * given):
+        return []
+    return [
+        "the photographs fit together much better with every camera's y and z axes reversed; check whether the camera "
+        "file has OpenCV axes where OpenGL ones belong, or the other way round."
+    ]
 
 
 def _sample_points(cameras: Cameras) -> Float[Tensor, "view n 3"]:

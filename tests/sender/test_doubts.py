@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from fecocodec.evaluation.box_room import Room, painted, photograph
-from fecocodec.evaluation.camera_paths import back_to_back, sideways, turning
+from fecocodec.evaluation.camera_paths import back_to_back, look, sideways, turning
 from fecocodec.geometry.views import Views
 from fecocodec.sender.doubts import doubts_about
 
@@ -29,6 +29,15 @@ def test_good_views_are_not_doubted() -> None:
 )
 def test_cameras_that_promise_little(poses: torch.Tensor, sentence: str) -> None:
     assert any(doubt.startswith(sentence) for doubt in doubts_about(context_of(poses)))
+
+
+def test_cameras_in_the_axes_of_another_convention() -> None:
+    converging = torch.stack([look((-0.4, 0.0, -1.5), 12.0), look((0.4, 0.05, -1.5), -12.0)])
+    views = photograph(Room(painted), converging, (64, 64))
+    assert doubts_about(views) == ()
+    reversed_axes = views.cameras.extrinsics @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0]))
+    turned = replace(views, cameras=replace(views.cameras, extrinsics=reversed_axes))
+    assert any("y and z axes reversed" in doubt for doubt in doubts_about(turned))
 
 
 def test_photographs_and_bounds_that_promise_little() -> None:
