@@ -17,7 +17,7 @@ _TAIL_IN_SIGMAS = 5.0  # beyond it the Gaussian continues as an exponential, so 
 _MOST_BITS = 32.0  # about what an outlier costs, by the least frequency of a table or by an escape
 
 Softening = Callable[[Float[Tensor, "*shape"]], Float[Tensor, "*shape"]]
-"""What stands for rounding where the rate is estimated: `uniform_noise(generator)` or `straight_through`."""
+"""What stands for rounding where the gradient of the rate is taken: `uniform_noise()` or `straight_through`."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class LatentEstimate:
 
 
 def uniform_noise(generator: torch.Generator | None = None) -> Softening:
-    """Additive noise in [-1/2, 1/2): differentiable, but too high where most symbols are zero."""
+    """Additive noise in [-1/2, 1/2): its gradient tells of the symbols that small changes would lead to."""
 
     def soften(residual: Tensor) -> Tensor:
         return residual + (torch.rand(residual.shape, generator=generator, device=residual.device) - 0.5)
@@ -40,7 +40,7 @@ def uniform_noise(generator: torch.Generator | None = None) -> Softening:
 
 
 def straight_through(residual: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """The symbols themselves: the estimate is then that of the bitstream, to a fraction of a percent."""
+    """The symbols themselves, with the gradient of the value before rounding."""
     return round_through(residual, -SYMBOL_LIMIT, SYMBOL_LIMIT)
 
 
@@ -54,6 +54,8 @@ def estimate_latents(
     soften: Softening,
 ) -> LatentEstimate:
     """Latents after coding and their estimated bits per item (a view of a scene), with gradients for all inputs.
+
+    The bits are those of the bitstream to a fraction of a percent, whatever `soften` is.
 
     lambda_q: see `condition_vector`, one per item. stage: 1 or 2. context_y_hat: y_hat of stage 1 where stage is 2.
     """
@@ -81,9 +83,13 @@ class _Meter:
         residual = self.partitions[partition] - parameters.mean_q8 / ONE_Q8
         index = clamp_through(parameters.table_position(), 0, NUM_TABLES - 1)
         skipped = index.detach() < FIRST_CODED_TABLE - 0.5
-        self.bits.append(_zero_through(gaussian_bits(self.soften(residual), index), skipped))
-        symbols = _zero_through(round_through(residual, -SYMBOL_LIMIT, SYMBOL_LIMIT), skipped)
-        return symbols * ONE_Q8 + parameters.mean_q8
+        symbols = straight_through(residual)
+        # The table learns from the symbols as they will be, the latent and its mean from a rate with a gradient. Tables
+        # that learn from noise stay wide where nearly all symbols are zero, and every zero then costs something.
+        softened = gaussian_bits(self.soften(residual), index.detach())
+        bits = gaussian_bits(symbols.detach(), index) + softened - softened.detach()
+        self.bits.append(_zero_through(bits, skipped))
+        return _zero_through(symbols, skipped) * ONE_Q8 + parameters.mean_q8
 
 
 def _zero_through(x: Tensor, mask: Tensor) -> Tensor:

@@ -23,6 +23,9 @@ SSIM_WEIGHT = 0.03
 TARGET_WEIGHT = 2.0  # of a target view, against 1 for a context view
 MATCHING_WEIGHT = 0.5
 DISPARITY_WEIGHT = 0.5
+# The entropy model serves every lambda alike, so it learns from bits at one price. At lambda's own it would learn from
+# high lambdas alone, whose bits weigh a thousand times as much. This is the root mean square of lambda in training.
+ENTROPY_PRICE = 2.7e-3
 
 
 @dataclass(frozen=True)
@@ -53,15 +56,30 @@ Coding = Callable[[Tensor, Tensor, int, Tensor | None], tuple[Tensor, Tensor]]
 
 
 def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
-    """The coding of the rate-distortion phases: rounding with straight-through gradients and an estimated rate."""
+    """The coding of the rate-distortion phases: rounding with straight-through gradients and an estimated rate.
+
+    Gradients of the bits with respect to latents are lambda / ENTROPY_PRICE of what they are: see `loss_of`.
+    """
 
     def code(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | None) -> tuple[Tensor, Tensor]:
-        estimate = estimate_latents(
-            receiver.prior, y, sender.hyper_analysis(y), lambda_q, stage, context, uniform_noise()
-        )
-        return estimate.y_hat, estimate.bits_y + estimate.bits_z
+        share = (lambda_of(lambda_q) / ENTROPY_PRICE)[:, None, None, None]
+        priced = _scale_gradient(y, share)
+        known = None if context is None else _scale_gradient(context, share)
+        z = sender.hyper_analysis(priced)
+        estimate = estimate_latents(receiver.prior, priced, z, lambda_q, stage, known, uniform_noise())
+        y_hat = estimate.y_hat.detach() + (y - y.detach())
+        return y_hat, estimate.bits_y + estimate.bits_z
 
     return code
+
+
+def lambda_of(lambda_q: Int[Tensor, " item"]) -> Float[Tensor, " item"]:
+    """The price of a bit a pixel from the container's fixed point."""
+    return LAMBDA_MIN * torch.exp(lambda_q / STEPS_PER_E)
+
+
+def _scale_gradient(x: Tensor, factor: Tensor) -> Tensor:
+    return x.detach() + factor * (x - x.detach())
 
 
 def bypass_coding(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -107,10 +125,11 @@ def loss_of(
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
     """Sum over stages of lambda * R + L_render (paper, training strategy), plus L1 on relative disparity.
 
-    R is in bits per context pixel; disparity counts where depth is known. Returns the loss and its parts for the log.
+    R is in bits per context pixel; disparity counts where depth is known. The gradient of R is at ENTROPY_PRICE, which
+    `code_with_noise` turns into lambda for all but the entropy model. Returns the loss and its parts for the log.
     """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
-    lmbda = LAMBDA_MIN * torch.exp(batch.lambda_q / STEPS_PER_E)
+    lmbda = lambda_of(batch.lambda_q)
     truth = _true_disparity(batch)
     parts = {"matching": _masked_l1(matched, truth)}
     total = disparity_weight * MATCHING_WEIGHT * parts["matching"]
@@ -122,7 +141,8 @@ def loss_of(
         weight = _view_weights(batch.num_context, images.shape[1]).to(squared)
         rate = outcome.estimated_bits / pixels
         disparity = _masked_l1(outcome.prediction.relative_disparity, truth)
-        total = total + ((squared + SSIM_WEIGHT * structure) * weight).mean() + (lmbda * rate).mean()
+        priced = ENTROPY_PRICE * (rate - rate.detach()) + lmbda * rate.detach()
+        total = total + ((squared + SSIM_WEIGHT * structure) * weight).mean() + priced.mean()
         total = total + disparity_weight * DISPARITY_WEIGHT * disparity
         parts |= {
             f"mse{stage}": squared[batch.num_context :].mean(),

@@ -6,7 +6,7 @@ import torch
 
 from fecocodec.coding.payload import code_latents, encode_latents
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
-from fecocodec.coding.rate import _Meter, estimate_latents, gaussian_bits, straight_through, uniform_noise
+from fecocodec.coding.rate import Softening, _Meter, estimate_latents, gaussian_bits, straight_through, uniform_noise
 from fecocodec.entropy.ports import Port
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, load_tables
 from tests.coding.coding_examples import lively_prior, smooth_latents
@@ -80,14 +80,23 @@ def test_everything_has_a_finite_gradient_at_extremes():
         assert tensor.grad is not None and bool(tensor.grad.isfinite().all()) and bool(tensor.grad.any())
 
 
-def test_noise_comes_from_the_generator():
+def test_noise_is_in_the_gradient_and_comes_from_the_generator():
     prior, (y, z) = lively_prior(), smooth_latents(1, 8, 8)
 
-    def bits(seed: int) -> float:
-        noise = uniform_noise(torch.Generator().manual_seed(seed))
-        return float(estimate_latents(prior, y, z, torch.tensor([5]), 1, None, noise).bits_y.detach())
+    def bits_and_slope(soften: Softening) -> tuple[torch.Tensor, torch.Tensor]:
+        latent = y.clone().requires_grad_()
+        bits = estimate_latents(prior, latent, z, torch.tensor([100]), 1, None, soften).bits_y
+        bits.sum().backward()
+        return bits.detach(), latent.grad
 
-    assert bits(0) == bits(0) != bits(1)
+    same_bits, slope = bits_and_slope(uniform_noise(torch.Generator().manual_seed(1)))
+    bits, slope_again = bits_and_slope(uniform_noise(torch.Generator().manual_seed(1)))
+    other_bits, other_slope = bits_and_slope(uniform_noise(torch.Generator().manual_seed(2)))
+    assert torch.equal(slope, slope_again)
+    assert not torch.equal(slope, other_slope)
+    assert torch.equal(bits, same_bits)
+    assert torch.equal(bits, other_bits)
+    assert torch.equal(bits, bits_and_slope(straight_through)[0])
 
 
 def skipped_step(values: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
