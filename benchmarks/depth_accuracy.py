@@ -1,0 +1,99 @@
+"""Depth of decoded Gaussians against exact depth, on procedural scenes that no training run draws.
+
+    python benchmarks/depth_accuracy.py MODEL_FOLDER [--textures FOLDER] [--scenes 40] [--lambdas 1e-2 1e-3 1e-4]
+
+Scenes are two context and two target views of 256x256 pixels, drawn with a seed of their own. Depth is rendered from
+what a receiver makes of the file (expected depth, z along the optical axis). The error is |depth - exact| / exact, at
+pixels that are covered (alpha over 1/2); context views and target views apart. What a constant depth would give, the
+best for each scene, stands beside it.
+"""
+
+import argparse
+from pathlib import Path
+from statistics import mean, median
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.receiver.decode import decode_stream
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.encode import Profile, encode_with, load_profile
+from fecocodec.training.samples import Sample
+from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.textures import pattern_textures, textures_from_folder
+
+SEED = 20_261_121_001  # trainers seed their generators with small numbers
+NUM_PATTERNS, NUM_CONTEXT, NUM_TARGET = 100, 2, 2
+LEAST_ALPHA = 0.5
+
+
+def relative_errors(depth: Float[Tensor, " pixel"], exact: Float[Tensor, " pixel"]) -> Float[Tensor, " pixel"]:
+    """|depth - exact| / exact."""
+    return (depth - exact).abs() / exact
+
+
+def errors_of(profile: Profile, sample: Sample, lambda_q: int) -> dict[str, float]:
+    """Mean relative error of one scene at context and at target views, median at targets, and covered share."""
+    assert sample.depth is not None
+    context = sample.views.select(list(range(NUM_CONTEXT)))
+    gaussians = decode_stream(read_stream(encode_with(profile, context, lambda_q, 2)), profile.receiver)
+    with torch.no_grad():
+        rendering = render(gaussians, sample.views.cameras, sample.views.image_size)
+    is_covered = rendering.alpha > LEAST_ALPHA
+    errors = [
+        relative_errors(depth[covered], exact[covered])
+        for depth, exact, covered in zip(rendering.depth, sample.depth, is_covered, strict=True)
+    ]
+    seen, new = torch.cat(errors[:NUM_CONTEXT]), torch.cat(errors[NUM_CONTEXT:])
+    return {
+        "context": float(seen.mean()),
+        "target": float(new.mean()),
+        "target median": float(new.median()),
+        "constant": constant_error(sample.depth[:NUM_CONTEXT].flatten()),
+        "covered": float(is_covered.float().mean()),
+    }
+
+
+def constant_error(exact: Float[Tensor, " pixel"]) -> float:
+    """The least mean relative error that one depth for all pixels can have, among the scene's own quantiles."""
+    candidates = exact.quantile(torch.linspace(0.05, 0.95, 19))
+    return min(float(relative_errors(candidate.expand_as(exact), exact).mean()) for candidate in candidates)
+
+
+def main() -> None:
+    """Print one line per lambda: the mean over scenes of each figure, and the median scene's error at targets."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--textures", type=Path, help="folder of images to paint the scenes with, besides patterns")
+    parser.add_argument("--scenes", type=int, default=40)
+    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-2, 1e-3, 1e-4])
+    arguments = parser.parse_args()
+    textures = pattern_textures(NUM_PATTERNS)
+    if arguments.textures is not None:
+        textures += textures_from_folder(arguments.textures)
+    profile, world = load_profile(arguments.model, "cpu"), ProceduralWorld(textures)
+    size = (arguments.size, arguments.size)
+    print("lambda\tcontext\ttarget\tmedian scene, target\tmedian pixel, target\tbest constant\tcovered")
+    for lmbda in arguments.lambdas:
+        generator = torch.Generator().manual_seed(SEED)
+        rows = [
+            errors_of(
+                profile,
+                world.sample(generator, num_context=NUM_CONTEXT, num_target=NUM_TARGET, size=size),
+                quantise_lambda(lmbda),
+            )
+            for _ in range(arguments.scenes)
+        ]
+        found = {name: mean(row[name] for row in rows) for name in rows[0]}
+        print(
+            f"{lmbda:g}\t{found['context']:.3f}\t{found['target']:.3f}\t{median(row['target'] for row in rows):.3f}\t"
+            f"{found['target median']:.3f}\t{found['constant']:.3f}\t{found['covered']:.3f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""More views against two: the same target views of the same scenes, from all context views of an entry or from two.
+
+    python benchmarks/view_counts.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-3 1e-4]
+
+For every entry with more than two context views: the whole set is coded, then each pair of them, each as a file of its
+own. "best pair" chooses for every entry the pair with the best mean PSNR at the targets, which no sender can know;
+"nearest pair" takes the two whose cameras are nearest to the targets', which a sender may; "mean pair" is what two
+views give on average.
+"""
+
+import argparse
+from itertools import combinations
+from pathlib import Path
+from statistics import mean
+
+import torch
+
+from fecocodec.container import quantise_lambda
+from fecocodec.evaluation.novel_views import Score, score
+from fecocodec.formats.evaluation_index import IndexEntry, read_index
+from fecocodec.formats.scene_folder import read_views
+from fecocodec.geometry.views import Views
+from fecocodec.sender.encode import Profile, load_profile
+
+
+def score_of(profile: Profile, views: Views, chosen: tuple[int, ...], num_context: int, lambda_q: int) -> Score:
+    """Code some of the context views, judge by all target views."""
+    targets = range(num_context, len(views.images))
+    return score(profile, "", views.select([*chosen, *targets]), len(chosen), lambda_q, 2)
+
+
+def nearest_pair(views: Views, num_context: int) -> tuple[int, ...]:
+    """The two context views whose cameras are nearest to the targets' in the mean."""
+    centres = views.cameras.extrinsics[:, :3, 3]
+    distance = torch.cdist(centres[:num_context], centres[num_context:]).mean(dim=1)
+    return tuple(sorted(distance.argsort()[:2].tolist()))
+
+
+def compare(profile: Profile, root: Path, entry: IndexEntry, lambda_q: int, size: tuple[int, int]) -> list[float]:
+    """PSNR in dB: all views, nearest pair, best pair, mean of the pairs; then KiB of all views and of the mean pair."""
+    count = len(entry.context)
+    views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size)
+    every = score_of(profile, views, tuple(range(count)), count, lambda_q)
+    pairs = {pair: score_of(profile, views, pair, count, lambda_q) for pair in combinations(range(count), 2)}
+    quality = {pair: found.target_psnr for pair, found in pairs.items()}
+    kib = mean(found.num_bytes for found in pairs.values()) / 1024
+    nearest = quality[nearest_pair(views, count)]
+    best, average = max(quality.values()), mean(quality.values())
+    return [every.target_psnr, nearest, best, average, every.num_bytes / 1024, kib]
+
+
+def main() -> None:
+    """Print one line per entry and lambda, and the means of each number of views."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in ("model", "root", "index"):
+        parser.add_argument(name, type=Path)
+    parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-3])
+    parser.add_argument("--most-views", type=int, default=4, help="leave out entries with more (8 views have 28 pairs)")
+    parser.add_argument("--size", type=int, default=256)
+    arguments = parser.parse_args()
+    profile = load_profile(arguments.model, "cpu")
+    entries = [entry for entry in read_index(arguments.index) if 2 < len(entry.context) <= arguments.most_views]
+    size = (arguments.size, arguments.size)
+    print("lambda\tentry\tviews\tall, dB\tnearest pair, dB\tbest pair, dB\tmean pair, dB\tall, KiB\tmean pair, KiB")
+    for lmbda in arguments.lambdas:
+        rows: dict[int, list[list[float]]] = {}
+        for entry in entries:
+            row = compare(profile, arguments.root, entry, quantise_lambda(lmbda), size)
+            rows.setdefault(len(entry.context), []).append(row)
+            _print_row(lmbda, entry.name, len(entry.context), row)
+        for count, found in rows.items():
+            _print_row(lmbda, f"mean of {len(found)}", count, [mean(column) for column in zip(*found, strict=True)])
+
+
+def _print_row(lmbda: float, name: str, count: int, row: list[float]) -> None:
+    print(f"{lmbda:g}\t{name}\t{count}\t" + "\t".join(f"{value:.2f}" for value in row), flush=True)
+
+
+if __name__ == "__main__":
+    main()
