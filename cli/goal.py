@@ -17,7 +17,7 @@ def adaptive_options(function: Function) -> Function:
         click.option(
             "--adaptive",
             is_flag=True,
-            help="Code the second stage only of views it pays for, and name Gaussians that nobody would miss.",
+            help="Leave out the second stage where it does not pay, and Gaussians that nobody would miss.",
         ),
         click.option(
             "--target-kib",

@@ -68,8 +68,8 @@ def encode_adaptively(
     weights: Path = SHIPPED,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
-    """Bytes of a `.fcs` stream whose second stage codes only views that it pays for, and whose receiver emits only
-    Gaussians that some pixel needs. refinement_steps: of the second stage's latents, see `refinement`.
+    """Bytes of a `.fcs` stream that has a second stage only where that pays, and whose receiver emits only Gaussians
+    that some pixel needs. refinement_steps: of the second stage's latents, see `refinement`.
 
     Raises InputError for views that cannot be coded and for a goal that no lambda reaches, ModelError where weights are
     missing.

@@ -1,8 +1,7 @@
-"""Which views the second stage is worth its bytes for."""
+"""Whether the second stage is worth its bytes."""
 
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -12,7 +11,6 @@ from fecocodec.sender.distortion import distortions
 from fecocodec.sender.refinement import refine_second_stage
 from fecocodec.sender.steps import (
     CodedStage,
-    Latents,
     PreparedScene,
     Profile,
     analyse,
@@ -37,8 +35,11 @@ def choose_stages(
     lambda_q: int,
     refinement_steps: int = 0,
 ) -> ChosenStages:
-    """Code both stages, then send of the second what pays: for each view its distortion must fall by more than lambda
-    times its bits a pixel, which is what the networks were trained for.
+    """Both stages, or the first alone where the context views' distortion does not fall by more than lambda times the
+    second's bits a pixel, which is what the networks were trained for.
+
+    All views or none: a view's own photograph says little of what views beside it lose without its second stage
+    (docs/experiments.md).
     """
     every = tuple(range(scene.num_views))
     latents = analyse(profile, features, start_state(profile, scene), lambda_q, 1)
@@ -50,15 +51,16 @@ def choose_stages(
     second = code_stage(profile, scene, latents, lambda_q, every, first)
     after = _rendering(profile, scene, second)
     gain = distortions(before, scene.images) - distortions(after, scene.images)
-    price = dequantise_lambda(lambda_q) * _bits_per_pixel(profile, scene, latents, lambda_q, first)
-    views = tuple(view for view in every if gain[view] > price[view])
-    if views == every:
-        return ChosenStages((first, second), after)
-    if not views:
+    price = dequantise_lambda(lambda_q) * bits_per_pixel(len(second.payload), scene)
+    if float(gain.mean()) <= price:
         return ChosenStages((first,), before)
-    part = latents.of_views(views)
-    second = code_stage(profile, scene, part, lambda_q, views, first)
-    return ChosenStages((first, second), _rendering(profile, scene, second))
+    return ChosenStages((first, second), after)
+
+
+def bits_per_pixel(num_bytes: int, scene: PreparedScene) -> float:
+    """Of the context views, without padding."""
+    height, width = scene.image_size
+    return 8.0 * num_bytes / (scene.num_views * height * width)
 
 
 def _rendering(profile: Profile, scene: PreparedScene, coded: CodedStage) -> Float[Tensor, "view 3 h w"]:
@@ -66,15 +68,3 @@ def _rendering(profile: Profile, scene: PreparedScene, coded: CodedStage) -> Flo
     cameras, size = scene.cameras, (scene.images.shape[-2], scene.images.shape[-1])
     prediction = profile.receiver.predict(coded.state, cameras.as_batch(), coded.after.condition)
     return render(prediction.gaussians.scene(0), cameras, size).color
-
-
-def _bits_per_pixel(
-    profile: Profile, scene: PreparedScene, latents: Latents, lambda_q: int, first: CodedStage
-) -> Float[Tensor, " view"]:
-    """What each view's part of stage 2 costs when it is coded alone, a pixel of that view."""
-    height, width = scene.image_size
-    sizes = [
-        len(code_stage(profile, scene, latents.of_views((view,)), lambda_q, (view,), first).payload)
-        for view in range(scene.num_views)
-    ]
-    return 8.0 * torch.tensor(sizes, device=scene.images.device) / (height * width)

@@ -37,14 +37,17 @@ def context_psnr(profile: Profile, stream: Stream, views: Views) -> float:
         return mean_psnr(render(gaussians, views.cameras, views.image_size).color, views.images)
 
 
-def test_stage_2_is_sent_of_the_views_it_pays_for(
-    profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("gain", "num_stages"), [(0.9, 1), (1.1, 2)])
+def test_stage_2_is_sent_where_it_gains_more_than_its_bits_cost(
+    profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch, gain: float, num_stages: int
 ) -> None:
-    """Gains are said to be those of a scene whose middle view has none."""
-    gains = iter([torch.tensor([1.0, 0.0, 1.0]), torch.zeros(3)])  # distortion before, after
-    monkeypatch.setattr(second_stage, "distortions", lambda _renderings, _images: next(gains))
+    """The gain is said to be so many times the price of the stage's bits, all of it in one view."""
+    both = read_stream(encode_with(profile, views, quantise_lambda(LAMBDA), 2))
+    price = LAMBDA * 8 * len(both.payloads[1]) / views.images[:, 0].numel()
+    distortions = iter([torch.tensor([0.0, 3.0 * gain * price, 0.0]), torch.zeros(3)])  # before, after
+    monkeypatch.setattr(second_stage, "distortions", lambda _renderings, _images: next(distortions))
     stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
-    assert stream.header.stage_2_views == (0, 2)
+    assert stream.header.num_stages == num_stages
     assert decode_stream(stream, profile.receiver).count > 0
 
 
@@ -56,7 +59,7 @@ def test_a_stage_that_gains_nothing_is_dropped(profile: Profile, views: Views, m
 
 
 def test_what_is_left_out_is_hardly_missed(profile: Profile, views: Views) -> None:
-    stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
+    stream = read_stream(encode_adaptively_with(profile, views, AtLambda(1e-5)))  # large enough to say what is left out
     assert stream.keep is not None
     everything = replace(stream, keep=None)
     assert decode_stream(stream, profile.receiver).count < decode_stream(everything, profile.receiver).count
