@@ -1,14 +1,16 @@
 """Ablations by retraining: every variant goes on from one checkpoint for the same few steps, then codes the dev pairs.
 
-    python benchmarks/ablate_training.py LAST.pt PHOTOGRAPHS TEXTURES ROOT INDEX.json [--steps 32]
+    python benchmarks/ablate_training.py LAST.pt PHOTOGRAPHS TEXTURES ROOT INDEX.json [--steps 24]
 
 Training: one scene a step, two context and two target views of 128x128, at the one lambda that is measured; averaged
 weights and AdamW's moments from the checkpoint, learning rate falling linearly to 0. All variants of a seed see the
 same batches and the same noise, but for the two that change where scenes come from. Rows: means over two-view entries
 of real streams, decoded; differences are to "as it is" trained for as many steps, with the standard error over entries.
 
-A short continuation says what a part gives networks that grew up with it, or how fast a new part begins to pay. The
-extractor's size cannot be asked this way. How much chance decides: see the rows of other seeds.
+A short continuation says how much networks that grew up with a part need it, or how fast a new part begins to pay, not
+what networks trained without it, or with it, from the start would reach. The extractor's size cannot be asked this way.
+How much chance decides is what the rows of other seeds show. "d loss" is on the batches of the last half of the steps,
+rate and rendering of both stages, in percent.
 """
 
 import argparse
@@ -139,7 +141,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name in ("checkpoint", "photographs", "textures", "root", "index"):
         parser.add_argument(name, type=Path)
-    parser.add_argument("--steps", type=int, default=32)
+    parser.add_argument("--steps", type=int, default=24)
     parser.add_argument("--entries", type=int, default=31)
     parser.add_argument("--size", type=int, default=128, help="of the dev pairs")
     parser.add_argument("--lambda", dest="lmbda", type=float, default=1e-3)
