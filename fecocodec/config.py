@@ -17,6 +17,10 @@ class ReceiverConfig:
     predictor_channels: tuple[int, int] = (176, 264)  # widths of P at 1/8 and 1/16
     num_neighbours: int = 16  # k of the KNN attention
     attention_channels: int = 48
+    # Quantisation steps are 1 / gain. Where rate and squared error trade off at price lambda the best step grows as the
+    # root of lambda: squared error grows with the square of the step, bits fall with its logarithm.
+    largest_gain: float = 11.058  # of latents at lambda 1e-5
+    gain_exponent: float = 0.5
 
 
 @dataclass(frozen=True)

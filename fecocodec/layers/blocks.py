@@ -9,11 +9,6 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 CONDITION_CHANNELS = 64
-# Where rate and squared error trade off at price lambda, the best quantisation step grows as a power of lambda (1/2 at
-# high rate). Latents of gain g have the step 1/g; the networks need only learn what differs from this rule.
-REFERENCE_GAIN = 8.0
-REFERENCE_LAMBDA_Q = 281  # lambda 3e-5
-GAIN_EXPONENT = 0.4
 
 
 @dataclass(frozen=True)
@@ -32,11 +27,12 @@ class RateEmbedding(nn.Module):
     """(lambda_q, stage) -> MLP -> condition that every `Block2d` of the codec is modulated by.
 
     The paper conditions on log(lambda) (section 3.4); `lambda_q` is that logarithm in the fixed point of the container.
+    The latent's gain at lambda 1e-5 is `largest_gain`, and falls with lambda to the power `gain_exponent`.
     """
 
-    def __init__(self, largest_lambda_q: int) -> None:
+    def __init__(self, largest_lambda_q: int, largest_gain: float, gain_exponent: float) -> None:
         super().__init__()
-        self.largest_lambda_q = largest_lambda_q
+        self.largest_lambda_q, self.largest_gain, self.gain_exponent = largest_lambda_q, largest_gain, gain_exponent
         self.mlp = nn.Sequential(
             nn.Linear(3, CONDITION_CHANNELS), nn.GELU(), nn.Linear(CONDITION_CHANNELS, CONDITION_CHANNELS), nn.GELU()
         )
@@ -46,7 +42,7 @@ class RateEmbedding(nn.Module):
         position = 2.0 * lambda_q / self.largest_lambda_q - 1.0
         is_second = torch.full_like(position, float(stage == 2))
         embedding = self.mlp(torch.stack((position, position * is_second, is_second), dim=-1))
-        gain = REFERENCE_GAIN * torch.exp(GAIN_EXPONENT * (REFERENCE_LAMBDA_Q - lambda_q) / 256.0)
+        gain = self.largest_gain * torch.exp(-self.gain_exponent * lambda_q / 256.0)
         return RateCondition(embedding, gain[:, None, None, None])
 
 

@@ -20,7 +20,7 @@ class Receiver(nn.Module):
         super().__init__()
         self.config = config
         self.prior = LatentPrior(config.latent_channels, config.hyper_channels)
-        self.embedding = RateEmbedding(LAMBDA_Q_MAX)
+        self.embedding = RateEmbedding(LAMBDA_Q_MAX, config.largest_gain, config.gain_exponent)
         self.synthesis = Synthesis(config)
         self.update = StateUpdate(config)
         self.predictor = Predictor(config)

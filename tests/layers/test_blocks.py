@@ -37,7 +37,7 @@ def test_adaptive_norm_scales_and_shifts_by_the_condition_of_each_item() -> None
 
 def test_the_condition_tells_lambdas_and_stages_apart() -> None:
     torch.manual_seed(0)
-    embedding = RateEmbedding(1768)
+    embedding = RateEmbedding(1768, 11.0, 0.5)
     lambda_q = torch.tensor([0, 884, 1768])
     first, second = embedding(lambda_q, 1), embedding(lambda_q, 2)
     assert first.embedding.shape == (3, CONDITION_CHANNELS)
@@ -47,10 +47,10 @@ def test_the_condition_tells_lambdas_and_stages_apart() -> None:
 
 
 def test_a_higher_price_makes_the_step_between_latents_coarser() -> None:
-    gains = RateEmbedding(1768)(torch.tensor([0, 281, 884, 1768]), 1).latent_gain.flatten()
+    gains = RateEmbedding(1768, 11.0, 0.5)(torch.tensor([0, 281, 884, 1768]), 1).latent_gain.flatten()
     assert bool((gains.diff() < 0).all())
-    assert float(gains[1]) == pytest.approx(8.0)  # lambda 3e-5
-    assert float(gains[0] / gains[3]) == pytest.approx(1000**0.4, rel=0.01)
+    assert float(gains[0]) == pytest.approx(11.0)  # lambda 1e-5
+    assert float(gains[0] / gains[3]) == pytest.approx(1000**0.5, rel=0.01)
 
 
 def _any_condition(num_items: int) -> RateCondition:

@@ -25,7 +25,7 @@ def test_shapes_from_views_to_latents(sender: Sender, num_views: int, height: in
     cameras, _ = normalise_scene(views.cameras)
     features = sender.extractor(views.images[None], cameras.as_batch())
     assert features.shape == (num_views, 128, height // 4, width // 4)
-    condition = RateEmbedding(1768)(torch.full((num_views,), 600), 1)
+    condition = RateEmbedding(1768, 11.0, 0.5)(torch.full((num_views,), 600), 1)
     feedback = sender.feedback(views.images, views.images.flip(-1), condition)
     assert feedback.shape == features.shape
     y = sender.analysis(feedback, features, condition)
@@ -53,7 +53,7 @@ def test_a_batch_gives_what_its_scenes_give_alone(sender: Sender) -> None:
 
 
 def test_wild_features_give_latents_that_can_be_coded(sender: Sender) -> None:
-    features, condition = torch.randn(1, 128, 16, 16) * 1e6, RateEmbedding(1768)(torch.tensor([0]), 1)
+    features, condition = torch.randn(1, 128, 16, 16) * 1e6, RateEmbedding(1768, 11.0, 0.5)(torch.tensor([0]), 1)
     y = sender.analysis(features, features, condition)
     z = sender.hyper_analysis(y)
     assert bool(y.isfinite().all() and z.isfinite().all())

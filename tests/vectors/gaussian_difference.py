@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
@@ -17,6 +17,9 @@ from fecocodec.rendering.rasterizer import render
 from tests.vectors.gaussian_samples import nearest_depth
 
 SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
+MUCH_LESS_ALIKE = 4.0  # times as far: another Gaussian, not the same one computed otherwise
+UNKNOWN = 1 << 40  # no shift of places
+MOST_FAINT = 16  # Gaussians that one side alone emits, beyond those by which the numbers differ
 
 
 @dataclass(frozen=True)
@@ -85,20 +88,44 @@ def without_rendering(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tens
 def matched(
     data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 14"]
 ) -> tuple[Float[Tensor, "k 14"], Float[Tensor, "k 14"]]:
-    """The rows that stand for the same Gaussian. Both keep the order, and a few that are almost too faint are on one
-    side only: each row of the shorter goes with the most alike of those around its place in the longer.
+    """The rows that stand for the same Gaussian: each the most alike of the other around its place on the other side.
+
+    Both keep the order, and a few that are almost too faint are on one side only, here or there: places shift.
     """
-    spare = abs(len(one) - len(other))
-    if spare == 0:
-        return one, other
-    shorter, longer = (one, other) if len(one) < len(other) else (other, one)
-    around = torch.arange(len(shorter))[:, None] + torch.arange(-spare, 2 * spare + 1)
-    around = around.clamp(0, len(longer) - 1)
-    unlike = longer[around] - shorter[:, None]
-    unlike[..., :3] /= nearest_depth(data, shorter).float()[:, None, None]
-    alike = unlike[..., [0, 1, 2, 10, 11, 12, 13]].norm(dim=2).argmin(dim=1, keepdim=True)
-    chosen = longer[around.gather(1, alike)[:, 0]]
-    return (shorter, chosen) if len(one) < len(other) else (chosen, shorter)
+    reach = abs(len(one) - len(other)) + MOST_FAINT
+    in_other, in_one = _most_alike(data, one, other, reach), _most_alike(data, other, one, reach)
+    rows = torch.arange(len(one))
+    is_mutual = in_one[in_other] == rows
+    shift = _shift_between(torch.where(is_mutual, in_other - rows, UNKNOWN))
+    is_paired = shift != UNKNOWN
+    return one[is_paired], other[(rows + shift)[is_paired]]
+
+
+def _shift_between(shift: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
+    """A row takes the shift of the known rows above and below it where these agree: it is there, however unlike."""
+    rows = torch.arange(len(shift))
+    is_known = shift != UNKNOWN
+    above = torch.where(is_known, rows, -1).cummax(0).values.roll(1)
+    below = torch.where(is_known, rows, len(shift)).flip(0).cummin(0).values.flip(0).roll(-1)
+    above[0], below[-1] = -1, len(shift)
+    before = torch.where(above >= 0, shift[above.clamp_min(0)], UNKNOWN)
+    after = torch.where(below < len(shift), shift[below.clamp_max(len(shift) - 1)], UNKNOWN)
+    before, after = torch.where(above < 0, after, before), torch.where(below >= len(shift), before, after)
+    return torch.where(before == after, before, shift)
+
+
+def _most_alike(
+    data: bytes, rows: Float[Tensor, "n 14"], among: Float[Tensor, "m 14"], reach: int
+) -> Int[Tensor, " n"]:
+    """For each row the place of the one most like it, or of a nearer one that is not much less so."""
+    offsets = torch.arange(-reach, reach + 1)
+    offsets = offsets[offsets.abs().argsort(stable=True)]
+    around = (torch.arange(len(rows))[:, None] + offsets).clamp(0, len(among) - 1)
+    unlike = among[around] - rows[:, None]
+    unlike[..., :3] /= nearest_depth(data, rows).float()[:, None, None]
+    unlike = unlike[..., [0, 1, 2, 10, 11, 12, 13]].norm(dim=2)
+    is_alike = unlike <= MUCH_LESS_ALIKE * unlike.amin(dim=1, keepdim=True)
+    return around.gather(1, is_alike.int().argmax(dim=1, keepdim=True))[:, 0]
 
 
 def _render_psnr(data: bytes, one: Tensor, other: Tensor) -> float:

@@ -35,6 +35,14 @@ def test_a_gaussian_on_one_side_only_does_not_shift_the_others() -> None:
     assert torch.equal(one, fewer) and torch.equal(other, fewer)
 
 
+def test_as_many_here_as_there_may_be_other_ones() -> None:
+    data = SCENES[0].read_bytes()
+    rows = read_samples(SCENES[0].with_suffix(".f32"))
+    here, there = torch.cat((rows[:10], rows[11:])), torch.cat((rows[:300], rows[301:]))
+    one, other = matched(data, here, there)
+    assert torch.equal(one, other) and len(one) == len(rows) - 2
+
+
 def test_what_moved_is_noticed() -> None:
     data = SCENES[0].read_bytes()
     rows = read_samples(SCENES[0].with_suffix(".f32"))
