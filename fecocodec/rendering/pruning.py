@@ -10,7 +10,7 @@ from fecocodec.geometry.nearby_cameras import nearby_cameras
 from fecocodec.rendering.contribution import contributions
 from fecocodec.rendering.rasterizer import render
 
-LARGEST_CHANGE = 2.5e-5  # squared, of every picture seen from: 46 dB; new views lost 0.07 dB in the mean (docs/report.md)
+LARGEST_CHANGE = 2.5e-5  # squared, of every picture drawn: 46 dB; new views lost 0.07 dB in the mean (docs/report.md)
 MOST_NEARBY = 8
 SHARES = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6)
 
