@@ -31,6 +31,8 @@ from ablation_variants import (
     feed_back_difference_alone,
     feed_back_photograph_alone,
     feed_back_rendering,
+    gaussians_at_full,
+    gaussians_at_quarter,
     halve_neighbours,
 )
 from torch import nn
@@ -67,6 +69,7 @@ class Variant:
     photograph_share: float = 0.5
     disparity_weight: float = 0.5
     seed: int = 0
+    num_stages: int = 2
     is_trained: bool = True
 
 
@@ -78,6 +81,10 @@ VARIANTS = {  # the most telling first
     "no KNN attention": Variant(drop_attention),
     "E_fb: photograph alone": Variant(feed_back_photograph_alone),
     "E_fb: and error of CNN features": Variant(compare_features),
+    "Gaussians at 1/4": Variant(gaussians_at_quarter),
+    "Gaussians at 1/1": Variant(gaussians_at_full),
+    "three stages": Variant(num_stages=3),
+    "three stages, not trained on": Variant(num_stages=3, is_trained=False),
     "no depth supervision": Variant(disparity_weight=0.0),
     "procedural scenes only": Variant(photograph_share=0.0),
     "photographs only": Variant(photograph_share=1.0),
@@ -101,7 +108,7 @@ def train(
     networks = nn.ModuleDict({"receiver": receiver, "sender": sender})
     networks.load_state_dict(saved["average"])
     place(networks, "cpu")
-    optimiser = torch.optim.AdamW(networks.parameters(), lr=peak, betas=(0.9, 0.95), weight_decay=1e-4, fused=True)
+    optimiser = torch.optim.AdamW(networks.parameters(), lr=peak, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
     optimiser.load_state_dict(saved["optimiser"])
     torch.manual_seed(variant.seed)  # of new parts, then of the noise that stands for rounding
     known = set(networks.parameters())
@@ -115,7 +122,7 @@ def train(
         for group in optimiser.param_groups:
             group["lr"] = peak * (1.0 - step / steps)
         batch = next(batches)
-        outcomes, matched = run_stages(sender, receiver, batch, code_with_noise(receiver, sender), 2)
+        outcomes, matched = run_stages(sender, receiver, batch, code_with_noise(receiver, sender), variant.num_stages)
         loss, _ = loss_of(batch, outcomes, matched, variant.disparity_weight)
         with torch.no_grad():
             losses.append(float(loss_of(batch, outcomes, matched, disparity_weight=0.0)[0]))
@@ -161,9 +168,9 @@ def main() -> None:
         batches = draw_batches(sources, variant, lambda_q)
         profile, losses = train(variant, saved, batches, arguments.steps, arguments.learning_rate)
         found = Measured(
-            entries=[measure(profile, entry, lambda_q) for entry in entries],
+            entries=[measure(profile, entry, lambda_q, variant.num_stages) for entry in entries],
             losses=losses[arguments.steps // 2 :],
-            batches=(variant.photograph_share, variant.seed, variant.is_trained),
+            batches=(variant.photograph_share, variant.seed, variant.is_trained and variant.num_stages == 2),
         )
         reference = reference or found
         print(f"{row(name, found, reference)}\t{process_time() - start:.0f}", flush=True)

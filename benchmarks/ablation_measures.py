@@ -5,15 +5,32 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from statistics import mean, stdev
+from unittest.mock import patch
+
+import torch
 
 from fecocodec.container import read_prefix
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.novel_views import render_views
 from fecocodec.formats.evaluation_index import read_index
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver import decode
+from fecocodec.receiver.decode import decode_stream, predict_scene
 from fecocodec.rendering.metrics import psnr
-from fecocodec.sender.encode import Profile, encode_with
+from fecocodec.sender.encode import Profile, encode_with, header_of
+from fecocodec.sender.steps import (
+    CodedStage,
+    Latents,
+    PreparedScene,
+    analyse,
+    code_stage,
+    feedback_features,
+    matched_features,
+    prepare,
+    stage_rendering,
+    start_state,
+)
 
 HEADER = ("variant", "KiB", "stage 1", "both", "context", "d KiB", "d stage 1", "d both", "d context", "d loss")
 
@@ -41,7 +58,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a variant came to. losses: of the last half of the steps. batches: which scenes they were trained on."""
+    """What a variant came to. losses: of the last half of the steps, comparable where `batches` are the same."""
 
     entries: list[Figures]
     losses: list[float]
@@ -56,19 +73,51 @@ def read_entries(root: Path, index: Path, count: int, size: tuple[int, int]) -> 
     return [Entry(entry.name, read(entry), len(entry.context)) for entry in chosen]
 
 
-def measure(profile: Profile, entry: Entry, lambda_q: int) -> Figures:
-    """An entry coded with two stages; its file is decoded whole, and up to stage 1."""
+def measure(profile: Profile, entry: Entry, lambda_q: int, num_stages: int = 2) -> Figures:
+    """An entry coded with two stages; its file is decoded whole, and up to stage 1.
+
+    num_stages: with 3, `both` and `context` are after a third stage, whose bytes count, too.
+    """
     context, every = list(range(entry.num_context)), range(entry.views.cameras.num_views)
     targets = entry.views.select([view for view in every if view not in context])
-    data = encode_with(profile, entry.views.select(context), lambda_q, 2)
-    first, both = (decode_stream(read_prefix(data, stages), profile.receiver) for stages in (1, 2))
+    coded = entry.views.select(context)
+    data = encode_with(profile, coded, lambda_q, 2)
+    num_bytes = len(data)
+    # Variants with Gaussians on another grid: entries are of whole cells, so that no Gaussian lies outside.
+    with patch.object(decode, "inside_unpadded", lambda *_: torch.tensor(True)):
+        first, both = (decode_stream(read_prefix(data, stages), profile.receiver) for stages in (1, 2))
+        if num_stages == 3:
+            more, both = code_third_stage(profile, coded, lambda_q)
+            num_bytes += more
     rendered = psnr(render_views(both, entry.views), entry.views.images)
     return Figures(
-        kib=len(data) / 1024,
+        kib=num_bytes / 1024,
         first=float(psnr(render_views(first, targets), targets.images).mean()),
         both=float(rendered[len(context) :].mean()),
         context=float(rendered[: len(context)].mean()),
     )
+
+
+@torch.inference_mode()
+def code_third_stage(profile: Profile, views: Views, lambda_q: int) -> tuple[int, Gaussians]:
+    """Bytes of a third stage, which streams cannot hold, and the Gaussians after it.
+
+    Coded as the second stage is, with what the second leaves missing; a stage's entry in the header is not counted.
+    """
+    scene = prepare(profile, views)
+    every = tuple(range(scene.num_views))
+    latents = analyse(profile, matched_features(profile, scene), start_state(profile, scene), lambda_q, 1)
+    first = code_stage(profile, scene, latents, lambda_q, every, None)
+    second = code_stage(profile, scene, _missing(profile, scene, first, lambda_q, 1), lambda_q, every, first)
+    third = code_stage(profile, scene, _missing(profile, scene, second, lambda_q, 2), lambda_q, every, second)
+    header = header_of(profile, scene, (first, second), lambda_q)
+    return len(third.payload), predict_scene(profile.receiver, third.after, views.cameras, header, None)
+
+
+def _missing(profile: Profile, scene: PreparedScene, before: CodedStage, lambda_q: int, stage: int) -> Latents:
+    """Latents of what the rendering after a stage lacks."""
+    rendering = stage_rendering(profile, scene, before.state, lambda_q, stage)
+    return analyse(profile, feedback_features(profile, scene, rendering, lambda_q), before.state, lambda_q, 2)
 
 
 def row(name: str, found: Measured, reference: Measured) -> str:

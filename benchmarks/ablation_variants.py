@@ -165,6 +165,35 @@ def colour_by_direction(sender: Sender, receiver: Receiver) -> None:
     _become(predictor, _DirectionalPredictor)
 
 
+class _CoarsePredictor(Predictor):
+    def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:
+        pooled = F.avg_pool2d(rearrange(raw, "b v h w c -> (b v) c h w"), 2)
+        return super()._activate(rearrange(pooled, "(b v) c h w -> b v h w c", b=len(raw)), relative, cameras)
+
+
+def gaussians_at_quarter(sender: Sender, receiver: Receiver) -> None:
+    """One Gaussian a cell of the 1/4 grid, twice as wide: at first the mean of the four that were there."""
+    _become(receiver.predictor, _CoarsePredictor)
+
+
+class _FinePredictor(Predictor):
+    def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:
+        """`raw` holds a Gaussian's outputs, then what each of the four that take its place has of its own."""
+        batch, outputs = len(raw), sum(RAW.values())
+        shared, own = rearrange(raw, "b v h w c -> (b v) c h w").split((outputs, 4 * outputs), dim=1)
+        fine = F.interpolate(shared, scale_factor=2.0, mode="nearest") + F.pixel_shuffle(own, 2)
+        return super()._activate(rearrange(fine, "(b v) c h w -> b v h w c", b=batch), relative, cameras)
+
+
+def gaussians_at_full(sender: Sender, receiver: Receiver) -> None:
+    """One Gaussian a pixel, half as wide: at first four like the one that was there, side by side."""
+    predictor = receiver.predictor
+    own = nn.Conv2d(receiver.config.state_channels, PER_CELL * 4 * sum(RAW.values()), 1)
+    _silence(own)
+    predictor.head[2] = _SideBySide(predictor.head[2], own)
+    _become(predictor, _FinePredictor)
+
+
 def _silence(layer: nn.Module) -> None:
     """Let a new layer start with zero output, to learn from there."""
     for parameter in layer.parameters():

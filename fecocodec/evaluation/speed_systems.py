@@ -1,8 +1,10 @@
 """What a user may turn to trade seconds for quality: one curve over lambda for each."""
 
+from copy import deepcopy
 from functools import partial
 
 import torch
+from torch import nn
 
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.adaptive_systems import adaptive_system
@@ -11,12 +13,13 @@ from fecocodec.evaluation.reconstruction import Reconstruction, System
 from fecocodec.evaluation.spoiled_views import resized
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile, encode_with
+from fecocodec.sender.precision import run_in_bfloat16
 
 REFINEMENT_STEPS = (3, 10)  # the default has none
 
 
 def speed_systems(profile: Profile, lmbda: float) -> tuple[System, ...]:
-    """The default; refinement steps; one stage; one thread; half the size; the adaptive sender."""
+    """The default; refinement steps; one stage; one thread; bfloat16; half the size; the adaptive sender."""
     setting, lambda_q = f"lambda {lmbda:g}", quantise_lambda(lmbda)
     default = codec_system(profile, lmbda)
     refined = (
@@ -25,7 +28,22 @@ def speed_systems(profile: Profile, lmbda: float) -> tuple[System, ...]:
     )
     half = stream_system(profile, "half the size", setting, partial(_at_half_size, profile, lambda_q))
     single = System("one thread", setting, partial(_on_one_thread, default))
-    return default, *refined, codec_system(profile, lmbda, num_stages=1), single, half, adaptive_system(profile, lmbda)
+    narrow = in_bfloat16(profile)
+    in_narrow = stream_system(narrow, "bfloat16", setting, partial(_plain, narrow, lambda_q))
+    one_stage = codec_system(profile, lmbda, num_stages=1)
+    return default, *refined, one_stage, single, in_narrow, half, adaptive_system(profile, lmbda)
+
+
+def in_bfloat16(profile: Profile) -> Profile:
+    """A copy of the networks whose convolutions and attention compute in bfloat16, at both ends."""
+    copy = deepcopy(profile)
+    networks = nn.ModuleDict({"sender": copy.sender, "receiver": copy.receiver})
+    run_in_bfloat16(networks, next(networks.parameters()).device.type)
+    return copy
+
+
+def _plain(profile: Profile, lambda_q: int, views: Views) -> bytes:
+    return encode_with(profile, views, lambda_q, 2)
 
 
 def _refined(profile: Profile, lambda_q: int, count: int, views: Views) -> bytes:

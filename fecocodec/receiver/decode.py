@@ -95,8 +95,8 @@ def predict_scene(
     normalised, frame = normalise_scene(cameras)
     padded = pad_cameras(normalised, header.height, header.width).to(states.state.device)
     gaussians = receiver.predict(states.state, padded.as_batch(), states.condition).gaussians.scene(0).to("cpu")
-    is_needed = inside_unpadded(header.num_views, header.height, header.width)
-    is_needed &= (gaussians.opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
+    is_drawable = (gaussians.opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
+    is_needed = inside_unpadded(header.num_views, header.height, header.width) & is_drawable
     if keep is not None:
         is_needed &= (gaussians.opacities >= keep.opacity_threshold / 255.0) & is_in_kept_cell(keep, header)
     return denormalise_gaussians(gaussians.keep(is_needed), frame)

@@ -93,7 +93,7 @@ class Predictor(nn.Module):
         """Raw head outputs on the 1/2 grid -> bounded Gaussian attributes; float32 throughout."""
         height, width = raw.shape[2:4]
         opacity, offset, disparity, scale, rotation, colour = raw.split([*RAW.values()], dim=-1)
-        fine = F.interpolate(relative, scale_factor=2.0, mode="bilinear", align_corners=False)
+        fine = F.interpolate(relative, size=(height, width), mode="bilinear", align_corners=False)
         depth = depth_from_relative_disparity(fine + LARGEST_DISPARITY_STEP * torch.tanh(disparity[..., 0]), cameras)
         rays = rays_through(cameras, _cell_positions(raw, height, width) + _offset_uv(offset, height, width))
         # Of a cell of the 1/2 grid, in scene units.

@@ -19,8 +19,8 @@ class Configuration:
     """What decides the result of a training run, apart from its data and its seed.
 
     shapes: of the batches of each process. lambda_range: least and largest lambda, between which its logarithm is
-    uniform. precision: in which the networks' convolutions and products run (see `precision`). frozen: parts that
-    stay as they are (see `fine_tuning`).
+    uniform. precision: in which the networks' convolutions and products run (see `sender.precision`). frozen: parts
+    that stay as they are (see `fine_tuning`).
 
     Raises InputError where the range of lambda is none within the codec's.
     """

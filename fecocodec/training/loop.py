@@ -17,6 +17,7 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
 from fecocodec.sender.model import Sender
+from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
@@ -24,11 +25,10 @@ from fecocodec.training.fine_tuning import begin_with, freeze, load_extractor
 from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
 from fecocodec.training.objective import Batch, Coding, bypass_coding, code_with_noise, loss_of, run_stages
-from fecocodec.training.precision import run_in_bfloat16
 from fecocodec.training.processes import average_gradients, gather_states, is_first, process_rank, told_by_first
 from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
 
-AVERAGE_DECAY = 0.999
+AVERAGE_DECAY = 0.998
 LARGEST_GRADIENT = 1.0
 
 
@@ -68,7 +68,7 @@ class Trainer:
         self._begin_average()
         freeze(self.sender, self.receiver, configuration.frozen)
         learning = [parameter for parameter in self.networks.parameters() if parameter.requires_grad]
-        self.optimiser = torch.optim.AdamW(learning, lr=1.0, betas=(0.9, 0.95), weight_decay=1e-4, fused=True)
+        self.optimiser = torch.optim.AdamW(learning, lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
         torch.manual_seed(settings.seed * 1000 + process_rank())  # and goes on with noise of its own
         self.step, self.num_skipped = 0, 0

@@ -90,7 +90,10 @@ def bypass_coding(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | Non
 def run_stages(
     sender: Sender, receiver: Receiver, batch: Batch, coding: Coding, num_stages: int
 ) -> tuple[list[StageOutcome], Float[Tensor, "batch view h4 w4"]]:
-    """Code, decode and render a batch; also returns the extractor's own relative disparity at 1/4."""
+    """Code, decode and render a batch; also returns the extractor's own relative disparity at 1/4.
+
+    A third stage and later ones, which streams cannot hold, work as the second does.
+    """
     views = batch.num_context
     images, cameras = batch.images[:, :views], batch.cameras.select(list(range(views)))
     lambda_q = batch.lambda_q.repeat_interleave(views)
@@ -100,12 +103,13 @@ def run_stages(
     outcomes: list[StageOutcome] = []
     context = None
     for stage in range(1, num_stages + 1):
-        condition = receiver.condition(lambda_q, stage)
-        if stage == 2:
-            rendered = torch.stack([rendering.color[:views] for rendering in outcomes[0].renderings]).detach()
+        kind = min(stage, 2)
+        condition = receiver.condition(lambda_q, kind)
+        if kind == 2:
+            rendered = torch.stack([rendering.color[:views] for rendering in outcomes[-1].renderings]).detach()
             features = sender.feedback(_flat(images), _flat(rendered), condition)
         y = sender.analysis(features, state, condition)
-        y_hat, bits = coding(y, lambda_q, stage, context)
+        y_hat, bits = coding(y, lambda_q, kind, context)
         state, context = receiver.next_state(state, y_hat, condition), y_hat
         prediction = receiver.predict(state, cameras, condition)
         renderings = _render(batch, prediction, is_last=stage == num_stages)

@@ -33,10 +33,10 @@ class Schedule:
             raise InputError(f"The weight of depth is {self.disparity_weight}; give two numbers of 0 or more.")
 
     def learning_rate_at(self, step: int) -> float:
-        """Linear warm-up, then cosine to 2% of the peak."""
+        """Linear warm-up, then cosine to zero."""
         progress = min(1.0, step / self.num_steps)
         cosine = 0.5 * (1.0 + math.cos(math.pi * progress))
-        return self.learning_rate * min(1.0, (step + 1) / self.warm_up) * (0.02 + 0.98 * cosine)
+        return self.learning_rate * min(1.0, (step + 1) / self.warm_up) * cosine
 
     def photograph_share_at(self, step: int) -> float:
         return self._between(self.photograph_share, step)

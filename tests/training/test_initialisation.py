@@ -70,8 +70,14 @@ def test_matched_disparity_reaches_the_predictor(networks: tuple[Sender, Receive
     views = example_views(num_views=1)
     stem, candidates = sender.config.stem_channels, sender.config.num_candidates
     relative = F.avg_pool2d(smooth_picture()[:, :1], 4) / 2 + 0.5
+    nothing = torch.zeros(1, 1, 16, 16)
     matching = Matching(
-        torch.zeros(1, 2 * stem, 16, 16), torch.zeros(1, candidates, 16, 16), relative, torch.zeros(1, 1, 16, 16)
+        appearance=torch.zeros(1, 2 * stem, 16, 16),
+        cost=torch.zeros(1, candidates, 16, 16),
+        relative_disparity=nothing,
+        agreement=nothing,
+        aggregated_disparity=relative,
+        confidence=nothing,
     )
     features = sender.extractor.fuse(views.images[None], matching)
     condition = receiver.condition(LAMBDA_Q, 1)

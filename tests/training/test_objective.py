@@ -7,7 +7,11 @@ from torch import nn
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
-from fecocodec.training.objective import ENTROPY_PRICE, code_with_noise, lambda_of
+from fecocodec.training.batch_shapes import BatchShape
+from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.objective import ENTROPY_PRICE, code_with_noise, lambda_of, run_stages
+from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.textures import pattern_textures
 
 
 @pytest.fixture(scope="module")
@@ -48,3 +52,29 @@ def test_a_bit_costs_a_latent_lambda_and_the_entropy_model_one_price(
         torch.testing.assert_close(first, second, rtol=1e-3, atol=1e-7)  # lambda's alone, whatever the other price
     torch.testing.assert_close(10 * entropy_slopes[0], entropy_slopes[1], rtol=1e-3, atol=1e-6)
     assert lambda_of(lambda_q).tolist() == pytest.approx([1.478e-5, 7.66e-3], rel=0.01)
+
+
+def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.ModuleDict):
+    batch = draw_batch(
+        Sources(ProceduralWorld(pattern_textures(5)), None),
+        torch.Generator().manual_seed(0),
+        BatchShape(1, 2, 1, (64, 64)),
+        0.0,
+    )
+    kinds: list[int] = []
+    contexts: list[torch.Tensor | None] = []
+
+    def code(y: torch.Tensor, lambda_q: torch.Tensor, stage: int, context: torch.Tensor | None):
+        kinds.append(stage)
+        contexts.append(context)
+        return y + len(kinds), y.abs().flatten(1).sum(dim=1)
+
+    with torch.no_grad():
+        outcomes, _ = run_stages(networks["sender"], networks["receiver"], batch, code, 3)
+        two, _ = run_stages(networks["sender"], networks["receiver"], batch, code, 2)
+    assert kinds == [1, 2, 2, 1, 2]
+    assert contexts[0] is None
+    assert not torch.equal(contexts[1], contexts[2])
+    assert len(outcomes[1].renderings) == len(outcomes[2].renderings) == 1
+    assert not torch.equal(outcomes[2].prediction.gaussians.means, outcomes[1].prediction.gaussians.means)
+    assert len(two) == 2

@@ -11,26 +11,37 @@ from torch import Tensor, nn
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import PlainBlock2d, downsample, upsample
+from fecocodec.sender.extractors.cross_check import agreement
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
+from fecocodec.sender.extractors.photo_consistency import photo_consistency
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
+from fecocodec.sender.extractors.semi_global import aggregated
 
 PYRAMID_LEVELS = 3  # images at full, half and quarter size are matched
+FIRST_TEMPERATURES = (1.2, 1.2, 1.2, 1.8)  # logarithms: of the levels, and of the photographs' own agreement
+SHARPNESS = 0.5  # of aggregated costs, which lie further apart than those they come from
 
 
 @dataclass(frozen=True)
 class Matching:
-    """What matching the views against each other gives, before fusion; item = (batch view)."""
+    """What matching the views against each other gives, before fusion; item = (batch view).
+
+    relative_disparity: expectation over the softmax of `cost`, for training to judge. aggregated_disparity, confidence:
+    expectation and largest probability after aggregation. agreement: of views on the aggregated disparity.
+    """
 
     appearance: Float[Tensor, "item stem h4 w4"]
     cost: Float[Tensor, "item candidate h4 w4"]
-    relative_disparity: Float[Tensor, "item 1 h4 w4"]  # expectation over the candidates' softmax
-    confidence: Float[Tensor, "item 1 h4 w4"]  # largest probability
+    relative_disparity: Float[Tensor, "item 1 h4 w4"]
+    agreement: Float[Tensor, "item 1 h4 w4"]
+    aggregated_disparity: Float[Tensor, "item 1 h4 w4"]
+    confidence: Float[Tensor, "item 1 h4 w4"]
 
 
 class CompactExtractor(nn.Module):
-    """images -> CNN (1/4) -> cross-view attention (1/8) -> plane sweep -> U-Net (1/4, 1/8, 1/16) -> F1.
+    """images -> CNN (1/4) -> cross-view attention (1/8) -> plane sweep -> aggregation -> U-Net (1/4 to 1/16) -> F1.
 
-    Everything before the U-Net works on the images at three sizes. The U-Net also sees the pixels themselves (pixel
+    Everything before aggregation works on the images at three sizes. The U-Net also sees the pixels themselves (pixel
     unshuffle 4): the latent must carry colour, not only geometry.
     """
 
@@ -49,8 +60,8 @@ class CompactExtractor(nn.Module):
         self.cross_view = nn.ModuleList(CrossViewAttention(config.attention_channels) for _ in range(2))
         self.up_attended = upsample(config.attention_channels, stem)
         self.matching_head = nn.Conv2d(stem, config.matching_channels, 3, padding=1)
-        self.log_temperature = nn.Parameter(torch.full((PYRAMID_LEVELS,), 1.2))
-        self.input = nn.Conv2d(2 * stem + config.num_candidates + 2 + 48, fine, 1)
+        self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURES))
+        self.input = nn.Conv2d(2 * stem + config.num_candidates + 3 + 48, fine, 1)
         self.fine_in, self.fine_out = PlainBlock2d(fine, fine), PlainBlock2d(fine, fine)
         self.middle_in, self.middle_out = PlainBlock2d(middle, middle), PlainBlock2d(middle, middle)
         self.coarse = nn.Sequential(PlainBlock2d(coarse, coarse), PlainBlock2d(coarse, coarse))
@@ -68,17 +79,24 @@ class CompactExtractor(nn.Module):
         """Per-view features, exchanged between views, and the cost volume they give.
 
         Costs are summed over an image pyramid: coarse levels settle what fine ones find ambiguous, whatever the size.
+        The photographs' own agreement joins them: windows of pixels are less sure than features, but more exact.
         """
+        sources = nearest_views(cameras, self.config.num_source_views)
+        photographs = _flat(photo_consistency(images, cameras, sources, self.config.num_candidates))
         appearance, cost = self._match_level(images, cameras)
         cost = cost * self.log_temperature[0].exp()
-        for log_temperature in self.log_temperature[1:]:
+        for log_temperature in self.log_temperature[1:PYRAMID_LEVELS]:
             images = rearrange(F.avg_pool2d(_flat(images), 2), "(b v) c h w -> b v c h w", b=len(images))
             coarse = self._match_level(images, cameras)[1] * log_temperature.exp()
             cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
-        probability = cost.softmax(dim=1)
-        candidates = torch.linspace(0.0, 1.0, self.config.num_candidates, device=images.device)
-        expected = torch.einsum("idhw,d->ihw", probability, candidates)[:, None]
-        return Matching(appearance, cost, expected, probability.amax(dim=1, keepdim=True))
+        cost = cost + photographs * self.log_temperature[PYRAMID_LEVELS].exp()
+        probability = (SHARPNESS * aggregated(cost.detach())).softmax(dim=1)
+        settled = _expectation(probability)
+        agreed = agreement(rearrange(settled, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources)
+        confidence = probability.amax(dim=1, keepdim=True)
+        return Matching(
+            appearance, cost, _expectation(cost.softmax(dim=1)), _flat(agreed[:, :, None]), settled, confidence
+        )
 
     def _match_level(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
@@ -101,7 +119,8 @@ class CompactExtractor(nn.Module):
     ) -> Float[Tensor, "item channel h4 w4"]:
         """U-Net over appearance, matching and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
-        found = (matching.appearance, matching.cost / 8.0, 2.0 * matching.relative_disparity - 1.0, matching.confidence)
+        disparity = 2.0 * matching.aggregated_disparity - 1.0
+        found = (matching.appearance, matching.cost / 8.0, matching.agreement, disparity, matching.confidence)
         fine = self.fine_in(self.input(torch.cat((*found, pixels), dim=1)))
         middle = self.middle_in(self.down_fine(fine))
         coarse = self.coarse(self.down_middle(middle))
@@ -111,3 +130,9 @@ class CompactExtractor(nn.Module):
 
 def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
     return rearrange(x, "b v c h w -> (b v) c h w")
+
+
+def _expectation(probability: Float[Tensor, "item candidate h w"]) -> Float[Tensor, "item 1 h w"]:
+    """Expected relative disparity."""
+    candidates = torch.linspace(0.0, 1.0, probability.shape[1], device=probability.device)
+    return torch.einsum("idhw,d->ihw", probability, candidates)[:, None]

@@ -9,10 +9,10 @@ from torch import nn
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
+from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.objective import Batch, bypass_coding, loss_of, run_stages
-from fecocodec.training.precision import run_in_bfloat16
 from fecocodec.training.scenes import ProceduralWorld
 from fecocodec.training.textures import pattern_textures
 

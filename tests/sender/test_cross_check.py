@@ -1,0 +1,62 @@
+"""Views that confirm each other's depth, and views that do not."""
+
+import torch
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.sender.extractors.cross_check import agreement
+
+PAIR = torch.tensor([[[1], [0]]])
+
+
+def two_cameras(shift: float, forward: float = 0.0) -> Cameras:
+    """The second one beside the first and `forward` closer to the scene."""
+    extrinsics = torch.eye(4).repeat(1, 2, 1, 1)
+    extrinsics[0, 1, 0, 3], extrinsics[0, 1, 2, 3] = shift, forward
+    intrinsics = torch.tensor([[1.0, 0, 0.5], [0, 1.0, 0.5], [0, 0, 1.0]]).repeat(1, 2, 1, 1)
+    return Cameras(extrinsics, intrinsics, torch.tensor([1.0]), torch.tensor([10.0]))
+
+
+def relative_disparity(depth: float) -> float:
+    return (1 / depth - 1 / 10) / (1 - 1 / 10)
+
+
+def walls(*depths: float) -> Tensor:
+    return torch.stack([torch.full((16, 16), relative_disparity(depth)) for depth in depths])[None]
+
+
+def test_a_wall_that_both_see_is_confirmed_where_both_see_it() -> None:
+    found = agreement(walls(2.0, 2.0), two_cameras(0.5), PAIR)[0]
+    # Four cells of sixteen (0.5 / 2.0 of the width) lie outside the other view, on opposite sides.
+    assert float(found[0, :, 4:].min()) > 0.99
+    assert float(found[0, :, :4].max()) == 0.0
+    assert float(found[1, :, :-4].min()) > 0.99
+    assert float(found[1, :, -4:].max()) == 0.0
+
+
+def test_depth_is_carried_over_to_the_other_camera() -> None:
+    cameras = two_cameras(0.0, forward=0.5)
+    assert float(agreement(walls(2.0, 1.5), cameras, PAIR)[0, 0, 4:-4, 4:-4].min()) > 0.99
+    assert float(agreement(walls(2.0, 2.0), cameras, PAIR)[0, 0].max()) < 0.05
+
+
+def test_the_larger_the_difference_the_less_they_agree() -> None:
+    means = [float(agreement(walls(2.0, other), two_cameras(0.2), PAIR)[0, 0, :, 4:].mean()) for other in (2.0, 2.1, 3)]
+    assert means[0] > means[1] + 0.2 > means[2] + 0.4
+
+
+def test_one_source_that_agrees_is_enough() -> None:
+    cameras = two_cameras(0.2)
+    three = Cameras(
+        torch.cat((cameras.extrinsics, cameras.extrinsics[:, 1:]), dim=1),
+        torch.cat((cameras.intrinsics, cameras.intrinsics[:, 1:]), dim=1),
+        cameras.near,
+        cameras.far,
+    )
+    found = agreement(walls(2.0, 5.0, 2.0), three, torch.tensor([[[1, 2], [0, 2], [0, 1]]]))
+    assert float(found[0, 0, :, 4:].min()) > 0.99
+
+
+def test_a_view_on_its_own_is_confirmed_by_none() -> None:
+    cameras = two_cameras(0.2).select([0])
+    assert float(agreement(walls(2.0), cameras, torch.zeros(1, 1, 0, dtype=torch.long)).max()) == 0.0
