@@ -105,10 +105,9 @@ def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_pat
     torch.testing.assert_close(profile.receiver.prior.hyper_prior.weight, prior, atol=2.0**-12, rtol=0)
 
 
-def test_a_step_without_finite_gradients_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_without_finite_gradients_changes_nothing(tmp_path: Path) -> None:
     it = trainer(tmp_path)
     before = weights_of(it)
-    monkeypatch.setattr(it.sender.extractor.log_temperature, "data", torch.full((3,), 1.2))
     hook = it.sender.extractor.log_temperature.register_hook(lambda gradient: gradient * float("nan"))
     parts = it.train_step()
     hook.remove()
@@ -149,7 +148,7 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
 def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
     schedule = Schedule(1000, one_stage_until=10, bypass_until=20, learning_rate=1e-3, warm_up=100)
     assert schedule.learning_rate_at(0) == pytest.approx(1e-5, rel=1e-3)
-    assert schedule.learning_rate_at(1000) == pytest.approx(2e-5)
+    assert 0.0 < schedule.learning_rate_at(999) < 1e-8
     rates = [schedule.learning_rate_at(step) for step in range(100, 1001)]
     assert rates == sorted(rates, reverse=True)
     assert [schedule.num_stages_at(step) for step in (9, 10)] == [1, 2]
