@@ -29,7 +29,7 @@ ABLATION_TEXT = """\
 A part is taken away at inference and nothing is trained again: this is how much the trained networks lean on it.
 *Refinement steps* are added: gradient steps of the second stage's latents towards the photographs (`encode --refine`).
 Gaussians at 1/4 or 1/1 of the resolution and three stages are not among them: the weights have four Gaussians a cell,
-and the format has two stages; they would have to be trained.
+and the format has two stages; `benchmarks/ablate_training.py` trains them for a little while (docs/experiments.md).
 
 {chart}
 
