@@ -71,22 +71,29 @@ def _correlations(
     depths: Float32[np.ndarray, " candidate"],
 ) -> Float32[np.ndarray, "candidate h w"]:
     volume = np.empty((len(depths), *reference.shape[:2]), np.float32)
-    run_in_ranges(_correlate, len(depths), reference, source, turn, shift, depths, volume)
+    run_in_ranges(_correlate, len(depths), reference, _own_means(reference), source, turn, shift, depths, volume)
     return volume
 
 
 @compiled
-def _correlate(start, stop, reference, source, turn, shift, depths, volume):
-    """Normalised cross-correlation at candidates start to stop."""
+def _own_means(reference):
+    """What `_normalised` needs of the reference's windows."""
     height, width, _ = reference.shape
     values = np.empty((height, width, _SUMS), np.float32)
-    is_seen = np.empty((height, width), np.bool_)
     for row in range(height):
         for column in range(width):
             for channel in range(_COLOURS):
                 values[row, column, channel] = reference[row, column, channel]
             _complete(values[row, column], reference[row, column])
-    own = _window_means(values)
+    return _window_means(values)
+
+
+@compiled
+def _correlate(start, stop, reference, own, source, turn, shift, depths, volume):
+    """Normalised cross-correlation at candidates start to stop."""
+    height, width, _ = reference.shape
+    values = np.empty((height, width, _SUMS), np.float32)
+    is_seen = np.empty((height, width), np.bool_)
     for candidate in range(start, stop):
         for row in range(height):
             for column in range(width):
