@@ -22,11 +22,12 @@ from fecocodec.sender.encode import Profile, encode_with, header_of
 from fecocodec.sender.steps import (
     CodedStage,
     Latents,
+    MatchedViews,
     PreparedScene,
     analyse,
     code_stage,
     feedback_features,
-    matched_features,
+    match_views,
     prepare,
     stage_rendering,
     start_state,
@@ -106,18 +107,23 @@ def code_third_stage(profile: Profile, views: Views, lambda_q: int) -> tuple[int
     """
     scene = prepare(profile, views)
     every = tuple(range(scene.num_views))
-    latents = analyse(profile, matched_features(profile, scene), start_state(profile, scene), lambda_q, 1)
+    matched = match_views(profile, scene)
+    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
     first = code_stage(profile, scene, latents, lambda_q, every, None)
-    second = code_stage(profile, scene, _missing(profile, scene, first, lambda_q, 1), lambda_q, every, first)
-    third = code_stage(profile, scene, _missing(profile, scene, second, lambda_q, 2), lambda_q, every, second)
+    second = code_stage(profile, scene, _missing(profile, scene, matched, first, lambda_q, 1), lambda_q, every, first)
+    third = code_stage(profile, scene, _missing(profile, scene, matched, second, lambda_q, 2), lambda_q, every, second)
     header = header_of(profile, scene, (first, second), lambda_q)
     return len(third.payload), predict_scene(profile.receiver, third.after, views.cameras, header, None)
 
 
-def _missing(profile: Profile, scene: PreparedScene, before: CodedStage, lambda_q: int, stage: int) -> Latents:
+def _missing(
+    profile: Profile, scene: PreparedScene, matched: MatchedViews, before: CodedStage, lambda_q: int, stage: int
+) -> Latents:
     """Latents of what the rendering after a stage lacks."""
     rendering = stage_rendering(profile, scene, before.state, lambda_q, stage)
-    return analyse(profile, feedback_features(profile, scene, rendering, lambda_q), before.state, lambda_q, 2)
+    return analyse(
+        profile, feedback_features(profile, scene, matched.depth, rendering, lambda_q), before.state, lambda_q, 2
+    )
 
 
 def row(name: str, found: Measured, reference: Measured) -> str:

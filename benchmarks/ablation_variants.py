@@ -24,6 +24,7 @@ from fecocodec.sender.model import Sender
 SH_DEGREE_1 = 0.4886025119029199  # of Y_1
 DIRECTIONAL = 9  # head outputs a Gaussian: a vector of each colour, along which it grows
 PIXELS = 48  # channels of a photograph after pixel unshuffle 4
+DEPTH_ERRORS = 2  # channels that E_fb is told of depth
 
 Kind = TypeVar("Kind", bound=nn.Module)
 
@@ -45,26 +46,28 @@ def drop_prior_context(sender: Sender, receiver: Receiver) -> None:
 
 
 class _FeedbackOfRendering(FeedbackExtractor):
-    def forward(self, images: Tensor, renderings: Tensor, condition: RateCondition) -> Tensor:
+    def forward(self, images: Tensor, renderings: Tensor, depth_errors: Tensor, condition: RateCondition) -> Tensor:
         stacked = torch.cat((2.0 * images - 1.0, 2.0 * renderings - 1.0), dim=1)
-        return self.blocks(self.input(F.pixel_unshuffle(stacked, 4)), condition)
+        return self.blocks(self.input(torch.cat((F.pixel_unshuffle(stacked, 4), depth_errors), dim=1)), condition)
 
 
 @torch.no_grad()
 def feed_back_rendering(sender: Sender, receiver: Receiver) -> None:
     """E_fb gets photograph and rendering, as in the paper; its first layer is rewritten to compute the same."""
     old = sender.feedback.input
-    of_photograph, of_difference = old.weight.split(PIXELS, dim=1)  # 4 (I - R) = 2 (2 I - 1) - 2 (2 R - 1)
+    # 4 (I - R) = 2 (2 I - 1) - 2 (2 R - 1)
+    of_photograph, of_difference, of_depth = old.weight.split((PIXELS, PIXELS, DEPTH_ERRORS), dim=1)
+    weight = torch.cat((of_photograph + 2 * of_difference, -2 * of_difference, of_depth), dim=1)
     sender.feedback.input = nn.Conv2d(old.in_channels, old.out_channels, 1)
-    sender.feedback.input.weight.copy_(torch.cat((of_photograph + 2 * of_difference, -2 * of_difference), dim=1))
+    sender.feedback.input.weight.copy_(weight)
     sender.feedback.input.bias = old.bias
     _become(sender.feedback, _FeedbackOfRendering)
 
 
 class _FeedbackOfDifference(FeedbackExtractor):
-    def forward(self, images: Tensor, renderings: Tensor, condition: RateCondition) -> Tensor:
+    def forward(self, images: Tensor, renderings: Tensor, depth_errors: Tensor, condition: RateCondition) -> Tensor:
         grey = torch.full_like(images, 0.5)  # which E_fb takes as zero
-        return super().forward(grey, grey + renderings - images, condition)
+        return super().forward(grey, grey + renderings - images, depth_errors, condition)
 
 
 def feed_back_difference_alone(sender: Sender, receiver: Receiver) -> None:
@@ -73,12 +76,12 @@ def feed_back_difference_alone(sender: Sender, receiver: Receiver) -> None:
 
 
 class _FeedbackOfPhotograph(FeedbackExtractor):
-    def forward(self, images: Tensor, renderings: Tensor, condition: RateCondition) -> Tensor:
-        return super().forward(images, images, condition)
+    def forward(self, images: Tensor, renderings: Tensor, depth_errors: Tensor, condition: RateCondition) -> Tensor:
+        return super().forward(images, images, depth_errors, condition)
 
 
 def feed_back_photograph_alone(sender: Sender, receiver: Receiver) -> None:
-    """E_fb does not see the rendering: stage 2 without feedback."""
+    """E_fb does not see the rendering, only what depth lacks."""
     _become(sender.feedback, _FeedbackOfPhotograph)
 
 
@@ -86,11 +89,12 @@ class _FeedbackWithFeatures(FeedbackExtractor):
     stem: tuple[nn.Module]  # in a tuple: it belongs to the extractor
     of_features: nn.Conv2d
 
-    def forward(self, images: Tensor, renderings: Tensor, condition: RateCondition) -> Tensor:
+    def forward(self, images: Tensor, renderings: Tensor, depth_errors: Tensor, condition: RateCondition) -> Tensor:
         stacked = torch.cat((2.0 * images - 1.0, 4.0 * (images - renderings)), dim=1)
         with torch.no_grad():
             seen, rendered = (self.stem[0](2.0 * pictures - 1.0) for pictures in (images, renderings))
-        fine = self.input(F.pixel_unshuffle(stacked, 4)) + self.of_features(seen - rendered)
+        told = torch.cat((F.pixel_unshuffle(stacked, 4), depth_errors), dim=1)
+        fine = self.input(told) + self.of_features(seen - rendered)
         return self.blocks(fine, condition)
 
 

@@ -26,7 +26,7 @@ from fecocodec.sender.adapted import adopt_codec
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
-from fecocodec.sender.steps import Profile, matched_features, prepare
+from fecocodec.sender.steps import Profile, match_views, prepare
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def run_case(case: Case) -> Iterator[tuple[str, Taken]]:
     views = repeated(read_views(EXAMPLE, size=case.size), case.num_views)
     lambda_q = quantise_lambda(LAMBDA)
     calls = {
-        "features": lambda: matched_features(profile, prepare(profile, views)),
+        "features": lambda: match_views(profile, prepare(profile, views)),
         "encode": lambda: encode_with(profile, views, lambda_q, 2),
     }
     for name, call in calls.items():

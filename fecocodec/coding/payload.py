@@ -10,10 +10,10 @@ from torch import Tensor
 
 from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
-from fecocodec.coding.walk import FACTOR_32, split_partitions, walk_latents
+from fecocodec.coding.symbol_choice import choose_symbols, price_of_bits
+from fecocodec.coding.walk import FACTOR_32, in_layout, split_partitions, walk_latents
 from fecocodec.entropy.digest import symbol_digest
 from fecocodec.entropy.ports import Port, SymbolReader, SymbolWriter
-from fecocodec.entropy.tables import SYMBOL_LIMIT
 from fecocodec.errors import InputError
 
 
@@ -91,18 +91,18 @@ def code_latents(
     symbols: list[np.ndarray] = []
 
     def exchange(partition: int, parameters: EntropyParameters) -> Tensor:
-        sent = None if wanted is None else _nearest_symbols(wanted[partition], parameters.mean_q8)
-        symbols.append(port.exchange(parameters.table_index().cpu().numpy(), sent))
+        table_index, sent = parameters.table_index(), None
+        if wanted is not None:
+            residual = wanted[partition].double() - parameters.mean_q8 / ONE_Q8
+            chosen = choose_symbols(residual, table_index.double(), in_layout(price, partition))
+            sent = chosen.to(torch.int32).cpu().numpy()
+        symbols.append(port.exchange(table_index.cpu().numpy(), sent))
         return torch.from_numpy(symbols[-1]).to(device, torch.float64) * ONE_Q8 + parameters.mean_q8
 
     views, *size = size_32
-    condition_q8 = condition_vector(torch.full((views,), lambda_q, device=device), stage).double()
+    lambdas = torch.full((views,), lambda_q, device=device)
+    condition_q8, price = condition_vector(lambdas, stage).double(), price_of_bits(lambdas)
     context_q8 = None if context_y_hat is None else context_y_hat.to(device, torch.float64) * ONE_Q8
     walked = walk_latents(prior, condition_q8, (size[0], size[1]), context_q8, exchange)
     # Where a symbol is extreme a value has more bits than float32; only such are rounded here.
     return CodedLatents(tuple(symbols), (walked.y_hat_q8 / ONE_Q8).float(), (walked.z_hat_q8 / ONE_Q8).float())
-
-
-def _nearest_symbols(values: Tensor, mean_q8: Tensor) -> np.ndarray:
-    symbols = (values.double() - mean_q8 / ONE_Q8 + 0.5).floor()
-    return symbols.clamp(-SYMBOL_LIMIT, SYMBOL_LIMIT).to(torch.int32).cpu().numpy()

@@ -1,6 +1,5 @@
 """Training's estimate of the same model: differentiable bits, on the very walk that writes and reads the bitstream."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,11 +9,9 @@ from torch import Tensor
 
 from fecocodec.coding.fixed_point import ONE_Q8, clamp_through, round_through
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
-from fecocodec.coding.walk import split_partitions, walk_latents
-from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SIGMA_ONE_INDEX, SYMBOL_LIMIT, TABLES_PER_OCTAVE
-
-_TAIL_IN_SIGMAS = 5.0  # beyond it the Gaussian continues as an exponential, so that float32 and gradients stay finite
-_MOST_BITS = 32.0  # about what an outlier costs, by the least frequency of a table or by an escape
+from fecocodec.coding.symbol_choice import choose_symbols, gaussian_bits, price_of_bits
+from fecocodec.coding.walk import in_layout, split_partitions, walk_latents
+from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SYMBOL_LIMIT
 
 Softening = Callable[[Float[Tensor, "*shape"]], Float[Tensor, "*shape"]]
 """What stands for rounding where the gradient of the rate is taken: `uniform_noise()` or `straight_through`."""
@@ -59,7 +56,7 @@ def estimate_latents(
 
     lambda_q: see `condition_vector`, one per item. stage: 1 or 2. context_y_hat: y_hat of stage 1 where stage is 2.
     """
-    meter = _Meter(split_partitions(y.float(), z.float()), soften)
+    meter = _Meter(split_partitions(y.float(), z.float()), price_of_bits(lambda_q), soften)
     context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
     size_32 = (z.shape[2], z.shape[3])
     walked = walk_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
@@ -73,21 +70,22 @@ def estimate_latents(
 
 
 class _Meter:
-    """In place of a port: rounds straight through and keeps the bits of each partition."""
+    """In place of a port: chooses symbols, with gradients straight through, and keeps the bits of each partition."""
 
-    def __init__(self, partitions: list[Tensor], soften: Softening) -> None:
-        self.partitions, self.soften = partitions, soften
+    def __init__(self, partitions: list[Tensor], price: Float[Tensor, " item"], soften: Softening) -> None:
+        self.partitions, self.price, self.soften = partitions, price, soften
         self.bits: list[Tensor] = []
 
     def exchange(self, partition: int, parameters: EntropyParameters) -> Tensor:
         residual = self.partitions[partition] - parameters.mean_q8 / ONE_Q8
         index = clamp_through(parameters.table_position(), 0, NUM_TABLES - 1)
         skipped = index.detach() < FIRST_CODED_TABLE - 0.5
-        symbols = straight_through(residual)
+        chosen = choose_symbols(residual, index, in_layout(self.price, partition))
+        symbols = chosen + (residual - residual.detach())
         # The table learns from the symbols as they will be, the latent and its mean from a rate with a gradient. Tables
         # that learn from noise stay wide where nearly all symbols are zero, and every zero then costs something.
         softened = gaussian_bits(self.soften(residual), index.detach())
-        bits = gaussian_bits(symbols.detach(), index) + softened - softened.detach()
+        bits = gaussian_bits(symbols.detach(), index) + (softened - softened.detach())
         self.bits.append(_zero_through(bits, skipped))
         return _zero_through(symbols, skipped) * ONE_Q8 + parameters.mean_q8
 
@@ -99,14 +97,3 @@ def _zero_through(x: Tensor, mask: Tensor) -> Tensor:
     that it is coded again once that spread is worth it.
     """
     return x - (x * mask).detach()
-
-
-def gaussian_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """-log2 of the mass of [residual - 1/2, residual + 1/2] under the Gaussian of a table, or between two tables."""
-    inverse_sigma = torch.exp((SIGMA_ONE_INDEX - table_index) * (math.log(2.0) / TABLES_PER_OCTAVE))
-    distance = residual.abs()
-    core = torch.minimum(distance, 0.5 + _TAIL_IN_SIGMAS / inverse_sigma.detach())
-    mass = torch.special.ndtr((0.5 - core) * inverse_sigma) - torch.special.ndtr((-0.5 - core) * inverse_sigma)
-    nats = (distance - core) * inverse_sigma * _TAIL_IN_SIGMAS - torch.log(mass)
-    bits = nats / math.log(2.0)
-    return bits - (bits - bits.clamp(max=_MOST_BITS)).detach()

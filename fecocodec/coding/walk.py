@@ -35,6 +35,11 @@ def split_partitions(
     return [z.permute(0, 2, 3, 1), *to_coding_order(y)]
 
 
+def in_layout(of_item: Float[Tensor, " item"], partition: int) -> Float[Tensor, "*broadcast"]:
+    """One value an item, to be broadcast against that partition's layout."""
+    return of_item.view(-1, 1, 1, 1) if partition == 0 else of_item.view(1, -1, 1, 1, 1)
+
+
 def walk_latents(
     prior: LatentPrior,
     condition_q8: Float[Tensor, "item 4"],

@@ -18,17 +18,19 @@ from fecocodec.sender.encode import Profile, assemble, encode_with
 from fecocodec.sender.steps import (
     CodedStage,
     Latents,
+    MatchedViews,
     PreparedScene,
+    StageRendering,
     analyse,
     code_stage,
     feedback_features,
-    matched_features,
+    match_views,
     prepare,
     stage_rendering,
     start_state,
 )
 
-SecondLatents = Callable[[Profile, PreparedScene, CodedStage, int], Latents]
+SecondLatents = Callable[[Profile, PreparedScene, MatchedViews, CodedStage, int], Latents]
 
 STAGE_1, REFINED = "stage-1", "refined"
 REFINEMENT_STEPS = 3
@@ -46,16 +48,21 @@ def ablation_system(part: str, profile: Profile, lmbda: float) -> System:
     return stream_system(profile, name, setting, partial(_encode, profile, second, lambda_q))
 
 
-def _without_context(profile: Profile, scene: PreparedScene, first: CodedStage, lambda_q: int) -> Latents:
+def _without_context(
+    profile: Profile, scene: PreparedScene, matched: MatchedViews, first: CodedStage, lambda_q: int
+) -> Latents:
     """g_a of stage 2 gets S0 in the place of S1."""
     rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
-    features = feedback_features(profile, scene, rendering, lambda_q)
+    features = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
     return analyse(profile, features, start_state(profile, scene), lambda_q, 2)
 
 
-def _without_rendering(profile: Profile, scene: PreparedScene, first: CodedStage, lambda_q: int) -> Latents:
-    """E_fb gets the photographs in the place of the rendering, so that no error is seen."""
-    features = feedback_features(profile, scene, scene.images, lambda_q)
+def _without_rendering(
+    profile: Profile, scene: PreparedScene, matched: MatchedViews, first: CodedStage, lambda_q: int
+) -> Latents:
+    """E_fb gets the photographs and matched depth in the place of stage 1's, so that no error is seen."""
+    faultless = StageRendering(scene.images, matched.depth.relative_disparity)
+    features = feedback_features(profile, scene, matched.depth, faultless, lambda_q)
     return analyse(profile, features, first.state, lambda_q, 2)
 
 
@@ -72,7 +79,8 @@ ABLATION_NAMES = ("stage 1 alone", REFINED_NAME, *(name for name, _ in WITHOUT.v
 def _encode(profile: Profile, second: SecondLatents, lambda_q: int, views: Views) -> bytes:
     scene = prepare(profile, views)
     every = tuple(range(scene.num_views))
-    latents = analyse(profile, matched_features(profile, scene), start_state(profile, scene), lambda_q, 1)
+    matched = match_views(profile, scene)
+    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
     first = code_stage(profile, scene, latents, lambda_q, every, None)
-    latents = second(profile, scene, first, lambda_q)
+    latents = second(profile, scene, matched, first, lambda_q)
     return assemble(profile, scene, (first, code_stage(profile, scene, latents, lambda_q, every, first)), lambda_q)

@@ -10,7 +10,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import predict_scene
 from fecocodec.receiver.view_states import update_views
 from fecocodec.sender.encode import Profile
-from fecocodec.sender.steps import analyse, feedback_features, matched_features, prepare, stage_rendering, start_state
+from fecocodec.sender.steps import analyse, feedback_features, match_views, prepare, stage_rendering, start_state
 
 FINEST_LAMBDA_Q = 0
 
@@ -20,10 +20,11 @@ def uncoded_gaussians(profile: Profile, views: Views) -> Gaussians:
     """What the receiver would decode if both latents arrived as they are: the ceiling of the coded system."""
     receiver, scene = profile.receiver, prepare(profile, views)
     every, lambda_q = tuple(range(scene.num_views)), scene.lambda_of_views(FINEST_LAMBDA_Q)
-    y = analyse(profile, matched_features(profile, scene), start_state(profile, scene), FINEST_LAMBDA_Q, 1).y
+    matched = match_views(profile, scene)
+    y = analyse(profile, matched.features, start_state(profile, scene), FINEST_LAMBDA_Q, 1).y
     first = update_views(receiver, None, y, lambda_q, 1, every)
     rendering = stage_rendering(profile, scene, first.state, FINEST_LAMBDA_Q, 1)
-    features = feedback_features(profile, scene, rendering, FINEST_LAMBDA_Q)
+    features = feedback_features(profile, scene, matched.depth, rendering, FINEST_LAMBDA_Q)
     y = analyse(profile, features, first.state, FINEST_LAMBDA_Q, 2).y
     second = update_views(receiver, first, y, lambda_q, 2, every)
     digests = (bytes(DIGEST_BYTES),) * 2  # of nothing: this header is never written

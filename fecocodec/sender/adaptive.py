@@ -6,8 +6,6 @@ from functools import partial
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.container import quantise_lambda
@@ -18,7 +16,7 @@ from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.distortion import mean_psnr
 from fecocodec.sender.encode import assemble, check_views, header_of, load_profile
 from fecocodec.sender.second_stage import choose_stages
-from fecocodec.sender.steps import CodedStage, PreparedScene, Profile, matched_features, prepare
+from fecocodec.sender.steps import CodedStage, MatchedViews, PreparedScene, Profile, match_views, prepare
 from fecocodec.sender.unneeded import choose_keep
 
 MOST_ENCODINGS = 9  # of one search; each halves what is left of 1769 steps of lambda
@@ -91,8 +89,8 @@ def encode_adaptively_with(
     """The same with networks that are loaded; a search matches the views once."""
     scene = prepare(profile, views)
     on_progress("matching views", 0.05)
-    features = matched_features(profile, scene)
-    encoder = partial(_encode, profile, scene, features, refinement_steps)
+    matched = match_views(profile, scene)
+    encoder = partial(_encode, profile, scene, matched, refinement_steps)
     if isinstance(goal, AtLambda):
         on_progress("coding", 0.5)
         found = encoder(quantise_lambda(goal.lmbda))
@@ -107,11 +105,11 @@ def encode_adaptively_with(
 def _encode(
     profile: Profile,
     scene: PreparedScene,
-    features: Float[Tensor, "view channel h4 w4"],
+    matched: MatchedViews,
     refinement_steps: int,
     lambda_q: int,
 ) -> _Encoded:
-    chosen = choose_stages(profile, scene, features, lambda_q, refinement_steps)
+    chosen = choose_stages(profile, scene, matched, lambda_q, refinement_steps)
     data = assemble(profile, scene, chosen.stages, lambda_q)
     return _Encoded(lambda_q, chosen.stages, data, mean_psnr(chosen.renderings, scene.images))
 

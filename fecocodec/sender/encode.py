@@ -4,8 +4,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
 from fecocodec.container import Header, Keep, Stream, quantise_lambda, write_stream
@@ -19,12 +17,13 @@ from fecocodec.sender.load import load_sender
 from fecocodec.sender.refinement import refine_second_stage
 from fecocodec.sender.steps import (
     CodedStage,
+    MatchedViews,
     PreparedScene,
     Profile,
     analyse,
     code_stage,
     feedback_features,
-    matched_features,
+    match_views,
     prepare,
     stage_rendering,
     start_state,
@@ -85,35 +84,35 @@ def encode_with(
     """
     scene = prepare(profile, views)
     on_progress("matching views", 0.1)
-    features = matched_features(profile, scene)
-    stages = code_stages(profile, scene, features, lambda_q, num_stages, on_progress, refinement_steps=refinement_steps)
+    matched = match_views(profile, scene)
+    stages = code_stages(profile, scene, matched, lambda_q, num_stages, on_progress, refinement_steps=refinement_steps)
     return assemble(profile, scene, stages, lambda_q)
 
 
 def code_stages(
     profile: Profile,
     scene: PreparedScene,
-    features: Float[Tensor, "view channel h4 w4"],
+    matched: MatchedViews,
     lambda_q: int,
     num_stages: int,
     on_progress: OnProgress = lambda _task, _fraction: None,
     stage_2_views: tuple[int, ...] | None = None,
     refinement_steps: int = 0,
 ) -> tuple[CodedStage, ...]:
-    """Stage 1 from the matched features, stage 2 from what stage 1's Gaussians make of the views.
+    """Stage 1 from what matching found, stage 2 from what stage 1's Gaussians make of the views.
 
     stage_2_views: the views that stage 2 codes, ascending from 0; None: all. refinement_steps: of all views' latents of
     stage 2, before some are chosen.
     """
     on_progress("coding stage 1", 0.3)
     every = tuple(range(scene.num_views))
-    latents = analyse(profile, features, start_state(profile, scene), lambda_q, 1)
+    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
     first = code_stage(profile, scene, latents, lambda_q, every, None)
     if num_stages == 1:
         return (first,)
     on_progress("rendering feedback", 0.5)
     rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
-    feedback = feedback_features(profile, scene, rendering, lambda_q)
+    feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
     on_progress("coding stage 2", 0.7)
     latents = analyse(profile, feedback, first.state, lambda_q, 2)
     latents = refine_second_stage(profile, scene, latents, first, lambda_q, refinement_steps)

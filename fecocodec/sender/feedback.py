@@ -1,4 +1,4 @@
-"""Feedback extractor E_fb: photographs and the rendering of stage 1 -> what is missing."""
+"""Feedback extractor E_fb: photographs, the rendering of stage 1 and its depth -> what is missing."""
 
 import torch
 import torch.nn.functional as F
@@ -10,22 +10,24 @@ from fecocodec.layers.blocks import BlockChain, RateCondition
 
 
 class FeedbackExtractor(nn.Module):
-    """concat(I, I - I1_hat) -> pixel unshuffle 4 -> 1x1 conv -> 2D blocks at 1/4 -> F2.
+    """concat(I, I - I1_hat) -> pixel unshuffle 4 -> with errors of depth -> 1x1 conv -> 2D blocks at 1/4 -> F2.
 
     The paper concatenates I and I1_hat; the difference carries the same information, and is what the stage is about.
+    It compares colours alone; see `depth_feedback` for what is added.
     """
 
     def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:
         super().__init__()
-        self.input = nn.Conv2d(2 * 3 * 16, receiver.state_channels, 1)
+        self.input = nn.Conv2d(2 * 3 * 16 + 2, receiver.state_channels, 1)
         self.blocks = BlockChain(receiver.state_channels, sender.fine_hidden, 2)
 
     def forward(
         self,
         images: Float[Tensor, "item 3 h w"],
         renderings: Float[Tensor, "item 3 h w"],
+        depth_errors: Float[Tensor, "item 2 h4 w4"],
         condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """Both inputs sRGB in [0, 1]; sides multiples of 4."""
+        """Images and renderings sRGB in [0, 1], sides multiples of 4; depth_errors as `depth_feedback` gives them."""
         stacked = torch.cat((2.0 * images - 1.0, 4.0 * (images - renderings)), dim=1)
-        return self.blocks(self.input(F.pixel_unshuffle(stacked, 4)), condition)
+        return self.blocks(self.input(torch.cat((F.pixel_unshuffle(stacked, 4), depth_errors), dim=1)), condition)

@@ -6,16 +6,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.container.lagrangian import dequantise_lambda
-from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.distortion import distortions
 from fecocodec.sender.refinement import refine_second_stage
 from fecocodec.sender.steps import (
     CodedStage,
+    MatchedViews,
     PreparedScene,
     Profile,
     analyse,
     code_stage,
     feedback_features,
+    stage_rendering,
     start_state,
 )
 
@@ -31,7 +32,7 @@ class ChosenStages:
 def choose_stages(
     profile: Profile,
     scene: PreparedScene,
-    features: Float[Tensor, "view channel h4 w4"],
+    matched: MatchedViews,
     lambda_q: int,
     refinement_steps: int = 0,
 ) -> ChosenStages:
@@ -42,18 +43,18 @@ def choose_stages(
     (docs/experiments.md).
     """
     every = tuple(range(scene.num_views))
-    latents = analyse(profile, features, start_state(profile, scene), lambda_q, 1)
+    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
     first = code_stage(profile, scene, latents, lambda_q, every, None)
-    before = _rendering(profile, scene, first)
-    feedback = feedback_features(profile, scene, before, lambda_q)
+    before = stage_rendering(profile, scene, first.state, lambda_q, 1)
+    feedback = feedback_features(profile, scene, matched.depth, before, lambda_q)
     latents = analyse(profile, feedback, first.state, lambda_q, 2)
     latents = refine_second_stage(profile, scene, latents, first, lambda_q, refinement_steps)
     second = code_stage(profile, scene, latents, lambda_q, every, first)
-    after = _rendering(profile, scene, second)
-    gain = distortions(before, scene.images) - distortions(after, scene.images)
+    after = stage_rendering(profile, scene, second.state, lambda_q, 2).color
+    gain = distortions(before.color, scene.images) - distortions(after, scene.images)
     price = dequantise_lambda(lambda_q) * bits_per_pixel(len(second.payload), scene)
     if float(gain.mean()) <= price:
-        return ChosenStages((first,), before)
+        return ChosenStages((first,), before.color)
     return ChosenStages((first, second), after)
 
 
@@ -61,10 +62,3 @@ def bits_per_pixel(num_bytes: int, scene: PreparedScene) -> float:
     """Of the context views, without padding."""
     height, width = scene.image_size
     return 8.0 * num_bytes / (scene.num_views * height * width)
-
-
-def _rendering(profile: Profile, scene: PreparedScene, coded: CodedStage) -> Float[Tensor, "view 3 h w"]:
-    """The padded context views as the receiver could render them after this stage."""
-    cameras, size = scene.cameras, (scene.images.shape[-2], scene.images.shape[-1])
-    prediction = profile.receiver.predict(coded.state, cameras.as_batch(), coded.after.condition)
-    return render(prediction.gaussians.scene(0), cameras, size).color

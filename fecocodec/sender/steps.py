@@ -21,6 +21,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.view_states import ViewStates, select_context, update_views
 from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.matched_depth import MatchedDepth, depth_feedback
 from fecocodec.sender.model import Sender
 
 
@@ -57,6 +58,22 @@ class PreparedScene:
 
     def lambda_of_views(self, lambda_q: int) -> Int[Tensor, " view"]:
         return torch.full((self.num_views,), lambda_q, device=self.images.device)
+
+
+@dataclass(frozen=True)
+class MatchedViews:
+    """What matching the views against each other gives: F1, and the depth that the second stage compares with."""
+
+    features: Float[Tensor, "view channel h4 w4"]
+    depth: MatchedDepth
+
+
+@dataclass(frozen=True)
+class StageRendering:
+    """The padded context views as the receiver could render them after a stage, and the depth it predicted for them."""
+
+    color: Float[Tensor, "view 3 h w"]
+    relative_disparity: Float[Tensor, "view 1 h4 w4"]
 
 
 @dataclass(frozen=True)
@@ -102,28 +119,31 @@ def start_state(profile: Profile, scene: PreparedScene) -> Float[Tensor, "view c
     return profile.receiver.update.start(scene.num_views, *scene.size_4)
 
 
-def matched_features(profile: Profile, scene: PreparedScene) -> Float[Tensor, "view channel h4 w4"]:
-    """F1: what stage 1 extracts from the views."""
-    features: Tensor = profile.sender.extractor(scene.images[None], scene.cameras.as_batch())
-    return features
+def match_views(profile: Profile, scene: PreparedScene) -> MatchedViews:
+    """What stage 1 extracts from the views, and stage 2 goes back to."""
+    extractor, images = profile.sender.extractor, scene.images[None]
+    matching = extractor.match(images, scene.cameras.as_batch())
+    return MatchedViews(extractor.fuse(images, matching), matching.depth)
 
 
 def stage_rendering(
     profile: Profile, scene: PreparedScene, state: Float[Tensor, "view channel h4 w4"], lambda_q: int, stage: int
-) -> Float[Tensor, "view 3 h w"]:
-    """The padded context views as the receiver could render them after that stage."""
+) -> StageRendering:
+    """What the receiver could show of the context views after that stage."""
     condition = profile.receiver.condition(scene.lambda_of_views(lambda_q), stage)
     prediction = profile.receiver.predict(state, scene.cameras.as_batch(), condition)
     size = (scene.images.shape[-2], scene.images.shape[-1])
-    return render(prediction.gaussians.scene(0), scene.cameras, size).color
+    color = render(prediction.gaussians.scene(0), scene.cameras, size).color
+    return StageRendering(color, prediction.relative_disparity[0][:, None])
 
 
 def feedback_features(
-    profile: Profile, scene: PreparedScene, rendering: Float[Tensor, "view 3 h w"], lambda_q: int
+    profile: Profile, scene: PreparedScene, matched: MatchedDepth, rendering: StageRendering, lambda_q: int
 ) -> Float[Tensor, "view channel h4 w4"]:
-    """F2: what stage 1's Gaussians make of the views, compared with the views."""
+    """F2: what stage 1's Gaussians make of the views, compared with the views and with the depth matched in them."""
     condition = profile.receiver.condition(scene.lambda_of_views(lambda_q), 2)
-    features: Tensor = profile.sender.feedback(scene.images, rendering, condition)
+    depth_errors = depth_feedback(matched, rendering.relative_disparity)
+    features: Tensor = profile.sender.feedback(scene.images, rendering.color, depth_errors, condition)
     return features
 
 

@@ -17,12 +17,14 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.metrics import ssim
 from fecocodec.rendering.rasterizer import Rendering, render
+from fecocodec.sender.matched_depth import depth_feedback
 from fecocodec.sender.model import Sender
 
 SSIM_WEIGHT = 0.03
 TARGET_WEIGHT = 2.0  # of a target view, against 1 for a context view
 MATCHING_WEIGHT = 0.5
 DISPARITY_WEIGHT = 0.5
+AGREED = 0.7  # agreement of views from which matched depth of photographs is believed
 # The entropy model serves every lambda alike, so it learns from bits at one price. At lambda's own it would learn from
 # high lambdas alone, whose bits weigh a thousand times as much. This is the root mean square of lambda in training.
 ENTROPY_PRICE = 2.7e-3
@@ -40,6 +42,15 @@ class Batch:
     depth: Float[Tensor, "batch view h w"]
     num_context: int
     lambda_q: Int[Tensor, " batch"]
+
+
+@dataclass(frozen=True)
+class MatchedDisparity:
+    """What matching says of relative disparity at 1/4: learned, for the loss to judge, and settled, with agreement."""
+
+    learned: Float[Tensor, "batch view h4 w4"]
+    settled: Float[Tensor, "batch view h4 w4"]
+    agreement: Float[Tensor, "batch view h4 w4"]
 
 
 @dataclass(frozen=True)
@@ -89,8 +100,8 @@ def bypass_coding(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | Non
 
 def run_stages(
     sender: Sender, receiver: Receiver, batch: Batch, coding: Coding, num_stages: int
-) -> tuple[list[StageOutcome], Float[Tensor, "batch view h4 w4"]]:
-    """Code, decode and render a batch; also returns the extractor's own relative disparity at 1/4.
+) -> tuple[list[StageOutcome], MatchedDisparity]:
+    """Code, decode and render a batch; also returns what the extractor's matching found.
 
     A third stage and later ones, which streams cannot hold, work as the second does.
     """
@@ -107,14 +118,17 @@ def run_stages(
         condition = receiver.condition(lambda_q, kind)
         if kind == 2:
             rendered = torch.stack([rendering.color[:views] for rendering in outcomes[-1].renderings]).detach()
-            features = sender.feedback(_flat(images), _flat(rendered), condition)
+            decoded = outcomes[-1].prediction.relative_disparity.flatten(0, 1)[:, None]
+            errors = depth_feedback(matching.depth, decoded)
+            features = sender.feedback(_flat(images), _flat(rendered), errors, condition)
         y = sender.analysis(features, state, condition)
         y_hat, bits = coding(y, lambda_q, kind, context)
         state, context = receiver.next_state(state, y_hat, condition), y_hat
         prediction = receiver.predict(state, cameras, condition)
         renderings = _render(batch, prediction, is_last=stage == num_stages)
         outcomes.append(StageOutcome(prediction, renderings, rearrange(bits, "(b v) -> b v", v=views).sum(dim=1)))
-    return outcomes, rearrange(matching.relative_disparity, "(b v) 1 h w -> b v h w", v=views)
+    found = (matching.relative_disparity, matching.depth.relative_disparity, matching.depth.agreement)
+    return outcomes, MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=views) for item in found))
 
 
 def _render(batch: Batch, prediction: Prediction, is_last: bool) -> list[Rendering]:
@@ -125,17 +139,18 @@ def _render(batch: Batch, prediction: Prediction, is_last: bool) -> list[Renderi
 
 
 def loss_of(
-    batch: Batch, outcomes: list[StageOutcome], matched: Float[Tensor, "batch view h4 w4"], disparity_weight: float
+    batch: Batch, outcomes: list[StageOutcome], matched: MatchedDisparity, disparity_weight: float
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
     """Sum over stages of lambda * R + L_render (paper, training strategy), plus L1 on relative disparity.
 
-    R is in bits per context pixel; disparity counts where depth is known. The gradient of R is at ENTROPY_PRICE, which
-    `code_with_noise` turns into lambda for all but the entropy model. Returns the loss and its parts for the log.
+    R is in bits per context pixel; disparity counts where depth is known, or views agree on it. The gradient of R is at
+    ENTROPY_PRICE, which `code_with_noise` turns into lambda for all but the entropy model. Returns the loss and its
+    parts for the log.
     """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
     lmbda = lambda_of(batch.lambda_q)
-    truth = _true_disparity(batch)
-    parts = {"matching": _masked_l1(matched, truth)}
+    truth = _best_known_disparity(batch, matched)
+    parts = {"matching": _masked_l1(matched.learned, truth)}
     total = disparity_weight * MATCHING_WEIGHT * parts["matching"]
     for stage, outcome in enumerate(outcomes, start=1):
         rendered = torch.stack([rendering.color for rendering in outcome.renderings])
@@ -162,6 +177,17 @@ def _view_weights(num_context: int, num_views: int) -> Float[Tensor, " view"]:
     weights = torch.ones(num_views)
     weights[num_context:] = TARGET_WEIGHT
     return weights / weights.mean()
+
+
+def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tensor, "batch view h4 w4"]:
+    """The exact one; in photographs the matched one where views agree, NaN elsewhere.
+
+    Matched depth has sharper edges than what latents and state make of it, and none of its errors is shared by both
+    views. On dev pairs, moving decoded depth halfway to it gained 0.17 dB without any training.
+    """
+    is_photograph = batch.depth.isnan().all(dim=(1, 2, 3), keepdim=True)
+    agreed = torch.where(matched.agreement > AGREED, matched.settled, torch.nan)
+    return torch.where(is_photograph, agreed, _true_disparity(batch))
 
 
 def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:

@@ -6,7 +6,8 @@ import torch
 
 from fecocodec.coding.payload import code_latents, encode_latents
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
-from fecocodec.coding.rate import Softening, _Meter, estimate_latents, gaussian_bits, straight_through, uniform_noise
+from fecocodec.coding.rate import Softening, _Meter, estimate_latents, straight_through, uniform_noise
+from fecocodec.coding.symbol_choice import gaussian_bits
 from fecocodec.entropy.ports import Port
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, load_tables
 from tests.coding.coding_examples import lively_prior, smooth_latents
@@ -100,9 +101,10 @@ def test_noise_is_in_the_gradient_and_comes_from_the_generator():
 
 
 def skipped_step(values: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    meter = _Meter([values], straight_through)
+    values, position = (tensor.view(1, 1, 1, -1) for tensor in (values, position))  # as z lies
+    meter = _Meter([values], torch.tensor([0.1]), straight_through)
     seen = meter.exchange(0, EntropyParameters(torch.full_like(values, 64.0), position))
-    return seen, meter.bits[0]
+    return seen.flatten(), meter.bits[0].flatten()
 
 
 def test_skipped_elements_cost_nothing_and_are_their_mean():

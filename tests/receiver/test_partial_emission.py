@@ -11,7 +11,7 @@ from fecocodec.container import Keep, Stream, read_prefix, read_stream, write_st
 from fecocodec.receiver.decode import decode
 from fecocodec.receiver.view_states import update_views
 from fecocodec.sender.encode import assemble, code_stages, load_profile
-from fecocodec.sender.steps import PreparedScene, Profile, matched_features, prepare
+from fecocodec.sender.steps import PreparedScene, Profile, match_views, prepare
 from tests.example_scenes import MODEL, example_views
 
 VIEWS, HEIGHT, WIDTH = 3, 70, 101
@@ -32,8 +32,8 @@ def scene(profile: Profile) -> PreparedScene:
 
 def encoded(profile: Profile, scene: PreparedScene, stage_2_views: tuple[int, ...] | None, keep: Keep | None) -> bytes:
     with torch.inference_mode():
-        features = matched_features(profile, scene)
-        stages = code_stages(profile, scene, features, LAMBDA_Q, 2, stage_2_views=stage_2_views)
+        matched = match_views(profile, scene)
+        stages = code_stages(profile, scene, matched, LAMBDA_Q, 2, stage_2_views=stage_2_views)
         return assemble(profile, scene, stages, LAMBDA_Q, keep)
 
 

@@ -9,7 +9,7 @@ from fecocodec.container.lagrangian import dequantise_lambda, quantise_lambda
 from fecocodec.sender import refinement
 from fecocodec.sender.distortion import distortions
 from fecocodec.sender.encode import code_stages, encode_with, load_profile
-from fecocodec.sender.steps import PreparedScene, Profile, matched_features, prepare, stage_rendering
+from fecocodec.sender.steps import PreparedScene, Profile, match_views, prepare, stage_rendering
 from tests.example_scenes import MODEL, example_views
 
 LAMBDA_Q = quantise_lambda(1e-4)
@@ -29,9 +29,9 @@ def scene(profile: Profile) -> PreparedScene:
 @torch.no_grad()
 def objective(profile: Profile, scene: PreparedScene, refinement_steps: int) -> float:
     """D + lambda R of the stream itself."""
-    features = matched_features(profile, scene)
-    stages = code_stages(profile, scene, features, LAMBDA_Q, 2, refinement_steps=refinement_steps)
-    rendering = stage_rendering(profile, scene, stages[1].state, LAMBDA_Q, 2)
+    matched = match_views(profile, scene)
+    stages = code_stages(profile, scene, matched, LAMBDA_Q, 2, refinement_steps=refinement_steps)
+    rendering = stage_rendering(profile, scene, stages[1].state, LAMBDA_Q, 2).color
     bits_per_pixel = 8 * len(stages[1].payload) / (scene.num_views * 64 * 64)
     return float(distortions(rendering, scene.images).mean()) + dequantise_lambda(LAMBDA_Q) * bits_per_pixel
 

@@ -26,7 +26,8 @@ def test_shapes_from_views_to_latents(sender: Sender, num_views: int, height: in
     features = sender.extractor(views.images[None], cameras.as_batch())
     assert features.shape == (num_views, 128, height // 4, width // 4)
     condition = RateEmbedding(1768, 11.0, 0.5)(torch.full((num_views,), 600), 1)
-    feedback = sender.feedback(views.images, views.images.flip(-1), condition)
+    depth_errors = torch.zeros(num_views, 2, height // 4, width // 4)
+    feedback = sender.feedback(views.images, views.images.flip(-1), depth_errors, condition)
     assert feedback.shape == features.shape
     y = sender.analysis(feedback, features, condition)
     assert y.shape == (num_views, 32, height // 8, width // 8)

@@ -1,5 +1,7 @@
 """What a bit costs in training: lambda for the latents, one price for the entropy model."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import nn
@@ -9,7 +11,16 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.objective import ENTROPY_PRICE, code_with_noise, lambda_of, run_stages
+from fecocodec.training.objective import (
+    ENTROPY_PRICE,
+    Batch,
+    MatchedDisparity,
+    bypass_coding,
+    code_with_noise,
+    lambda_of,
+    loss_of,
+    run_stages,
+)
 from fecocodec.training.scenes import ProceduralWorld
 from fecocodec.training.textures import pattern_textures
 
@@ -54,13 +65,30 @@ def test_a_bit_costs_a_latent_lambda_and_the_entropy_model_one_price(
     assert lambda_of(lambda_q).tolist() == pytest.approx([1.478e-5, 7.66e-3], rel=0.01)
 
 
-def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.ModuleDict):
-    batch = draw_batch(
-        Sources(ProceduralWorld(pattern_textures(5)), None),
-        torch.Generator().manual_seed(0),
-        BatchShape(1, 2, 1, (64, 64)),
-        0.0,
-    )
+@pytest.fixture(scope="module")
+def batch() -> Batch:
+    """A procedural scene: two context views, one target."""
+    sources = Sources(ProceduralWorld(pattern_textures(5)), None)
+    return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 1, (64, 64)), 0.0)
+
+
+@torch.no_grad()
+def test_depth_of_photographs_is_judged_by_matched_depth_where_views_agree(networks: nn.ModuleDict, batch: Batch):
+    outcomes, matched = run_stages(networks["sender"], networks["receiver"], batch, bypass_coding, 2)
+    beside = outcomes[1].prediction.relative_disparity + 0.25
+    all_agree = MatchedDisparity(matched.learned, beside.clamp(0.0, 1.0), torch.ones_like(beside))
+    none_agree = replace(all_agree, agreement=torch.zeros_like(beside))
+
+    def disparity(batch: Batch, matched: MatchedDisparity) -> float:
+        return loss_of(batch, outcomes, matched, 1.0)[1]["disparity2"]
+
+    photographs = replace(batch, depth=torch.full_like(batch.depth, torch.nan))
+    assert disparity(photographs, all_agree) == pytest.approx(0.25, abs=0.01)
+    assert disparity(photographs, none_agree) == 0.0
+    assert disparity(batch, all_agree) == disparity(batch, none_agree) > 0.0  # exact depth needs no other
+
+
+def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.ModuleDict, batch: Batch):
     kinds: list[int] = []
     contexts: list[torch.Tensor | None] = []
 

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import PlainBlock2d
+from fecocodec.sender.matched_depth import MatchedDepth
 
 NUM_BLOCKS, HIDDEN = 3, 96
 
@@ -46,6 +47,11 @@ class AdaptedFeatures:
 
     unshuffled: Float[Tensor, "item channel16 h4 w4"]
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
+
+    @property
+    def depth(self) -> MatchedDepth:
+        """Nothing to go by."""
+        return MatchedDepth(self.relative_disparity, torch.zeros_like(self.relative_disparity))
 
 
 class AdaptedExtractor(nn.Module):

@@ -16,6 +16,7 @@ from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 from fecocodec.sender.extractors.semi_global import aggregated
+from fecocodec.sender.matched_depth import MatchedDepth
 
 PYRAMID_LEVELS = 3  # images at full, half and quarter size are matched
 FIRST_TEMPERATURES = (1.2, 1.2, 1.2, 1.8)  # logarithms: of the levels, and of the photographs' own agreement
@@ -36,6 +37,11 @@ class Matching:
     agreement: Float[Tensor, "item 1 h4 w4"]
     aggregated_disparity: Float[Tensor, "item 1 h4 w4"]
     confidence: Float[Tensor, "item 1 h4 w4"]
+
+    @property
+    def depth(self) -> MatchedDepth:
+        """For the second stage's feedback."""
+        return MatchedDepth(self.aggregated_disparity, self.agreement)
 
 
 class CompactExtractor(nn.Module):

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.sender.extractors.cross_check import agreement
 from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
     NUM_CANDIDATES,
@@ -28,6 +29,7 @@ from fecocodec.sender.extractors.depthsplat_small.windows import (
     masks_of_sources,
     public_masks_of_sources,
 )
+from fecocodec.sender.matched_depth import MatchedDepth
 
 SIDE_MULTIPLE = 16  # pixels
 _POSITIONS: dict[str, Positions] = {"public": public_positions, "exact": exact_positions}
@@ -39,7 +41,7 @@ _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's
 class Evidence:
     """What the branches found, before fusion; item = (batch view), all at 1/4 resolution.
 
-    relative_disparity: expectation over the softmax of the costs.
+    relative_disparity: expectation over the softmax of the costs. agreement: of views on it.
     """
 
     cost: Float[Tensor, "item candidate h4 w4"]
@@ -47,7 +49,13 @@ class Evidence:
     multi_view: Float[Tensor, "item channel h4 w4"]
     monocular: Float[Tensor, "item mono h4 w4"]
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
+    agreement: Float[Tensor, "item 1 h4 w4"]
     num_views: int
+
+    @property
+    def depth(self) -> MatchedDepth:
+        """For the second stage's feedback."""
+        return MatchedDepth(self.relative_disparity.detach(), self.agreement)
 
 
 class Fusion(nn.ModuleDict):
@@ -108,7 +116,8 @@ class DepthSplatSmall(nn.Module):
         share = torch.linspace(0.0, 1.0, NUM_CANDIDATES, device=images.device)
         expected = torch.einsum("idhw,d->ihw", cost.float().softmax(dim=1), share)[:, None]
         monocular = monocular_features(self.pretrained, normalised)
-        return Evidence(cost, appearance, _flat(multi_view), monocular, expected, views)
+        agreed = agreement(rearrange(expected, "(b v) 1 h w -> b v h w", v=views), cameras, source_views(cameras))
+        return Evidence(cost, appearance, _flat(multi_view), monocular, expected, _flat(agreed[:, :, None]), views)
 
     def fuse(self, images: Float[Tensor, "batch view 3 h w"], evidence: Evidence) -> Float[Tensor, "item 128 h4 w4"]:
         """The U-Net over all evidence; the photographs have nothing to add."""
