@@ -43,7 +43,11 @@ Examples:
     is_flag=True,
     help=f"Of a damaged file, decode the stages that are intact; exit code {PARTLY_DECODED} says that some were not.",
 )
-@click.option("--prune", is_flag=True, help="Leave out the Gaussians that no picture near the cameras would miss.")
+@click.option(
+    "--prune",
+    is_flag=True,
+    help="Leave out Gaussians that no picture near the cameras would miss; others grow more opaque for them.",
+)
 @device_option
 @threads_option
 @overwrite_option
@@ -94,10 +98,9 @@ def command(
 
 def _pruned(decoded: "IntactDecoding", data: bytes) -> "IntactDecoding":
     from fecocodec.receiver.decode import read_cameras
-    from fecocodec.rendering.pruning import needed
+    from fecocodec.rendering.pruning import pruned
 
-    kept = needed(decoded.gaussians, *read_cameras(data))
-    return replace(decoded, gaussians=decoded.gaussians.keep(kept))
+    return replace(decoded, gaussians=pruned(decoded.gaussians, *read_cameras(data)))
 
 
 def _decode(data: bytes, stages: int | None, partial: bool, device: str, on_progress: OnProgress) -> "IntactDecoding":

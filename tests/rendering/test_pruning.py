@@ -1,27 +1,59 @@
-"""Pruning takes away what no picture shows, and nothing that one does."""
+"""Pruning takes away what no picture shows, and what the rest can stand for; nothing else."""
+
+from dataclasses import replace
 
 import torch
 
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.rendering.pruning import needed
+from fecocodec.rendering.pruning import LARGEST_CHANGE, pruned
+from fecocodec.rendering.rasterizer import render
 from tests.example_scenes import example_cameras
 
 SIZE = (32, 32)
+OPACITY = 0.3
+
+
+def along_first_view(depths: torch.Tensor, sideways: torch.Tensor, up: torch.Tensor, opacity: float) -> Gaussians:
+    """White Gaussians, placed in the axes of the first example camera."""
+    pose = example_cameras(2).extrinsics[0]
+    return Gaussians(
+        means=pose[:3, 3] + torch.stack((sideways, up, depths), dim=1) @ pose[:3, :3].T,
+        scales=torch.full((len(depths), 3), 0.1),
+        rotations=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(len(depths), 1),
+        opacities=torch.full((len(depths),), opacity),
+        harmonics=torch.ones(len(depths), 1, 3),
+    )
 
 
 def test_hidden_gaussians_go_and_visible_ones_stay() -> None:
-    cameras = example_cameras(2)
-    pose = cameras.extrinsics[0]
-    behind_camera = torch.linspace(-9.0, -3.0, 50)
-    depths = torch.cat((torch.linspace(2.0, 6.0, 50), behind_camera))
-    sideways = 0.8 * torch.sin(torch.arange(100.0))
-    gaussians = Gaussians(
-        means=pose[:3, 3] + depths[:, None] * pose[:3, 2] + sideways[:, None] * pose[:3, 0],
-        scales=torch.full((100, 3), 0.1),
-        rotations=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(100, 1),
-        opacities=torch.full((100,), 0.5),
-        harmonics=torch.ones(100, 1, 3),
-    )
-    kept = needed(gaussians, cameras, SIZE)
-    assert int(kept[:50].sum()) >= 40, "those in front are seen"
-    assert int(kept[50:].sum()) <= 10, "those behind are not"
+    depths = torch.cat((torch.linspace(2.0, 6.0, 50), torch.linspace(-9.0, -3.0, 50)))
+    gaussians = along_first_view(depths, 0.8 * torch.sin(torch.arange(100.0)), torch.zeros(100), 0.5)
+    gaussians.harmonics[::2] = -1.0
+    found = pruned(gaussians, example_cameras(2), SIZE)
+    is_kept = (gaussians.means[:, None] == found.means).all(dim=-1).any(dim=1)
+    assert int(is_kept[:50].sum()) >= 40, "those in front are seen"
+    assert int(is_kept[50:].sum()) <= 10, "those behind are not"
+
+
+def wall() -> Gaussians:
+    """White and half transparent, about two a pixel, not quite in rows."""
+    side = torch.linspace(-1.5, 1.5, 60)
+    up, sideways = (grid.flatten() for grid in torch.meshgrid(side, side, indexing="ij"))
+    jitter = 0.05 * torch.randn(3, len(up), generator=torch.Generator().manual_seed(0))
+    return along_first_view(3.0 + 0.1 * jitter[0], sideways + jitter[1], up + jitter[2], OPACITY)
+
+
+def test_a_wall_of_one_colour_keeps_its_opacity_with_fewer() -> None:
+    cameras, whole = example_cameras(2), wall()
+    found = pruned(whole, cameras, SIZE)
+    assert found.count <= 0.6 * whole.count
+    thinner = replace(found, opacities=torch.full((found.count,), OPACITY))
+    before, after, without_heirs = (render(gaussians, cameras, SIZE).color for gaussians in (whole, found, thinner))
+    assert float((after - before).square().mean(dim=(1, 2, 3)).max()) <= LARGEST_CHANGE
+    assert float((without_heirs - before).square().mean()) > 2 * LARGEST_CHANGE
+
+
+def test_neighbours_of_other_colours_do_not_stand_for_each_other() -> None:
+    cameras, plain = example_cameras(2), wall()
+    colours = torch.randn(plain.harmonics.shape, generator=torch.Generator().manual_seed(1))
+    assert pruned(replace(plain, harmonics=colours), cameras, SIZE).count > 1.2 * pruned(plain, cameras, SIZE).count
