@@ -14,9 +14,9 @@ from torch import Tensor
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.entropy.tables import SIGMA_ONE_INDEX, SYMBOL_LIMIT, TABLES_PER_OCTAVE
 
-# What a bit is worth, in squared quantisation steps, at lambda 1e-5 and 1e-2 (docs/experiments.md). Where steps are
-# fine against what they quantise it would be 2 ln(2) / 12 = 0.12: a bit divides the squared error by four.
-PRICE_FINEST, PRICE_COARSEST = 0.12, 0.04
+# What a bit is worth, in squared quantisation steps, at lambda 1e-5 and 1e-2, as measured (docs/experiments.md). Where
+# steps are fine against what they quantise a bit divides the squared error by four: 2 ln(2) / 12 = 0.12.
+PRICE_FINEST, PRICE_COARSEST = 0.2, 0.01
 _TAIL_IN_SIGMAS = 5.0  # beyond it the Gaussian continues as an exponential, so that float32 and gradients stay finite
 _MOST_BITS = 32.0  # about what an outlier costs, by the least frequency of a table or by an escape
 

@@ -47,7 +47,7 @@ def test_outliers_and_mirror_images() -> None:
 
 def test_price_falls_as_lambda_rises() -> None:
     prices = price_of_bits(torch.tensor([0, 884, 1768]))
-    assert prices.tolist() == pytest.approx([0.12, 0.08, 0.04])
+    assert prices.tolist() == pytest.approx([0.2, 0.105, 0.01])
 
 
 def test_a_payload_is_shorter_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
