@@ -29,11 +29,16 @@ def test_both_stages_round_trip(views: int):
         context = sent.y_hat
 
 
-def test_coded_elements_are_off_by_half_and_skipped_ones_are_their_mean():
+@pytest.mark.parametrize(("price", "most_off"), [(0.0, 0.5), (0.2, 1.5)])
+def test_coded_elements_are_off_by_little_and_skipped_ones_are_their_mean(
+    price: float, most_off: float, monkeypatch: pytest.MonkeyPatch
+):
+    """By half a step where bits cost nothing, by one more where the symbol before the nearest may be taken."""
+    monkeypatch.setattr("fecocodec.coding.symbol_choice.PRICE_FINEST", price)
     y, z = smooth_latents(2, 8, 8)
     _, coded = encode_latents(lively_prior(), y, z, 0, 1, None)
     zeros = torch.from_numpy(np.concatenate([s.ravel() for s in coded.symbols[1:]]) == 0)
-    far = (coded.y_hat - y).abs() > 0.5 + 1e-6
+    far = (coded.y_hat - y).abs() > most_off + 1e-6
     assert 0 < int(far.sum()) <= int(zeros.sum()), "an element that is further off was not coded: its symbol is zero"
     assert float(far.double().mean()) < 0.5
 

@@ -37,10 +37,15 @@ def latent() -> torch.Tensor:
     return 3.0 * torch.randn(2, 32, 8, 8, generator=torch.Generator().manual_seed(1))
 
 
-def test_latents_pass_through_with_the_gradient_of_what_they_were(networks: nn.ModuleDict, latent: torch.Tensor):
+@pytest.mark.parametrize(("price", "most_off"), [(0.0, 0.5), (0.2, 1.5)])
+def test_latents_pass_through_with_the_gradient_of_what_they_were(
+    networks: nn.ModuleDict, latent: torch.Tensor, price: float, most_off: float, monkeypatch: pytest.MonkeyPatch
+):
+    for name in ("PRICE_FINEST", "PRICE_COARSEST"):
+        monkeypatch.setattr(f"fecocodec.coding.symbol_choice.{name}", price)
     y = latent.clone().requires_grad_()
     y_hat, _ = code_with_noise(networks["receiver"], networks["sender"])(y, torch.tensor([100, 1700]), 1, None)
-    assert 0.0 < float((y_hat - y).detach().abs().max()) <= 0.5 + 1e-3
+    assert 0.0 < float((y_hat - y).detach().abs().max()) <= most_off + 1e-3
     y_hat.sum().backward()
     assert torch.equal(y.grad, torch.ones_like(y))
 
