@@ -53,6 +53,7 @@ def test_a_batch_gives_what_its_scenes_give_alone(sender: Sender) -> None:
     torch.testing.assert_close(together, torch.cat(alone), atol=1e-4, rtol=1e-4)
 
 
+@torch.no_grad()
 def test_wild_features_give_latents_that_can_be_coded(sender: Sender) -> None:
     features, condition = torch.randn(1, 128, 16, 16) * 1e6, RateEmbedding(1768, 11.0, 0.5)(torch.tensor([0]), 1)
     y = sender.analysis(features, features, condition)
