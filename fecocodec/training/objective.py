@@ -128,7 +128,26 @@ def run_stages(
         renderings = _render(batch, prediction, is_last=stage == num_stages)
         outcomes.append(StageOutcome(prediction, renderings, rearrange(bits, "(b v) -> b v", v=views).sum(dim=1)))
     found = (matching.relative_disparity, matching.depth.relative_disparity, matching.depth.agreement)
-    return outcomes, MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=views) for item in found))
+    matched = MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=views) for item in found))
+    return outcomes, with_targets(sender, batch, matched)
+
+
+@torch.no_grad()
+def with_targets(sender: Sender, batch: Batch, matched: MatchedDisparity) -> MatchedDisparity:
+    """The same; in photographs where the context views confirm nothing, what the target views confirm.
+
+    Targets see much that only one context view sees, and whose depth is a guess to the sender.
+    """
+    if not batch.depth.isnan().any():
+        return matched
+    views = batch.num_context
+    depth = sender.extractor.match(batch.images, batch.cameras).depth
+    found = (depth.relative_disparity, depth.agreement)
+    settled, agreed = (rearrange(item, "(b v) 1 h w -> b v h w", b=len(batch.images))[:, :views] for item in found)
+    is_sure = matched.agreement > AGREED
+    return MatchedDisparity(
+        matched.learned, torch.where(is_sure, matched.settled, settled), torch.where(is_sure, matched.agreement, agreed)
+    )
 
 
 def _render(batch: Batch, prediction: Prediction, is_last: bool) -> list[Rendering]:

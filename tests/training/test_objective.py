@@ -1,13 +1,16 @@
 """What a bit costs in training: lambda for the latents, one price for the entropy model."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
 from torch import nn
 
 from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.model import Receiver
+from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
@@ -20,6 +23,7 @@ from fecocodec.training.objective import (
     lambda_of,
     loss_of,
     run_stages,
+    with_targets,
 )
 from fecocodec.training.scenes import ProceduralWorld
 from fecocodec.training.textures import pattern_textures
@@ -91,6 +95,33 @@ def test_depth_of_photographs_is_judged_by_matched_depth_where_views_agree(netwo
     assert disparity(photographs, all_agree) == pytest.approx(0.25, abs=0.01)
     assert disparity(photographs, none_agree) == 0.0
     assert disparity(batch, all_agree) == disparity(batch, none_agree) > 0.0  # exact depth needs no other
+
+
+def test_depth_that_context_views_do_not_confirm_is_taken_from_targets_that_do(
+    networks: nn.ModuleDict, batch: Batch, monkeypatch: pytest.MonkeyPatch
+):
+    def of_all_views(value: float) -> torch.Tensor:
+        return torch.full((3, 1, 16, 16), value)
+
+    calls: list[torch.Tensor] = []
+
+    def match(images: torch.Tensor, cameras: Cameras) -> SimpleNamespace:
+        calls.append(images)
+        return SimpleNamespace(depth=MatchedDepth(of_all_views(0.9), of_all_views(0.8)))
+
+    sender = networks["sender"]
+    monkeypatch.setattr(sender.extractor, "match", match)
+    agreement = torch.zeros(1, 2, 16, 16)
+    agreement[..., :4] = 0.95
+    alone = MatchedDisparity(torch.zeros(1, 2, 16, 16), torch.full((1, 2, 16, 16), 0.3), agreement)
+    photographs = replace(batch, depth=torch.full_like(batch.depth, torch.nan))
+    found = with_targets(sender, photographs, alone)
+    assert calls[0].shape[1] == 3
+    assert found.settled[..., :4].unique().tolist() == pytest.approx([0.3])
+    assert found.settled[..., 4:].unique().tolist() == pytest.approx([0.9])
+    assert found.agreement[..., 3:5].flatten().unique().tolist() == pytest.approx([0.8, 0.95])
+    assert with_targets(sender, batch, alone) is alone
+    assert len(calls) == 1  # exact depth needs no other
 
 
 def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.ModuleDict, batch: Batch):

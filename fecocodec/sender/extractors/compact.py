@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import PlainBlock2d, downsample, upsample
+from fecocodec.sender.extractors.continuation import continued
 from fecocodec.sender.extractors.cross_check import agreement
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
@@ -125,7 +126,8 @@ class CompactExtractor(nn.Module):
     ) -> Float[Tensor, "item channel h4 w4"]:
         """U-Net over appearance, matching and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
-        disparity = 2.0 * matching.aggregated_disparity - 1.0
+        beside = continued(matching.aggregated_disparity, matching.agreement, _flat(images))
+        disparity = 2.0 * torch.lerp(beside, matching.aggregated_disparity, matching.agreement) - 1.0
         found = (matching.appearance, matching.cost / 8.0, matching.agreement, disparity, matching.confidence)
         fine = self.fine_in(self.input(torch.cat((*found, pixels), dim=1)))
         middle = self.middle_in(self.down_fine(fine))
