@@ -52,8 +52,8 @@ def test_an_ablation_can_be_asked_for_alone(profile: Profile) -> None:
 def test_ways_to_trade_time(profile: Profile) -> None:
     systems = {system.name: partial(run, system) for system in speed_systems(profile, LAMBDA)}
     threads = torch.get_num_threads()
-    # Sums differ in their last bits with the number of threads, which may turn a symbol: 60 dB, not equality.
-    assert float((systems["one thread"]().images - systems["fecosplat"]().images).square().mean()) < 1e-6
+    # Sums differ in their last bits with the number of threads, which may turn a symbol: 80 dB, not equality.
+    assert float((systems["one thread"]().images - systems["fecosplat"]().images).square().mean()) < 1e-8
     assert torch.get_num_threads() == threads
     half = systems["half the size"](side=128)
     assert half.images.shape[-2:] == (128, 128) and half.num_bytes < systems["fecosplat"](side=128).num_bytes

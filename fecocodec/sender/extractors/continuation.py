@@ -19,7 +19,7 @@ RIDGE = 0.005  # of slopes, in REACH^2: holds a plane level where its neighbours
 OUTLIER = 0.05  # difference of relative disparity at which a neighbour's weight is halved
 NUM_FITS = 4
 AGREEMENT_POWER = 4  # so that barely confirmed neighbours hardly count
-MOST_CELLS = 1024  # every cell is fitted to every other
+MOST_CELLS = 1024  # or a few more, for whole rows and columns; every cell is fitted to every other
 _LEAST_WEIGHT = 1e-8
 
 
@@ -31,7 +31,7 @@ def continued(
 ) -> Float[Tensor, "item 1 h4 w4"]:
     """Relative disparity of the plane fitted around each pixel to the relative disparity that other views agree with.
 
-    In [0, 1]. The fits are made on a coarser grid, of at most MOST_CELLS cells. No gradient.
+    In [0, 1]. The fits are made on a coarser grid. No gradient.
     """
     height, width = relative.shape[-2:]
     coarseness = max(2, math.ceil(math.sqrt(height * width / MOST_CELLS)))
