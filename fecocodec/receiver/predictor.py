@@ -14,6 +14,7 @@ from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
 from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_shuffle, upsample
+from fecocodec.receiver.contradiction import contradiction
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid: one per 2x2 pixels
@@ -102,13 +103,15 @@ class Predictor(nn.Module):
         identity = raw.new_tensor([1.0, 0.0, 0.0, 0.0])
         local = F.normalize(rotation + identity, dim=-1)
         view_to_world = quaternion_from_matrix(cameras.extrinsics[..., :3, :3])[..., None, None, :]
-        harmonics = (torch.sigmoid(2.0 * colour) - 0.5) / SH_DEGREE_0
+        colour, opacity = torch.sigmoid(2.0 * colour), torch.sigmoid(opacity[..., 0] + 2.0)
+        means = camera_to_world_points(cameras, rays * depth[..., None])
+        opacity = opacity * (1.0 - contradiction(means, depth, colour, opacity, cameras))
         return Gaussians(
-            means=rearrange(camera_to_world_points(cameras, rays * depth[..., None]), "b v h w xyz -> b (v h w) xyz"),
+            means=rearrange(means, "b v h w xyz -> b (v h w) xyz"),
             scales=rearrange(scales, "b v h w xyz -> b (v h w) xyz"),
             rotations=rearrange(multiply(view_to_world, local), "b v h w q -> b (v h w) q"),
-            opacities=rearrange(torch.sigmoid(opacity[..., 0] + 2.0), "b v h w -> b (v h w)"),
-            harmonics=rearrange(harmonics, "b v h w rgb -> b (v h w) 1 rgb"),
+            opacities=rearrange(opacity, "b v h w -> b (v h w)"),
+            harmonics=rearrange((colour - 0.5) / SH_DEGREE_0, "b v h w rgb -> b (v h w) 1 rgb"),
         )
 
 

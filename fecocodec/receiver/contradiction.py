@@ -1,0 +1,78 @@
+"""Gaussians that contradict another view: in front of what it shows there, and of another colour.
+
+Where only one view sees a place its depth is a guess, and a guess too near stands in other views' way. What a view
+shows is told by its own Gaussians: each was placed on one of its pixels, so that nothing need be rendered. A real
+surface in front of another view's would be seen by that view, too (free space, as in Curless and Levoy, "A volumetric
+method for building complex models from range images", 1996).
+"""
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+
+COLOUR_DIFFERENCE = 0.4  # squared distance of sRGB colours in [0, 1] at which half is believed
+LEAD = 0.14  # logarithm of the ratio of depths at which half is believed: 15% nearer
+LEAD_WIDTH = 0.1
+POOLED = 2  # Gaussians a side whose mean says what a view shows
+_SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
+
+
+@torch.no_grad()
+def contradiction(
+    means: Float[Tensor, "batch view h2 w2 3"],
+    depth: Float[Tensor, "batch view h2 w2"],
+    colour: Float[Tensor, "batch view h2 w2 3"],
+    opacity: Float[Tensor, "batch view h2 w2"],
+    cameras: Cameras,
+) -> Float[Tensor, "batch view h2 w2"]:
+    """How far the view that contradicts each Gaussian most does so, in [0, 1]; no gradient.
+
+    means in the cameras' world, depth in the Gaussian's own view, both in scene units; sides even.
+    """
+    found, views = torch.zeros_like(depth), cameras.num_views
+    if views == 1:
+        return found
+    shown = _shown(depth, colour, opacity)
+    for scene in range(len(depth)):
+        for other in range(views):
+            judged = [view for view in range(views) if view != other]
+            camera = cameras.scene(scene).select([other])
+            said = _said_by(shown[scene, other], camera, means[scene, judged], colour[scene, judged])
+            found[scene, judged] = torch.maximum(found[scene, judged], said)
+    return found
+
+
+def _shown(depth: Tensor, colour: Tensor, opacity: Tensor) -> Float[Tensor, "batch view 4 h4 w4"]:
+    """Colour and inverse depth of each view's own Gaussians, mean over `POOLED`x`POOLED` weighted by opacity."""
+    values = torch.cat((colour, 1.0 / depth[..., None], torch.ones_like(depth)[..., None]), dim=-1)
+    weighted = rearrange(values * (opacity[..., None] + 1e-3), "b v h w c -> (b v) c h w")
+    pooled = rearrange(F.avg_pool2d(weighted, POOLED), "(b v) c h w -> b v c h w", b=len(depth))
+    return pooled[:, :, :4] / pooled[:, :, 4:]
+
+
+def _said_by(
+    shown: Float[Tensor, "4 h4 w4"],
+    camera: Cameras,
+    means: Float[Tensor, "judged h2 w2 3"],
+    colour: Float[Tensor, "judged h2 w2 3"],
+) -> Float[Tensor, "judged h2 w2"]:
+    """What one view says of other views' Gaussians; nothing where it does not see them."""
+    to_camera = camera.world_to_camera[0]
+    projection = camera.intrinsics[0] @ to_camera[:3]
+    projected = means @ projection[:, :3].T + projection[:, 3]
+    depth = projected[..., 2]
+    is_in_front = depth > _SMALLEST_DEPTH
+    depth = torch.where(is_in_front, depth, 1.0)
+    uv = projected[..., :2] / depth[..., None]
+    is_seen = is_in_front & ((uv >= 0) & (uv <= 1)).all(dim=-1)
+    grid = rearrange(2.0 * uv.clamp(-1, 2) - 1.0, "judged h w xy -> 1 (judged h) w xy")
+    there = F.grid_sample(shown[None], grid, padding_mode="border", align_corners=False)
+    there = rearrange(there, "1 c (judged h) w -> judged h w c", judged=len(means))
+    difference = (there[..., :3] - colour).square().sum(dim=-1).square()
+    lead = -(there[..., 3] * depth).clamp_min(1e-6).log()
+    nearer = torch.sigmoid((lead - LEAD) / LEAD_WIDTH)
+    return is_seen * nearer * difference / (difference + COLOUR_DIFFERENCE**2)
