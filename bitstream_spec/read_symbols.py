@@ -21,6 +21,8 @@ HALF_LANE = LANE // 2
 Vector = list[int]
 Array = list[list[list[Vector]]]  # x[view][row][column][channel]
 Size = tuple[int, int, int]
+Offsets = list[tuple[int, int]]
+KNOWN: list[Offsets] = [[], [(-1, -1), (-1, 1), (1, -1), (1, 1)], [(-1, 0), (0, -1), (0, 1), (1, 0)]]
 
 
 class RefusedError(Exception):
@@ -47,7 +49,7 @@ class Layer(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """What a payload says: symbols of the five batches, values Q8, digest (section 8)."""
+    """What a payload says: symbols of the seven batches, values Q8, digest (section 8)."""
 
     batches: list[list[int]]
     z_hat: Array
@@ -94,9 +96,9 @@ def read_model(data: bytes) -> Model:
     names = {name.removeprefix("prior.").rpartition(".")[0] for name in header if name.startswith("prior.")}
     layers = {name: read_layer(header, body, f"prior.{name}") for name in sorted(names)}
     require({"hyper_prior", "enter", "up_16", "around_16", "up_8", "merge_8"} <= names, "a layer is missing")
-    for s in range(4):
-        require({f"steps.{s}.{part}" for part in ("enter", "middle", "leave")} <= names, "a layer is missing")
-    num_y, num_z = 2 * layers["steps.0.leave"].outputs, layers["hyper_prior"].outputs // 2
+    for s in ("passes.0", "passes.1", "passes.2", "steps.1", "steps.2", "steps.3"):
+        require({f"{s}.{part}" for part in ("enter", "middle", "leave")} <= names, "a layer is missing")
+    num_y, num_z = 2 * layers["steps.1.leave"].outputs, layers["hyper_prior"].outputs // 2
     return Model(layers, num_y, num_z, read_tables(TABLES.read_bytes()))
 
 
@@ -195,11 +197,14 @@ def relu(x: Vector) -> Vector:
 
 
 def around(x: Array, v: int, i: int, j: int) -> Vector:
+    return beside(x, v, i, j, [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)])
+
+
+def beside(x: Array, v: int, i: int, j: int, offsets: Offsets) -> Vector:
     rows, columns, nothing = len(x[v]), len(x[v][0]), [0] * len(x[v][0][0])
     found: Vector = []
-    for a in (i - 1, i, i + 1):
-        for b in (j - 1, j, j + 1):
-            found += map(clip, x[v][a][b]) if 0 <= a < rows and 0 <= b < columns else nothing
+    for a, b in offsets:
+        found += map(clip, x[v][i + a][j + b]) if 0 <= i + a < rows and 0 <= j + b < columns else nothing
     return found
 
 
@@ -265,34 +270,76 @@ def read_z(coder: Coder, model: Model, size: Size, condition: Vector) -> tuple[l
 def read_y(coder: Coder, model: Model, e: Array) -> tuple[list[list[int]], Array]:
     """Section 7, step 4."""
     size, quarter = (len(e), len(e[0]), len(e[0][0])), model.L // 4
-    y_hat = array(size, lambda *_: [0] * model.L)
-    batches: list[list[int]] = []
-    steps: list[Array] = []
-    for s, x_s in enumerate((0, 3, 2, 1)):
-        places = [
-            (v, i, j)
-            for m in range(4)
-            for v in range(size[0])
-            for i in range(m >> 1, size[1], 2)
-            for j in range(m % 2, size[2], 2)
-        ]
+    batches, first = read_step_0(coder, model, e)
+    steps = [first]
+    for s in (1, 2, 3):
         means, indices = [], []
-        for v, i, j in places:
-            m = 2 * (i % 2) + j % 2
+        for m, v, i, j in phase_by_phase(size):
             x = e[v][i][j] + [value for k in steps for value in around(k, v, i, j)]
-            for part in ("enter", "middle"):
-                x = relu(apply(model.layers[f"steps.{s}.{part}"], x, m))
-            parameters = apply(model.layers[f"steps.{s}.leave"], x, m)
+            parameters = three_layers(model, f"steps.{s}", x, m)
             means += parameters[:quarter]
             indices += map(table_index, parameters[quarter:])
         batches.append(take_batch(coder, model.tables, indices))
+        values = [256 * symbol + mean for symbol, mean in zip(batches[-1], means, strict=True)]
         k = array(size, lambda *_: [0] * quarter)
-        for at, (v, i, j) in enumerate(places):
-            q = (2 * (i % 2) + j % 2) ^ x_s
-            values = [256 * batches[s][at * quarter + n] + means[at * quarter + n] for n in range(quarter)]
-            k[v][i][j] = y_hat[v][i][j][quarter * q : quarter * q + quarter] = values
+        for at, (_, v, i, j) in enumerate(phase_by_phase(size)):
+            k[v][i][j] = values[at * quarter :][:quarter]
         steps.append(k)
+    y_hat = array(size, lambda *_: [0] * model.L)
+    for x_s, k in zip((0, 3, 2, 1), steps, strict=True):
+        for m, v, i, j in phase_by_phase(size):
+            q = m ^ x_s
+            y_hat[v][i][j][quarter * q : quarter * q + quarter] = k[v][i][j]
     return batches, y_hat
+
+
+def read_step_0(coder: Coder, model: Model, e: Array) -> tuple[list[list[int]], Array]:
+    size, quarter = (len(e), len(e[0]), len(e[0][0])), model.L // 4
+    size_16 = (size[0], size[1] // 2, size[2] // 2)
+
+    def summed(v: int, i: int, j: int) -> Vector:
+        block = (e[v][2 * i + a][2 * j + b] for a in (0, 1) for b in (0, 1))
+        return [clip(sum(values)) for values in zip(*block, strict=True)]
+
+    sums = array(size_16, summed)
+    known = array(size_16, lambda *_: [0] * model.L)  # K
+    batches: list[list[int]] = []
+    for p in range(3):
+        blocks = [
+            (v, i, j)
+            for v in range(size_16[0])
+            for i in range(size_16[1])
+            for j in range(size_16[2])
+            if p == ((0, 2), (2, 1))[i % 2][j % 2]
+        ]
+        found = [
+            three_layers(model, f"passes.{p}", sums[v][i][j] + beside(known, v, i, j, KNOWN[p])) for v, i, j in blocks
+        ]
+        of_phases = [parameters[2 * quarter * m :][: 2 * quarter] for m in range(4) for parameters in found]
+        means = [value for parameters in of_phases for value in parameters[:quarter]]
+        indices = [table_index(value) for parameters in of_phases for value in parameters[quarter:]]
+        batches.append(take_batch(coder, model.tables, indices))
+        values = [256 * symbol + mean for symbol, mean in zip(batches[-1], means, strict=True)]
+        for at, (m, (v, i, j)) in enumerate((m, block) for m in range(4) for block in blocks):
+            known[v][i][j][quarter * m : quarter * m + quarter] = values[at * quarter :][:quarter]
+    return batches, array(size, lambda v, i, j: known[v][i // 2][j // 2][quarter * (2 * (i % 2) + j % 2) :][:quarter])
+
+
+def phase_by_phase(size: Size) -> list[tuple[int, int, int, int]]:
+    """(m, v, i, j) in the order of a batch."""
+    return [
+        (m, v, i, j)
+        for m in range(4)
+        for v in range(size[0])
+        for i in range(m >> 1, size[1], 2)
+        for j in range(m % 2, size[2], 2)
+    ]
+
+
+def three_layers(model: Model, name: str, x: Vector, group: int = 0) -> Vector:
+    for part in ("enter", "middle"):
+        x = relu(apply(model.layers[f"{name}.{part}"], x, group))
+    return apply(model.layers[f"{name}.leave"], x, group)
 
 
 def digest(batches: list[list[int]]) -> bytes:

@@ -76,6 +76,20 @@ Examples:
 @click.option(
     "--freeze", "frozen", multiple=True, type=click.Choice(["receiver", "extractor"]), help="Leave it as it is."
 )
+@click.option(
+    "--entropy-steps",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="When the schedule has ended, steps of the entropy model alone: fewer bytes, the same pictures.",
+)
+@click.option(
+    "--entropy-scenes",
+    type=click.IntRange(min=1),
+    default=400,
+    show_default=True,
+    help="Scenes a process whose latents those steps learn from.",
+)
 @click.option("--export", "model", type=FILE_PATH, help="When done, write the weights files of a model to this folder.")
 @device_option
 @threads_option
@@ -89,6 +103,8 @@ def command(
     start: Path | None,
     extractor: Path | None,
     frozen: tuple[str, ...],
+    entropy_steps: int,
+    entropy_scenes: int,
     model: Path | None,
     device: str,
     **overrides: Any,
@@ -98,6 +114,7 @@ def command(
     Started by torchrun, as in the last example, several processes train together.
     """
     from fecocodec.training.configurations import configuration_named
+    from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
     from fecocodec.training.export import export_model
     from fecocodec.training.log import LOG_COLUMNS
     from fecocodec.training.loop import RunSettings, Trainer
@@ -119,6 +136,12 @@ def command(
             say(f"extractor: {trainer.start_extractor_from(extractor)}")
         for row in trainer.run():
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
+        if entropy_steps and trainer.step < configuration.schedule.num_steps:
+            say("entropy model: left for when the schedule has ended; run the same command again")
+        elif entropy_steps:
+            for row in train_entropy_model(trainer, EntropyPhase(entropy_steps, entropy_scenes)):
+                if is_first():
+                    say("entropy model: " + "  ".join(f"{name} {value:.4g}" for name, value in row.items()))
         if model is not None and is_first():
             export_model(trainer.checkpoint, model, configuration)
 

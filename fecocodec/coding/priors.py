@@ -9,7 +9,17 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.coding.fixed_point import ONE_Q8, FixedPointLinear, saturate
-from fecocodec.coding.quadtree import NUM_PHASES, NUM_STEPS, merge_phases, neighbourhoods, phase_neighbourhoods
+from fecocodec.coding.quadtree import (
+    KNOWN_BLOCKS,
+    NUM_PHASES,
+    NUM_STEPS,
+    blocks_around,
+    merge_passes,
+    merge_phases,
+    neighbourhoods,
+    phase_neighbourhoods,
+    split_passes,
+)
 from fecocodec.entropy.tables import NUM_TABLES, SIGMA_ONE_INDEX
 
 NUM_STAGES = 2
@@ -55,8 +65,28 @@ def _apply_rows(layer: FixedPointLinear, *inputs_q8: Float[Tensor, "... _"]) -> 
     return rows.view(*inputs_q8[0].shape[:-1], -1)
 
 
+class BlockNetwork(nn.Module):
+    """Entropy parameters of the blocks of one pass of the first step: 2x2 positions, a quarter of the channels at each.
+
+    the block's features summed, known blocks around -> 3/2 width -> ReLU -> width -> ReLU -> mean, position by phase
+    """
+
+    def __init__(self, num_known: int, quarter: int, width: int) -> None:
+        super().__init__()
+        self.enter = FixedPointLinear(width + num_known * NUM_PHASES * quarter, 3 * width // 2)
+        self.middle = FixedPointLinear(3 * width // 2, width)
+        self.leave = FixedPointLinear(width, NUM_PHASES * 2 * quarter, gain=0.1)
+
+    def forward(self, *inputs_q8: Float[Tensor, "item row column _"]) -> EntropyParameters:
+        x = torch.relu_(_apply_rows(self.enter, *inputs_q8))
+        x = _apply_rows(self.leave, torch.relu_(_apply_rows(self.middle, x)))
+        x = rearrange(x, "n i j (phase c) -> phase n i j c", phase=NUM_PHASES)
+        mean_q8, position_q8 = x.chunk(2, dim=-1)
+        return EntropyParameters(mean_q8, position_q8)
+
+
 class ContextNetwork(nn.Module):
-    """Entropy parameters of one quadtree step; each phase has its own weights, as each codes other channels.
+    """Entropy parameters of one later quadtree step; each phase has its own weights, as each codes other channels.
 
     features, 3x3 surroundings of the steps before -> width -> ReLU -> width -> ReLU -> mean, position of a quarter
     """
@@ -78,20 +108,22 @@ class LatentPrior(nn.Module):
     """Priors of hyper-latent and latent, shared by both stages.
 
     condition -> z's parameters;   z_hat, condition -> 3x3 at 1/32 -> up -> 3x3 at 1/16 -> up -> features at 1/8
-    features also see the latent of the stage before;   features, coded steps -> ContextNetwork -> y's parameters
+    features also see the latent of the stage before;   features, coded blocks -> BlockNetwork, three passes,
+    then features, coded steps -> ContextNetwork, three steps -> y's parameters
     """
 
     def __init__(self, latent_channels: int = 32, hyper_channels: int = 16, width: int = 64) -> None:
         super().__init__()
         self.latent_channels, self.hyper_channels = latent_channels, hyper_channels
         self.hyper_prior = FixedPointLinear(NUM_CONDITIONS, 2 * hyper_channels, gain=0.1)
-        self.enter = FixedPointLinear(NUM_CONDITIONS + 9 * hyper_channels, 2 * width)
-        self.up_16 = FixedPointLinear(2 * width, 4 * width)
+        self.enter = FixedPointLinear(NUM_CONDITIONS + 9 * hyper_channels, width)
+        self.up_16 = FixedPointLinear(width, 4 * width)
         self.around_16 = FixedPointLinear(9 * width, width)
         self.up_8 = FixedPointLinear(width, 4 * width)
         self.merge_8 = FixedPointLinear(width + NUM_CONDITIONS + 9 * latent_channels, width)
         quarter = latent_channels // NUM_STEPS
-        self.steps = nn.ModuleList(ContextNetwork(step, quarter, width) for step in range(NUM_STEPS))
+        self.passes = nn.ModuleList(BlockNetwork(len(known), quarter, width) for known in KNOWN_BLOCKS)
+        self.steps = nn.ModuleDict({str(step): ContextNetwork(step, quarter, width) for step in range(1, NUM_STEPS)})
 
     def hyper_parameters(
         self, condition_q8: Float[Tensor, "item 4"], height_32: int, width_32: int
@@ -118,6 +150,20 @@ class LatentPrior(nn.Module):
         x = rearrange(x, "n i j (phase c) -> phase n i j c", phase=NUM_PHASES)
         around = [] if context_q8 is None else [phase_neighbourhoods(saturate(context_q8))]
         return torch.relu_(_apply_rows(self.merge_8, x, spread.expand(*x.shape[:-1], -1), *around))
+
+    def block_parameters(
+        self,
+        features: Float[Tensor, "4 item row column width"],
+        coded_q8: Sequence[Float[Tensor, "4 item _ _ quarter"]],
+    ) -> EntropyParameters:
+        """Parameters of the pass of the first step that follows those in `coded_q8`, [4 item _ _ quarter] as they."""
+        number = len(coded_q8)
+        inputs = [saturate(features.sum(dim=0))]
+        if coded_q8:
+            blocks = rearrange(saturate(merge_passes(coded_q8)), "phase n i j c -> n i j (phase c)")
+            inputs.append(blocks_around(blocks, KNOWN_BLOCKS[number]))
+        parameters: EntropyParameters = self.passes[number](*(split_passes(x)[number] for x in inputs))
+        return parameters
 
     def surroundings(
         self, y_hat_q8: Float[Tensor, "4 item row column quarter"]

@@ -3,8 +3,13 @@
 Positions are split by parity into four phases m = 2 * (row odd) + (column odd), channels into four quarters. Step s
 codes quarter `m XOR STEP_XOR[s]` at phase m (Li et al., "Neural video compression with diverse contexts", CVPR 2023):
 after the first step every position has neighbours that know each quarter.
+
+The first step alone would find nothing around it. It codes blocks of 2x2 positions, all four phases at once, in three
+passes by the parity of the block: even rows and columns, odd rows and columns, the rest. Blocks of the second and the
+third pass have four neighbours that are known.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -15,6 +20,9 @@ from torch import Tensor
 NUM_STEPS = 4
 NUM_PHASES = 4
 STEP_XOR = (0, 3, 2, 1)  # its own inverse: quarter q is coded at phase m in step STEP_XOR[m XOR q]
+NUM_PASSES = 3  # of the first step
+# (row, column) offsets of the blocks that are known when a pass begins; rows and columns in ascending order.
+KNOWN_BLOCKS = ((), ((-1, -1), (-1, 1), (1, -1), (1, 1)), ((-1, 0), (0, -1), (0, 1), (1, 0)))
 
 
 def split_phases(x: Shaped[Tensor, "item height width channel"]) -> Shaped[Tensor, "4 item row column channel"]:
@@ -42,6 +50,35 @@ def from_coding_order(
     phase = torch.arange(NUM_PHASES, device=coded.device)
     step = torch.tensor(STEP_XOR, device=coded.device)[phase ^ phase[:, None]]
     return rearrange(coded[step, phase], "q (a b) n i j c -> n (q c) (i a) (j b)", a=2, b=2)
+
+
+def split_passes(x: Shaped[Tensor, "*some row column channel"]) -> list[Shaped[Tensor, "*some _ _ channel"]]:
+    """Blocks by pass. The third has all rows and half the columns: odd ones of even rows, even ones of odd rows."""
+    even, odd = x[..., 0::2, :, :], x[..., 1::2, :, :]
+    rest = torch.stack((even[..., 1::2, :], odd[..., 0::2, :]), dim=-3).flatten(-4, -3)
+    return [even[..., 0::2, :], odd[..., 1::2, :], rest]
+
+
+def merge_passes(parts: Sequence[Float[Tensor, "*some _ _ channel"]]) -> Float[Tensor, "*some row column channel"]:
+    """The inverse of `split_passes`; blocks of passes that are not given are zero."""
+    *some, rows, columns, channels = parts[0].shape
+    whole = parts[0].new_zeros(*some, 2 * rows, 2 * columns, channels)
+    whole[..., 0::2, 0::2, :] = parts[0]
+    if len(parts) > 1:
+        whole[..., 1::2, 1::2, :] = parts[1]
+    if len(parts) > 2:
+        whole[..., 0::2, 1::2, :] = parts[2][..., 0::2, :, :]
+        whole[..., 1::2, 0::2, :] = parts[2][..., 1::2, :, :]
+    return whole
+
+
+def blocks_around(
+    x: Float[Tensor, "item row column channel"], offsets: Sequence[tuple[int, int]]
+) -> Float[Tensor, "item row column columns"]:
+    """For every block those at `offsets` from it, one after another; zero outside."""
+    rows, columns = x.shape[1:3]
+    padded = torch.nn.functional.pad(x, (0, 0, 1, 1, 1, 1))
+    return torch.cat([padded[:, 1 + i : 1 + i + rows, 1 + j : 1 + j + columns] for i, j in offsets], dim=-1)
 
 
 def _rows_around(x: Tensor) -> tuple[Tensor, Tensor]:

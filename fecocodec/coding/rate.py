@@ -60,11 +60,11 @@ def estimate_latents(
     context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
     size_32 = (z.shape[2], z.shape[3])
     walked = walk_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
-    bits_z, *bits_steps = meter.bits
+    bits_z, *bits_y = meter.bits
     return LatentEstimate(
         y_hat=walked.y_hat_q8 / ONE_Q8,
         z_hat=walked.z_hat_q8 / ONE_Q8,
-        bits_y=torch.stack(bits_steps).sum(dim=(0, 1, 3, 4, 5)),
+        bits_y=torch.stack([bits.sum(dim=(0, 2, 3, 4)) for bits in bits_y]).sum(dim=0),
         bits_z=bits_z.sum(dim=(1, 2, 3)),
     )
 

@@ -1,4 +1,5 @@
-"""The one walk through a latent, in the order of the bitstream: hyper-latent, then four quadtree steps."""
+"""The one walk through a latent, in the order of the bitstream: hyper-latent, then the quadtree's steps, the first of
+them in three passes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,15 +9,20 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
-from fecocodec.coding.quadtree import NUM_STEPS, from_coding_order, to_coding_order
+from fecocodec.coding.quadtree import (
+    NUM_PASSES,
+    from_coding_order,
+    merge_passes,
+    split_passes,
+    to_coding_order,
+)
 
-NUM_PARTITIONS = 1 + NUM_STEPS
 FACTOR_32 = 4  # positions of y per position of z, along each side
 
 Exchange = Callable[[int, EntropyParameters], Tensor]
 """(partition, parameters) -> values of that partition as the receiver will see them, Q8.
 
-Partition 0 is z, [item height/32 width/32 channel]; partition 1 + s is step s of y, [4 item row column quarter].
+Partition 0 is z, [item height/32 width/32 channel]; then come the passes and steps of y, [4 item row column quarter].
 """
 
 
@@ -32,7 +38,8 @@ def split_partitions(
     y: Float[Tensor, "item latent height_8 width_8"], z: Float[Tensor, "item hyper _ _"]
 ) -> list[Tensor]:
     """Latents in the layout of each partition."""
-    return [z.permute(0, 2, 3, 1), *to_coding_order(y)]
+    first, *others = to_coding_order(y)
+    return [z.permute(0, 2, 3, 1), *split_passes(first), *others]
 
 
 def in_layout(of_item: Float[Tensor, " item"], partition: int) -> Float[Tensor, "*broadcast"]:
@@ -57,9 +64,11 @@ def walk_latents(
         z_hat_q8 = exchange(0, prior.hyper_parameters(condition_q8, *size_32))
         context_q8 = None if context_q8 is None else context_q8.to(condition_q8.dtype).permute(0, 2, 3, 1)
         known = [prior.features(z_hat_q8, condition_q8, context_q8)]
-        steps: list[Tensor] = []
-        for step, network in enumerate(prior.steps):
-            if steps:
-                known.append(prior.surroundings(steps[-1]))
-            steps.append(exchange(1 + step, network(known)))
+        blocks: list[Tensor] = []
+        for number in range(NUM_PASSES):
+            blocks.append(exchange(1 + number, prior.block_parameters(known[0], blocks)))
+        steps = [merge_passes(blocks)]
+        for step, network in enumerate(prior.steps.values(), start=1):
+            known.append(prior.surroundings(steps[-1]))
+            steps.append(exchange(NUM_PASSES + step, network(known)))
         return WalkedLatents(z_hat_q8.permute(0, 3, 1, 2), from_coding_order(torch.stack(steps)))

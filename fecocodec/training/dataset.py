@@ -31,7 +31,7 @@ def draw_batch(
 
     lambda_q_range: least and largest `lambda_q`, both included.
     """
-    samples = [_draw(sources, generator, shape, photograph_share) for _ in range(shape.num_scenes)]
+    samples = [draw_sample(sources, generator, shape, photograph_share) for _ in range(shape.num_scenes)]
     normalised = [normalise_scene(sample.views.cameras) for sample in samples]
     cameras = [cameras for cameras, _ in normalised]
     depths = [
@@ -50,7 +50,8 @@ def draw_batch(
     )
 
 
-def _draw(sources: Sources, generator: torch.Generator, shape: BatchShape, photograph_share: float) -> Sample:
+def draw_sample(sources: Sources, generator: torch.Generator, shape: BatchShape, photograph_share: float) -> Sample:
+    """One scene, a photographed one with probability `photograph_share` where there are any."""
     is_photograph = float(torch.rand((), generator=generator)) < photograph_share
     source = sources.photographs if is_photograph and sources.photographs is not None else sources.world
     return source.sample(generator, num_context=shape.num_context, num_target=shape.num_target, size=shape.size)

@@ -74,26 +74,59 @@ def decode(
     z_hat = decode_batch(ans, tables) * 256 + mean
 
     known = features(weights, z_hat, condition, context)
+    earlier = [first_step(weights, ans, known)]
     y_hat = np.zeros((views, height, width, 32), dtype=np.int64)
-    earlier: list[np.ndarray] = []
-    for step, flip in enumerate((0, 3, 2, 1)):
-        elements, means, tables = [], [], []
+    for step in (1, 2, 3):
+        positions, means, tables = [], [], []
         for phase in range(4):
             for v in range(views):
                 for i in range(phase // 2, height, 2):
                     for j in range(phase % 2, width, 2):
                         x = np.concatenate([known[v, i, j], *(around(before, v, i, j) for before in earlier)])
-                        x = relu(layer(weights, f"steps.{step}.enter", x, phase))
-                        x = relu(layer(weights, f"steps.{step}.middle", x, phase))
-                        mean, position = np.split(layer(weights, f"steps.{step}.leave", x, phase), 2)
-                        elements.append((v, i, j, phase ^ flip))
+                        mean, position = np.split(three_layers(weights, f"steps.{step}", x, phase), 2)
+                        positions.append((v, i, j))
                         means.append(mean)
                         tables.append(table_index(position))
         values = decode_batch(ans, np.array(tables)) * 256 + np.array(means)
         this = np.zeros((views, height, width, 8), dtype=np.int64)
-        for (v, i, j, quarter), value in zip(elements, values, strict=True):
+        for (v, i, j), value in zip(positions, values, strict=True):
             this[v, i, j] = value
-            y_hat[v, i, j, 8 * quarter : 8 * quarter + 8] = value
         earlier.append(this)
+    for this, flip in zip(earlier, (0, 3, 2, 1), strict=True):
+        for v, i, j in np.ndindex(views, height, width):
+            quarter = (2 * (i % 2) + j % 2) ^ flip
+            y_hat[v, i, j, 8 * quarter : 8 * quarter + 8] = this[v, i, j]
     assert ans.is_empty()
     return z_hat, y_hat
+
+
+def first_step(weights: Weights, ans: ReferenceAns, known: np.ndarray) -> np.ndarray:
+    """Step 0 in its three passes over blocks of 2x2 positions; [view row column 8]."""
+    views, height, width, _ = known.shape
+    this = np.zeros((views, height, width, 8), dtype=np.int64)
+    offsets = [], [(-1, -1), (-1, 1), (1, -1), (1, 1)], [(-1, 0), (0, -1), (0, 1), (1, 0)]
+    members = [lambda i, j: i % 2 + j % 2 == 0, lambda i, j: i % 2 + j % 2 == 2, lambda i, j: i % 2 + j % 2 == 1]
+    for number in range(3):
+        blocks = [b for b in np.ndindex(views, height // 2, width // 2) if members[number](b[1], b[2])]
+        found = []
+        for v, i, j in blocks:
+            total = known[v, 2 * i : 2 * i + 2, 2 * j : 2 * j + 2].sum(axis=(0, 1))
+            parts = [total]
+            for a, b in offsets[number]:
+                inside = 0 <= i + a < height // 2 and 0 <= j + b < width // 2
+                block = this[v, 2 * (i + a) :, 2 * (j + b) :][:2, :2] if inside else np.zeros((2, 2, 8), dtype=np.int64)
+                parts.append(block.reshape(32))
+            x = np.clip(np.concatenate(parts), -32768, 32767)
+            found.append(three_layers(weights, f"passes.{number}", x).reshape(4, 2, 8))
+        mean, position = np.array(found).transpose(2, 1, 0, 3)  # each [phase block channel]
+        values = decode_batch(ans, table_index(position)) * 256 + mean
+        for phase in range(4):
+            for (v, i, j), value in zip(blocks, values[phase], strict=True):
+                this[v, 2 * i + phase // 2, 2 * j + phase % 2] = value
+    return this
+
+
+def three_layers(weights: Weights, name: str, x: np.ndarray, group: int = 0) -> np.ndarray:
+    for part in ("enter", "middle"):
+        x = relu(layer(weights, f"{name}.{part}", x, group))
+    return layer(weights, f"{name}.leave", x, group)

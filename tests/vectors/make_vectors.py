@@ -24,7 +24,7 @@ from tests.vectors.gaussian_samples import scene_samples  # noqa: E402
 from tests.vectors.good_vectors import Vector, good_vectors  # noqa: E402
 from tests.vectors.readme import readme  # noqa: E402
 from tests.vectors.symbols import camera_fingerprint, decode_symbols, fingerprint  # noqa: E402
-from tests.vectors.tiny_model import TINY_MODEL, VECTORS, make_tiny_model  # noqa: E402
+from tests.vectors.tiny_model import TINY_MODEL, VECTORS  # noqa: E402
 
 CHANGELOG = ROOT / "CHANGELOG.md"
 EXPECTED = "expected.json"
@@ -32,8 +32,6 @@ SCENE_BREAKS = "one that was tried on small models only"
 
 
 def main() -> int:
-    if not TINY_MODEL.exists():
-        TINY_MODEL.write_bytes(make_tiny_model())
     made = make_all(CHANGELOG.read_text())
     here = {path.relative_to(VECTORS).as_posix() for path in VECTORS.rglob("*") if path.is_file()}
     here -= {TINY_MODEL.name, *(name for name in here if Path(name).suffix not in (".fcs", ".json", ".md", ".f32"))}

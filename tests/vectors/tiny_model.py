@@ -1,4 +1,7 @@
-"""The entropy model of the test vectors: small, of fixed integers, kept beside them, and never trained."""
+"""The entropy model of the test vectors: small, of fixed integers, kept beside them, and never trained.
+
+`python -m tests.vectors.tiny_model` draws it anew, which only another architecture of the entropy model asks for.
+"""
 
 import math
 from functools import cache
@@ -57,3 +60,7 @@ def _random_like(name: str, like: Tensor, random: Random) -> Tensor:
     drawn = (math.sqrt(3.0) * (sum(random.random() for _ in range(4)) - 2.0) for _ in range(like.numel()))
     values = [max(-limit, min(limit, round(spread * value))) for value in drawn]
     return torch.tensor(values, dtype=like.dtype).view(like.shape)
+
+
+if __name__ == "__main__":
+    TINY_MODEL.write_bytes(make_tiny_model())

@@ -1,0 +1,137 @@
+"""The last phase: the entropy model alone, on latents that the finished networks make.
+
+A step of the whole codec takes seconds, one of the entropy model a tenth of a second: here it gets a hundred times as
+many. What a receiver makes of latents stays as it was: the same pictures in fewer bytes.
+"""
+
+import math
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.coding.rate import estimate_latents, uniform_noise
+from fecocodec.geometry.views import Views
+from fecocodec.sender.steps import (
+    Profile,
+    analyse,
+    code_stage,
+    feedback_features,
+    match_views,
+    prepare,
+    stage_rendering,
+    start_state,
+)
+from fecocodec.training.dataset import draw_sample
+from fecocodec.training.log import mean_of_rows
+from fecocodec.training.loop import LARGEST_GRADIENT, Trainer
+from fecocodec.training.objective import lambda_of
+from fecocodec.training.processes import average_gradients
+
+LAMBDAS_OF_A_SCENE = 2  # matching, which takes longest, is the same for all
+SCENES_OF_A_STEP = 2
+WARM_UP = 100  # steps
+LOG_EVERY = 200  # steps
+
+
+@dataclass(frozen=True)
+class EntropyPhase:
+    """num_scenes: of each process, whose latents are kept in memory (about 1.6 MB a pair of 256x256)."""
+
+    num_steps: int
+    num_scenes: int = 400
+    learning_rate: float = 2e-3
+
+    def learning_rate_at(self, step: int) -> float:
+        """Linear warm-up, then cosine to zero."""
+        warm = min(1.0, (step + 1) / WARM_UP)
+        return self.learning_rate * warm * 0.5 * (1.0 + math.cos(math.pi * step / self.num_steps))
+
+
+@dataclass(frozen=True)
+class SceneLatents:
+    """Latents of both stages before coding, and what stage 2 knows of stage 1; `lambda_q` as in streams."""
+
+    lambda_q: int
+    y1: Float[Tensor, "view latent h8 w8"]
+    y2: Float[Tensor, "view latent h8 w8"]
+    y1_hat: Float[Tensor, "view latent h8 w8"]
+
+
+def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[str, float]]:
+    """Train prior and hyper-analysis of a trainer's averaged weights, then save its checkpoint.
+
+    Yields step, and bits a context pixel of either stage, in the mean of `LOG_EVERY` steps. Stopped before its end it
+    leaves the checkpoint as it was.
+    """
+    trainer.networks.load_state_dict(trainer.average)
+    scenes = draw_latents(trainer, phase.num_scenes)
+    learning = nn.ModuleList((trainer.receiver.prior, trainer.sender.hyper_analysis))
+    optimiser = torch.optim.AdamW(learning.parameters(), lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
+    order = random.Random(trainer.generator.initial_seed())
+    window: list[dict[str, float]] = []
+    for step in range(phase.num_steps):
+        optimiser.zero_grad(set_to_none=True)
+        for scene in order.choices(scenes, k=SCENES_OF_A_STEP):
+            loss, parts = _priced_bits(trainer, scene)
+            loss.backward()
+            window.append(parts)
+        average_gradients(learning)
+        norm = nn.utils.clip_grad_norm_(learning.parameters(), LARGEST_GRADIENT)
+        for group in optimiser.param_groups:
+            group["lr"] = phase.learning_rate_at(step)
+        if torch.isfinite(norm):
+            optimiser.step()
+        if (step + 1) % LOG_EVERY == 0 or step + 1 == phase.num_steps:
+            yield {"step": float(step + 1)} | mean_of_rows(window)
+            window = []
+    trainer.average = {name: value.detach().clone() for name, value in trainer.networks.state_dict().items()}
+    trainer.save(trainer.checkpoint)
+
+
+def draw_latents(trainer: Trainer, num_scenes: int) -> list[SceneLatents]:
+    """Scenes of the trainer's sources and shapes, each at `LAMBDAS_OF_A_SCENE` values of lambda, log-uniform."""
+    configuration, generator = trainer.settings.configuration, trainer.generator
+    share = configuration.schedule.photograph_share[1]
+    lowest, highest = configuration.lambda_q_range
+    profile = Profile(trainer.sender, trainer.receiver, model_id=b"")
+    found: list[SceneLatents] = []
+    for _ in range(num_scenes):
+        shape = configuration.shapes.draw(generator)
+        sample = draw_sample(trainer.sources, generator, shape, share)
+        drawn = torch.randint(lowest, highest + 1, (LAMBDAS_OF_A_SCENE,), generator=generator)
+        context = sample.views.select(list(range(sample.num_context)))
+        found += latents_of(profile, context, drawn.tolist())
+    return found
+
+
+@torch.no_grad()
+def latents_of(profile: Profile, views: Views, lambdas_q: Sequence[int]) -> list[SceneLatents]:
+    """The latents that the sender codes for these views, as its own steps make them."""
+    scene = prepare(profile, views)
+    matched, every = match_views(profile, scene), tuple(range(scene.num_views))
+    found = []
+    for lambda_q in lambdas_q:
+        latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
+        first = code_stage(profile, scene, latents, lambda_q, every, None)
+        rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
+        feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
+        second = analyse(profile, feedback, first.state, lambda_q, 2)
+        found.append(SceneLatents(lambda_q, latents.y, second.y, first.latents.y_hat))
+    return found
+
+
+def _priced_bits(trainer: Trainer, scene: SceneLatents) -> tuple[Float[Tensor, ""], dict[str, float]]:
+    """Bits a context pixel of both stages, times the root of lambda, as they fall with it; also the bits alone."""
+    prior, hyper_analysis = trainer.receiver.prior, trainer.sender.hyper_analysis
+    lambda_q = torch.full((len(scene.y1),), scene.lambda_q, device=scene.y1.device)
+    pixels = 64 * scene.y1[:, 0].numel()
+    bits = []
+    for stage, y, context in ((1, scene.y1, None), (2, scene.y2, scene.y1_hat)):
+        estimate = estimate_latents(prior, y, hyper_analysis(y), lambda_q, stage, context, uniform_noise())
+        bits.append((estimate.bits_y + estimate.bits_z).sum() / pixels)
+    weight = (lambda_of(lambda_q) / 1e-3).sqrt().mean()  # it is the same for all views
+    return weight * (bits[0] + bits[1]), {"bpp1": float(bits[0].detach()), "bpp2": float(bits[1].detach())}

@@ -1,0 +1,78 @@
+"""The entropy model's own phase: fewer bits, and nothing else changes."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.coding.payload import encode_latents
+from fecocodec.sender.encode import load_profile
+from fecocodec.sender.steps import Profile
+from fecocodec.training.batch_shapes import BatchShapes
+from fecocodec.training.checkpoint import load_checkpoint
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.dataset import Sources
+from fecocodec.training.entropy_phase import EntropyPhase, SceneLatents, draw_latents, latents_of, train_entropy_model
+from fecocodec.training.export import export_model
+from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.schedule import Schedule
+from fecocodec.training.textures import pattern_textures
+
+LEARNS = ("receiver.prior.", "sender.hyper_analysis.")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Several are slower on layers this small, most of all beside other work."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def new_trainer(folder: Path) -> Trainer:
+    """Networks as training starts with them: a block transform, whose prior has learnt nothing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
+    settings = RunSettings(folder, Configuration(shapes, Schedule(1)), max_minutes=5.0)
+    return Trainer(settings, Sources(ProceduralWorld(pattern_textures(13)), None))
+
+
+def bytes_of(trainer: Trainer, scenes: list[SceneLatents]) -> int:
+    """Of real payloads, both stages."""
+    prior, total = trainer.receiver.prior, 0
+    with torch.no_grad():
+        for scene in scenes:
+            for stage, y, context in ((1, scene.y1, None), (2, scene.y2, scene.y1_hat)):
+                z = trainer.sender.hyper_analysis(y)
+                total += len(encode_latents(prior, y, z, scene.lambda_q, stage, context)[0])
+    return total
+
+
+def test_the_phase_saves_bytes_on_other_scenes_and_leaves_the_other_networks_alone(tmp_path: Path) -> None:
+    trainer = new_trainer(tmp_path / "run")
+    others = draw_latents(trainer, 3)
+    before, bytes_before = dict(trainer.average), bytes_of(trainer, others)
+    rows = list(train_entropy_model(trainer, EntropyPhase(num_steps=30, num_scenes=3, learning_rate=8e-3)))
+    assert [row["step"] for row in rows] == [30.0] and rows[0]["bpp1"] > 0 and rows[0]["bpp2"] > 0
+    assert bytes_of(trainer, others) < 0.9 * bytes_before
+    changed = {name for name, value in trainer.average.items() if not torch.equal(value, before[name])}
+    assert changed and all(name.startswith(LEARNS) for name in changed)
+
+    saved = load_checkpoint(trainer.checkpoint)["average"]
+    assert all(torch.equal(saved[name], value) for name, value in trainer.average.items())
+    export_model(trainer.checkpoint, tmp_path / "model", trainer.settings.configuration)
+    load_profile(tmp_path / "model", "cpu")
+
+
+def test_latents_are_those_of_the_sender_at_every_lambda(tmp_path: Path) -> None:
+    trainer = new_trainer(tmp_path / "run")
+    views = trainer.sources.world.sample(
+        torch.Generator().manual_seed(3), num_context=2, num_target=1, size=(64, 64)
+    ).views.select([0, 1])
+    fine, coarse = latents_of(Profile(trainer.sender, trainer.receiver, b""), views, (200, 1700))
+    assert fine.y1.shape == fine.y2.shape == fine.y1_hat.shape == (2, 32, 8, 8)
+    assert float(fine.y1.std()) > 3 * float(coarse.y1.std())  # finer steps at lower lambda
+    assert not fine.y1.requires_grad
