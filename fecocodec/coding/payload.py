@@ -21,7 +21,8 @@ from fecocodec.errors import InputError
 class CodedLatents:
     """What both ends know after a payload: exactly the same on every machine.
 
-    symbols: z, then the passes and steps of y, each in coding order. y_hat, z_hat: values after coding (multiples of 1/256).
+    symbols: z, then the passes and steps of y, each in coding order. y_hat, z_hat: values after coding, multiples of
+    1/256.
     """
 
     symbols: tuple[Int32[np.ndarray, "..."], ...]
