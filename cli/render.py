@@ -85,7 +85,7 @@ def command(
     if as_json:
         print_json({"outputs": written, "gaussians": gaussians.count, "seconds": seconds})
     else:
-        say(f"{output}: {len(files)} views rendered in {seconds:.2f} s")
+        say(f"{output}: {len(files)} {'view' if len(files) == 1 else 'views'} rendered in {seconds:.2f} s")
 
 
 def _cameras(

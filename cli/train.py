@@ -61,7 +61,9 @@ Examples:
 @click.option("--views", "view_shares", callback=_parse_views, help="Context views: 2, or shares such as 2:0.8,4:0.2.")
 @click.option("--targets", "num_target", type=int, help="Target views of a scene.")
 @click.option("--size", "sizes", multiple=True, callback=_parse_sizes, metavar="WxH", help="Repeat it for several.")
-@click.option("--side", type=int, help="A single, square size: --side 128 is --size 128x128.")
+@click.option(
+    "--side", type=int, help="A single, square size: --side 128 is --size 128x128. Small ones need --views 2."
+)
 @click.option("--learning-rate", type=float)
 @click.option("--lambda-range", type=float, nargs=2, help="Least and largest lambda.")
 @click.option("--photograph-share", type=float, nargs=2, help="At start and end.")

@@ -64,7 +64,10 @@ def read_weights(path: Path) -> Weights:
         header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
         config = json.loads(header["__metadata__"]["config"])
     except OSError as error:
-        raise ModelError(f"{path}: the weights cannot be read ({error.strerror}); reinstall the package.") from error
+        raise ModelError(
+            f"{path}: the weights cannot be read ({error.strerror}); "
+            "name the folder of a model, or reinstall the package."
+        ) from error
     except (SafetensorError, KeyError, ValueError) as error:
         raise ModelError(f"{path}: not a weights file of this codec, or damaged; reinstall the package.") from error
     if not isinstance(config, dict):
@@ -82,7 +85,7 @@ def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
     known = ", ".join(path.parent.name for path in candidates) or "none"
     raise ModelError(
         f"the stream needs the receiver weights with model id {model_id.hex()}, but {folder} has {known}; "
-        "install the version of the package that made the file."
+        "install the version of the package that made the file, or put its weights into a folder there."
     )
 
 

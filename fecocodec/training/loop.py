@@ -180,7 +180,7 @@ class Trainer:
 
     def run(self) -> Iterator[dict[str, float]]:
         """Train until the schedule or the time ends; yields the mean of the log's columns every `log_every` steps and
-        when the time ends.
+        at the end.
 
         Skipped batches count in the column `skipped` and in no mean. Raises OutputError where files cannot be written.
         """
@@ -198,7 +198,8 @@ class Trainer:
             if is_first() and now - drawn > 60 * settings.samples_every_minutes:
                 self.draw_samples()
                 drawn = now
-            if self.step % settings.log_every == 0 or is_over:
+            is_last = self.step == settings.configuration.schedule.num_steps
+            if self.step % settings.log_every == 0 or is_over or is_last:
                 row = mean_of_rows(window) | self._counts((now - start) / 60)
                 window = []
                 if is_first():

@@ -68,6 +68,13 @@ def test_a_run_logs_finite_losses_and_leaves_one_whole_checkpoint(finished: Trai
     assert len((folder / "log.csv").read_text().splitlines()) == 3
 
 
+def test_a_run_shorter_than_a_row_of_the_log_leaves_one(tmp_path: Path) -> None:
+    it = trainer(tmp_path, num_steps=1)
+    it.settings = replace(it.settings, log_every=50)
+    assert [row["step"] for row in it.run()] == [1.0]
+    assert len(it.log.read_text().splitlines()) == 2
+
+
 def test_two_and_two_steps_are_four(finished: Trainer, tmp_path: Path) -> None:
     first = trainer(tmp_path)
     for _ in range(2):
