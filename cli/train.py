@@ -139,7 +139,8 @@ def command(
         for row in trainer.run():
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if entropy_steps and trainer.step < configuration.schedule.num_steps:
-            say("entropy model: left for when the schedule has ended; run the same command again")
+            if is_first():
+                say("entropy model: left for when the schedule has ended; run the same command again")
         elif entropy_steps:
             for row in train_entropy_model(trainer, EntropyPhase(entropy_steps, entropy_scenes)):
                 if is_first():

@@ -20,9 +20,9 @@ from torch import Tensor
 NUM_STEPS = 4
 NUM_PHASES = 4
 STEP_XOR = (0, 3, 2, 1)  # its own inverse: quarter q is coded at phase m in step STEP_XOR[m XOR q]
-NUM_PASSES = 3  # of the first step
-# (row, column) offsets of the blocks that are known when a pass begins; rows and columns in ascending order.
+# (row, column) offsets of the blocks that are known when a pass of the first step begins, in ascending order.
 KNOWN_BLOCKS = ((), ((-1, -1), (-1, 1), (1, -1), (1, 1)), ((-1, 0), (0, -1), (0, 1), (1, 0)))
+NUM_PASSES = len(KNOWN_BLOCKS)
 
 
 def split_phases(x: Shaped[Tensor, "item height width channel"]) -> Shaped[Tensor, "4 item row column channel"]:

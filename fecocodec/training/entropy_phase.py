@@ -64,8 +64,8 @@ class SceneLatents:
 def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[str, float]]:
     """Train prior and hyper-analysis of a trainer's averaged weights, then save its checkpoint.
 
-    Yields step, and bits a context pixel of either stage, in the mean of `LOG_EVERY` steps. Stopped before its end it
-    leaves the checkpoint as it was.
+    Yields step, steps skipped for gradients that were not finite, and bits a context pixel of either stage in the mean
+    of `LOG_EVERY` steps. Stopped before its end it leaves the checkpoint as it was.
     """
     trainer.networks.load_state_dict(trainer.average)
     scenes = draw_latents(trainer, phase.num_scenes)
@@ -73,6 +73,7 @@ def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[
     optimiser = torch.optim.AdamW(learning.parameters(), lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
     order = random.Random(trainer.generator.initial_seed())
     window: list[dict[str, float]] = []
+    num_skipped = 0
     for step in range(phase.num_steps):
         optimiser.zero_grad(set_to_none=True)
         for scene in order.choices(scenes, k=SCENES_OF_A_STEP):
@@ -85,8 +86,10 @@ def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[
             group["lr"] = phase.learning_rate_at(step)
         if torch.isfinite(norm):
             optimiser.step()
+        else:
+            num_skipped += 1
         if (step + 1) % LOG_EVERY == 0 or step + 1 == phase.num_steps:
-            yield {"step": float(step + 1)} | mean_of_rows(window)
+            yield {"step": float(step + 1), "skipped": float(num_skipped)} | mean_of_rows(window)
             window = []
     trainer.average = {name: value.detach().clone() for name, value in trainer.networks.state_dict().items()}
     trainer.save(trainer.checkpoint)

@@ -1,7 +1,6 @@
 """The trainer: steps, checkpoints, log, exact resumption."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,8 @@ from fecocodec.training.schedule import Schedule
 from fecocodec.training.textures import pattern_textures
 from tests.example_scenes import MODEL
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 
 def trainer(folder: Path, num_steps: int = 4, seed: int = 0) -> Trainer:
     """Tiny: one scene of three 64x64 views a step; two steps of warm-up (one with a single stage), then the rate."""
@@ -41,17 +42,8 @@ def weights_of(it: Trainer) -> list[torch.Tensor]:
     return [value.clone() for value in it.networks.state_dict().values()]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Sums of gradients must not depend on the number of threads for runs to be compared bit by bit."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
+def finished(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
     """Four steps in one go."""
     it = trainer(tmp_path_factory.mktemp("finished") / "run")
     it.rows = list(it.run())  # type: ignore[attr-defined]
