@@ -12,7 +12,7 @@ from operator import mul
 from pathlib import Path
 from typing import Any, NamedTuple
 
-TABLES = Path(__file__).resolve().parent.parent / "fecocodec" / "entropy" / "gaussian_tables.bin"
+TABLES = Path(__file__).resolve().parent.parent / "fecocodec" / "entropy" / "symbol_tables.bin"
 TABLES_SHA256 = "48f9955c68544820f1ae729c957258bfc69f0a67aba87e0ec9d9d4214ce6bd93"
 LOWEST, HIGHEST = -32768, 32767
 LANE = 2**48

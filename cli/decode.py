@@ -10,7 +10,7 @@ import click
 from fecocodec.formats.atomic import require_other_file, require_writable
 
 from .naming import naming
-from .options import FILE_PATH, device_option, json_option, overwrite_option, threads_option
+from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, threads_option
 from .output import print_json, say
 from .progress import OnProgress, progress_bar
 from .stream import read_bytes
@@ -48,6 +48,7 @@ Examples:
     is_flag=True,
     help="Leave out Gaussians that no picture near the cameras would miss; others grow more opaque for them.",
 )
+@model_option
 @device_option
 @threads_option
 @overwrite_option
@@ -58,6 +59,7 @@ def command(
     stages: int | None,
     partial: bool,
     prune: bool,
+    model: Path | None,
     device: str,
     overwrite: bool,
     as_json: bool,
@@ -79,7 +81,7 @@ def command(
 
     require_device(device)
     with naming(stream), progress_bar() as on_progress:
-        decoded = _decode(data, stages, partial, device, on_progress)
+        decoded = _decode(data, stages, partial, model, device, on_progress)
         if prune:
             decoded = _pruned(decoded, data)
     write_ply(output, decoded.gaussians, overwrite=overwrite)
@@ -103,12 +105,17 @@ def _pruned(decoded: "IntactDecoding", data: bytes) -> "IntactDecoding":
     return replace(decoded, gaussians=pruned(decoded.gaussians, *read_cameras(data)))
 
 
-def _decode(data: bytes, stages: int | None, partial: bool, device: str, on_progress: OnProgress) -> "IntactDecoding":
+def _decode(
+    data: bytes, stages: int | None, partial: bool, model: Path | None, device: str, on_progress: OnProgress
+) -> "IntactDecoding":
     from fecocodec import decode, decode_intact
     from fecocodec.container import read_stream
     from fecocodec.receiver.partial import IntactDecoding
 
+    from .weights import of_receiver
+
+    common = {"device": device, "on_progress": on_progress, **of_receiver(model)}
     if partial:
-        return decode_intact(data, device=device, on_progress=on_progress)
-    gaussians = decode(data, num_stages=stages, device=device, on_progress=on_progress)
+        return decode_intact(data, **common)
+    gaussians = decode(data, num_stages=stages, **common)
     return IntactDecoding(gaussians, read_stream(data).header.num_stages if stages is None else stages, None)

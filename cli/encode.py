@@ -12,7 +12,7 @@ from fecocodec.formats.atomic import require_other_file, require_writable, write
 from .goal import adaptive_options, goal_of
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
-from .options import FILE_PATH, device_option, json_option, overwrite_option, parse_size, threads_option
+from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
 from .output import print_json, say
 from .progress import progress_bar
 from .selection import Selection, parse_selection, resolve
@@ -55,6 +55,7 @@ Examples:
     "--refine", "refinement_steps", type=click.IntRange(0, 1000), default=0, show_default=True, metavar="STEPS",
     help="Gradient steps on the second stage: closer to the photographs, for time and bytes.",
 )  # fmt: skip
+@model_option
 @device_option
 @threads_option
 @overwrite_option
@@ -72,6 +73,7 @@ def command(
     far: float | None,
     stages: int,
     refinement_steps: int,
+    model: Path | None,
     device: str,
     overwrite: bool,
     as_json: bool,
@@ -92,6 +94,7 @@ def command(
     from fecocodec import doubts_about, encode, encode_adaptively, read_views
 
     from .device import require_device, require_rendering_device
+    from .weights import of_sender
 
     if stages == 1:
         require_device(device)
@@ -106,7 +109,9 @@ def command(
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
                 coder = partial(encode_adaptively, goal=goal)
-            data = coder(scene, refinement_steps=refinement_steps, device=device, on_progress=on_progress)
+            data = coder(
+                scene, refinement_steps=refinement_steps, device=device, on_progress=on_progress, **of_sender(model)
+            )
     for doubt in doubts_about(scene):  # after what refuses views altogether, whose sentence stands alone
         say(f"warning: {doubt}")
     with write_atomically(output, overwrite=overwrite) as temporary:

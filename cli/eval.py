@@ -9,7 +9,7 @@ import click
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 
-from .options import FILE_PATH, json_option, parse_size, threads_option
+from .options import FILE_PATH, json_option, model_option, parse_size, threads_option
 from .output import print_columns, print_json, say
 from .progress import progress_bar
 
@@ -51,7 +51,7 @@ Examples:
     help="What to measure: codec, adaptive, all-gaussians, pruned, ablations (or stage-1, refined, no-context, "
     "no-feedback), images (compressed photographs), gaussians (splat files), floor.",
 )
-@click.option("--model", type=FILE_PATH, help="Folder of the weights.  [default: those that ship]")
+@model_option
 @click.option("--views", "num_context", type=click.IntRange(min=1), help="Only entries with so many context views.")
 @click.option("--most", type=click.IntRange(min=1), help="At most so many entries, evenly spread over the index.")
 @click.option("--size", callback=parse_size, metavar="WxH", help="[default: 256x256, from three views on 448x256]")

@@ -33,6 +33,12 @@ def json_option(function: Function) -> Function:
     return click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")(function)
 
 
+def model_option(function: Function) -> Function:
+    return click.option("--model", type=FILE_PATH, metavar="FOLDER", help="The weights.  [default: those that ship]")(
+        function
+    )
+
+
 def device_option(function: Function) -> Function:
     return click.option(
         "--device",

@@ -8,7 +8,7 @@ import click
 
 from .image_files import image_files, write_image_files
 from .naming import naming
-from .options import FILE_PATH, device_option, json_option, overwrite_option, parse_size, threads_option
+from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
 from .output import print_json, say
 from .progress import OnProgress, progress_bar
 from .selection import Selection, parse_selection, resolve
@@ -46,6 +46,7 @@ Examples:
 @click.option("--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: its own]")
 @click.option("--stages", type=click.IntRange(1, 2), help="Decode only the first stage.  [default: all]")
 @click.option("--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True)
+@model_option
 @device_option
 @threads_option
 @overwrite_option
@@ -58,6 +59,7 @@ def command(
     size: tuple[int, int] | None,
     stages: int | None,
     background: str,
+    model: Path | None,
     device: str,
     overwrite: bool,
     as_json: bool,
@@ -76,7 +78,7 @@ def command(
     from fecocodec import render
 
     with progress_bar() as on_progress:
-        gaussians = _gaussians(scene, stages, device, on_progress)
+        gaussians = _gaussians(scene, stages, model, device, on_progress)
         on_progress("rendering", 1.0)
         rendering = render(gaussians, cameras, image_size, BACKGROUNDS[background])
         write_image_files(rendering, files, overwrite=overwrite)
@@ -121,11 +123,15 @@ def _require_device(name: str, scene: Path) -> None:
         require_device(name)  # for the networks: what they decode is rendered on the CPU
 
 
-def _gaussians(scene: Path, stages: int | None, device: str, on_progress: OnProgress) -> "Gaussians":
+def _gaussians(
+    scene: Path, stages: int | None, model: Path | None, device: str, on_progress: OnProgress
+) -> "Gaussians":
     from fecocodec import decode, read_ply
+
+    from .weights import of_receiver
 
     if scene.suffix.lower() == ".ply":
         return read_ply(scene).to(device)
     data = read_bytes(scene)
     with naming(scene):
-        return decode(data, num_stages=stages, device=device, on_progress=on_progress)
+        return decode(data, num_stages=stages, device=device, on_progress=on_progress, **of_receiver(model))

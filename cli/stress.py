@@ -9,7 +9,7 @@ import click
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import make_folder, write_atomically
 
-from .options import FILE_PATH, json_option, threads_option
+from .options import FILE_PATH, json_option, model_option, threads_option
 from .output import print_columns, print_json, say
 from .progress import progress_bar
 
@@ -30,7 +30,7 @@ Examples:
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder for stress.tsv.")
 @click.option("--most", type=click.IntRange(min=1), default=2, show_default=True, help="Scenes to make cases from.")
 @click.option("--lambda", "lmbda", type=float, default=1e-3, show_default=True, metavar="NUMBER")
-@click.option("--model", type=FILE_PATH, help="Folder of the weights.  [default: those that ship]")
+@model_option
 @threads_option
 @json_option
 def command(root: Path, index: Path, output: Path, most: int, lmbda: float, model: Path | None, as_json: bool) -> None:

@@ -77,15 +77,18 @@ def read_weights(path: Path) -> Weights:
 
 
 def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
-    """The receiver weights that a stream was made for; raises ModelError where the folder has none of that id."""
-    candidates = sorted(folder.glob(f"*/{RECEIVER_FILE}"))
+    """The receiver weights that a stream was made for, in a model's folder or one of several models.
+
+    Raises ModelError where the folder has none of that id.
+    """
+    candidates = [*folder.glob(RECEIVER_FILE), *sorted(folder.glob(f"*/{RECEIVER_FILE}"))]
     for path in candidates:
         if model_id_of(path.read_bytes()) == model_id:
             return path
-    known = ", ".join(path.parent.name for path in candidates) or "none"
+    known = ", ".join(path.parent.absolute().name for path in candidates) or "none"
     raise ModelError(
         f"the stream needs the receiver weights with model id {model_id.hex()}, but {folder} has {known}; "
-        "install the version of the package that made the file, or put its weights into a folder there."
+        "install the version of the package that made the file, or name the folder of its weights."
     )
 
 

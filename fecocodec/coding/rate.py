@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fecocodec.coding.fixed_point import ONE_Q8, clamp_through, round_through
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
-from fecocodec.coding.symbol_choice import choose_symbols, gaussian_bits, price_of_bits
+from fecocodec.coding.symbol_choice import choose_symbols, price_of_bits, symbol_bits
 from fecocodec.coding.walk import in_layout, split_partitions, walk_latents
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SYMBOL_LIMIT
 
@@ -84,8 +84,8 @@ class _Meter:
         symbols = chosen + (residual - residual.detach())
         # The table learns from the symbols as they will be, the latent and its mean from a rate with a gradient. Tables
         # that learn from noise stay wide where nearly all symbols are zero, and every zero then costs something.
-        softened = gaussian_bits(self.soften(residual), index.detach())
-        bits = gaussian_bits(symbols.detach(), index) + (softened - softened.detach())
+        softened = symbol_bits(self.soften(residual), index.detach())
+        bits = symbol_bits(symbols.detach(), index) + (softened - softened.detach())
         self.bits.append(_zero_through(bits, skipped))
         return _zero_through(symbols, skipped) * ONE_Q8 + parameters.mean_q8
 

@@ -12,12 +12,20 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
-from fecocodec.entropy.tables import SIGMA_ONE_INDEX, SYMBOL_LIMIT, TABLES_PER_OCTAVE
+from fecocodec.entropy.tables import (
+    NARROW_SIGMA,
+    SIGMA_ONE_INDEX,
+    SYMBOL_LIMIT,
+    TABLES_PER_OCTAVE,
+    WIDE_SHARE,
+    WIDE_SIGMA,
+)
 
 # What a bit is worth, in squared quantisation steps, at lambda 1e-5 and 1e-2, as measured (docs/experiments.md). Where
 # steps are fine against what they quantise a bit divides the squared error by four: 2 ln(2) / 12 = 0.12.
 PRICE_FINEST, PRICE_COARSEST = 0.2, 0.01
-_TAIL_IN_SIGMAS = 5.0  # beyond it the Gaussian continues as an exponential, so that float32 and gradients stay finite
+_TAIL_IN_SIGMAS = 8.0  # beyond it the wide Gaussian continues as an exponential: float32 and gradients stay finite
+_TAIL_SLOPE = _TAIL_IN_SIGMAS / WIDE_SIGMA**2  # of -ln(mass) there, per standard deviation of the table
 _MOST_BITS = 32.0  # about what an outlier costs, by the least frequency of a table or by an escape
 
 
@@ -33,17 +41,23 @@ def choose_symbols(
     """Integers within +-`SYMBOL_LIMIT`: the nearest to the residual (value - mean), or the next one towards zero."""
     nearest = (residual + 0.5).floor().clamp(-SYMBOL_LIMIT, SYMBOL_LIMIT)
     smaller = nearest - nearest.sign()
-    saved = gaussian_bits(nearest, table_index) - gaussian_bits(smaller, table_index)
+    saved = symbol_bits(nearest, table_index) - symbol_bits(smaller, table_index)
     added = (residual - smaller).square() - (residual - nearest).square()
     return torch.where(added < price * saved, smaller, nearest)
 
 
-def gaussian_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """-log2 of the mass of [residual - 1/2, residual + 1/2] under the Gaussian of a table, or between two tables."""
+def symbol_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    """-log2 of the mass of [residual - 1/2, residual + 1/2] under the mixture of a table, or between two tables."""
     inverse_sigma = torch.exp((SIGMA_ONE_INDEX - table_index) * (math.log(2.0) / TABLES_PER_OCTAVE))
     distance = residual.abs()
     core = torch.minimum(distance, 0.5 + _TAIL_IN_SIGMAS / inverse_sigma.detach())
-    mass = torch.special.ndtr((0.5 - core) * inverse_sigma) - torch.special.ndtr((-0.5 - core) * inverse_sigma)
-    nats = (distance - core) * inverse_sigma * _TAIL_IN_SIGMAS - torch.log(mass)
+    narrow, wide = (_mass_around(core, inverse_sigma / sigma) for sigma in (NARROW_SIGMA, WIDE_SIGMA))
+    mass = (1.0 - WIDE_SHARE) * narrow + WIDE_SHARE * wide
+    nats = (distance - core) * inverse_sigma * _TAIL_SLOPE - torch.log(mass)
     bits = nats / math.log(2.0)
     return bits - (bits - bits.clamp(max=_MOST_BITS)).detach()
+
+
+def _mass_around(distance: Float[Tensor, "*shape"], inverse_sigma: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    """Mass of a Gaussian within half a step of a distance from its mean."""
+    return torch.special.ndtr((0.5 - distance) * inverse_sigma) - torch.special.ndtr((-0.5 - distance) * inverse_sigma)

@@ -1,4 +1,4 @@
-"""Makes `gaussian_tables.bin`; run by hand (`python -m fecocodec.entropy.make_tables FILE`) when the format changes.
+"""Makes `symbol_tables.bin`; run by hand (`python -m fecocodec.entropy.make_tables FILE`) when the format changes.
 
 The tables are data: what ships is the file, and `tables.py` only reads it. A change of one byte is a change of format.
 """
@@ -9,21 +9,30 @@ from pathlib import Path
 
 import numpy as np
 
-from fecocodec.entropy.tables import NUM_TABLES, PRECISION_BITS, SIGMA_ONE_INDEX, TABLES_PER_OCTAVE
+from fecocodec.entropy.tables import (
+    NARROW_SIGMA,
+    NUM_TABLES,
+    PRECISION_BITS,
+    SIGMA_ONE_INDEX,
+    TABLES_PER_OCTAVE,
+    WIDE_SHARE,
+    WIDE_SIGMA,
+)
 
 _TOTAL = 1 << PRECISION_BITS
-_REACH_IN_SIGMAS = 5.0
-_LEAST_FREQUENCY = (
-    16  # an outlier within the table costs at most 20 bits: real latents have heavier tails than a Gaussian
-)
+_REACH_IN_SIGMAS = 8.0
+_LEAST_FREQUENCY = 16  # an outlier within the table costs at most 20 bits
 _LEAST_ESCAPE_FREQUENCY = 256  # an escape costs 16 bits and its own code, and its presence 0.00002 bits a symbol
 
 
 def _upper_tail(distance_in_sigmas: float) -> float:
-    return 0.5 * math.erfc(distance_in_sigmas / math.sqrt(2.0))
+    """Of the mixture whose standard deviation is 1."""
+    narrow = math.erfc(distance_in_sigmas / (NARROW_SIGMA * math.sqrt(2.0)))
+    wide = math.erfc(distance_in_sigmas / (WIDE_SIGMA * math.sqrt(2.0)))
+    return 0.5 * ((1.0 - WIDE_SHARE) * narrow + WIDE_SHARE * wide)
 
 
-def gaussian_frequencies(sigma: float) -> list[int]:
+def frequencies_of(sigma: float) -> list[int]:
     """Integer frequencies of the symbols -reach..reach and, last, the escape; they sum to 2^24."""
     reach = math.ceil(_REACH_IN_SIGMAS * sigma) + 1
     escape = _LEAST_ESCAPE_FREQUENCY + round(2.0 * _upper_tail((reach + 0.5) / sigma) * _TOTAL)
@@ -40,7 +49,7 @@ def serialise_tables() -> bytes:
     """For each table: reach as uint16, then 2 * reach + 2 frequencies as uint32, all little-endian."""
     parts = []
     for index in range(NUM_TABLES):
-        frequencies = gaussian_frequencies(2.0 ** ((index - SIGMA_ONE_INDEX) / TABLES_PER_OCTAVE))
+        frequencies = frequencies_of(2.0 ** ((index - SIGMA_ONE_INDEX) / TABLES_PER_OCTAVE))
         parts.append(np.uint16((len(frequencies) - 2) // 2).astype("<u2").tobytes())
         parts.append(np.array(frequencies, dtype="<u4").tobytes())
     return b"".join(parts)

@@ -37,7 +37,7 @@ def decode(
     """Gaussians of a `.fcs` stream in the world frame and unit of length of the photographs' cameras, on the CPU.
 
     num_stages: decode only so many stages; what follows them in the stream may then be missing or damaged. device:
-    where the networks run. weights: folder that holds `<model>/receiver.safetensors`.
+    where the networks run. weights: folder of the model, or of several.
 
     Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage it does not have,
     ModelError where its weights are not found.

@@ -7,7 +7,7 @@ import torch
 from fecocodec.coding.payload import code_latents, encode_latents
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
 from fecocodec.coding.rate import Softening, _Meter, estimate_latents, straight_through, uniform_noise
-from fecocodec.coding.symbol_choice import gaussian_bits
+from fecocodec.coding.symbol_choice import symbol_bits
 from fecocodec.entropy.ports import Port
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, load_tables
 from tests.coding.coding_examples import lively_prior, smooth_latents
@@ -50,9 +50,9 @@ def test_estimate_is_the_length_of_the_payload(prior: LatentPrior, stage: int):
 def test_bits_are_those_of_the_tables():
     for index in range(FIRST_CODED_TABLE, 64, 3):
         table = load_tables()[index]
-        near = int(0.6 * table.reach)
+        near = 3 * table.reach // 8  # three standard deviations
         symbols = torch.arange(-near, near + 1).float()
-        estimated = gaussian_bits(symbols, torch.full_like(symbols, index))
+        estimated = symbol_bits(symbols, torch.full_like(symbols, index))
         exact = 24 - np.log2(table.frequencies[table.reach - near : table.reach + near + 1].astype(float))
         assert np.allclose(estimated.numpy(), exact, atol=0.06)
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from fecocodec.coding.payload import encode_latents
-from fecocodec.coding.symbol_choice import choose_symbols, gaussian_bits, price_of_bits
+from fecocodec.coding.symbol_choice import choose_symbols, price_of_bits, symbol_bits
 from fecocodec.entropy.tables import SYMBOL_LIMIT
 from tests.coding.coding_examples import lively_prior, smooth_latents
 
@@ -24,7 +24,7 @@ def test_bits_that_cost_nothing_leave_the_nearest() -> None:
 def test_what_is_chosen_is_the_best_of_all_symbols_but_for_jumps(table: float) -> None:
     """Squared error + price x bits, against a search over every symbol; more than one step is never taken."""
     price, symbols = 0.1, torch.arange(-7.0, 8.0)
-    bits = gaussian_bits(symbols, torch.full_like(symbols, table))
+    bits = symbol_bits(symbols, torch.full_like(symbols, table))
     cost = (RESIDUALS[:, None] - symbols).square() + price * bits
     is_near = (symbols - (RESIDUALS[:, None] + 0.5).floor()).abs() <= 1
     best = symbols[torch.where(is_near, cost, torch.inf).argmin(dim=1)]
