@@ -25,12 +25,13 @@ from fecocodec.sender.steps import (
     MatchedViews,
     PreparedScene,
     analyse,
+    code_first_stage,
     code_stage,
     feedback_features,
+    first_stage_lambda_q,
     match_views,
     prepare,
     stage_rendering,
-    start_state,
 )
 
 HEADER = ("variant", "KiB", "stage 1", "both", "context", "d KiB", "d stage 1", "d both", "d context", "d loss")
@@ -106,21 +107,20 @@ def code_third_stage(profile: Profile, views: Views, lambda_q: int) -> tuple[int
     Coded as the second stage is, with what the second leaves missing; a stage's entry in the header is not counted.
     """
     scene = prepare(profile, views)
-    every = tuple(range(scene.num_views))
     matched = match_views(profile, scene)
-    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
-    first = code_stage(profile, scene, latents, lambda_q, every, None)
-    second = code_stage(profile, scene, _missing(profile, scene, matched, first, lambda_q, 1), lambda_q, every, first)
-    third = code_stage(profile, scene, _missing(profile, scene, matched, second, lambda_q, 2), lambda_q, every, second)
-    header = header_of(profile, scene, (first, second), lambda_q)
+    first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
+    every = first.views
+    second = code_stage(profile, scene, _missing(profile, scene, matched, first, lambda_q), lambda_q, every, first)
+    third = code_stage(profile, scene, _missing(profile, scene, matched, second, lambda_q), lambda_q, every, second)
+    header = header_of(profile, scene, (first, second))
     return len(third.payload), predict_scene(profile.receiver, third.after, views.cameras, header, None)
 
 
 def _missing(
-    profile: Profile, scene: PreparedScene, matched: MatchedViews, before: CodedStage, lambda_q: int, stage: int
+    profile: Profile, scene: PreparedScene, matched: MatchedViews, before: CodedStage, lambda_q: int
 ) -> Latents:
     """Latents of what the rendering after a stage lacks."""
-    rendering = stage_rendering(profile, scene, before.state, lambda_q, stage)
+    rendering = stage_rendering(profile, scene, before.after)
     return analyse(
         profile, feedback_features(profile, scene, matched.depth, rendering, lambda_q), before.state, lambda_q, 2
     )

@@ -111,14 +111,13 @@ def read_header(cursor: Cursor) -> dict[str, Any]:
     require(header["stages"] in (1, 2), 19, f"{header['stages']} stages are not 1 or 2")
     header["height"] = cursor.number(2, "height in pixels")
     header["width"] = cursor.number(2, "width in pixels")
-    header["lambda_q"] = cursor.number(2, "lambda_q: lambda = 1e-5 * exp(lambda_q / 256)")
+    header["lambda_q"] = cursor.number(2, "lambda_q of the last stage: lambda = 1e-5 * exp(lambda_q / 256)")
     header["sections"] = cursor.number(1, "number of sections")
-    reserved = cursor.number(1, "reserved")
+    header["excess"] = cursor.number(1, "excess of stage 1: its lambda_q is 2 * excess more")
     header["stage_2_views"] = cursor.number(2, "stage-2 views, a bit each")
     header["digests"] = [cursor.take(8, f"symbol digest of stage {stage + 1}") for stage in range(header["stages"])]
     computed = zlib.crc32(cursor.data[: cursor.address])
     require(cursor.number(4, "CRC-32 of the header") == computed, 0, "the CRC-32 of the header does not hold")
-    require(reserved == 0, 27, "the reserved byte is not 0")
     check_limits(header)
     return header
 
@@ -129,6 +128,8 @@ def check_limits(header: dict[str, Any]) -> None:
     require(16 <= header["height"] <= 4096, 20, "the height is not 16 to 4096")
     require(16 <= header["width"] <= 4096, 22, "the width is not 16 to 4096")
     require(header["lambda_q"] <= 1768, 24, "lambda_q is above 1768")
+    require(header["lambda_q"] + 2 * header["excess"] <= 1768, 27, "lambda_q of stage 1 is above 1768")
+    require(header["excess"] == 0 or header["stages"] == 2, 27, "there is an excess of stage 1 and no stage 2")
     require(header["stage_2_views"] < 2 ** header["views"], 28, "the stage-2 views are not all among the views")
     require((header["stage_2_views"] > 0) == (header["stages"] == 2), 28, "stage-2 views do not go with the stages")
     require(1 + header["stages"] <= header["sections"] <= 16, 26, "the number of sections is not 1 + stages to 16")
@@ -338,8 +339,9 @@ def decode(contents: Contents, weights: bytes) -> list[Stage]:
         views = views_of_stage(header, number)
         before = [stages[0].y_hat[view] for view in views] if stages else None
         size = len(views), sides[0], sides[1]
+        lambda_q = header["lambda_q"] + (2 * header["excess"] if number == 1 else 0)
         try:
-            stages.append(read_symbols.decode_stage(model, payload, size, header["lambda_q"], number, before))
+            stages.append(read_symbols.decode_stage(model, payload, size, lambda_q, number, before))
         except read_symbols.RefusedError as error:
             raise RefusedError(f"payload B{number}: {error}") from error
         require(stages[-1].digest == header["digests"][number - 1], 30, f"the digest of stage {number} does not hold")

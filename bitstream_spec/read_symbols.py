@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 TABLES = Path(__file__).resolve().parent.parent / "fecocodec" / "entropy" / "symbol_tables.bin"
-TABLES_SHA256 = "48f9955c68544820f1ae729c957258bfc69f0a67aba87e0ec9d9d4214ce6bd93"
+TABLES_SHA256 = "b48cf11ed8025fa24296cda054e9917eb96d004be7d83b91395714867feb34c2"
 LOWEST, HIGHEST = -32768, 32767
 LANE = 2**48
 HALF_LANE = LANE // 2

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fecocodec.container import Keep, StreamSummary, inspect, num_cells
+from fecocodec.container import Header, Keep, StreamSummary, inspect, num_cells
 from fecocodec.errors import BitstreamError
 
 from .naming import naming
@@ -62,7 +62,8 @@ def summary_fields(summary: StreamSummary) -> dict[str, object]:
         "views": header.num_views,
         "height": header.height,
         "width": header.width,
-        "lambda": float(f"{header.lmbda:.4g}"),
+        "lambda": float(f"{header.lambda_of_stage(2):.4g}"),
+        "stage_1_lambda": float(f"{header.lambda_of_stage(1):.4g}"),
         "stages": header.num_stages,
         "stage_2_views": list(header.stage_2_views),
         "near": summary.near,
@@ -96,7 +97,7 @@ def print_summary(summary: StreamSummary) -> None:
             ("model", header.model_id.hex()),
             ("views", f"{header.num_views} of {header.width}x{header.height}"),
             ("depth", depth),
-            ("lambda", f"{header.lmbda:.4g}"),
+            ("lambda", _lambda(header)),
             ("stages", _stages(summary)),
             *([("Gaussians kept", _kept(summary.keep, num_cells(header)))] if summary.keep else []),
             ("size", f"{summary.total_bytes:,} bytes, {summary.bits_per_pixel:.4f} bits per pixel"),
@@ -105,6 +106,11 @@ def print_summary(summary: StreamSummary) -> None:
     click.echo()
     rows = [(f"{s.offset}", s.name, f"{s.length}", "" if s.is_intact else "damaged") for s in summary.sections]
     print_columns([("at byte", "section", "bytes", ""), ("0", "header", f"{summary.header_bytes}", ""), *rows])
+
+
+def _lambda(header: Header) -> str:
+    lmbda = f"{header.lambda_of_stage(2):.4g}"
+    return f"{lmbda}, of stage 1 {header.lambda_of_stage(1):.4g}" if header.first_stage_excess else lmbda
 
 
 def _stages(summary: StreamSummary) -> str:

@@ -1,7 +1,7 @@
 """The `.fcs` container: bytes to fields and back, without numpy or torch. The format is `bitstream_spec/FORMAT.md`."""
 
 from fecocodec.container.cameras import PackedCameras
-from fecocodec.container.header import CURRENT_VERSION, FormatVersion, Header
+from fecocodec.container.header import CURRENT_VERSION, EXCESS_UNIT, FormatVersion, Header
 from fecocodec.container.header_bytes import SIGNATURE
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
 from fecocodec.container.keep import Keep, cell_grid, num_cells
@@ -24,6 +24,7 @@ from fecocodec.container.stream import (
 
 __all__ = [
     "CURRENT_VERSION",
+    "EXCESS_UNIT",
     "LAMBDA_MAX",
     "LAMBDA_MIN",
     "LAMBDA_Q_MAX",

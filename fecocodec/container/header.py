@@ -12,6 +12,7 @@ MAX_VIEWS = 16
 MAX_STAGES = 2
 MAX_SECTIONS = 16
 MIN_SIDE, MAX_SIDE = 16, 4096
+EXCESS_UNIT = 2  # of lambda_q: one byte reaches a factor of 7.3 in lambda
 PADDING = 32  # the networks see sides rounded up to a multiple of this
 MAX_PADDED_PIXELS = 1 << 24  # over all views: sixteen of 1024x1024
 
@@ -31,7 +32,8 @@ class Header:
     """What a reader must know before it reads a section.
 
     model_id: first 8 bytes of the SHA-256 of the receiver's weights. height, width: of every view, in pixels, before
-    padding. lambda_q: see `quantise_lambda`. symbol_digests: 8 bytes for each stage, over its decoded symbols.
+    padding. lambda_q: see `quantise_lambda`; before a stage 2, stage 1 is coded at lambda_q + 2 first_stage_excess.
+    symbol_digests: 8 bytes for each stage, over its decoded symbols.
     stage_2_views: the views that stage 2 codes, numbered from 0, ascending; the others keep what stage 1 gave them.
     Empty where there is only one stage.
     """
@@ -43,6 +45,7 @@ class Header:
     lambda_q: int
     symbol_digests: tuple[bytes, ...]
     stage_2_views: tuple[int, ...]
+    first_stage_excess: int = 0
     version: FormatVersion = CURRENT_VERSION
 
     @property
@@ -53,9 +56,13 @@ class Header:
         """The views that stage 1 or 2 codes, numbered from 0."""
         return tuple(range(self.num_views)) if stage == 1 else self.stage_2_views
 
-    @property
-    def lmbda(self) -> float:
-        return dequantise_lambda(self.lambda_q)
+    def lambda_q_of_stage(self, stage: int) -> int:
+        """What the networks of stage 1 or 2 are conditioned on."""
+        return self.lambda_q + EXCESS_UNIT * self.first_stage_excess if stage == 1 else self.lambda_q
+
+    def lambda_of_stage(self, stage: int) -> float:
+        """The price of a bit in stage 1 or 2."""
+        return dequantise_lambda(self.lambda_q_of_stage(stage))
 
 
 def padded_pixels(num_views: int, height: int, width: int) -> int:
@@ -73,6 +80,7 @@ def check_header(header: Header, num_sections: int) -> None:
         (22, "width", header.width, MIN_SIDE, MAX_SIDE),
         (24, "quantised lambda", header.lambda_q, 0, LAMBDA_Q_MAX),
         (26, "number of sections", num_sections, 1 + header.num_stages, MAX_SECTIONS),
+        (27, "excess of stage 1", header.first_stage_excess, 0, _largest_excess(header)),
     ):
         if not lowest <= value <= highest:
             raise BitstreamError(
@@ -89,6 +97,11 @@ def check_header(header: Header, num_sections: int) -> None:
     _check_field_size(10, "model id", header.model_id, MODEL_ID_BYTES)
     for digest in header.symbol_digests:
         _check_field_size(30, "symbol digest", digest, DIGEST_BYTES)
+
+
+def _largest_excess(header: Header) -> int:
+    """With which stage 1 has a lambda within range, and that a byte holds; a single stage is coded at `lambda_q`."""
+    return 0 if header.num_stages == 1 else min(255, (LAMBDA_Q_MAX - header.lambda_q) // EXCESS_UNIT)
 
 
 def check_version(version: FormatVersion) -> None:

@@ -41,7 +41,7 @@ def write_header(header: Header, num_sections: int) -> bytes:
         header.width,
         header.lambda_q,
         num_sections,
-        0,  # reserved
+        header.first_stage_excess,
         sum(1 << view for view in header.stage_2_views),
     )
     content = fixed + b"".join(header.symbol_digests)
@@ -54,22 +54,18 @@ def read_header(data: bytes) -> ParsedHeader:
     if len(data) >= len(SIGNATURE) + 2:
         check_version(FormatVersion(data[8], data[9]))
     _check_length(data, _FIXED.size)
-    _, major, minor, model_id, views, stages, height, width, lambda_q, num_sections, reserved, mask = (
-        _FIXED.unpack_from(data)
+    _, major, minor, model_id, views, stages, height, width, lambda_q, num_sections, excess, mask = _FIXED.unpack_from(
+        data
     )
     check_stages(stages)
     digests_end = _FIXED.size + DIGEST_BYTES * stages
     end = digests_end + _CRC.size
     _check_length(data, end)
     _check_crc(data, digests_end)
-    if reserved != 0:
-        raise BitstreamError(
-            f"header at byte 27: the reserved byte is {reserved}, it must be 0; "
-            "the program that wrote it is at fault, encode the scene again."
-        )
     digests = tuple(data[start : start + DIGEST_BYTES] for start in range(_FIXED.size, digests_end, DIGEST_BYTES))
     stage_2_views = tuple(view for view in range(16) if mask >> view & 1)
-    header = Header(model_id, views, height, width, lambda_q, digests, stage_2_views, FormatVersion(major, minor))
+    version = FormatVersion(major, minor)
+    header = Header(model_id, views, height, width, lambda_q, digests, stage_2_views, excess, version)
     check_header(header, num_sections)
     return ParsedHeader(header, num_sections, end)
 

@@ -22,8 +22,10 @@ from fecocodec.sender.steps import (
     PreparedScene,
     StageRendering,
     analyse,
+    code_first_stage,
     code_stage,
     feedback_features,
+    first_stage_lambda_q,
     match_views,
     prepare,
     stage_rendering,
@@ -52,7 +54,7 @@ def _without_context(
     profile: Profile, scene: PreparedScene, matched: MatchedViews, first: CodedStage, lambda_q: int
 ) -> Latents:
     """g_a of stage 2 gets S0 in the place of S1."""
-    rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
+    rendering = stage_rendering(profile, scene, first.after)
     features = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
     return analyse(profile, features, start_state(profile, scene), lambda_q, 2)
 
@@ -78,9 +80,7 @@ ABLATION_NAMES = ("stage 1 alone", REFINED_NAME, *(name for name, _ in WITHOUT.v
 @torch.inference_mode()
 def _encode(profile: Profile, second: SecondLatents, lambda_q: int, views: Views) -> bytes:
     scene = prepare(profile, views)
-    every = tuple(range(scene.num_views))
     matched = match_views(profile, scene)
-    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
-    first = code_stage(profile, scene, latents, lambda_q, every, None)
+    first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
     latents = second(profile, scene, matched, first, lambda_q)
-    return assemble(profile, scene, (first, code_stage(profile, scene, latents, lambda_q, every, first)), lambda_q)
+    return assemble(profile, scene, (first, code_stage(profile, scene, latents, lambda_q, first.views, first)))

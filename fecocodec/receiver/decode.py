@@ -67,16 +67,16 @@ def _walk_and_predict(stream: Stream, receiver: Receiver, on_progress: OnProgres
     header = stream.header
     device = next(receiver.parameters()).device
     height, width = padded_size(header.height, header.width)
-    lambda_q = torch.full((header.num_views,), header.lambda_q, device=device)
     states: ViewStates | None = None
     context = None
     for stage, payload in enumerate(stream.payloads, start=1):
         on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
-        views = header.views_of_stage(stage)
+        views, lambda_q = header.views_of_stage(stage), header.lambda_q_of_stage(stage)
         size_8 = (len(views), height // LATENT_FACTOR, width // LATENT_FACTOR)
-        coded = decode_latents(receiver.prior, payload, size_8, header.lambda_q, stage, select_context(context, views))
+        coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, select_context(context, views))
         _check_digest(header, stage, coded.digest())
-        states, context = update_views(receiver, states, coded.y_hat, lambda_q, stage, views), coded.y_hat
+        lambdas = torch.full((header.num_views,), lambda_q, device=device)
+        states, context = update_views(receiver, states, coded.y_hat, lambdas, stage, views), coded.y_hat
     assert states is not None  # a stream has a stage
     on_progress("predicting Gaussians", 0.8)
     return predict_scene(receiver, states, unpack(stream.cameras), header, stream.keep)

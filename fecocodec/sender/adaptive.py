@@ -50,7 +50,6 @@ Goal = AtLambda | AtMostKib | AtLeastPsnr
 class _Encoded:
     """stages: what was chosen to be sent. data: the stream of them, without a keep section. psnr: of the context."""
 
-    lambda_q: int
     stages: tuple[CodedStage, ...]
     data: bytes
     psnr: float
@@ -110,15 +109,15 @@ def _encode(
     lambda_q: int,
 ) -> _Encoded:
     chosen = choose_stages(profile, scene, matched, lambda_q, refinement_steps)
-    data = assemble(profile, scene, chosen.stages, lambda_q)
-    return _Encoded(lambda_q, chosen.stages, data, mean_psnr(chosen.renderings, scene.images))
+    data = assemble(profile, scene, chosen.stages)
+    return _Encoded(chosen.stages, data, mean_psnr(chosen.renderings, scene.images))
 
 
 def _with_keep(profile: Profile, scene: PreparedScene, found: _Encoded) -> bytes:
     """The stream that also says which Gaussians to emit, where that is worth it."""
-    header = header_of(profile, scene, found.stages, found.lambda_q)
+    header = header_of(profile, scene, found.stages)
     keep = choose_keep(profile, scene, found.stages, header, len(found.data))
-    return found.data if keep is None else assemble(profile, scene, found.stages, found.lambda_q, keep)
+    return found.data if keep is None else assemble(profile, scene, found.stages, keep)
 
 
 def _search(encoder: Callable[[int], _Encoded], goal: AtMostKib | AtLeastPsnr, on_progress: OnProgress) -> _Encoded:

@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 
 from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
-from fecocodec.container import Header, Keep, Stream, quantise_lambda, write_stream
+from fecocodec.container import EXCESS_UNIT, Header, Keep, Stream, quantise_lambda, write_stream
 from fecocodec.container.header import MAX_STAGES, MAX_VIEWS
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
@@ -21,12 +21,13 @@ from fecocodec.sender.steps import (
     PreparedScene,
     Profile,
     analyse,
+    code_first_stage,
     code_stage,
     feedback_features,
+    first_stage_lambda_q,
     match_views,
     prepare,
     stage_rendering,
-    start_state,
 )
 
 __all__ = ["Profile", "assemble", "check_views", "code_stages", "encode", "encode_with", "header_of", "load_profile"]
@@ -86,7 +87,7 @@ def encode_with(
     on_progress("matching views", 0.1)
     matched = match_views(profile, scene)
     stages = code_stages(profile, scene, matched, lambda_q, num_stages, on_progress, refinement_steps=refinement_steps)
-    return assemble(profile, scene, stages, lambda_q)
+    return assemble(profile, scene, stages)
 
 
 def code_stages(
@@ -105,18 +106,16 @@ def code_stages(
     stage 2, before some are chosen.
     """
     on_progress("coding stage 1", 0.3)
-    every = tuple(range(scene.num_views))
-    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
-    first = code_stage(profile, scene, latents, lambda_q, every, None)
     if num_stages == 1:
-        return (first,)
+        return (code_first_stage(profile, scene, matched, lambda_q),)
+    first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
     on_progress("rendering feedback", 0.5)
-    rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
+    rendering = stage_rendering(profile, scene, first.after)
     feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
     on_progress("coding stage 2", 0.7)
     latents = analyse(profile, feedback, first.state, lambda_q, 2)
     latents = refine_second_stage(profile, scene, latents, first, lambda_q, refinement_steps)
-    views = every if stage_2_views is None else stage_2_views
+    views = first.views if stage_2_views is None else stage_2_views
     return first, code_stage(profile, scene, latents.of_views(views), lambda_q, views, first)
 
 
@@ -124,19 +123,20 @@ def assemble(
     profile: Profile,
     scene: PreparedScene,
     stages: tuple[CodedStage, ...],
-    lambda_q: int,
     keep: Keep | None = None,
 ) -> bytes:
     """The stream of these stages. keep: which Gaussians a receiver emits, None for all that can be seen."""
-    header = header_of(profile, scene, stages, lambda_q)
+    header = header_of(profile, scene, stages)
     return write_stream(Stream(header, scene.packed, tuple(stage.payload for stage in stages), keep=keep))
 
 
-def header_of(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...], lambda_q: int) -> Header:
+def header_of(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...]) -> Header:
     """The header of a stream of these stages."""
     digests = tuple(stage.latents.digest() for stage in stages)
     views = stages[1].views if len(stages) == 2 else ()
-    return Header(profile.model_id, scene.num_views, *scene.image_size, lambda_q, digests, views)
+    first, last = stages[0].lambda_q, stages[-1].lambda_q
+    excess = (first - last) // EXCESS_UNIT
+    return Header(profile.model_id, scene.num_views, *scene.image_size, last, digests, views, excess)
 
 
 def check_views(views: Views, num_stages: int) -> None:

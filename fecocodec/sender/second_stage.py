@@ -7,18 +7,8 @@ from torch import Tensor
 
 from fecocodec.container.lagrangian import dequantise_lambda
 from fecocodec.sender.distortion import distortions
-from fecocodec.sender.refinement import refine_second_stage
-from fecocodec.sender.steps import (
-    CodedStage,
-    MatchedViews,
-    PreparedScene,
-    Profile,
-    analyse,
-    code_stage,
-    feedback_features,
-    stage_rendering,
-    start_state,
-)
+from fecocodec.sender.encode import code_stages
+from fecocodec.sender.steps import CodedStage, MatchedViews, PreparedScene, Profile, stage_rendering
 
 
 @dataclass(frozen=True)
@@ -36,26 +26,22 @@ def choose_stages(
     lambda_q: int,
     refinement_steps: int = 0,
 ) -> ChosenStages:
-    """Both stages, or the first alone where the context views' distortion does not fall by more than lambda times the
-    second's bits a pixel, which is what the networks were trained for.
+    """One stage or two, whichever costs less by what the networks were trained for: the context views' distortion and
+    lambda times the bits a pixel.
 
     All views or none: a view's own photograph says little of what views beside it lose without its second stage
     (docs/experiments.md).
     """
-    every = tuple(range(scene.num_views))
-    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
-    first = code_stage(profile, scene, latents, lambda_q, every, None)
-    before = stage_rendering(profile, scene, first.state, lambda_q, 1)
-    feedback = feedback_features(profile, scene, matched.depth, before, lambda_q)
-    latents = analyse(profile, feedback, first.state, lambda_q, 2)
-    latents = refine_second_stage(profile, scene, latents, first, lambda_q, refinement_steps)
-    second = code_stage(profile, scene, latents, lambda_q, every, first)
-    after = stage_rendering(profile, scene, second.state, lambda_q, 2).color
-    gain = distortions(before.color, scene.images) - distortions(after, scene.images)
-    price = dequantise_lambda(lambda_q) * bits_per_pixel(len(second.payload), scene)
-    if float(gain.mean()) <= price:
-        return ChosenStages((first,), before.color)
-    return ChosenStages((first, second), after)
+    candidates = []
+    for num_stages in (1, 2):
+        stages = code_stages(profile, scene, matched, lambda_q, num_stages, refinement_steps=refinement_steps)
+        candidates.append(ChosenStages(stages, stage_rendering(profile, scene, stages[-1].after).color))
+    return min(candidates, key=lambda chosen: _cost(scene, chosen, dequantise_lambda(lambda_q)))
+
+
+def _cost(scene: PreparedScene, chosen: ChosenStages, lmbda: float) -> float:
+    num_bytes = sum(len(stage.payload) for stage in chosen.stages)
+    return float(distortions(chosen.renderings, scene.images).mean()) + lmbda * bits_per_pixel(num_bytes, scene)
 
 
 def bits_per_pixel(num_bytes: int, scene: PreparedScene) -> float:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fecocodec.coding.camera_packing import pack, unpack
 from fecocodec.coding.payload import CodedLatents, encode_latents
-from fecocodec.container import PackedCameras
+from fecocodec.container import EXCESS_UNIT, LAMBDA_Q_MAX, PackedCameras
 from fecocodec.container.camera_rules import check_cameras
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
@@ -23,6 +23,8 @@ from fecocodec.receiver.view_states import ViewStates, select_context, update_vi
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.matched_depth import MatchedDepth, depth_feedback
 from fecocodec.sender.model import Sender
+
+FIRST_STAGE_EXCESS = 178  # 256 ln 4, in units of the header
 
 
 @dataclass(frozen=True)
@@ -92,10 +94,12 @@ class Latents:
 class CodedStage:
     """Bytes of one stage, and what both ends know after it.
 
-    views: those that the stage codes, in whose order `latents` are. after: the states of all views.
+    lambda_q: what it was coded at. views: those that the stage codes, in whose order `latents` are. after: the states
+    of all views.
     """
 
     payload: bytes
+    lambda_q: int
     views: tuple[int, ...]
     latents: CodedLatents
     after: ViewStates
@@ -114,6 +118,14 @@ def prepare(profile: Profile, views: Views) -> PreparedScene:
     return PreparedScene(packed, cameras, pad_images(views.images.float()).to(device), views.image_size)
 
 
+def first_stage_lambda_q(lambda_q: int) -> int:
+    """At what stage 1 is coded where stage 2 follows at `lambda_q`: four times that lambda, as far as the range goes.
+
+    What stage 1 gets wrong stage 2 sees and mends, so its bits are worth less (docs/experiments.md).
+    """
+    return lambda_q + EXCESS_UNIT * min(FIRST_STAGE_EXCESS, (LAMBDA_Q_MAX - lambda_q) // EXCESS_UNIT)
+
+
 def start_state(profile: Profile, scene: PreparedScene) -> Float[Tensor, "view channel h4 w4"]:
     """S0, what the receiver knows before the first byte."""
     return profile.receiver.update.start(scene.num_views, *scene.size_4)
@@ -126,12 +138,9 @@ def match_views(profile: Profile, scene: PreparedScene) -> MatchedViews:
     return MatchedViews(extractor.fuse(images, matching), matching.depth)
 
 
-def stage_rendering(
-    profile: Profile, scene: PreparedScene, state: Float[Tensor, "view channel h4 w4"], lambda_q: int, stage: int
-) -> StageRendering:
+def stage_rendering(profile: Profile, scene: PreparedScene, after: ViewStates) -> StageRendering:
     """What the receiver could show of the context views after that stage."""
-    condition = profile.receiver.condition(scene.lambda_of_views(lambda_q), stage)
-    prediction = profile.receiver.predict(state, scene.cameras.as_batch(), condition)
+    prediction = profile.receiver.predict(after.state, scene.cameras.as_batch(), after.condition)
     size = (scene.images.shape[-2], scene.images.shape[-1])
     color = render(prediction.gaussians.scene(0), scene.cameras, size).color
     return StageRendering(color, prediction.relative_disparity[0][:, None])
@@ -160,6 +169,12 @@ def analyse(
     return Latents(y, profile.sender.hyper_analysis(y))
 
 
+def code_first_stage(profile: Profile, scene: PreparedScene, matched: MatchedViews, lambda_q: int) -> CodedStage:
+    """Stage 1 of all views."""
+    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
+    return code_stage(profile, scene, latents, lambda_q, tuple(range(scene.num_views)), None)
+
+
 def code_stage(
     profile: Profile,
     scene: PreparedScene,
@@ -176,8 +191,8 @@ def code_stage(
     context = None if before is None else select_context(before.latents.y_hat, views)
     payload, coded = encode_latents(receiver.prior, latents.y, latents.z, lambda_q, stage, context)
     after = before.after if before else None
-    lambdas = scene.lambda_of_views(lambda_q)
-    return CodedStage(payload, views, coded, update_views(receiver, after, coded.y_hat, lambdas, stage, views))
+    after = update_views(receiver, after, coded.y_hat, scene.lambda_of_views(lambda_q), stage, views)
+    return CodedStage(payload, lambda_q, views, coded, after)
 
 
 def _pack_checked(cameras: Cameras) -> PackedCameras:

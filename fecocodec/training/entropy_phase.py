@@ -18,8 +18,9 @@ from fecocodec.geometry.views import Views
 from fecocodec.sender.steps import (
     Profile,
     analyse,
-    code_stage,
+    code_first_stage,
     feedback_features,
+    first_stage_lambda_q,
     match_views,
     prepare,
     stage_rendering,
@@ -28,7 +29,7 @@ from fecocodec.sender.steps import (
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
 from fecocodec.training.loop import LARGEST_GRADIENT, Trainer
-from fecocodec.training.objective import lambda_of
+from fecocodec.training.objective import lambda_of, stage_lambdas
 from fecocodec.training.processes import average_gradients
 
 LAMBDAS_OF_A_SCENE = 2  # matching, which takes longest, is the same for all
@@ -115,26 +116,26 @@ def draw_latents(trainer: Trainer, num_scenes: int) -> list[SceneLatents]:
 def latents_of(profile: Profile, views: Views, lambdas_q: Sequence[int]) -> list[SceneLatents]:
     """The latents that the sender codes for these views, as its own steps make them."""
     scene = prepare(profile, views)
-    matched, every = match_views(profile, scene), tuple(range(scene.num_views))
+    matched = match_views(profile, scene)
     found = []
     for lambda_q in lambdas_q:
-        latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
-        first = code_stage(profile, scene, latents, lambda_q, every, None)
-        rendering = stage_rendering(profile, scene, first.state, lambda_q, 1)
+        y1 = analyse(profile, matched.features, start_state(profile, scene), first_stage_lambda_q(lambda_q), 1).y
+        first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
+        rendering = stage_rendering(profile, scene, first.after)
         feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
-        second = analyse(profile, feedback, first.state, lambda_q, 2)
-        found.append(SceneLatents(lambda_q, latents.y, second.y, first.latents.y_hat))
+        y2 = analyse(profile, feedback, first.state, lambda_q, 2).y
+        found.append(SceneLatents(lambda_q, y1, y2, first.latents.y_hat))
     return found
 
 
 def _priced_bits(trainer: Trainer, scene: SceneLatents) -> tuple[Float[Tensor, ""], dict[str, float]]:
     """Bits a context pixel of both stages, times the root of lambda, as they fall with it; also the bits alone."""
     prior, hyper_analysis = trainer.receiver.prior, trainer.sender.hyper_analysis
-    lambda_q = torch.full((len(scene.y1),), scene.lambda_q, device=scene.y1.device)
+    lambdas = stage_lambdas(torch.full((len(scene.y1),), scene.lambda_q, device=scene.y1.device), num_stages=2)
     pixels = 64 * scene.y1[:, 0].numel()
     bits = []
     for stage, y, context in ((1, scene.y1, None), (2, scene.y2, scene.y1_hat)):
-        estimate = estimate_latents(prior, y, hyper_analysis(y), lambda_q, stage, context, uniform_noise())
+        estimate = estimate_latents(prior, y, hyper_analysis(y), lambdas[stage - 1], stage, context, uniform_noise())
         bits.append((estimate.bits_y + estimate.bits_z).sum() / pixels)
-    weight = (lambda_of(lambda_q) / 1e-3).sqrt().mean()  # it is the same for all views
+    weight = (lambda_of(lambdas[1]) / 1e-3).sqrt().mean()  # it is the same for all views
     return weight * (bits[0] + bits[1]), {"bpp1": float(bits[0].detach()), "bpp2": float(bits[1].detach())}

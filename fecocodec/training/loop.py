@@ -30,6 +30,7 @@ from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, writ
 
 AVERAGE_DECAY = 0.998
 LARGEST_GRADIENT = 1.0
+ALONE_EVERY = 8  # steps: the last of them codes one stage where there could be two
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,7 @@ class Trainer:
     def train_step(self) -> dict[str, float]:
         """Draw a batch, take one step, return the parts of the loss; a batch with non-finite gradients is skipped."""
         schedule = self.settings.configuration.schedule
-        batch = self._draw_batch()
-        num_stages = schedule.num_stages_at(self.step)
+        batch, num_stages = self._draw_batch()
         outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages)
         loss, parts = loss_of(batch, outcomes, matched, schedule.disparity_weight_at(self.step))
         self.optimiser.zero_grad(set_to_none=True)
@@ -159,14 +159,17 @@ class Trainer:
         self.step += 1
         return parts | {"loss": float(loss.detach()), "gradient": float(norm)}
 
-    def _draw_batch(self) -> Batch:
+    def _draw_batch(self) -> tuple[Batch, int]:
+        """A batch and how many stages to code it in: now and then the first alone, which files may have, too."""
         configuration = self.settings.configuration
         # Every process draws the same shape, so that none waits for a larger one.
         common = torch.Generator().manual_seed(self.settings.seed * 1_000_003 + self.step)
         shape = configuration.shapes.draw(common)
         share = configuration.schedule.photograph_share_at(self.step)
         batch = draw_batch(self.sources, self.generator, shape, share, configuration.lambda_q_range)
-        return _moved(batch, self.settings.device)
+        is_alone = self.step % ALONE_EVERY == ALONE_EVERY - 1
+        num_stages = 1 if is_alone else configuration.schedule.num_stages_at(self.step)
+        return _moved(batch, self.settings.device), num_stages
 
     @property
     def _coding(self) -> Coding:

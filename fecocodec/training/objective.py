@@ -19,6 +19,7 @@ from fecocodec.rendering.metrics import ssim
 from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.matched_depth import depth_feedback
 from fecocodec.sender.model import Sender
+from fecocodec.sender.steps import first_stage_lambda_q
 
 SSIM_WEIGHT = 0.03
 TARGET_WEIGHT = 2.0  # of a target view, against 1 for a context view
@@ -55,11 +56,12 @@ class MatchedDisparity:
 
 @dataclass(frozen=True)
 class StageOutcome:
-    """What one stage of a training pass produced."""
+    """What one stage of a training pass produced. lambda_q: what it was coded at."""
 
     prediction: Prediction
     renderings: list[Rendering]  # one per scene, all its views
     estimated_bits: Float[Tensor, " batch"]
+    lambda_q: Int[Tensor, " batch"]
 
 
 Coding = Callable[[Tensor, Tensor, int, Tensor | None], tuple[Tensor, Tensor]]
@@ -89,6 +91,14 @@ def lambda_of(lambda_q: Int[Tensor, " item"]) -> Float[Tensor, " item"]:
     return LAMBDA_MIN * torch.exp(lambda_q / STEPS_PER_E)
 
 
+def stage_lambdas(lambda_q: Int[Tensor, " item"], num_stages: int) -> list[Int[Tensor, " item"]]:
+    """What each stage is coded at, as the sender has it: the first more coarsely, if another follows."""
+    if num_stages == 1:
+        return [lambda_q]
+    first = torch.tensor([first_stage_lambda_q(int(value)) for value in lambda_q], device=lambda_q.device)
+    return [first] + [lambda_q] * (num_stages - 1)
+
+
 def _scale_gradient(x: Tensor, factor: Tensor) -> Tensor:
     return x.detach() + factor * (x - x.detach())
 
@@ -107,14 +117,13 @@ def run_stages(
     """
     views = batch.num_context
     images, cameras = batch.images[:, :views], batch.cameras.select(list(range(views)))
-    lambda_q = batch.lambda_q.repeat_interleave(views)
     matching = sender.extractor.match(images, cameras)
     features = sender.extractor.fuse(images, matching)
     state = receiver.update.start(features.shape[0], *features.shape[-2:])
     outcomes: list[StageOutcome] = []
     context = None
-    for stage in range(1, num_stages + 1):
-        kind = min(stage, 2)
+    for stage, lambda_q_of_scene in enumerate(stage_lambdas(batch.lambda_q, num_stages), start=1):
+        kind, lambda_q = min(stage, 2), lambda_q_of_scene.repeat_interleave(views)
         condition = receiver.condition(lambda_q, kind)
         if kind == 2:
             rendered = torch.stack([rendering.color[:views] for rendering in outcomes[-1].renderings]).detach()
@@ -126,7 +135,8 @@ def run_stages(
         state, context = receiver.next_state(state, y_hat, condition), y_hat
         prediction = receiver.predict(state, cameras, condition)
         renderings = _render(batch, prediction, is_last=stage == num_stages)
-        outcomes.append(StageOutcome(prediction, renderings, rearrange(bits, "(b v) -> b v", v=views).sum(dim=1)))
+        bits_of_scene = rearrange(bits, "(b v) -> b v", v=views).sum(dim=1)
+        outcomes.append(StageOutcome(prediction, renderings, bits_of_scene, lambda_q_of_scene))
     found = (matching.relative_disparity, matching.depth.relative_disparity, matching.depth.agreement)
     matched = MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=views) for item in found))
     return outcomes, with_targets(sender, batch, matched)
@@ -160,14 +170,14 @@ def _render(batch: Batch, prediction: Prediction, is_last: bool) -> list[Renderi
 def loss_of(
     batch: Batch, outcomes: list[StageOutcome], matched: MatchedDisparity, disparity_weight: float
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
-    """Sum over stages of lambda * R + L_render (paper, training strategy), plus L1 on relative disparity.
+    """Sum over stages of lambda * R + L_render (paper, training strategy), each at its lambda, plus L1 on relative
+    disparity.
 
     R is in bits per context pixel; disparity counts where depth is known, or views agree on it. The gradient of R is at
     ENTROPY_PRICE, which `code_with_noise` turns into lambda for all but the entropy model. Returns the loss and its
     parts for the log.
     """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
-    lmbda = lambda_of(batch.lambda_q)
     truth = _best_known_disparity(batch, matched)
     parts = {"matching": _masked_l1(matched.learned, truth)}
     total = disparity_weight * MATCHING_WEIGHT * parts["matching"]
@@ -179,7 +189,7 @@ def loss_of(
         weight = _view_weights(batch.num_context, images.shape[1]).to(squared)
         rate = outcome.estimated_bits / pixels
         disparity = _masked_l1(outcome.prediction.relative_disparity, truth)
-        priced = ENTROPY_PRICE * (rate - rate.detach()) + lmbda * rate.detach()
+        priced = ENTROPY_PRICE * (rate - rate.detach()) + lambda_of(outcome.lambda_q) * rate.detach()
         total = total + ((squared + SSIM_WEIGHT * structure) * weight).mean() + priced.mean()
         total = total + disparity_weight * DISPARITY_WEIGHT * disparity
         parts |= {

@@ -42,6 +42,7 @@ def assert_same_contents(data: bytes) -> None:
         "height": header.height,
         "width": header.width,
         "lambda_q": header.lambda_q,
+        "excess": header.first_stage_excess,
         "sections": theirs.header["sections"],
         "stage_2_views": sum(1 << view for view in header.stage_2_views),
         "digests": list(header.symbol_digests),

@@ -43,7 +43,7 @@ def sealed_section(kind: int, payload: bytes) -> bytes:
 def sealed_header(
     like: Header, *, major: int = 1, minor: int = 0, views: int | None = None, stages: int | None = None,
     height: int | None = None, width: int | None = None, lambda_q: int | None = None, sections: int = 4,
-    reserved: int = 0, stage_2_views: int | None = None,
+    excess: int = 0, stage_2_views: int | None = None,
 ) -> bytes:  # fmt: skip
     """The header of a stream of two stages with other fields, and a CRC that holds whatever they say."""
     stages = like.num_stages if stages is None else stages
@@ -51,7 +51,7 @@ def sealed_header(
     fields = (
         *(major, minor, like.model_id, like.num_views if views is None else views, stages),
         *(like.height if height is None else height, like.width if width is None else width),
-        *(like.lambda_q if lambda_q is None else lambda_q, sections, reserved),
+        *(like.lambda_q if lambda_q is None else lambda_q, sections, excess),
         mask if stage_2_views is None else stage_2_views,
     )
     digests = b"".join(like.symbol_digests)[: 8 * stages]
@@ -114,14 +114,16 @@ def streams(draw: st.DrawFn) -> Stream:
     )
     stages = draw(st.integers(1, 2))
     eight_bytes = st.binary(min_size=8, max_size=8)
+    lambda_q = draw(st.integers(0, LAMBDA_Q_MAX))
     header = Header(
         model_id=draw(eight_bytes),
         num_views=views,
         height=draw(st.integers(16, 1024)),
         width=draw(st.integers(16, 1024)),
-        lambda_q=draw(st.integers(0, LAMBDA_Q_MAX)),
+        lambda_q=lambda_q,
         symbol_digests=tuple(draw(eight_bytes) for _ in range(stages)),
         stage_2_views=tuple(sorted(draw(st.sets(st.integers(0, views - 1), min_size=1)))) if stages == 2 else (),
+        first_stage_excess=draw(st.integers(0, min(255, (LAMBDA_Q_MAX - lambda_q) // 2))) if stages == 2 else 0,
         version=FormatVersion(1, draw(st.integers(0, 255))),
     )
     metadata = draw(st.none() | st.dictionaries(st.text(max_size=4), json_values, max_size=3))

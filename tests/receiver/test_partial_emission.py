@@ -34,7 +34,7 @@ def encoded(profile: Profile, scene: PreparedScene, stage_2_views: tuple[int, ..
     with torch.inference_mode():
         matched = match_views(profile, scene)
         stages = code_stages(profile, scene, matched, LAMBDA_Q, 2, stage_2_views=stage_2_views)
-        return assemble(profile, scene, stages, LAMBDA_Q, keep)
+        return assemble(profile, scene, stages, keep)
 
 
 @pytest.fixture(scope="module")

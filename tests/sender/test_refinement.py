@@ -31,7 +31,7 @@ def objective(profile: Profile, scene: PreparedScene, refinement_steps: int) -> 
     """D + lambda R of the stream itself."""
     matched = match_views(profile, scene)
     stages = code_stages(profile, scene, matched, LAMBDA_Q, 2, refinement_steps=refinement_steps)
-    rendering = stage_rendering(profile, scene, stages[1].state, LAMBDA_Q, 2).color
+    rendering = stage_rendering(profile, scene, stages[1].after).color
     bits_per_pixel = 8 * len(stages[1].payload) / (scene.num_views * 64 * 64)
     return float(distortions(rendering, scene.images).mean()) + dequantise_lambda(LAMBDA_Q) * bits_per_pixel
 

@@ -76,6 +76,7 @@ class Recipe:
     choose: Choice = usual
     keep: Keep | None = None
     metadata: Metadata | None = None
+    excess: int = 0
     seed: int = 1
 
 
@@ -90,12 +91,14 @@ def stream_of_recipe(recipe: Recipe) -> Stream:
         writer = ChosenWriter(recipe.choose, 100 * recipe.seed + stage)
         context = select_context(coded[0].y_hat, views) if coded else None
         size = (len(views), padded[0] // 32, padded[1] // 32)
-        coded.append(code_latents(tiny_prior(), writer, recipe.lambda_q, stage, context, size, None))
+        lambda_q = recipe.lambda_q + (2 * recipe.excess if stage == 1 else 0)
+        coded.append(code_latents(tiny_prior(), writer, lambda_q, stage, context, size, None))
         payloads.append(writer.finish())
     header = Header(
         *(tiny_model_id(), num_views, recipe.height, recipe.width, recipe.lambda_q),
         symbol_digests=tuple(latents.digest() for latents in coded),
         stage_2_views=recipe.stage_2_views,
+        first_stage_excess=recipe.excess,
     )
     return Stream(header, recipe.cameras, tuple(payloads), recipe.metadata, recipe.keep)
 

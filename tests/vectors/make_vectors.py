@@ -106,7 +106,7 @@ def expectation(vector: Vector) -> dict[str, Any]:
         "sha256": sha256(vector.data),
         "model_id": header.model_id.hex(),
         "size": [header.num_views, header.height, header.width],
-        "lambda_q": header.lambda_q,
+        "lambda_q": [header.lambda_q_of_stage(stage + 1) for stage in range(header.num_stages)],
         "cameras": camera_fingerprint(stream.cameras),
         "keep": None if keep is None else [keep.opacity_threshold, keep.cells.hex() if keep.cells else None],
         "metadata": stream.metadata is not None,

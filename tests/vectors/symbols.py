@@ -47,7 +47,7 @@ def decode_symbols(stream: Stream) -> list[StageValues]:
         views = header.views_of_stage(stage)
         context = select_context(found[0].y_hat, views) if found else None
         size = (len(views), height // 8, width // 8)
-        found.append(decode_latents(prior, payload, size, header.lambda_q, stage, context))
+        found.append(decode_latents(prior, payload, size, header.lambda_q_of_stage(stage), stage, context))
         if found[-1].digest() != header.symbol_digests[stage - 1]:
             raise BitstreamError(f"stage {stage}: the decoded symbols have another digest; the file is damaged.")
     return [StageValues(list(c.symbols), _q8(c.z_hat), _q8(c.y_hat)) for c in found]
