@@ -28,7 +28,7 @@ from fecocodec.sender.steps import (
 )
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
-from fecocodec.training.loop import LARGEST_GRADIENT, Trainer
+from fecocodec.training.loop import ALONE_EVERY, LARGEST_GRADIENT, Trainer
 from fecocodec.training.objective import lambda_of, stage_lambdas
 from fecocodec.training.processes import average_gradients
 
@@ -54,12 +54,11 @@ class EntropyPhase:
 
 @dataclass(frozen=True)
 class SceneLatents:
-    """Latents of both stages before coding, and what stage 2 knows of stage 1; `lambda_q` as in streams."""
+    """Latents of one stage or two before coding, and what stage 2 knows of stage 1; `lambda_q` as in streams."""
 
     lambda_q: int
-    y1: Float[Tensor, "view latent h8 w8"]
-    y2: Float[Tensor, "view latent h8 w8"]
-    y1_hat: Float[Tensor, "view latent h8 w8"]
+    y: tuple[Float[Tensor, "view latent h8 w8"], ...]
+    y1_hat: Float[Tensor, "view latent h8 w8"] | None = None
 
 
 def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[str, float]]:
@@ -97,45 +96,53 @@ def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[
 
 
 def draw_latents(trainer: Trainer, num_scenes: int) -> list[SceneLatents]:
-    """Scenes of the trainer's sources and shapes, each at `LAMBDAS_OF_A_SCENE` values of lambda, log-uniform."""
+    """Scenes of the trainer's sources and shapes, each at `LAMBDAS_OF_A_SCENE` values of lambda, log-uniform; at the
+    last of them every `ALONE_EVERY`-th has one stage alone, as in training."""
     configuration, generator = trainer.settings.configuration, trainer.generator
     share = configuration.schedule.photograph_share[1]
     lowest, highest = configuration.lambda_q_range
     profile = Profile(trainer.sender, trainer.receiver, model_id=b"")
     found: list[SceneLatents] = []
-    for _ in range(num_scenes):
+    for number in range(1, num_scenes + 1):
         shape = configuration.shapes.draw(generator)
         sample = draw_sample(trainer.sources, generator, shape, share)
         drawn = torch.randint(lowest, highest + 1, (LAMBDAS_OF_A_SCENE,), generator=generator)
         context = sample.views.select(list(range(sample.num_context)))
-        found += latents_of(profile, context, drawn.tolist())
+        num_alone = 1 if number % ALONE_EVERY == 0 else 0
+        found += latents_of(profile, context, drawn.tolist(), num_alone)
     return found
 
 
 @torch.no_grad()
-def latents_of(profile: Profile, views: Views, lambdas_q: Sequence[int]) -> list[SceneLatents]:
-    """The latents that the sender codes for these views, as its own steps make them."""
+def latents_of(profile: Profile, views: Views, lambdas_q: Sequence[int], num_alone: int = 0) -> list[SceneLatents]:
+    """The latents that the sender codes for these views, as its own steps make them; at the last `num_alone` of these
+    lambdas, those of a single stage."""
     scene = prepare(profile, views)
     matched = match_views(profile, scene)
     found = []
-    for lambda_q in lambdas_q:
+    for lambda_q in lambdas_q[: len(lambdas_q) - num_alone]:
         y1 = analyse(profile, matched.features, start_state(profile, scene), first_stage_lambda_q(lambda_q), 1).y
         first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
         rendering = stage_rendering(profile, scene, first.after)
         feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
         y2 = analyse(profile, feedback, first.state, lambda_q, 2).y
-        found.append(SceneLatents(lambda_q, y1, y2, first.latents.y_hat))
+        found.append(SceneLatents(lambda_q, (y1, y2), first.latents.y_hat))
+    for lambda_q in lambdas_q[len(lambdas_q) - num_alone :]:
+        y = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1).y
+        found.append(SceneLatents(lambda_q, (y,)))
     return found
 
 
 def _priced_bits(trainer: Trainer, scene: SceneLatents) -> tuple[Float[Tensor, ""], dict[str, float]]:
-    """Bits a context pixel of both stages, times the root of lambda, as they fall with it; also the bits alone."""
+    """Bits a context pixel of all stages, times the root of lambda, as they fall with it; also the bits alone."""
     prior, hyper_analysis = trainer.receiver.prior, trainer.sender.hyper_analysis
-    lambdas = stage_lambdas(torch.full((len(scene.y1),), scene.lambda_q, device=scene.y1.device), num_stages=2)
-    pixels = 64 * scene.y1[:, 0].numel()
-    bits = []
-    for stage, y, context in ((1, scene.y1, None), (2, scene.y2, scene.y1_hat)):
-        estimate = estimate_latents(prior, y, hyper_analysis(y), lambdas[stage - 1], stage, context, uniform_noise())
-        bits.append((estimate.bits_y + estimate.bits_z).sum() / pixels)
-    weight = (lambda_of(lambdas[1]) / 1e-3).sqrt().mean()  # it is the same for all views
-    return weight * (bits[0] + bits[1]), {"bpp1": float(bits[0].detach()), "bpp2": float(bits[1].detach())}
+    lambda_q = torch.full((len(scene.y[0]),), scene.lambda_q, device=scene.y[0].device)
+    pixels = 64 * scene.y[0][:, 0].numel()
+    bits: dict[str, Tensor] = {}
+    for stage, (y, lambdas) in enumerate(zip(scene.y, stage_lambdas(lambda_q, len(scene.y)), strict=True), start=1):
+        context = None if stage == 1 else scene.y1_hat
+        estimate = estimate_latents(prior, y, hyper_analysis(y), lambdas, stage, context, uniform_noise())
+        bits[f"bpp{stage}"] = (estimate.bits_y + estimate.bits_z).sum() / pixels
+    weight = (lambda_of(lambda_q) / 1e-3).sqrt().mean()  # it is the same for all views
+    parts = {name: float(value.detach()) for name, value in bits.items()}
+    return weight * torch.stack(list(bits.values())).sum(), parts

@@ -108,7 +108,12 @@ def header_faults(parts: Parts) -> list[Fault]:
         ("lambda_q", parts.header(lambda_q=1769), 24, "the quantised lambda is 1769, allowed are 0 to 1768"),
         ("number of sections", parts.header(sections=2), 26, "the number of sections is 2, allowed are 3 to 16"),
         ("number of sections", parts.header(sections=17), 26, "the number of sections is 17, allowed are 3 to 16"),
-        ("excess of stage 1", parts.header(lambda_q=1767, excess=1), 27, "the excess of stage 1 is 1, allowed are 0 to 0"),
+        (
+            "excess of stage 1",
+            parts.header(lambda_q=1767, excess=1),
+            27,
+            "the excess of stage 1 is 1, allowed are 0 to 0",
+        ),
         ("excess of stage 1", parts.header(stages=1, sections=2, excess=1), 27, "is 1, allowed are 0 to 0"),
         ("excess of stage 1", parts.header(lambda_q=1300, excess=255), 27, "is 255, allowed are 0 to 234"),
         ("stage-2 views are among the views", parts.header(stage_2_views=4), 28, "codes the views [2] of 2"),

@@ -15,6 +15,7 @@ from fecocodec.training.dataset import Sources
 from fecocodec.training.entropy_phase import EntropyPhase, SceneLatents, draw_latents, latents_of, train_entropy_model
 from fecocodec.training.export import export_model
 from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.objective import stage_lambdas
 from fecocodec.training.scenes import ProceduralWorld
 from fecocodec.training.schedule import Schedule
 from fecocodec.training.textures import pattern_textures
@@ -37,9 +38,11 @@ def bytes_of(trainer: Trainer, scenes: list[SceneLatents]) -> int:
     prior, total = trainer.receiver.prior, 0
     with torch.no_grad():
         for scene in scenes:
-            for stage, y, context in ((1, scene.y1, None), (2, scene.y2, scene.y1_hat)):
+            lambdas = stage_lambdas(torch.tensor([scene.lambda_q]), len(scene.y))
+            for stage, (y, lambda_q) in enumerate(zip(scene.y, lambdas, strict=True), start=1):
+                context = None if stage == 1 else scene.y1_hat
                 z = trainer.sender.hyper_analysis(y)
-                total += len(encode_latents(prior, y, z, scene.lambda_q, stage, context)[0])
+                total += len(encode_latents(prior, y, z, int(lambda_q), stage, context)[0])
     return total
 
 
@@ -65,7 +68,15 @@ def test_latents_are_those_of_the_sender_at_every_lambda(tmp_path: Path) -> None
     views = trainer.sources.world.sample(
         torch.Generator().manual_seed(3), num_context=2, num_target=1, size=(64, 64)
     ).views.select([0, 1])
-    fine, coarse = latents_of(Profile(trainer.sender, trainer.receiver, b""), views, (200, 1700))
-    assert fine.y1.shape == fine.y2.shape == fine.y1_hat.shape == (2, 32, 8, 8)
-    assert float(fine.y1.std()) > 3 * float(coarse.y1.std())  # finer steps at lower lambda
-    assert not fine.y1.requires_grad
+    profile = Profile(trainer.sender, trainer.receiver, b"")
+    fine, coarse, alone = latents_of(profile, views, (200, 1700, 200), num_alone=1)
+    assert fine.y[0].shape == fine.y[1].shape == fine.y1_hat.shape == (2, 32, 8, 8)
+    assert float(fine.y[0].std()) > 3 * float(coarse.y[0].std())  # finer steps at lower lambda
+    assert not fine.y[0].requires_grad
+    assert len(alone.y) == 1 and alone.y1_hat is None
+    assert float(alone.y[0].std()) > 1.5 * float(fine.y[0].std())  # the first of two stages is coarser
+
+
+def test_every_eighth_scene_has_one_stage_alone(tmp_path: Path) -> None:
+    drawn = draw_latents(new_trainer(tmp_path / "run"), 8)
+    assert [len(scene.y) for scene in drawn] == [2] * 15 + [1]

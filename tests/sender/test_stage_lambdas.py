@@ -1,0 +1,35 @@
+"""Stage 1 is coded more coarsely than stage 2, and files say so."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.container import LAMBDA_Q_MAX, dequantise_lambda, read_stream
+from fecocodec.sender.encode import encode_with, load_profile
+from fecocodec.sender.steps import first_stage_lambda_q
+from fecocodec.training.objective import stage_lambdas
+from tests.example_scenes import MODEL, example_views
+
+
+def test_four_times_the_lambda_as_far_as_the_range_goes() -> None:
+    first = [first_stage_lambda_q(lambda_q) for lambda_q in range(LAMBDA_Q_MAX + 1)]
+    assert dequantise_lambda(first[0]) == pytest.approx(4e-5, rel=0.01)
+    assert dequantise_lambda(first[1000]) == pytest.approx(4 * dequantise_lambda(1000), rel=0.01)
+    assert max(first) == first[-1] == LAMBDA_Q_MAX
+    assert all((value - lambda_q) % 2 == 0 and value >= lambda_q for lambda_q, value in enumerate(first))
+
+
+def test_training_codes_stages_as_the_sender_does() -> None:
+    lambda_q = torch.tensor([0, 1179, 1768])
+    first, second, third = stage_lambdas(lambda_q, 3)
+    assert first.tolist() == [first_stage_lambda_q(value) for value in (0, 1179, 1768)]
+    assert torch.equal(second, lambda_q) and torch.equal(third, lambda_q)
+    assert torch.equal(stage_lambdas(lambda_q, 1)[0], lambda_q)  # a single stage must be as good as it gets
+
+
+def test_headers_say_what_stages_were_coded_at(random_weights: Path) -> None:
+    profile = load_profile(random_weights / MODEL, "cpu")
+    two, one = (read_stream(encode_with(profile, example_views(2), 1000, stages)).header for stages in (2, 1))
+    assert (two.lambda_q_of_stage(1), two.lambda_q_of_stage(2)) == (first_stage_lambda_q(1000), 1000)
+    assert (one.lambda_q_of_stage(1), one.first_stage_excess) == (1000, 0)
