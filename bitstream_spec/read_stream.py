@@ -128,7 +128,6 @@ def check_limits(header: dict[str, Any]) -> None:
     require(16 <= header["height"] <= 4096, 20, "the height is not 16 to 4096")
     require(16 <= header["width"] <= 4096, 22, "the width is not 16 to 4096")
     require(header["lambda_q"] <= 1768, 24, "lambda_q is above 1768")
-    require(header["lambda_q"] + 2 * header["excess"] <= 1768, 27, "lambda_q of stage 1 is above 1768")
     require(header["excess"] == 0 or header["stages"] == 2, 27, "there is an excess of stage 1 and no stage 2")
     require(header["stage_2_views"] < 2 ** header["views"], 28, "the stage-2 views are not all among the views")
     require((header["stage_2_views"] > 0) == (header["stages"] == 2), 28, "stage-2 views do not go with the stages")

@@ -18,9 +18,10 @@ class ReceiverConfig:
     num_neighbours: int = 16  # k of the KNN attention
     attention_channels: int = 48
     # Quantisation steps are 1 / gain. Where rate and squared error trade off at price lambda the best step grows as the
-    # root of lambda: squared error grows with the square of the step, bits fall with its logarithm.
+    # root of lambda, if symbols are the nearest: squared error grows with the square of the step, bits fall with its
+    # logarithm. Symbols that save bits (`coding/symbol_choice.py`) do better with somewhat finer steps.
     largest_gain: float = 9.1206  # of latents at lambda 1e-5
-    gain_exponent: float = 0.5
+    gain_exponent: float = 0.4
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def code_latents(
 
     views, *size = size_32
     lambdas = torch.full((views,), lambda_q, device=device)
-    condition_q8, price = condition_vector(lambdas, stage).double(), price_of_bits(lambdas)
+    condition_q8, price = condition_vector(lambdas, stage).double(), price_of_bits(lambdas, stage)
     context_q8 = None if context_y_hat is None else context_y_hat.to(device, torch.float64) * ONE_Q8
     walked = walk_latents(prior, condition_q8, (size[0], size[1]), context_q8, exchange)
     # Where a symbol is extreme a value has more bits than float32; only such are rounded here.

@@ -56,7 +56,7 @@ def estimate_latents(
 
     lambda_q: see `condition_vector`, one per item. stage: 1 or 2. context_y_hat: y_hat of stage 1 where stage is 2.
     """
-    meter = _Meter(split_partitions(y.float(), z.float()), price_of_bits(lambda_q), soften)
+    meter = _Meter(split_partitions(y.float(), z.float()), price_of_bits(lambda_q, stage), soften)
     context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
     size_32 = (z.shape[2], z.shape[3])
     walked = walk_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)

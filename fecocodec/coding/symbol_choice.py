@@ -21,17 +21,19 @@ from fecocodec.entropy.tables import (
     WIDE_SIGMA,
 )
 
-# What a bit is worth, in squared quantisation steps, at lambda 1e-5 and 1e-2, as measured (docs/experiments.md). Where
-# steps are fine against what they quantise a bit divides the squared error by four: 2 ln(2) / 12 = 0.12.
-PRICE_FINEST, PRICE_COARSEST = 0.2, 0.01
+# What a bit is worth in stage 1 and 2, in squared quantisation steps, at lambda 1e-5 and 1e-2, as measured
+# (docs/experiments.md). Where steps are fine against what they quantise a bit divides the squared error by four:
+# 2 ln(2) / 12 = 0.12. What stage 1 gets wrong stage 2 mends.
+PRICES = {1: (0.29, 0.14), 2: (0.22, 0.04)}
 _TAIL_IN_SIGMAS = 8.0  # beyond it the wide Gaussian continues as an exponential: float32 and gradients stay finite
 _TAIL_SLOPE = _TAIL_IN_SIGMAS / WIDE_SIGMA**2  # of -ln(mass) there, per standard deviation of the table
 _MOST_BITS = 32.0  # about what an outlier costs, by the least frequency of a table or by an escape
 
 
-def price_of_bits(lambda_q: Int[Tensor, " item"]) -> Float[Tensor, " item"]:
-    """In squared quantisation steps; linear in ln(lambda)."""
-    return PRICE_FINEST + (PRICE_COARSEST - PRICE_FINEST) * lambda_q / LAMBDA_Q_MAX
+def price_of_bits(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, " item"]:
+    """In squared quantisation steps; linear in ln(lambda), also above 1e-2."""
+    finest, coarsest = PRICES[stage]
+    return finest + (coarsest - finest) * lambda_q / LAMBDA_Q_MAX
 
 
 @torch.no_grad()

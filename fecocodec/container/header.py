@@ -1,9 +1,10 @@
 """The header of a `.fcs` stream: its fields and their limits (FORMAT.md, section 4)."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from fecocodec.container.lagrangian import LAMBDA_Q_MAX, dequantise_lambda
+from fecocodec.container.lagrangian import LAMBDA_MIN, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import BitstreamError
 
 MODEL_ID_BYTES = 8
@@ -61,8 +62,8 @@ class Header:
         return self.lambda_q + EXCESS_UNIT * self.first_stage_excess if stage == 1 else self.lambda_q
 
     def lambda_of_stage(self, stage: int) -> float:
-        """The price of a bit in stage 1 or 2."""
-        return dequantise_lambda(self.lambda_q_of_stage(stage))
+        """The price of a bit in stage 1 or 2; of stage 1 it may lie above the range that `encode` takes."""
+        return LAMBDA_MIN * math.exp(self.lambda_q_of_stage(stage) / STEPS_PER_E)
 
 
 def padded_pixels(num_views: int, height: int, width: int) -> int:
@@ -80,7 +81,7 @@ def check_header(header: Header, num_sections: int) -> None:
         (22, "width", header.width, MIN_SIDE, MAX_SIDE),
         (24, "quantised lambda", header.lambda_q, 0, LAMBDA_Q_MAX),
         (26, "number of sections", num_sections, 1 + header.num_stages, MAX_SECTIONS),
-        (27, "excess of stage 1", header.first_stage_excess, 0, _largest_excess(header)),
+        (27, "excess of stage 1", header.first_stage_excess, 0, 0 if header.num_stages == 1 else 255),
     ):
         if not lowest <= value <= highest:
             raise BitstreamError(
@@ -97,11 +98,6 @@ def check_header(header: Header, num_sections: int) -> None:
     _check_field_size(10, "model id", header.model_id, MODEL_ID_BYTES)
     for digest in header.symbol_digests:
         _check_field_size(30, "symbol digest", digest, DIGEST_BYTES)
-
-
-def _largest_excess(header: Header) -> int:
-    """With which stage 1 has a lambda within range, and that a byte holds; a single stage is coded at `lambda_q`."""
-    return 0 if header.num_stages == 1 else min(255, (LAMBDA_Q_MAX - header.lambda_q) // EXCESS_UNIT)
 
 
 def check_version(version: FormatVersion) -> None:

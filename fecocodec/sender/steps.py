@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fecocodec.coding.camera_packing import pack, unpack
 from fecocodec.coding.payload import CodedLatents, encode_latents
-from fecocodec.container import EXCESS_UNIT, LAMBDA_Q_MAX, PackedCameras
+from fecocodec.container import EXCESS_UNIT, PackedCameras
 from fecocodec.container.camera_rules import check_cameras
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
@@ -24,7 +24,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.matched_depth import MatchedDepth, depth_feedback
 from fecocodec.sender.model import Sender
 
-FIRST_STAGE_EXCESS = 178  # 256 ln 4, in units of the header
+FIRST_STAGE_EXCESS = 229  # 256 ln 6, in units of the header
 
 
 @dataclass(frozen=True)
@@ -119,11 +119,11 @@ def prepare(profile: Profile, views: Views) -> PreparedScene:
 
 
 def first_stage_lambda_q(lambda_q: int) -> int:
-    """At what stage 1 is coded where stage 2 follows at `lambda_q`: four times that lambda, as far as the range goes.
+    """At what stage 1 is coded where stage 2 follows at `lambda_q`: six times that lambda.
 
     What stage 1 gets wrong stage 2 sees and mends, so its bits are worth less (docs/experiments.md).
     """
-    return lambda_q + EXCESS_UNIT * min(FIRST_STAGE_EXCESS, (LAMBDA_Q_MAX - lambda_q) // EXCESS_UNIT)
+    return lambda_q + EXCESS_UNIT * FIRST_STAGE_EXCESS
 
 
 def start_state(profile: Profile, scene: PreparedScene) -> Float[Tensor, "view channel h4 w4"]:

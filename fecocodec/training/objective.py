@@ -95,8 +95,7 @@ def stage_lambdas(lambda_q: Int[Tensor, " item"], num_stages: int) -> list[Int[T
     """What each stage is coded at, as the sender has it: the first more coarsely, if another follows."""
     if num_stages == 1:
         return [lambda_q]
-    first = torch.tensor([first_stage_lambda_q(int(value)) for value in lambda_q], device=lambda_q.device)
-    return [first] + [lambda_q] * (num_stages - 1)
+    return [lambda_q + first_stage_lambda_q(0)] + [lambda_q] * (num_stages - 1)
 
 
 def _scale_gradient(x: Tensor, factor: Tensor) -> Tensor:

@@ -14,7 +14,7 @@ def test_json_describes_the_stream(fecosplat, stream_file: Path, stream_bytes: b
     assert result.code == 0 and result.err == ""
     assert (fields["views"], fields["height"], fields["width"], fields["stages"]) == (2, 256, 448, 2)
     assert fields["lambda"] == pytest.approx(1e-3, rel=2e-3)
-    assert fields["stage_1_lambda"] == pytest.approx(4e-3, rel=1e-2)
+    assert fields["stage_1_lambda"] == pytest.approx(6e-3, rel=1e-2)
     assert (fields["near"], fields["far"]) == (1.0, 10.0)
     assert fields["bytes"] == len(stream_bytes)
     assert fields["model_id"] == b"no model".hex()
@@ -28,7 +28,7 @@ def test_text_shows_size_and_sections(fecosplat, stream_file: Path, stream_bytes
     result = fecosplat("info", stream_file)
     assert result.code == 0
     assert "2 of 448x256" in result.out
-    assert "0.001, of stage 1 0.004" in result.out
+    assert "0.001, of stage 1 0.0059" in result.out
     assert f"{len(stream_bytes)} bytes" in result.out
     assert [line.split()[1] for line in result.out.splitlines()[-4:]] == ["header", "cameras", "B1", "B2"]
 

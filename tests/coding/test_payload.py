@@ -6,6 +6,7 @@ import torch
 
 from fecocodec.coding.fixed_point import export_integers
 from fecocodec.coding.payload import CodedLatents, decode_latents, encode_latents
+from fecocodec.coding.symbol_choice import PRICES
 from fecocodec.entropy.tables import SYMBOL_LIMIT
 from fecocodec.errors import BitstreamError, InputError
 from tests.coding.coding_examples import lively_prior, smooth_latents
@@ -34,7 +35,7 @@ def test_coded_elements_are_off_by_little_and_skipped_ones_are_their_mean(
     price: float, most_off: float, monkeypatch: pytest.MonkeyPatch
 ):
     """By half a step where bits cost nothing, by one more where the symbol before the nearest may be taken."""
-    monkeypatch.setattr("fecocodec.coding.symbol_choice.PRICE_FINEST", price)
+    monkeypatch.setitem(PRICES, 1, (price, price))
     y, z = smooth_latents(2, 8, 8)
     _, coded = encode_latents(lively_prior(), y, z, 0, 1, None)
     zeros = torch.from_numpy(np.concatenate([s.ravel() for s in coded.symbols[1:]]) == 0)
@@ -104,7 +105,7 @@ def test_damaged_payloads_raise_or_change_the_digest():
 
 def test_random_bytes_raise_or_are_the_only_encoding_of_what_they_say(monkeypatch: pytest.MonkeyPatch):
     """Bytes that end before the symbols do are now and then a payload by chance; only a digest can tell."""
-    monkeypatch.setattr("fecocodec.coding.symbol_choice.PRICE_FINEST", 0.0)  # the nearest symbols
+    monkeypatch.setitem(PRICES, 1, (0.0, 0.0))  # the nearest symbols
     rng = np.random.default_rng(1)
     prior, valid = lively_prior(), 0
     for length in (0, 1, 4, *[3] * 12, 39, 399, 3999):

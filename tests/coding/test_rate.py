@@ -7,7 +7,7 @@ import torch
 from fecocodec.coding.payload import code_latents, encode_latents
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
 from fecocodec.coding.rate import Softening, _Meter, estimate_latents, straight_through, uniform_noise
-from fecocodec.coding.symbol_choice import symbol_bits
+from fecocodec.coding.symbol_choice import PRICES, symbol_bits
 from fecocodec.entropy.ports import Port
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, load_tables
 from tests.coding.coding_examples import lively_prior, smooth_latents
@@ -36,7 +36,8 @@ def latents_of(prior: LatentPrior, stage: int, context: torch.Tensor | None) -> 
 
 @pytest.mark.parametrize("stage", [1, 2])
 @pytest.mark.parametrize("prior", [LatentPrior(), lively_prior()], ids=["fresh", "lively"])
-def test_estimate_is_the_length_of_the_payload(prior: LatentPrior, stage: int):
+def test_estimate_is_the_length_of_the_payload(prior: LatentPrior, stage: int, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(PRICES, stage, (0.1, 0.1))  # the higher, the more symbols hang on how tables are rounded
     context = None if stage == 1 else latents_of(prior, 1, None)[0]
     y, z = latents_of(prior, stage, context)
     payload, coded = encode_latents(prior, y, z, 900, stage, context)

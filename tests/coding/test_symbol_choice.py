@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from fecocodec.coding.payload import encode_latents
-from fecocodec.coding.symbol_choice import choose_symbols, price_of_bits, symbol_bits
+from fecocodec.coding.symbol_choice import PRICES, choose_symbols, price_of_bits, symbol_bits
+from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.entropy.tables import SYMBOL_LIMIT
 from tests.coding.coding_examples import lively_prior, smooth_latents
 
@@ -46,14 +47,16 @@ def test_outliers_and_mirror_images() -> None:
 
 
 def test_price_falls_as_lambda_rises() -> None:
-    prices = price_of_bits(torch.tensor([0, 884, 1768]))
-    assert prices.tolist() == pytest.approx([0.2, 0.105, 0.01])
+    lambda_q = torch.tensor([0, 884, 1768])
+    assert price_of_bits(lambda_q, 1).tolist() == pytest.approx([0.29, 0.215, 0.14])
+    assert price_of_bits(lambda_q, 2).tolist() == pytest.approx([0.22, 0.13, 0.04])
+    assert float(price_of_bits(torch.tensor([LAMBDA_Q_MAX + 2 * 255]), 1)) > 0  # of the coarsest first stage
 
 
 def test_a_payload_is_shorter_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     prior, (y, z) = lively_prior(), smooth_latents(2, 16, 16)
     sizes = []
     for price in (0.0, 0.12):
-        monkeypatch.setattr("fecocodec.coding.symbol_choice.PRICE_FINEST", price)
+        monkeypatch.setitem(PRICES, 1, (price, price))
         sizes.append(len(encode_latents(prior, y, z, 0, 1, None)[0]))
     assert sizes[1] < sizes[0]

@@ -114,16 +114,15 @@ def streams(draw: st.DrawFn) -> Stream:
     )
     stages = draw(st.integers(1, 2))
     eight_bytes = st.binary(min_size=8, max_size=8)
-    lambda_q = draw(st.integers(0, LAMBDA_Q_MAX))
     header = Header(
         model_id=draw(eight_bytes),
         num_views=views,
         height=draw(st.integers(16, 1024)),
         width=draw(st.integers(16, 1024)),
-        lambda_q=lambda_q,
+        lambda_q=draw(st.integers(0, LAMBDA_Q_MAX)),
         symbol_digests=tuple(draw(eight_bytes) for _ in range(stages)),
         stage_2_views=tuple(sorted(draw(st.sets(st.integers(0, views - 1), min_size=1)))) if stages == 2 else (),
-        first_stage_excess=draw(st.integers(0, min(255, (LAMBDA_Q_MAX - lambda_q) // 2))) if stages == 2 else 0,
+        first_stage_excess=draw(st.integers(0, 255)) if stages == 2 else 0,
         version=FormatVersion(1, draw(st.integers(0, 255))),
     )
     metadata = draw(st.none() | st.dictionaries(st.text(max_size=4), json_values, max_size=3))

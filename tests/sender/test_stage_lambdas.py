@@ -1,5 +1,6 @@
 """Stage 1 is coded more coarsely than stage 2, and files say so."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,17 +8,18 @@ import torch
 
 from fecocodec.container import LAMBDA_Q_MAX, dequantise_lambda, read_stream
 from fecocodec.sender.encode import encode_with, load_profile
-from fecocodec.sender.steps import first_stage_lambda_q
+from fecocodec.sender.steps import FIRST_STAGE_EXCESS, first_stage_lambda_q
 from fecocodec.training.objective import stage_lambdas
+from tests.container.example_streams import example_stream
 from tests.example_scenes import MODEL, example_views
 
 
-def test_four_times_the_lambda_as_far_as_the_range_goes() -> None:
-    first = [first_stage_lambda_q(lambda_q) for lambda_q in range(LAMBDA_Q_MAX + 1)]
-    assert dequantise_lambda(first[0]) == pytest.approx(4e-5, rel=0.01)
-    assert dequantise_lambda(first[1000]) == pytest.approx(4 * dequantise_lambda(1000), rel=0.01)
-    assert max(first) == first[-1] == LAMBDA_Q_MAX
-    assert all((value - lambda_q) % 2 == 0 and value >= lambda_q for lambda_q, value in enumerate(first))
+@pytest.mark.parametrize("lambda_q", [0, 1179, LAMBDA_Q_MAX])
+def test_six_times_the_lambda(lambda_q: int) -> None:
+    header = replace(example_stream().header, lambda_q=lambda_q, first_stage_excess=FIRST_STAGE_EXCESS)
+    assert header.lambda_q_of_stage(1) == first_stage_lambda_q(lambda_q)
+    assert header.lambda_of_stage(1) == pytest.approx(6 * header.lambda_of_stage(2), rel=0.01)
+    assert header.lambda_of_stage(2) == dequantise_lambda(lambda_q)
 
 
 def test_training_codes_stages_as_the_sender_does() -> None:

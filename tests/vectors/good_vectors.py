@@ -35,7 +35,7 @@ VALID: dict[str, tuple[Recipe, str]] = {
     "landscape": (Recipe(40, 128, seed=6), "one that mixes up rows and columns of the quadtree"),
     "fine": (Recipe(lambda_q=0 + 281, seed=7), "one that takes lambda_q for a number without sign in the condition"),
     "coarse": (Recipe(lambda_q=1600, seed=8), "one that clips the condition to 8 bits"),
-    "coarser-first-stage": (Recipe(lambda_q=700, excess=178, seed=14), "one that codes both stages at one lambda_q"),
+    "coarser-first-stage": (Recipe(lambda_q=700, excess=229, seed=14), "one that codes both stages at one lambda_q"),
     "second-stage-of-two-in-three": (
         Recipe(cameras=THREE, stage_2_views=(0, 2), seed=9),
         "one that takes y_hat of stage 1 of the wrong view as context",
@@ -81,7 +81,7 @@ UNCOMMON: dict[str, tuple[Recipe, str]] = {
     "widest": (Recipe(16, 4096, 1500, cameras_of(1), (), seed=25), "one that keeps a side in 12 bits"),
     "lambda-lowest": (Recipe(lambda_q=0, seed=26), "one whose condition is not negative"),
     "lambda-highest": (Recipe(lambda_q=1768, seed=27), "one that keeps lambda_q in 10 bits"),
-    "largest-excess": (Recipe(lambda_q=1258, excess=255, seed=35), "one that takes the excess for a signed byte"),
+    "largest-excess": (Recipe(lambda_q=1768, excess=255, seed=35), "one that takes the excess for a signed byte"),
     "all-symbols-zero": (Recipe(choose=zero, seed=28), "one that takes a symbol of zero for a value of zero"),
     "escapes": (
         Recipe(choose=around_the_escape, seed=29),
