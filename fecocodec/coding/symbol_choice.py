@@ -24,7 +24,7 @@ from fecocodec.entropy.tables import (
 # What a bit is worth in stage 1 and 2, in squared quantisation steps, at lambda 1e-5 and 1e-2, as measured
 # (docs/experiments.md). Where steps are fine against what they quantise a bit divides the squared error by four:
 # 2 ln(2) / 12 = 0.12. What stage 1 gets wrong stage 2 mends.
-PRICES = {1: (0.29, 0.14), 2: (0.22, 0.04)}
+PRICES = {1: (0.35, 0.16), 2: (0.3, 0.05)}
 _TAIL_IN_SIGMAS = 8.0  # beyond it the wide Gaussian continues as an exponential: float32 and gradients stay finite
 _TAIL_SLOPE = _TAIL_IN_SIGMAS / WIDE_SIGMA**2  # of -ln(mass) there, per standard deviation of the table
 _MOST_BITS = 32.0  # about what an outlier costs, by the least frequency of a table or by an escape
