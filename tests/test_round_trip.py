@@ -121,8 +121,12 @@ def test_one_stage_of_two_is_what_a_file_cut_after_it_gives(data: bytes, random_
         decode(data[:end_of_b1], weights=random_weights)
 
 
-def test_a_stream_of_one_stage_equals_the_first_stage_of_two(data: bytes, views: Views, random_weights: Path) -> None:
-    single = encode(views, lmbda=1e-4, num_stages=1, model=MODEL, weights=random_weights)
+def test_a_stream_of_one_stage_equals_the_first_of_two_at_its_lambda(
+    data: bytes, views: Views, random_weights: Path
+) -> None:
+    lmbda = read_stream(data).header.lambda_of_stage(1)
+    assert lmbda == pytest.approx(6e-4, rel=0.01)
+    single = encode(views, lmbda=lmbda, num_stages=1, model=MODEL, weights=random_weights)
     assert read_stream(single).payloads == read_prefix(data, 1).payloads
     assert_equal(decode(single, weights=random_weights), decode(data, num_stages=1, weights=random_weights))
     with pytest.raises(InputError, match="the stream has 1"):

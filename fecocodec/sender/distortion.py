@@ -1,6 +1,7 @@
 """What the codec was trained to make small, for each view: the D of R + D."""
 
-import torch
+import math
+
 from jaxtyping import Float
 from torch import Tensor
 
@@ -19,5 +20,11 @@ def distortions(
 
 def mean_psnr(renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]) -> float:
     """PSNR in dB of all views together, at most 100."""
-    error = (renderings.clamp(0, 1) - images).square().mean()
-    return float(-10.0 * torch.log10(error.clamp_min(1e-10)))
+    return -10.0 * math.log10(max(squared_error(renderings, images), 1e-10))
+
+
+def squared_error(
+    renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]
+) -> float:
+    """Mean over all views of the squared error of what a screen shows."""
+    return float((renderings.clamp(0, 1) - images).square().mean())

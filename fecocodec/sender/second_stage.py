@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.container.lagrangian import dequantise_lambda
-from fecocodec.sender.distortion import distortions
+from fecocodec.sender.distortion import squared_error
 from fecocodec.sender.encode import code_stages
 from fecocodec.sender.steps import CodedStage, MatchedViews, PreparedScene, Profile, stage_rendering
 
@@ -26,9 +26,9 @@ def choose_stages(
     lambda_q: int,
     refinement_steps: int = 0,
 ) -> ChosenStages:
-    """One stage or two, whichever costs less by what the networks were trained for: the context views' distortion and
-    lambda times the bits a pixel.
+    """One stage or two, whichever costs less: the context views' squared error and lambda times the bits a pixel.
 
+    SSIM, which the networks were trained for, too, would take single stages that are finer, larger and worse in PSNR.
     All views or none: a view's own photograph says little of what views beside it lose without its second stage
     (docs/experiments.md).
     """
@@ -41,7 +41,7 @@ def choose_stages(
 
 def _cost(scene: PreparedScene, chosen: ChosenStages, lmbda: float) -> float:
     num_bytes = sum(len(stage.payload) for stage in chosen.stages)
-    return float(distortions(chosen.renderings, scene.images).mean()) + lmbda * bits_per_pixel(num_bytes, scene)
+    return squared_error(chosen.renderings, scene.images) + lmbda * bits_per_pixel(num_bytes, scene)
 
 
 def bits_per_pixel(num_bytes: int, scene: PreparedScene) -> float:

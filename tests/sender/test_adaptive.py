@@ -41,20 +41,20 @@ def context_psnr(profile: Profile, stream: Stream, views: Views) -> float:
 def test_stage_2_is_sent_where_it_gains_more_than_its_bits_cost(
     profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch, gain: float, num_stages: int
 ) -> None:
-    """The gain is said to be so many times the price of the bits that two stages take more, all of it in one view."""
+    """The gain is said to be so many times the price of the bits that two stages take more."""
     alone, both = (read_stream(encode_with(profile, views, quantise_lambda(LAMBDA), stages)) for stages in (1, 2))
     more = sum(map(len, both.payloads)) - len(alone.payloads[0])
     price = LAMBDA * 8 * more / views.images[:, 0].numel()
     assert price > 0
-    distortions = iter([torch.tensor([0.0, 3.0 * gain * price, 0.0]), torch.zeros(3)])  # of one stage, of two
-    monkeypatch.setattr(second_stage, "distortions", lambda _renderings, _images: next(distortions))
+    errors = iter([gain * price, 0.0])  # of one stage, of two
+    monkeypatch.setattr(second_stage, "squared_error", lambda _renderings, _images: next(errors))
     stream = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
     assert stream.header.num_stages == num_stages
     assert decode_stream(stream, profile.receiver).count > 0
 
 
 def test_a_stage_that_gains_nothing_is_dropped(profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(second_stage, "distortions", lambda _renderings, _images: torch.zeros(3))
+    monkeypatch.setattr(second_stage, "squared_error", lambda _renderings, _images: 0.0)
     chosen = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
     alone = read_stream(encode_with(profile, views, quantise_lambda(LAMBDA), 1))
     assert chosen.payloads == alone.payloads and chosen.header.num_stages == 1
