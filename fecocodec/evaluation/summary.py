@@ -1,6 +1,6 @@
 """Averages over entries, as rows of a table."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import fmean, median
 from typing import Any
@@ -54,19 +54,27 @@ def averages(measurements: Sequence[Measurement]) -> tuple[Average, ...]:
 
 
 def compare(rows: Sequence[Average], ours: str = OURS) -> tuple[Comparison, ...]:
-    """Our curve against that of every other system with at least two settings."""
-    names = list(dict.fromkeys(row.system for row in rows))
-    curves = {name: _curve(rows, name) for name in names}
-    others = [name for name in names if name != ours and len(curves[name]) > 1]
+    """Our curve against that of every other system with at least two settings.
+
+    Variants of one codec that share settings (values of lambda) are compared at those: curves through more points of
+    the one than of the other differ where the variants do not.
+    """
+    curves: dict[str, dict[str, Point]] = {}
+    for row in rows:
+        if row.kib > 0:
+            curves.setdefault(row.system, {})[row.setting] = (row.kib, row.psnr)
     if ours not in curves:
         return ()
-    return tuple(
-        Comparison(name, bd_rate(curves[name], curves[ours]), bd_psnr(curves[name], curves[ours])) for name in others
-    )
+    others = [name for name, curve in curves.items() if name != ours and len(curve) > 1]
+    return tuple(_comparison(name, curves[name], curves[ours]) for name in others)
 
 
-def _curve(rows: Sequence[Average], name: str) -> list[Point]:
-    return [(row.kib, row.psnr) for row in rows if row.system == name and row.kib > 0]
+def _comparison(name: str, theirs: Mapping[str, Point], ours: Mapping[str, Point]) -> Comparison:
+    shared = theirs.keys() & ours.keys()
+    if len(shared) > 1:
+        theirs, ours = ({setting: curve[setting] for setting in shared} for curve in (theirs, ours))
+    points = list(theirs.values()), list(ours.values())
+    return Comparison(name, bd_rate(*points), bd_psnr(*points))
 
 
 def _average(found: Sequence[Measurement]) -> Average:

@@ -110,7 +110,7 @@ def test_every_rule_of_the_specification_is_broken_by_a_test() -> None:
 def hex_dump(begin: str, end: str) -> bytes:
     """The bytes that are shown between two headings of FORMAT.md."""
     text = (SPECIFICATION / "FORMAT.md").read_text().split(begin)[1].split(end)[0]
-    return bytes.fromhex("".join(re.findall(r"^00[0-9a-f]0  (.+)$", text, re.MULTILINE)))
+    return bytes.fromhex("".join(re.findall(r"^0[0-9a-f]{2}0  (.+)$", text, re.MULTILINE)))
 
 
 def worked_example() -> bytes:

@@ -67,6 +67,17 @@ def test_averages_are_over_common_entries_and_curves_are_compared() -> None:
     assert header.split("\t")[:4] == ["system", "setting", "entries", "kib"] and len(lines) == 8
 
 
+def test_variants_are_compared_at_the_lambdas_they_share() -> None:
+    psnr = (20.0, 22.5, 23.0, 23.1, 24.0)
+    found = [
+        measurement("a", system, f"lambda {step}", 1024 * 2**step, psnr[step])
+        for system, steps in (("fecosplat", range(5)), ("adaptive", (0, 2, 4)))
+        for step in steps
+    ]
+    (comparison,) = compare(averages(found))
+    assert comparison.bd_rate == pytest.approx(0.0, abs=1e-9) and comparison.bd_psnr == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_cut_last_line_is_measured_again(tmp_path: Path) -> None:
     path = tmp_path / RECORDS
     records = RecordFile(path)

@@ -7,6 +7,7 @@ import pytest
 import torch
 from torch import nn
 
+from fecocodec.coding.symbol_choice import PRICES
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.model import Receiver
@@ -45,8 +46,7 @@ def latent() -> torch.Tensor:
 def test_latents_pass_through_with_the_gradient_of_what_they_were(
     networks: nn.ModuleDict, latent: torch.Tensor, price: float, most_off: float, monkeypatch: pytest.MonkeyPatch
 ):
-    for name in ("PRICE_FINEST", "PRICE_COARSEST"):
-        monkeypatch.setattr(f"fecocodec.coding.symbol_choice.{name}", price)
+    monkeypatch.setitem(PRICES, 1, (price, price))
     y = latent.clone().requires_grad_()
     y_hat, _ = code_with_noise(networks["receiver"], networks["sender"])(y, torch.tensor([100, 1700]), 1, None)
     assert 0.0 < float((y_hat - y).detach().abs().max()) <= most_off + 1e-3
