@@ -79,8 +79,10 @@ def read_weights(path: Path) -> Weights:
 def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
     """The receiver weights that a stream was made for, in a model's folder or one of several models.
 
-    Raises ModelError where the folder has none of that id.
+    Raises ModelError where the folder has none of that id, or is none.
     """
+    if not folder.is_dir():
+        raise ModelError(f"{folder}: there is no such folder; name the folder of the weights.")
     candidates = [*folder.glob(RECEIVER_FILE), *sorted(folder.glob(f"*/{RECEIVER_FILE}"))]
     for path in candidates:
         if model_id_of(path.read_bytes()) == model_id:

@@ -52,8 +52,12 @@ def test_a_receiver_written_again_is_the_same_file(model: Path) -> None:
 def test_an_unknown_model_id_is_named_with_the_place_and_the_models_there(model: Path) -> None:
     with pytest.raises(ModelError, match=f"model id {b'unknown!'.hex()}, but {model.parent} has {MODEL}; install"):
         find_receiver(b"unknown!", model.parent)
-    with pytest.raises(ModelError, match="has none"):
+    empty = model.parent / "empty"
+    with pytest.raises(ModelError, match="nowhere: there is no such folder"):
         find_receiver(b"unknown!", model.parent / "nowhere")
+    empty.mkdir()
+    with pytest.raises(ModelError, match="has none"):
+        find_receiver(b"unknown!", empty)
 
 
 @pytest.mark.parametrize("damage", ["missing", "empty", "cut", "noise", "no configuration", "folder"])

@@ -45,6 +45,13 @@ def test_weights_of_another_model(fecosplat, coded_scene: Path, model: Path, tmp
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_that_is_not_there(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
+    missing = tmp_path / "missing"
+    result = fecosplat("decode", coded_scene, "-o", tmp_path / "wall.ply", "--model", missing)
+    assert result.code == 1
+    assert f"{missing}: there is no such folder; name the folder of the weights." in result.err
+
+
 @pytest.mark.parametrize("goal", [(), ("--adaptive",)])
 def test_a_folder_without_weights(fecosplat, photographs: Path, tmp_path: Path, goal: tuple[str, ...]) -> None:
     output, empty = tmp_path / "wall.fcs", tmp_path / "empty"
