@@ -83,7 +83,7 @@ Examples:
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="When the schedule has ended, steps of the entropy model alone: fewer bytes, the same pictures.",
+    help="When the schedule has ended, steps of the entropy model alone: fewer bytes at equal quality.",
 )
 @click.option(
     "--entropy-scenes",

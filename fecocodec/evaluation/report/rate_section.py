@@ -19,7 +19,7 @@ by one plane, chosen by looking at the target. *adaptive* is `encode --adaptive`
 {chart}
 
 BD figures are ours against each: bytes at equal PSNR, and PSNR at equal bytes. A dash: the curves have no such range in
-common, or the other is one point.
+common, or the other is one point. Variants of ours are compared at the lambdas that both have.
 
 {comparisons}
 
