@@ -52,8 +52,8 @@ Examples:
 @click.option("--far", type=float, help="Farthest depth of the scene.  [default: estimated]")
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
 @click.option(
-    "--refine", "refinement_steps", type=click.IntRange(0, 1000), default=0, show_default=True, metavar="STEPS",
-    help="Gradient steps on the second stage: closer to the photographs, for time and bytes.",
+    "--refine", "refinement_steps", type=click.IntRange(0, 1000), metavar="STEPS",
+    help="Gradient steps on the second stage: more quality a byte, for time.  [default: 2, or 1 or 0 for many pixels]",
 )  # fmt: skip
 @model_option
 @device_option
@@ -72,7 +72,7 @@ def command(
     near: float | None,
     far: float | None,
     stages: int,
-    refinement_steps: int,
+    refinement_steps: int | None,
     model: Path | None,
     device: str,
     overwrite: bool,

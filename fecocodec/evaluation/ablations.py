@@ -1,6 +1,7 @@
 """Ablations that the shipped weights allow: a part is taken away, or added, at inference, and nothing is retrained.
 
-They say how much the trained system leans on a part, not how well one trained without it would do. All make streams
+They say how much the trained system leans on a part, not how well one trained without it would do; whatever they leave
+out, the second stage is refined, but for the one without refinement. All make streams
 that every receiver decodes, because only the sender works differently. Gaussians at other resolutions and a third
 stage are not among them: the predictor's head has four Gaussians a cell, and the format has two stages.
 """
@@ -15,6 +16,7 @@ from fecocodec.evaluation.codec_systems import codec_system, stream_system
 from fecocodec.evaluation.reconstruction import System
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile, assemble, encode_with
+from fecocodec.sender.refinement import refine_second_stage
 from fecocodec.sender.steps import (
     CodedStage,
     Latents,
@@ -34,18 +36,18 @@ from fecocodec.sender.steps import (
 
 SecondLatents = Callable[[Profile, PreparedScene, MatchedViews, CodedStage, int], Latents]
 
-STAGE_1, REFINED = "stage-1", "refined"
-REFINEMENT_STEPS = 3
+STAGE_1, UNREFINED = "stage-1", "no-refinement"
+UNREFINED_NAME = "no refinement"
 
 
 def ablation_system(part: str, profile: Profile, lmbda: float) -> System:
-    """The codec with a part left out (`WITHOUT`), without the second stage ("stage-1"), or refining it ("refined")."""
+    """The codec without the second stage ("stage-1"), its refinement ("no-refinement") or a part of it (`WITHOUT`)."""
     if part == STAGE_1:
         return codec_system(profile, lmbda, num_stages=1)
     lambda_q, setting = quantise_lambda(lmbda), f"lambda {lmbda:g}"
-    if part == REFINED:
-        refined = partial(encode_with, profile, lambda_q=lambda_q, num_stages=2, refinement_steps=REFINEMENT_STEPS)
-        return stream_system(profile, REFINED_NAME, setting, refined)
+    if part == UNREFINED:
+        unrefined = partial(encode_with, profile, lambda_q=lambda_q, num_stages=2, refinement_steps=0)
+        return stream_system(profile, UNREFINED_NAME, setting, unrefined)
     name, second = WITHOUT[part]
     return stream_system(profile, name, setting, partial(_encode, profile, second, lambda_q))
 
@@ -72,15 +74,15 @@ WITHOUT: dict[str, tuple[str, SecondLatents]] = {  # name of the curve
     "no-context": ("no decoded context", _without_context),
     "no-feedback": ("no rendered feedback", _without_rendering),
 }
-REFINED_NAME = f"{REFINEMENT_STEPS} refinement steps"
-ABLATIONS = (STAGE_1, REFINED, *WITHOUT)
-ABLATION_NAMES = ("stage 1 alone", REFINED_NAME, *(name for name, _ in WITHOUT.values()))
+ABLATIONS = (STAGE_1, UNREFINED, *WITHOUT)
+ABLATION_NAMES = ("stage 1 alone", UNREFINED_NAME, *(name for name, _ in WITHOUT.values()))
 
 
-@torch.inference_mode()
+@torch.no_grad()
 def _encode(profile: Profile, second: SecondLatents, lambda_q: int, views: Views) -> bytes:
     scene = prepare(profile, views)
     matched = match_views(profile, scene)
     first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
     latents = second(profile, scene, matched, first, lambda_q)
+    latents = refine_second_stage(profile, scene, latents, first, lambda_q)
     return assemble(profile, scene, (first, code_stage(profile, scene, latents, lambda_q, first.views, first)))

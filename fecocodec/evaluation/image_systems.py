@@ -15,24 +15,33 @@ from fecocodec.evaluation.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile
 
+REFINED, REFINEMENT_STEPS = "AVIF", 2  # the encoder's default for a pair
+
 
 def image_systems(profile: Profile) -> tuple[System, ...]:
-    """One system a codec and quality. Such a receiver needs the sender's networks too; the others do not."""
+    """One system a codec and quality. Such a receiver needs the sender's networks too; the others do not.
+
+    A receiver that has all this can also render and refine, towards the photographs as decoded; tried with `REFINED`.
+    """
+    ladders = [(codec, codec, ladder, 0) for codec, ladder in QUALITY_LADDERS.items()]
+    ladders.append((f"{REFINED}, refined at the receiver", REFINED, QUALITY_LADDERS[REFINED], REFINEMENT_STEPS))
     return tuple(
-        System(codec, f"quality {quality:g}", partial(_reconstruct, profile, codec, quality))
-        for codec, ladder in QUALITY_LADDERS.items()
+        System(name, f"quality {quality:g}", partial(_reconstruct, profile, codec, quality, steps))
+        for name, codec, ladder, steps in ladders
         for quality in ladder
     )
 
 
-def _reconstruct(profile: Profile, codec: str, quality: float, views: Views, num_context: int) -> Reconstruction:
+def _reconstruct(
+    profile: Profile, codec: str, quality: float, refinement_steps: int, views: Views, num_context: int
+) -> Reconstruction:
     context = views.select(list(range(num_context)))
     begin = perf_counter()
     files = [encode_image(image, codec, quality) for image in context.images]
     cameras = pack_cameras(pack(context.cameras))
     encoded = perf_counter()
     received = replace(context, images=torch.stack([decode_image(file, codec) for file in files]))
-    gaussians = uncoded_gaussians(profile, received)
+    gaussians = uncoded_gaussians(profile, received, refinement_steps)
     decoded = perf_counter()
     num_bytes = sum(map(len, files)) + len(cameras)
     return rendered(gaussians, views, num_bytes, encoded - begin, decoded - encoded)

@@ -1,6 +1,7 @@
 """The codec's networks without coding: latents reach the receiver unrounded, at the smallest lambda."""
 
 import torch
+from torch import Tensor
 
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.container import Header
@@ -8,8 +9,9 @@ from fecocodec.container.header import DIGEST_BYTES
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import predict_scene
-from fecocodec.receiver.view_states import update_views
+from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.sender.encode import Profile
+from fecocodec.sender.refinement import descend, distortion_of
 from fecocodec.sender.steps import (
     analyse,
     feedback_features,
@@ -23,9 +25,12 @@ from fecocodec.sender.steps import (
 FINEST_LAMBDA_Q = 0
 
 
-@torch.inference_mode()
-def uncoded_gaussians(profile: Profile, views: Views) -> Gaussians:
-    """What the receiver would decode if both latents arrived as they are: the ceiling of the coded system."""
+@torch.no_grad()
+def uncoded_gaussians(profile: Profile, views: Views, refinement_steps: int) -> Gaussians:
+    """What the receiver would decode if both latents arrived as they are: the ceiling of the coded system.
+
+    refinement_steps: as the encoder's, towards these views; 0 for what the networks make of them in one pass.
+    """
     receiver, scene = profile.receiver, prepare(profile, views)
     every = tuple(range(scene.num_views))
     matched, lambda_q = match_views(profile, scene), first_stage_lambda_q(FINEST_LAMBDA_Q)
@@ -34,8 +39,12 @@ def uncoded_gaussians(profile: Profile, views: Views) -> Gaussians:
     rendering = stage_rendering(profile, scene, first)
     features = feedback_features(profile, scene, matched.depth, rendering, FINEST_LAMBDA_Q)
     y = analyse(profile, features, first.state, FINEST_LAMBDA_Q, 2).y
-    second = update_views(receiver, first, y, scene.lambda_of_views(FINEST_LAMBDA_Q), 2, every)
+
+    def second_states(y: Tensor) -> ViewStates:
+        return update_views(receiver, first, y, scene.lambda_of_views(FINEST_LAMBDA_Q), 2, every)
+
+    y = descend(y, lambda y: distortion_of(profile, scene, second_states(y)), refinement_steps)
+    second = second_states(y)
     digests = (bytes(DIGEST_BYTES),) * 2  # of nothing: this header is never written
     header = Header(profile.model_id, scene.num_views, *scene.image_size, FINEST_LAMBDA_Q, digests, every)
-    gaussians = predict_scene(receiver, second, unpack(scene.packed), header, None)
-    return Gaussians(*(field.clone() for field in gaussians.fields()))
+    return predict_scene(receiver, second, unpack(scene.packed), header, None)

@@ -59,7 +59,7 @@ def encode_adaptively(
     views: Views,
     goal: Goal,
     *,
-    refinement_steps: int = 0,
+    refinement_steps: int | None = None,
     device: str = "cpu",
     model: str = DEFAULT_MODEL,
     weights: Path = SHIPPED,
@@ -83,7 +83,7 @@ def encode_adaptively_with(
     views: Views,
     goal: Goal,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    refinement_steps: int = 0,
+    refinement_steps: int | None = None,
 ) -> bytes:
     """The same with networks that are loaded; a search matches the views once."""
     scene = prepare(profile, views)
@@ -105,7 +105,7 @@ def _encode(
     profile: Profile,
     scene: PreparedScene,
     matched: MatchedViews,
-    refinement_steps: int,
+    refinement_steps: int | None,
     lambda_q: int,
 ) -> _Encoded:
     chosen = choose_stages(profile, scene, matched, lambda_q, refinement_steps)

@@ -40,7 +40,7 @@ def encode(
     *,
     lmbda: float = 1e-3,
     num_stages: int = 2,
-    refinement_steps: int = 0,
+    refinement_steps: int | None = None,
     device: str = "cpu",
     model: str = DEFAULT_MODEL,
     weights: Path = SHIPPED,
@@ -49,8 +49,8 @@ def encode(
     """Bytes of a `.fcs` stream that `decode` turns into the Gaussians of these views.
 
     lmbda: price of a bit a pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. num_stages: 1
-    leaves the feedback stage out. refinement_steps: of the second stage's latents (see `refinement`); each takes about
-    as long as encoding without. model, weights: `<weights>/<model>/` holds the weights of both ends.
+    leaves the feedback stage out. refinement_steps: of the second stage's latents (see `refinement`), None for what suits
+    the size; each takes two thirds of the time of encoding without. model, weights: `<weights>/<model>/` holds the weights of both ends.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
@@ -77,7 +77,7 @@ def encode_with(
     lambda_q: int,
     num_stages: int,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    refinement_steps: int = 0,
+    refinement_steps: int | None = None,
 ) -> bytes:
     """Encode with networks that are loaded; the sender works from the cameras that the receiver will see.
 
@@ -98,12 +98,12 @@ def code_stages(
     num_stages: int,
     on_progress: OnProgress = lambda _task, _fraction: None,
     stage_2_views: tuple[int, ...] | None = None,
-    refinement_steps: int = 0,
+    refinement_steps: int | None = None,
 ) -> tuple[CodedStage, ...]:
     """Stage 1 from what matching found, stage 2 from what stage 1's Gaussians make of the views.
 
     stage_2_views: the views that stage 2 codes, ascending from 0; None: all. refinement_steps: of all views' latents of
-    stage 2, before some are chosen.
+    stage 2, before some are chosen; None: what suits the size.
     """
     on_progress("coding stage 1", 0.3)
     if num_stages == 1:
@@ -112,9 +112,10 @@ def code_stages(
     on_progress("rendering feedback", 0.5)
     rendering = stage_rendering(profile, scene, first.after)
     feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
-    on_progress("coding stage 2", 0.7)
     latents = analyse(profile, feedback, first.state, lambda_q, 2)
+    on_progress("refining stage 2", 0.55)
     latents = refine_second_stage(profile, scene, latents, first, lambda_q, refinement_steps)
+    on_progress("coding stage 2", 0.9)
     views = first.views if stage_2_views is None else stage_2_views
     return first, code_stage(profile, scene, latents.of_views(views), lambda_q, views, first)
 

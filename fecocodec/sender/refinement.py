@@ -2,10 +2,11 @@
 
 Networks guess in one pass what is missing; the sender can render what its guess gives, so it can come closer to the
 photographs. Published for images (Campos et al., "Content Adaptive Optimization for Neural Image Compression", 2019);
-here the gradient comes through the receiver's networks and the rasteriser. Receivers see nothing of it. Views between
-the photographs gain much less, and in some scenes lose, and it takes several times as long as encoding without
-(docs/experiments.md), so it is left out unless asked for.
+here the gradient comes through the receiver's networks and the rasteriser. Receivers see nothing of it. Two short steps
+are worth a third of the bytes, also at views between the photographs (docs/experiments.md).
 """
+
+from collections.abc import Callable
 
 import torch
 from jaxtyping import Float
@@ -14,63 +15,85 @@ from torch import Tensor
 from fecocodec.coding.rate import estimate_latents, straight_through
 from fecocodec.container.lagrangian import dequantise_lambda
 from fecocodec.receiver.view_states import ViewStates, update_views
-from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.distortion import distortions
-from fecocodec.sender.steps import CodedStage, Latents, PreparedScene, Profile
+from fecocodec.sender.steps import CodedStage, Latents, PreparedScene, Profile, stage_rendering
 
-STEP_SIZE = 0.15  # root mean square of the first step, in quantisation steps
-MOMENTUM = 0.7
+STEP_SIZE = 0.12  # root mean square of the first step, in quantisation steps; long ones cost bytes for little
+RATE_WEIGHT = 2.0  # of lambda R: context views, which alone can be compared, gain more by a bit than those between them
 MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
+PIXELS_OF_TWO_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
+
+Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 
 
-def can_refine(scene: PreparedScene) -> bool:
-    """Whether the scene is small enough for gradients."""
-    return scene.num_views * scene.images.shape[-2] * scene.images.shape[-1] <= MOST_PIXELS
+def suitable_steps(scene: PreparedScene) -> int:
+    """How many steps a scene of this size gets where nobody says: 2, 1, or 0 where the gradient's memory is too much."""
+    pixels = _num_pixels(scene)
+    return 2 if pixels <= PIXELS_OF_TWO_STEPS else 1 if pixels <= MOST_PIXELS else 0
 
 
 def refine_second_stage(
-    profile: Profile, scene: PreparedScene, latents: Latents, first: CodedStage, lambda_q: int, num_steps: int
+    profile: Profile,
+    scene: PreparedScene,
+    latents: Latents,
+    first: CodedStage,
+    lambda_q: int,
+    num_steps: int | None = None,
 ) -> Latents:
-    """Latents of all views after `num_steps` of gradient descent on D + lambda R, with rounding straight through.
+    """Latents of all views after `num_steps` of gradient descent on D + 2 lambda R, with rounding straight through.
 
-    D is measured on the context views as rendered after stage 2, R estimated by the prior. A step has the same length
-    whatever the gradient's; one that raises the objective is taken back, and the next are half as long. Scenes that are
-    too large for the gradient's memory (`can_refine`) are left as they are.
+    D is measured on the context views as rendered after stage 2, R estimated by the prior. num_steps: None for those
+    that suit the scene's size; scenes that are too large for the gradient's memory are left as they are.
     """
-    if num_steps == 0 or not can_refine(scene):
+    num_steps = suitable_steps(scene) if num_steps is None else num_steps
+    if num_steps == 0 or _num_pixels(scene) > MOST_PIXELS:
         return latents
-    best_y = latents.y.detach()
-    best, best_gradient = _objective(profile, scene, Latents(best_y, latents.z), first, lambda_q)
-    momentum, step_size = best_gradient, STEP_SIZE
-    for _ in range(num_steps):
-        length = momentum.square().mean().sqrt()
-        if not bool(torch.isfinite(length)) or float(length) == 0.0:
-            break
-        y = best_y - step_size * momentum / length
-        found, gradient = _objective(profile, scene, Latents(y, latents.z), first, lambda_q)
-        if found < best:
-            best, best_y, best_gradient = found, y, gradient
-            momentum = MOMENTUM * momentum + gradient
+    lambdas, every_view = scene.lambda_of_views(lambda_q), tuple(range(scene.num_views))
+    price = RATE_WEIGHT * dequantise_lambda(lambda_q) / _num_pixels(scene)
+
+    def objective(y: Tensor) -> Tensor:
+        z = profile.sender.hyper_analysis(y.detach())
+        coded = estimate_latents(profile.receiver.prior, y, z, lambdas, 2, first.latents.y_hat, straight_through)
+        states = update_views(profile.receiver, first.after, coded.y_hat, lambdas, 2, every_view)
+        return distortion_of(profile, scene, states) + price * coded.bits_y.sum()
+
+    y = descend(latents.y, objective, num_steps)
+    return Latents(y, profile.sender.hyper_analysis(y))
+
+
+def descend(
+    start: Float[Tensor, "view latent h8 w8"], objective: Objective, num_steps: int
+) -> Float[Tensor, "view latent h8 w8"]:
+    """The start after some steps along the objective's gradient, whose lengths fall evenly towards zero.
+
+    A step has its length whatever the gradient's. One that raises the objective is taken back, and the next are half as
+    long; whether the last one does is not looked at, as looking takes half as long as a step.
+    """
+    y = best_y = start.detach()
+    best, direction, longest = float("inf"), torch.zeros_like(y), STEP_SIZE
+    for number in range(num_steps):
+        found, gradient = _value_and_gradient(objective, y)
+        length = gradient.square().mean().sqrt()
+        is_usable = bool(torch.isfinite(length)) and float(length) > 0.0
+        if found < best and is_usable:
+            best, best_y, direction = found, y, gradient / length
         else:
-            momentum, step_size = best_gradient, step_size / 2
-    return Latents(best_y, profile.sender.hyper_analysis(best_y))
+            longest /= 2
+        y = best_y - longest * (1.0 - number / (num_steps + 1)) * direction
+    return y
+
+
+def distortion_of(profile: Profile, scene: PreparedScene, states: ViewStates) -> Float[Tensor, ""]:
+    """D of the context views as the receiver could render them from these states."""
+    return distortions(stage_rendering(profile, scene, states).color, scene.images).mean()
 
 
 @torch.enable_grad()
-def _objective(
-    profile: Profile, scene: PreparedScene, latents: Latents, first: CodedStage, lambda_q: int
-) -> tuple[float, Float[Tensor, "view latent h8 w8"]]:
-    """D + lambda R, and its gradient with respect to y."""
-    receiver, num_views = profile.receiver, scene.num_views
-    lambdas = scene.lambda_of_views(lambda_q)
-    y = latents.y.detach().requires_grad_()
-    estimate = estimate_latents(receiver.prior, y, latents.z, lambdas, 2, first.latents.y_hat, straight_through)
-    states = update_views(receiver, first.after, estimate.y_hat, lambdas, 2, tuple(range(num_views)))
-    rate = estimate.bits_y.sum() / (num_views * scene.images.shape[-2] * scene.images.shape[-1])
-    loss = distortions(_rendering(profile, scene, states), scene.images).mean() + dequantise_lambda(lambda_q) * rate
+def _value_and_gradient(objective: Objective, y: Tensor) -> tuple[float, Tensor]:
+    y = y.detach().requires_grad_()
+    loss = objective(y)
     return float(loss.detach()), torch.autograd.grad(loss, y)[0]
 
 
-def _rendering(profile: Profile, scene: PreparedScene, states: ViewStates) -> Float[Tensor, "view 3 h w"]:
-    prediction = profile.receiver.predict(states.state, scene.cameras.as_batch(), states.condition)
-    return render(prediction.gaussians.scene(0), scene.cameras, (scene.images.shape[-2], scene.images.shape[-1])).color
+def _num_pixels(scene: PreparedScene) -> int:
+    return scene.num_views * scene.images.shape[-2] * scene.images.shape[-1]

@@ -24,7 +24,7 @@ def choose_stages(
     scene: PreparedScene,
     matched: MatchedViews,
     lambda_q: int,
-    refinement_steps: int = 0,
+    refinement_steps: int | None = None,
 ) -> ChosenStages:
     """One stage or two, whichever costs less: the context views' squared error and lambda times the bits a pixel.
 

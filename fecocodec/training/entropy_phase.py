@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from fecocodec.coding.rate import estimate_latents, uniform_noise
 from fecocodec.geometry.views import Views
+from fecocodec.sender.refinement import refine_second_stage
 from fecocodec.sender.steps import (
     Profile,
     analyse,
@@ -126,8 +127,9 @@ def latents_of(profile: Profile, views: Views, lambdas_q: Sequence[int], num_alo
         first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
         rendering = stage_rendering(profile, scene, first.after)
         feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
-        y2 = analyse(profile, feedback, first.state, lambda_q, 2).y
-        found.append(SceneLatents(lambda_q, (y1, y2), first.latents.y_hat))
+        y2 = analyse(profile, feedback, first.state, lambda_q, 2)
+        y2 = refine_second_stage(profile, scene, y2, first, lambda_q)
+        found.append(SceneLatents(lambda_q, (y1, y2.y), first.latents.y_hat))
     for lambda_q in lambdas_q[len(lambdas_q) - num_alone :]:
         y = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1).y
         found.append(SceneLatents(lambda_q, (y,)))

@@ -32,7 +32,7 @@ def test_ablations_change_what_is_sent(profile: Profile) -> None:
     systems = systems_of(["ablations"], profile, [LAMBDA])
     assert [system.name for system in systems] == [
         "stage 1 alone",
-        "3 refinement steps",
+        "no refinement",
         "no decoded context",
         "no rendered feedback",
     ]

@@ -1,4 +1,4 @@
-"""Refinement lowers what encoding minimises, and is left out where it is not asked for or does not fit."""
+"""Refinement lowers what encoding minimises, gives the same bytes every time, and is left out where it does not fit."""
 
 from pathlib import Path
 
@@ -39,6 +39,39 @@ def objective(profile: Profile, scene: PreparedScene, refinement_steps: int) -> 
 def test_more_steps_lower_the_objective(profile: Profile, scene: PreparedScene) -> None:
     unrefined, few, many = (objective(profile, scene, steps) for steps in (0, 3, 12))
     assert many < few < unrefined
+
+
+def test_scenes_get_as_many_steps_as_their_size_allows(scene: PreparedScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    def steps_of(two: int, most: int) -> int:
+        monkeypatch.setattr(refinement, "PIXELS_OF_TWO_STEPS", two)
+        monkeypatch.setattr(refinement, "MOST_PIXELS", most)
+        return refinement.suitable_steps(scene)
+
+    pixels = 2 * 64 * 64
+    assert steps_of(pixels, pixels) == 2
+    assert steps_of(pixels - 1, pixels) == 1
+    assert steps_of(pixels - 1, pixels - 1) == 0
+
+
+def test_encoding_refines_unless_told_not_to_and_always_alike(profile: Profile) -> None:
+    views = example_views(2)
+    by_default, again, two, none = (
+        encode_with(profile, views, LAMBDA_Q, 2, refinement_steps=steps) for steps in (None, None, 2, 0)
+    )
+    assert by_default == again == two != none
+
+
+def test_a_step_that_raises_the_objective_is_taken_back() -> None:
+    """A steep valley, narrower than the first step: only halved steps get closer to its bottom."""
+    start = torch.full((1, 1, 2, 2), 0.01)
+    end = refinement.descend(start, lambda y: y.abs().sum(), 12)
+    assert float(end.abs().max()) < 0.01
+
+
+def test_descent_stays_where_there_is_no_gradient() -> None:
+    start = torch.ones(1, 1, 2, 2)
+    for objective in (lambda y: 0.0 * y.sum(), lambda y: torch.nan * y.sum()):
+        assert torch.equal(refinement.descend(start, objective, 3), start)
 
 
 def test_without_steps_the_bytes_are_those_of_the_networks(profile: Profile, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,8 @@ common, or the other is one point. Variants of ours are compared at the lambdas 
 """
 ABLATION_TEXT = """\
 A part is taken away at inference and nothing is trained again: this is how much the trained networks lean on it.
-*Refinement steps* are added: gradient steps of the second stage's latents towards the photographs (`encode --refine`).
+*Refinement* is what the encoder does to the second stage's latents before coding them: gradient steps towards the
+photographs.
 Gaussians at 1/4 or 1/1 of the resolution and three stages are not among them: the weights have four Gaussians a cell,
 and the format has two stages; `benchmarks/ablate_training.py` trains them for a little while (docs/experiments.md).
 
