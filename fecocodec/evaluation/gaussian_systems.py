@@ -10,11 +10,11 @@ from fecocodec.evaluation.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile
 
-REFINEMENT_STEPS = 2  # the encoder's default for a pair
+REFINEMENT_STEPS = 3  # the encoder's default for a pair at its smallest lambda
 
 
 def gaussian_systems(profile: Profile) -> tuple[System, ...]:
-    """One system a format, refined as the encoder refines; PLY loses nothing and is the ceiling of all that is coded."""
+    """One system a format, refined as the encoder refines; PLY loses nothing and is the ceiling of what is coded."""
     return tuple(System(form, "uncoded networks", partial(_reconstruct, profile, form)) for form in GAUSSIAN_FORMATS)
 
 

@@ -11,7 +11,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import predict_scene
 from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.sender.encode import Profile
-from fecocodec.sender.refinement import descend, distortion_of
+from fecocodec.sender.refinement import descend, distortion_of, step_size
 from fecocodec.sender.steps import (
     analyse,
     feedback_features,
@@ -43,7 +43,8 @@ def uncoded_gaussians(profile: Profile, views: Views, refinement_steps: int) -> 
     def second_states(y: Tensor) -> ViewStates:
         return update_views(receiver, first, y, scene.lambda_of_views(FINEST_LAMBDA_Q), 2, every)
 
-    y = descend(y, lambda y: distortion_of(profile, scene, second_states(y)), refinement_steps)
+    first_length = step_size(profile, FINEST_LAMBDA_Q)
+    y = descend(y, lambda y: distortion_of(profile, scene, second_states(y)), refinement_steps, first_length)
     second = second_states(y)
     digests = (bytes(DIGEST_BYTES),) * 2  # of nothing: this header is never written
     header = Header(profile.model_id, scene.num_views, *scene.image_size, FINEST_LAMBDA_Q, digests, every)

@@ -77,6 +77,7 @@ def encode_adaptively(
     return encode_adaptively_with(load_profile(weights / model, device), views, goal, on_progress, refinement_steps)
 
 
+@torch.inference_mode(False)
 @torch.no_grad()
 def encode_adaptively_with(
     profile: Profile,

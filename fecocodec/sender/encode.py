@@ -49,8 +49,9 @@ def encode(
     """Bytes of a `.fcs` stream that `decode` turns into the Gaussians of these views.
 
     lmbda: price of a bit a pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. num_stages: 1
-    leaves the feedback stage out. refinement_steps: of the second stage's latents (see `refinement`), None for what suits
-    the size; each takes two thirds of the time of encoding without. model, weights: `<weights>/<model>/` holds the weights of both ends.
+    leaves the feedback stage out. refinement_steps: of the second stage's latents (see `refinement`), None for what
+    suits the size; each takes about two thirds of the time of encoding without. model, weights: `<weights>/<model>/`
+    holds the weights of both ends.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
@@ -61,6 +62,7 @@ def encode(
 
 
 @lru_cache(maxsize=2)
+@torch.inference_mode(False)
 def load_profile(folder: Path, device: str) -> Profile:
     """Both ends' networks from a model's folder; raises ModelError where its files are missing, damaged or foreign."""
     receiver, model_id = load_receiver(folder / RECEIVER_FILE)
@@ -70,6 +72,7 @@ def load_profile(folder: Path, device: str) -> Profile:
     return Profile(sender, receiver, model_id)
 
 
+@torch.inference_mode(False)  # a caller's: what is made in it can have no gradients, which refinement needs
 @torch.no_grad()
 def encode_with(
     profile: Profile,

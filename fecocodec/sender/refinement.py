@@ -18,18 +18,22 @@ from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.sender.distortion import distortions
 from fecocodec.sender.steps import CodedStage, Latents, PreparedScene, Profile, stage_rendering
 
-STEP_SIZE = 0.12  # root mean square of the first step, in quantisation steps; long ones cost bytes for little
+# Root mean square of the first step: in quantisation steps, as long ones cost bytes for little, and in latents as the
+# networks have them, whose distance to what is best remains where quantisation is fine; the longer of the two.
+STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
 RATE_WEIGHT = 2.0  # of lambda R: context views, which alone can be compared, gain more by a bit than those between them
 MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
 PIXELS_OF_TWO_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
+FINE_LAMBDA_Q = 256  # below it, lambda 2.7e-5, a step more is given: bits alone buy nothing there
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 
 
-def suitable_steps(scene: PreparedScene) -> int:
-    """How many steps a scene of this size gets where nobody says: 2, 1, or 0 where the gradient's memory is too much."""
-    pixels = _num_pixels(scene)
-    return 2 if pixels <= PIXELS_OF_TWO_STEPS else 1 if pixels <= MOST_PIXELS else 0
+def suitable_steps(scene: PreparedScene, lambda_q: int) -> int:
+    """How many steps a scene gets unless told: 2, 1 where it is large, 0 where the gradient takes too much memory; one
+    more where lambda is small."""
+    pixels, more = _num_pixels(scene), 1 if lambda_q < FINE_LAMBDA_Q else 0
+    return 2 + more if pixels <= PIXELS_OF_TWO_STEPS else 1 + more if pixels <= MOST_PIXELS else 0
 
 
 def refine_second_stage(
@@ -43,9 +47,9 @@ def refine_second_stage(
     """Latents of all views after `num_steps` of gradient descent on D + 2 lambda R, with rounding straight through.
 
     D is measured on the context views as rendered after stage 2, R estimated by the prior. num_steps: None for those
-    that suit the scene's size; scenes that are too large for the gradient's memory are left as they are.
+    that suit the scene and lambda; scenes that are too large for the gradient's memory are left as they are.
     """
-    num_steps = suitable_steps(scene) if num_steps is None else num_steps
+    num_steps = suitable_steps(scene, lambda_q) if num_steps is None else num_steps
     if num_steps == 0 or _num_pixels(scene) > MOST_PIXELS:
         return latents
     lambdas, every_view = scene.lambda_of_views(lambda_q), tuple(range(scene.num_views))
@@ -57,20 +61,28 @@ def refine_second_stage(
         states = update_views(profile.receiver, first.after, coded.y_hat, lambdas, 2, every_view)
         return distortion_of(profile, scene, states) + price * coded.bits_y.sum()
 
-    y = descend(latents.y, objective, num_steps)
+    y = descend(latents.y, objective, num_steps, step_size(profile, lambda_q))
     return Latents(y, profile.sender.hyper_analysis(y))
 
 
-def descend(
-    start: Float[Tensor, "view latent h8 w8"], objective: Objective, num_steps: int
-) -> Float[Tensor, "view latent h8 w8"]:
-    """The start after some steps along the objective's gradient, whose lengths fall evenly towards zero.
+def step_size(profile: Profile, lambda_q: int) -> float:
+    """Root mean square of the first step at this lambda, in quantisation steps."""
+    device = next(profile.receiver.parameters()).device
+    condition = profile.receiver.condition(torch.tensor([lambda_q], device=device), 2)
+    return max(STEP_SIZE, STEP_SIZE_UNSCALED * float(condition.latent_gain))
 
-    A step has its length whatever the gradient's. One that raises the objective is taken back, and the next are half as
-    long; whether the last one does is not looked at, as looking takes half as long as a step.
+
+def descend(
+    start: Float[Tensor, "view latent h8 w8"], objective: Objective, num_steps: int, first_length: float
+) -> Float[Tensor, "view latent h8 w8"]:
+    """The start after some steps along the objective's gradient, whose lengths fall evenly from the first towards zero.
+
+    Lengths are root mean squares. A step has its length whatever the gradient's. One that raises the objective is taken
+    back, and the next are half as long; whether the last one does is not looked at, as looking takes half as long as a
+    step.
     """
     y = best_y = start.detach()
-    best, direction, longest = float("inf"), torch.zeros_like(y), STEP_SIZE
+    best, direction, longest = float("inf"), torch.zeros_like(y), first_length
     for number in range(num_steps):
         found, gradient = _value_and_gradient(objective, y)
         length = gradient.square().mean().sqrt()

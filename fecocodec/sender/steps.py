@@ -115,7 +115,7 @@ def prepare(profile: Profile, views: Views) -> PreparedScene:
     normalised, _ = normalise_scene(unpack(packed))
     device = next(profile.receiver.parameters()).device
     cameras = pad_cameras(normalised, *views.image_size).to(device)
-    return PreparedScene(packed, cameras, pad_images(views.images.float()).to(device), views.image_size)
+    return PreparedScene(packed, cameras, pad_images(views.images.float().clone()).to(device), views.image_size)
 
 
 def first_stage_lambda_q(lambda_q: int) -> int:

@@ -26,12 +26,12 @@ def profile(random_weights: Path) -> Profile:
 
 @pytest.fixture(scope="module")
 def scene(profile: Profile) -> PreparedScene:
-    with torch.inference_mode():
+    with torch.no_grad():
         return prepare(profile, example_views(VIEWS, HEIGHT, WIDTH))
 
 
 def encoded(profile: Profile, scene: PreparedScene, stage_2_views: tuple[int, ...] | None, keep: Keep | None) -> bytes:
-    with torch.inference_mode():
+    with torch.no_grad():
         matched = match_views(profile, scene)
         stages = code_stages(profile, scene, matched, LAMBDA_Q, 2, stage_2_views=stage_2_views)
         return assemble(profile, scene, stages, keep)

@@ -8,7 +8,7 @@ import torch
 from fecocodec.container.lagrangian import dequantise_lambda, quantise_lambda
 from fecocodec.sender import refinement
 from fecocodec.sender.distortion import distortions
-from fecocodec.sender.encode import code_stages, encode_with, load_profile
+from fecocodec.sender.encode import code_stages, encode, encode_with, load_profile
 from fecocodec.sender.steps import PreparedScene, Profile, match_views, prepare, stage_rendering
 from tests.example_scenes import MODEL, example_views
 
@@ -42,15 +42,16 @@ def test_more_steps_lower_the_objective(profile: Profile, scene: PreparedScene) 
 
 
 def test_scenes_get_as_many_steps_as_their_size_allows(scene: PreparedScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    def steps_of(two: int, most: int) -> int:
+    def steps_of(two: int, most: int, lambda_q: int = LAMBDA_Q) -> int:
         monkeypatch.setattr(refinement, "PIXELS_OF_TWO_STEPS", two)
         monkeypatch.setattr(refinement, "MOST_PIXELS", most)
-        return refinement.suitable_steps(scene)
+        return refinement.suitable_steps(scene, lambda_q)
 
     pixels = 2 * 64 * 64
     assert steps_of(pixels, pixels) == 2
     assert steps_of(pixels - 1, pixels) == 1
     assert steps_of(pixels - 1, pixels - 1) == 0
+    assert [steps_of(*sizes, lambda_q=0) for sizes in ((pixels, pixels), (0, pixels), (0, 0))] == [3, 2, 0]
 
 
 def test_encoding_refines_unless_told_not_to_and_always_alike(profile: Profile) -> None:
@@ -61,17 +62,25 @@ def test_encoding_refines_unless_told_not_to_and_always_alike(profile: Profile) 
     assert by_default == again == two != none
 
 
+def test_callers_may_be_in_inference_mode(random_weights: Path) -> None:
+    plain = encode(example_views(2), model=MODEL, weights=random_weights)
+    load_profile.cache_clear()
+    with torch.inference_mode():
+        views = example_views(2)
+        assert encode(views, model=MODEL, weights=random_weights) == plain
+
+
 def test_a_step_that_raises_the_objective_is_taken_back() -> None:
     """A steep valley, narrower than the first step: only halved steps get closer to its bottom."""
     start = torch.full((1, 1, 2, 2), 0.01)
-    end = refinement.descend(start, lambda y: y.abs().sum(), 12)
+    end = refinement.descend(start, lambda y: y.abs().sum(), 12, 0.12)
     assert float(end.abs().max()) < 0.01
 
 
 def test_descent_stays_where_there_is_no_gradient() -> None:
     start = torch.ones(1, 1, 2, 2)
     for objective in (lambda y: 0.0 * y.sum(), lambda y: torch.nan * y.sum()):
-        assert torch.equal(refinement.descend(start, objective, 3), start)
+        assert torch.equal(refinement.descend(start, objective, 3, 0.12), start)
 
 
 def test_without_steps_the_bytes_are_those_of_the_networks(profile: Profile, monkeypatch: pytest.MonkeyPatch) -> None:

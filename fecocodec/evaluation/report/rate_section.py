@@ -13,8 +13,9 @@ TEXT = """\
 Bytes are those of whole files, cameras included; quality is that of target views, which no sender sees, rendered from
 decoded files; means over pairs of context views ({entries} of them). Baselines: context photographs as JPEG XL, AVIF,
 WebP or JPEG, from which the receiver makes Gaussians with our networks, uncoded (it then needs the sender's networks,
-too); our uncoded Gaussians as PLY, compressed PLY or SPZ. *nearest view* copies a photograph; *best plane* warps both
-by one plane, chosen by looking at the target. *adaptive* is `encode --adaptive`.
+too; *refined at the receiver*: it also renders and takes our encoder's gradient steps, towards the photographs it
+got); our uncoded, refined Gaussians as PLY, compressed PLY or SPZ. *nearest view* copies a photograph; *best plane*
+warps both by one plane, chosen by looking at the target. *adaptive* is `encode --adaptive`.
 
 {chart}
 
