@@ -53,7 +53,7 @@ Examples:
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
 @click.option(
     "--refine", "refinement_steps", type=click.IntRange(0, 1000), metavar="STEPS",
-    help="Gradient steps on the second stage: more quality a byte, for time.  [default: 2, or 1 or 0 for many pixels]",
+    help="Gradient steps on the second stage: more quality a byte, for time.  [default: 2; fewer for many pixels]",
 )  # fmt: skip
 @model_option
 @device_option

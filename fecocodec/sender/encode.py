@@ -50,7 +50,7 @@ def encode(
 
     lmbda: price of a bit a pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. num_stages: 1
     leaves the feedback stage out. refinement_steps: of the second stage's latents (see `refinement`), None for what
-    suits the size; each takes about two thirds of the time of encoding without. model, weights: `<weights>/<model>/`
+    suits the size; each takes about half of the time of encoding without. model, weights: `<weights>/<model>/`
     holds the weights of both ends.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
