@@ -3,7 +3,7 @@
 Networks guess in one pass what is missing; the sender can render what its guess gives, so it can come closer to the
 photographs. Published for images (Campos et al., "Content Adaptive Optimization for Neural Image Compression", 2019);
 here the gradient comes through the receiver's networks and the rasteriser. Receivers see nothing of it. Two short steps
-are worth a third of the bytes, also at views between the photographs (docs/experiments.md).
+are worth two fifths of the bytes, also at views between the photographs (docs/experiments.md).
 """
 
 from collections.abc import Callable
