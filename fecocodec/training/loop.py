@@ -72,7 +72,7 @@ class Trainer:
         self.optimiser = torch.optim.AdamW(learning, lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
         torch.manual_seed(settings.seed * 1000 + process_rank())  # and goes on with noise of its own
-        self.step, self.num_skipped = 0, 0
+        self.step, self.num_skipped, self.seed = 0, 0, settings.seed
         self._fixed_scenes: list[Batch] = []
 
     @property
@@ -107,6 +107,7 @@ class Trainer:
             self.networks.load_state_dict(saved["networks"])
             self.optimiser.load_state_dict(saved["optimiser"])
             self.average, self.step, self.num_skipped = saved["average"], saved["step"], saved["num_skipped"]
+            self.seed = saved.get("seed", self.seed)  # checkpoints of before do not tell
         except (KeyError, IndexError, RuntimeError, ValueError) as error:
             raise ModelError(
                 f"{path}: not a checkpoint of these networks with so many processes ({type(error).__name__}); "
@@ -127,6 +128,7 @@ class Trainer:
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
             "num_skipped": self.num_skipped,
+            "seed": self.seed,
             "generators": gather_states(self.generator.get_state()),
             "global_generators": gather_states(torch.get_rng_state()),
         }
@@ -163,7 +165,7 @@ class Trainer:
         """A batch and how many stages to code it in: now and then the first alone, which files may have, too."""
         configuration = self.settings.configuration
         # Every process draws the same shape, so that none waits for a larger one.
-        common = torch.Generator().manual_seed(self.settings.seed * 1_000_003 + self.step)
+        common = torch.Generator().manual_seed(self.seed * 1_000_003 + self.step)
         shape = configuration.shapes.draw(common)
         share = configuration.schedule.photograph_share_at(self.step)
         batch = draw_batch(self.sources, self.generator, shape, share, configuration.lambda_q_range)
