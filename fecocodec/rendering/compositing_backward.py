@@ -17,6 +17,10 @@ _TRANSMITTANCE, _BEHIND, _D_RED, _D_GREEN, _D_BLUE, _D_DEPTH, _D_ALPHA, _END = (
     np.uintp(plane) * PIXELS for plane in range(8)
 )
 
+# Where the sums over each column of a tile begin: gradients are summed down the rows first, as vectors, and across the
+# columns once a splat. FALL is dL/d(alpha) * alpha; _Y and _YY are its moments along y.
+_RED, _GREEN, _BLUE, _DEPTH, _FALL, _FALL_Y, _FALL_YY, _END_OF_SUMS = (np.uintp(field) * SIDE for field in range(8))
+
 
 @compiled
 def composite_backward(start, stop, first_tile, offsets, splat_of_hit, splats, images, d_images, hit_gradients):
@@ -24,7 +28,7 @@ def composite_backward(start, stop, first_tile, offsets, splat_of_hit, splats, i
 
     images: (color, depth, alpha) as `composite` wrote them; d_images: their gradients.
     """
-    planes = np.empty(_END, np.float32)
+    planes, sums = np.empty(_END, np.float32), np.empty(_END_OF_SUMS, np.float32)
     for listed in range(start, stop):
         left, top = tile_corner(first_tile + listed, images[1].shape[1])
         planes[:PIXELS] = ONE
@@ -32,7 +36,7 @@ def composite_backward(start, stop, first_tile, offsets, splat_of_hit, splats, i
         _read_tile(left, top, images, d_images, planes)
         hit = offsets[listed]
         while hit < offsets[listed + 1] and has_light_left(hit - offsets[listed], planes):
-            _blend_backward(splats[splat_of_hit[hit]], left, top, planes, hit_gradients[hit])
+            _blend_backward(splats[splat_of_hit[hit]], left, top, planes, sums, hit_gradients[hit])
             hit += 1
         hit_gradients[hit : offsets[listed + 1]] = ZERO
 
@@ -62,7 +66,7 @@ def _read_tile(left, top, images, d_images, planes):
 
 
 @compiled
-def _blend_backward(splat, left, top, planes, gradient):
+def _blend_backward(splat, left, top, planes, sums, gradient):
     """Walk past one splat and write its gradient in this tile.
 
     With T the transmittance in front of it, dL/d(alpha) = T dL/dw - (what lies behind) / (1 - alpha).
@@ -72,9 +76,8 @@ def _blend_backward(splat, left, top, planes, gradient):
     half_xx, xy, half_yy = HALF * splat.conic_xx, splat.conic_xy, HALF * splat.conic_yy
     opacity, cutoff = splat.opacity, splat.cutoff
     red, green, blue, depth = splat.red, splat.green, splat.blue, splat.depth
-    sum_red, sum_green, sum_blue, sum_depth, sum_opacity = ZERO, ZERO, ZERO, ZERO, ZERO
-    sum_x, sum_y, sum_xx, sum_xy, sum_yy = ZERO, ZERO, ZERO, ZERO, ZERO
     first_row, stop_row = row_range(centre_y, splat.radius_y)
+    sums[:] = ZERO
     for row in range(first_row, stop_row):
         dy = np.float32(np.int32(row)) - centre_y
         for column in range(SIDE):
@@ -82,8 +85,7 @@ def _blend_backward(splat, left, top, planes, gradient):
             dx = np.float32(np.int32(column)) - centre_x
             exponent = half_xx * dx * dx + xy * dy * dx + half_yy * dy * dy
             transmittance = planes[_TRANSMITTANCE + pixel]
-            visible = falloff(exponent)
-            unclamped = opacity * visible
+            unclamped = opacity * falloff(exponent)
             alpha = min(ALPHA_MAX, unclamped)
             alpha = alpha if exponent <= cutoff and transmittance >= TRANSMITTANCE_MIN else ZERO
             weight = alpha * transmittance
@@ -94,21 +96,32 @@ def _blend_backward(splat, left, top, planes, gradient):
             behind = planes[_BEHIND + pixel] - weight * d_weight
             planes[_BEHIND + pixel] = behind
             d_alpha = transmittance * d_weight - behind / (ONE - alpha)
-            d_alpha = d_alpha if alpha > ZERO and unclamped < ALPHA_MAX else ZERO
-            sum_red += weight * d_red
-            sum_green += weight * d_green
-            sum_blue += weight * d_blue
-            sum_depth += weight * d_depth
-            sum_opacity += d_alpha * visible
-            fall_x, fall_y = d_alpha * unclamped * dx, d_alpha * unclamped * dy
-            sum_x += fall_x
-            sum_y += fall_y
-            sum_xx += fall_x * dx
-            sum_xy += fall_x * dy
-            sum_yy += fall_y * dy
+            fall = d_alpha * unclamped if alpha > ZERO and unclamped < ALPHA_MAX else ZERO
+            sums[_RED + column] += weight * d_red
+            sums[_GREEN + column] += weight * d_green
+            sums[_BLUE + column] += weight * d_blue
+            sums[_DEPTH + column] += weight * d_depth
+            sums[_FALL + column] += fall
+            sums[_FALL_Y + column] += fall * dy
+            sums[_FALL_YY + column] += fall * dy * dy
+    sum_red, sum_green, sum_blue, sum_depth, sum_fall = ZERO, ZERO, ZERO, ZERO, ZERO
+    sum_x, sum_y, sum_xx, sum_xy, sum_yy = ZERO, ZERO, ZERO, ZERO, ZERO
+    for column in range(SIDE):
+        dx = np.float32(np.int32(column)) - centre_x
+        fall, fall_y = sums[_FALL + column], sums[_FALL_Y + column]
+        sum_red += sums[_RED + column]
+        sum_green += sums[_GREEN + column]
+        sum_blue += sums[_BLUE + column]
+        sum_depth += sums[_DEPTH + column]
+        sum_fall += fall
+        sum_x += fall * dx
+        sum_y += fall_y
+        sum_xx += fall * dx * dx
+        sum_xy += fall_y * dx
+        sum_yy += sums[_FALL_YY + column]
     # alpha falls with the exponent (xx dx^2 + yy dy^2) / 2 + xy dx dy; dx and dy fall as the centre moves on.
     gradient[0] = splat.conic_xx * sum_x + xy * sum_y
     gradient[1] = xy * sum_x + splat.conic_yy * sum_y
     gradient[2], gradient[3], gradient[4] = -HALF * sum_xx, -sum_xy, -HALF * sum_yy
-    gradient[5] = sum_opacity
+    gradient[5] = sum_fall / opacity
     gradient[6], gradient[7], gradient[8], gradient[9] = sum_red, sum_green, sum_blue, sum_depth

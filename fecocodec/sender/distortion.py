@@ -11,11 +11,13 @@ SSIM_WEIGHT = 0.03  # as in training
 
 
 def distortions(
-    renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]
+    renderings: Float[Tensor, "view 3 height width"],
+    images: Float[Tensor, "view 3 height width"],
+    ssim_stride: int = 1,
 ) -> Float[Tensor, " view"]:
-    """Mean squared error + 0.03 (1 - SSIM) of each view."""
+    """Mean squared error + 0.03 (1 - SSIM) of each view. ssim_stride: see `metrics.ssim`."""
     squared = (renderings - images).square().mean(dim=(1, 2, 3))
-    return squared + SSIM_WEIGHT * (1.0 - ssim(renderings.clamp(0, 1), images))
+    return squared + SSIM_WEIGHT * (1.0 - ssim(renderings.clamp(0, 1), images, ssim_stride))
 
 
 def mean_psnr(renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]) -> float:

@@ -24,6 +24,7 @@ STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
 RATE_WEIGHT = 2.0  # of lambda R: context views, which alone can be compared, gain more by a bit than those between them
 MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
 PIXELS_OF_TWO_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
+_SSIM_STRIDE = 3  # a quarter of the time of SSIM and its gradient, which are the same within a thousandth
 FINE_LAMBDA_Q = 256  # below it, lambda 2.7e-5, a step more is given: bits alone buy nothing there
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
@@ -97,7 +98,7 @@ def descend(
 
 def distortion_of(profile: Profile, scene: PreparedScene, states: ViewStates) -> Float[Tensor, ""]:
     """D of the context views as the receiver could render them from these states."""
-    return distortions(stage_rendering(profile, scene, states).color, scene.images).mean()
+    return distortions(stage_rendering(profile, scene, states).color, scene.images, _SSIM_STRIDE).mean()
 
 
 @torch.enable_grad()

@@ -39,7 +39,7 @@ def photo_consistency(
     if not sources.shape[-1]:
         return images.new_zeros(batch, views, num_candidates, height // 4, width // 4)
     half = F.avg_pool2d(rearrange(images, "b v c h w -> (b v) c h w"), 2)
-    pictures = rearrange(half, "(b v) c h w -> b v h w c", b=batch).float().cpu().contiguous().numpy()
+    pictures = rearrange(half, "(b v) c h w -> b v c h w", b=batch).float().cpu().contiguous().numpy()
     relative = torch.linspace(0.0, 1.0, num_candidates, device=images.device)
     depth = depth_from_relative_disparity(relative[None, None, :, None].expand(batch, 1, -1, 1), cameras)
     depths = depth[:, 0, :, 0].float().cpu().numpy()
@@ -64,113 +64,126 @@ def _mapping(cameras: Cameras, view: int, source: int) -> tuple[Float32[np.ndarr
 
 
 def _correlations(
-    reference: Float32[np.ndarray, "h w 3"],
-    source: Float32[np.ndarray, "h w 3"],
+    reference: Float32[np.ndarray, "3 h w"],
+    source: Float32[np.ndarray, "3 h w"],
     turn: Float32[np.ndarray, "3 3"],
     shift: Float32[np.ndarray, " 3"],
     depths: Float32[np.ndarray, " candidate"],
 ) -> Float32[np.ndarray, "candidate h w"]:
-    volume = np.empty((len(depths), *reference.shape[:2]), np.float32)
-    run_in_ranges(_correlate, len(depths), reference, _own_means(reference), source, turn, shift, depths, volume)
+    volume = np.empty((len(depths), *reference.shape[1:]), np.float32)
+    weight = _share_of_window(reference.shape[1])[:, None] * _share_of_window(reference.shape[2])
+    own = np.empty((_SUMS, *weight.shape), np.float32)
+    _own_means(reference, weight, own)
+    arguments = (reference, own, weight, source, turn, shift, depths, volume)
+    run_in_ranges(_correlate, len(depths), *arguments)
     return volume
 
 
+def _share_of_window(side: int) -> Float32[np.ndarray, " side"]:
+    """One over the length of the window around each pixel of a line; windows end at the border."""
+    place = np.arange(side)
+    length = np.minimum(place + RADIUS, side - 1) - np.maximum(place - RADIUS, 0) + 1
+    return np.asarray(1.0 / length, np.float32)
+
+
 @compiled
-def _own_means(reference):
-    """What `_normalised` needs of the reference's windows."""
-    height, width, _ = reference.shape
-    values = np.empty((height, width, _SUMS), np.float32)
+def _own_means(reference, weight, own):
+    """What `_normalise_row` needs of the reference's windows."""
+    _, height, width = reference.shape
+    values = np.zeros((_SUMS, height + 2 * RADIUS, width + 2 * RADIUS), np.float32)
     for row in range(height):
-        for column in range(width):
-            for channel in range(_COLOURS):
-                values[row, column, channel] = reference[row, column, channel]
-            _complete(values[row, column], reference[row, column])
-    return _window_means(values)
+        for channel in range(_COLOURS):
+            for column in range(width):
+                values[channel, row + RADIUS, column + RADIUS] = reference[channel, row, column]
+        _complete_row(values, reference, row)
+    columns = np.empty((_SUMS, width + 2 * RADIUS), np.float32)
+    for row in range(height):
+        _window_means(values, row, weight[row], columns, own[:, row])
 
 
 @compiled
-def _correlate(start, stop, reference, own, source, turn, shift, depths, volume):
+def _correlate(start, stop, reference, own, weight, source, turn, shift, depths, volume):
     """Normalised cross-correlation at candidates start to stop."""
-    height, width, _ = reference.shape
-    values = np.empty((height, width, _SUMS), np.float32)
-    is_seen = np.empty((height, width), np.bool_)
+    _, height, width = reference.shape
+    values = np.zeros((_SUMS, height + 2 * RADIUS, width + 2 * RADIUS), np.float32)
+    is_seen = np.empty((height, width), np.float32)
+    corner, fractions = np.empty(width, np.int32), np.empty((2, width), np.float32)
+    columns, found = np.empty((_SUMS, width + 2 * RADIUS), np.float32), np.empty((_SUMS, width), np.float32)
     for candidate in range(start, stop):
         for row in range(height):
-            for column in range(width):
-                is_seen[row, column] = _sample(source, turn, shift, depths[candidate], row, column, values[row, column])
-                _complete(values[row, column], reference[row, column])
-        found = _window_means(values)
+            _sample_row(source, turn, shift, depths[candidate], row, corner, fractions, values, is_seen[row])
+            _complete_row(values, reference, row)
         for row in range(height):
-            for column in range(width):
-                score = _normalised(own[row, column], found[row, column]) if is_seen[row, column] else np.float32(0)
-                volume[candidate, row, column] = score
+            _window_means(values, row, weight[row], columns, found)
+            _normalise_row(own[:, row], found, is_seen[row], volume[candidate, row])
 
 
 @compiled
-def _sample(source, turn, shift, depth, row, column, colour):
-    """Set the colour that the source has where the candidate's point falls; returns whether that is inside."""
-    height, width, _ = source.shape
-    u, v = np.float32((column + 0.5) / width), np.float32((row + 0.5) / height)
-    x = (turn[0, 0] * u + turn[0, 1] * v + turn[0, 2]) * depth + shift[0]
-    y = (turn[1, 0] * u + turn[1, 1] * v + turn[1, 2]) * depth + shift[1]
-    z = (turn[2, 0] * u + turn[2, 1] * v + turn[2, 2]) * depth + shift[2]
-    if z < _SMALLEST_DEPTH:
+def _sample_row(source, turn, shift, depth, row, corner, fractions, values, is_seen):
+    """Set a row's colours to those that the source has where the candidate's points fall, and whether that is inside."""
+    _, height, width = source.shape
+    v = np.float32((row + 0.5) / height)
+    for column in range(width):
+        u = np.float32((column + 0.5) / width)
+        x = (turn[0, 0] * u + turn[0, 1] * v + turn[0, 2]) * depth + shift[0]
+        y = (turn[1, 0] * u + turn[1, 1] * v + turn[1, 2]) * depth + shift[1]
+        z = (turn[2, 0] * u + turn[2, 1] * v + turn[2, 2]) * depth + shift[2]
+        is_in_front = z >= _SMALLEST_DEPTH
+        share = np.float32(1) / max(z, _SMALLEST_DEPTH)
+        x, y = x * share * width - np.float32(0.5), y * share * height - np.float32(0.5)
+        is_inside = x >= -0.5 and x <= width - 0.5 and y >= -0.5 and y <= height - 0.5
+        x, y = min(max(x, np.float32(0)), np.float32(width - 1)), min(max(y, np.float32(0)), np.float32(height - 1))
+        left, top = min(np.int32(x), np.int32(width - 2)), min(np.int32(y), np.int32(height - 2))
+        corner[column], fractions[0, column], fractions[1, column] = top * width + left, x - left, y - top
+        is_seen[column] = np.float32(1) if is_in_front and is_inside else np.float32(0)
+    for channel in range(_COLOURS):
+        plane = source[channel].reshape(-1)
+        for column in range(width):
+            first, right, down = np.uintp(corner[column]), fractions[0, column], fractions[1, column]
+            second = first + np.uintp(width)
+            above = plane[first] * (1 - right) + plane[first + np.uintp(1)] * right
+            below = plane[second] * (1 - right) + plane[second + np.uintp(1)] * right
+            values[channel, row + RADIUS, column + RADIUS] = above * (1 - down) + below * down
+
+
+@compiled
+def _complete_row(values, reference, row):
+    """The squares of a row's colours, summed, and its products with the reference's, from the colours."""
+    for column in range(reference.shape[2]):
+        squares = products = np.float32(0)
         for channel in range(_COLOURS):
-            colour[channel] = np.float32(0)
-        return False
-    x, y = x / z * width - np.float32(0.5), y / z * height - np.float32(0.5)
-    is_inside = x >= -0.5 and x <= width - 0.5 and y >= -0.5 and y <= height - 0.5
-    x, y = min(max(x, np.float32(0)), np.float32(width - 1)), min(max(y, np.float32(0)), np.float32(height - 1))
-    left, top = min(int(x), width - 2), min(int(y), height - 2)
-    right, down = np.float32(x - left), np.float32(y - top)
-    for channel in range(_COLOURS):
-        above = source[top, left, channel] * (1 - right) + source[top, left + 1, channel] * right
-        below = source[top + 1, left, channel] * (1 - right) + source[top + 1, left + 1, channel] * right
-        colour[channel] = above * (1 - down) + below * down
-    return is_inside
+            colour = values[channel, row + RADIUS, column + RADIUS]
+            squares += colour * colour
+            products += colour * reference[channel, row, column]
+        values[_COLOURS, row + RADIUS, column + RADIUS] = squares
+        values[_COLOURS + 1, row + RADIUS, column + RADIUS] = products
 
 
 @compiled
-def _complete(values, colour):
-    """The squares of a colour, summed, and its products with another, from the colour that `values` begins with."""
-    squares = products = np.float32(0)
-    for channel in range(_COLOURS):
-        squares += values[channel] * values[channel]
-        products += values[channel] * colour[channel]
-    values[_COLOURS], values[_COLOURS + 1] = squares, products
+def _window_means(values, row, weight, columns, means):
+    """Means over the windows of one row; values are 0 around the border. columns: room for sums along them."""
+    for k in range(_SUMS):
+        for column in range(columns.shape[1]):
+            columns[k, column] = values[k, row, column]
+        for near in range(1, 2 * RADIUS + 1):
+            for column in range(columns.shape[1]):
+                columns[k, column] += values[k, row + near, column]
+        for column in range(means.shape[1]):
+            total = columns[k, column]
+            for near in range(1, 2 * RADIUS + 1):
+                total += columns[k, column + near]
+            means[k, column] = total * weight[column]
 
 
 @compiled
-def _normalised(own, found):
-    """Covariance over the root of both variances, from means of colours, squares and products."""
-    own_variance, variance, covariance = own[_COLOURS], found[_COLOURS], found[_COLOURS + 1]
-    for channel in range(_COLOURS):
-        own_variance -= own[channel] * own[channel]
-        variance -= found[channel] * found[channel]
-        covariance -= own[channel] * found[channel]
-    return covariance / np.sqrt((max(own_variance, 0) + LEAST_VARIANCE) * (max(variance, 0) + LEAST_VARIANCE))
-
-
-@compiled
-def _window_means(values):
-    """Means over windows, which end at the border; rows first, then columns."""
-    height, width, count = values.shape
-    along, means = np.zeros_like(values), np.zeros_like(values)
-    for row in range(height):
-        for column in range(width):
-            first, last = max(column - RADIUS, 0), min(column + RADIUS, width - 1)
-            for near in range(first, last + 1):
-                for k in range(count):
-                    along[row, column, k] += values[row, near, k]
-            for k in range(count):
-                along[row, column, k] /= np.float32(last - first + 1)
-    for row in range(height):
-        first, last = max(row - RADIUS, 0), min(row + RADIUS, height - 1)
-        for near in range(first, last + 1):
-            for column in range(width):
-                for k in range(count):
-                    means[row, column, k] += along[near, column, k]
-        for column in range(width):
-            for k in range(count):
-                means[row, column, k] /= np.float32(last - first + 1)
-    return means
+def _normalise_row(own, found, is_seen, scores):
+    """Covariance over the root of both variances, from means of colours, squares and products; 0 where not seen."""
+    for column in range(len(scores)):
+        own_variance = own[_COLOURS, column]
+        variance, covariance = found[_COLOURS, column], found[_COLOURS + 1, column]
+        for channel in range(_COLOURS):
+            own_variance -= own[channel, column] * own[channel, column]
+            variance -= found[channel, column] * found[channel, column]
+            covariance -= own[channel, column] * found[channel, column]
+        product = (max(own_variance, np.float32(0)) + LEAST_VARIANCE) * (max(variance, np.float32(0)) + LEAST_VARIANCE)
+        scores[column] = covariance / np.sqrt(product) * is_seen[column]
