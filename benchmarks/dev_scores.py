@@ -1,6 +1,6 @@
 """Rate and quality on an evaluation index, from encoded and decoded bytes.
 
-python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--stages 2] [--size 256]
+python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--refine 16]
 """
 
 import argparse
@@ -21,6 +21,7 @@ def main() -> None:
     parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5])
     parser.add_argument("--views", type=int, default=2, help="only entries with so many context views")
     parser.add_argument("--stages", type=int, default=2)
+    parser.add_argument("--refine", type=int, help="as `fecosplat encode` takes it")
     parser.add_argument("--size", type=int, default=256)
     arguments = parser.parse_args()
     profile = load_profile(arguments.model, "cpu")
@@ -29,7 +30,8 @@ def main() -> None:
     print("lambda\tKiB\tPSNR\tSSIM\tcontext PSNR\tGaussians\tby kind")
     for lmbda in arguments.lambdas:
         lambda_q = quantise_lambda(lmbda)
-        scores = list(evaluate(profile, arguments.root, entries, lambda_q, arguments.stages, size))
+        options = (arguments.stages, size, arguments.refine)
+        scores = list(evaluate(profile, arguments.root, entries, lambda_q, *options))
         print(
             f"{lmbda:g}\t{mean(s.num_bytes for s in scores) / 1024:.2f}\t{mean(s.target_psnr for s in scores):.2f}\t"
             f"{mean(s.target_ssim for s in scores):.3f}\t{mean(s.context_psnr for s in scores):.2f}\t"

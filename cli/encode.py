@@ -53,7 +53,7 @@ Examples:
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
 @click.option(
     "--refine", "refinement_steps", type=click.IntRange(0, 1000), metavar="STEPS",
-    help="Gradient steps on the second stage: more quality a byte, for time.  [default: 2; fewer for many pixels]",
+    help="Gradient steps on what is sent: more quality a byte, for time.  [default: 3; fewer for many pixels]",
 )  # fmt: skip
 @model_option
 @device_option
@@ -84,8 +84,6 @@ def command(
     sparse model, or a RealEstate10K camera file.
     """
     start = perf_counter()
-    if stages == 1 and refinement_steps:
-        raise click.UsageError("--refine works on the second stage, which --stages 1 leaves out; give one of them.")
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read

@@ -48,8 +48,8 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="What to measure: codec, adaptive, all-gaussians, pruned, ablations (or stage-1, no-refinement, "
-    "no-context, no-feedback), images (compressed photographs), gaussians (splat files), floor.",
+    help="What to measure: codec, thorough (16 refinement steps), adaptive, all-gaussians, pruned, ablations (or "
+    "stage-1, no-refinement, no-context, no-feedback), images (compressed photographs), gaussians (splats), floor.",
 )
 @model_option
 @click.option("--views", "num_context", type=click.IntRange(min=1), help="Only entries with so many context views.")

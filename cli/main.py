@@ -13,6 +13,8 @@ import click
 
 from fecocodec import FecoError, __version__
 
+from .process import prepare_process
+
 COMMANDS = ("encode", "decode", "info", "render", "train", "eval", "stress")
 INTERRUPTED = 130
 
@@ -63,4 +65,5 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def main() -> NoReturn:
     """The console script."""
+    prepare_process()
     sys.exit(run())

@@ -84,8 +84,10 @@ class _Meter:
         symbols = chosen + (residual - residual.detach())
         # The table learns from the symbols as they will be, the latent and its mean from a rate with a gradient. Tables
         # that learn from noise stay wide where nearly all symbols are zero, and every zero then costs something.
-        softened = symbol_bits(self.soften(residual), index.detach())
-        bits = symbol_bits(symbols.detach(), index) + (softened - softened.detach())
+        sent, softened = symbol_bits(
+            torch.stack((symbols.detach(), self.soften(residual))), torch.stack((index, index.detach()))
+        )
+        bits = sent + (softened - softened.detach())
         self.bits.append(_zero_through(bits, skipped))
         return _zero_through(symbols, skipped) * ONE_Q8 + parameters.mean_q8
 

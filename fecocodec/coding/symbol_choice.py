@@ -43,12 +43,12 @@ def choose_symbols(
     """Integers within +-`SYMBOL_LIMIT`: the nearest to the residual (value - mean), or the next one towards zero."""
     nearest = (residual + 0.5).floor().clamp(-SYMBOL_LIMIT, SYMBOL_LIMIT)
     smaller = nearest - nearest.sign()
-    saved = symbol_bits(nearest, table_index) - symbol_bits(smaller, table_index)
+    bits, bits_of_smaller = symbol_bits(torch.stack((nearest, smaller)), table_index)
     added = (residual - smaller).square() - (residual - nearest).square()
-    return torch.where(added < price * saved, smaller, nearest)
+    return torch.where(added < price * (bits - bits_of_smaller), smaller, nearest)
 
 
-def symbol_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+def symbol_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*broadcast"]) -> Float[Tensor, "*shape"]:
     """-log2 of the mass of [residual - 1/2, residual + 1/2] under the mixture of a table, or between two tables."""
     inverse_sigma = torch.exp((SIGMA_ONE_INDEX - table_index) * (math.log(2.0) / TABLES_PER_OCTAVE))
     distance = residual.abs()
@@ -60,6 +60,9 @@ def symbol_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*
     return bits - (bits - bits.clamp(max=_MOST_BITS)).detach()
 
 
-def _mass_around(distance: Float[Tensor, "*shape"], inverse_sigma: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+def _mass_around(
+    distance: Float[Tensor, "*shape"], inverse_sigma: Float[Tensor, "*broadcast"]
+) -> Float[Tensor, "*shape"]:
     """Mass of a Gaussian within half a step of a distance from its mean."""
-    return torch.special.ndtr((0.5 - distance) * inverse_sigma) - torch.special.ndtr((-0.5 - distance) * inverse_sigma)
+    scale = math.sqrt(0.5) * inverse_sigma
+    return 0.5 * (torch.erfc((distance - 0.5) * scale) - torch.erfc((distance + 0.5) * scale))

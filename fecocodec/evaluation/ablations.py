@@ -16,7 +16,7 @@ from fecocodec.evaluation.codec_systems import codec_system, stream_system
 from fecocodec.evaluation.reconstruction import System
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile, assemble, encode_with
-from fecocodec.sender.refinement import refine_second_stage
+from fecocodec.sender.refinement import refine_stage, refined_first_latents, steps_of_first, suitable_steps
 from fecocodec.sender.steps import (
     CodedStage,
     Latents,
@@ -24,7 +24,6 @@ from fecocodec.sender.steps import (
     PreparedScene,
     StageRendering,
     analyse,
-    code_first_stage,
     code_stage,
     feedback_features,
     first_stage_lambda_q,
@@ -82,7 +81,9 @@ ABLATION_NAMES = ("stage 1 alone", UNREFINED_NAME, *(name for name, _ in WITHOUT
 def _encode(profile: Profile, second: SecondLatents, lambda_q: int, views: Views) -> bytes:
     scene = prepare(profile, views)
     matched = match_views(profile, scene)
-    first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
+    num_steps, first_lambda_q = suitable_steps(scene, lambda_q), first_stage_lambda_q(lambda_q)
+    latents = refined_first_latents(profile, scene, matched, first_lambda_q, steps_of_first(num_steps))
+    first = code_stage(profile, scene, latents, first_lambda_q, tuple(range(scene.num_views)), None)
     latents = second(profile, scene, matched, first, lambda_q)
-    latents = refine_second_stage(profile, scene, latents, first, lambda_q)
+    latents = refine_stage(profile, scene, latents, first, lambda_q, num_steps)
     return assemble(profile, scene, (first, code_stage(profile, scene, latents, lambda_q, first.views, first)))

@@ -15,6 +15,8 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.encode import Profile, encode_with
 
 Encoder = Callable[[Views], bytes]
+THOROUGH_STEPS = 16  # of the second stage; the default has three
+THOROUGH = f"fecosplat, {THOROUGH_STEPS} refinement steps"
 
 
 def codec_system(profile: Profile, lmbda: float, num_stages: int = 2) -> System:
@@ -24,6 +26,13 @@ def codec_system(profile: Profile, lmbda: float, num_stages: int = 2) -> System:
     return stream_system(
         profile, name, f"lambda {lmbda:g}", lambda views: encode_with(profile, views, lambda_q, num_stages)
     )
+
+
+def thorough_system(profile: Profile, lmbda: float) -> System:
+    """What patience buys: encode with many steps of refinement."""
+    lambda_q = quantise_lambda(lmbda)
+    encoder = partial(encode_with, profile, lambda_q=lambda_q, num_stages=2, refinement_steps=THOROUGH_STEPS)
+    return stream_system(profile, THOROUGH, f"lambda {lmbda:g}", encoder)
 
 
 def stream_system(profile: Profile, name: str, setting: str, encoder: Encoder) -> System:

@@ -32,18 +32,35 @@ class Score:
 
 
 def evaluate(
-    profile: Profile, root: Path, entries: tuple[IndexEntry, ...], lambda_q: int, num_stages: int, size: tuple[int, int]
+    profile: Profile,
+    root: Path,
+    entries: tuple[IndexEntry, ...],
+    lambda_q: int,
+    num_stages: int,
+    size: tuple[int, int],
+    refinement_steps: int | None = None,
 ) -> Iterator[Score]:
-    """Scores of the entries one by one, every one from a stream of bytes that was written and read back."""
+    """Scores of the entries one by one, every one from a stream of bytes that was written and read back.
+
+    num_stages, refinement_steps: as `encode_with` takes them.
+    """
     for entry in entries:
         views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size)
-        yield score(profile, entry.name, views, len(entry.context), lambda_q, num_stages)
+        yield score(profile, entry.name, views, len(entry.context), lambda_q, num_stages, refinement_steps)
 
 
-def score(profile: Profile, name: str, views: Views, num_context: int, lambda_q: int, num_stages: int) -> Score:
+def score(
+    profile: Profile,
+    name: str,
+    views: Views,
+    num_context: int,
+    lambda_q: int,
+    num_stages: int,
+    refinement_steps: int | None = None,
+) -> Score:
     """Code the first `num_context` views, judge by all."""
     context = views.select(list(range(num_context)))
-    data = encode_with(profile, context, lambda_q, num_stages)
+    data = encode_with(profile, context, lambda_q, num_stages, refinement_steps=refinement_steps)
     gaussians = decode_stream(read_stream(data), profile.receiver)
     rendered = render_views(gaussians, views)
     quality, structure = psnr(rendered, views.images), ssim(rendered, views.images)

@@ -6,7 +6,7 @@ from functools import partial
 from fecocodec.errors import InputError
 from fecocodec.evaluation.ablations import ABLATIONS, ablation_system
 from fecocodec.evaluation.adaptive_systems import adaptive_system, all_gaussians_system, pruned_system
-from fecocodec.evaluation.codec_systems import codec_system
+from fecocodec.evaluation.codec_systems import codec_system, thorough_system
 from fecocodec.evaluation.floor import floor_systems
 from fecocodec.evaluation.gaussian_systems import gaussian_systems
 from fecocodec.evaluation.image_systems import image_systems
@@ -15,6 +15,7 @@ from fecocodec.sender.encode import Profile
 
 OF_LAMBDA: dict[str, Callable[[Profile, float], System]] = {
     "codec": codec_system,
+    "thorough": thorough_system,
     "adaptive": adaptive_system,
     "all-gaussians": all_gaussians_system,
     "pruned": pruned_system,

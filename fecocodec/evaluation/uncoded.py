@@ -11,7 +11,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import predict_scene
 from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.sender.encode import Profile
-from fecocodec.sender.refinement import descend, distortion_of, step_size
+from fecocodec.sender.refinement import descend, distortion_of, step_size, steps_of_first
 from fecocodec.sender.steps import (
     analyse,
     feedback_features,
@@ -33,19 +33,21 @@ def uncoded_gaussians(profile: Profile, views: Views, refinement_steps: int) -> 
     """
     receiver, scene = profile.receiver, prepare(profile, views)
     every = tuple(range(scene.num_views))
+
+    def refined(y: Tensor, before: ViewStates | None, lambda_q: int, stage: int, num_steps: int) -> ViewStates:
+        def states(y: Tensor) -> ViewStates:
+            return update_views(receiver, before, y, scene.lambda_of_views(lambda_q), stage, every)
+
+        length = step_size(profile, lambda_q, stage)
+        return states(descend(y, lambda y: distortion_of(profile, scene, states(y)), num_steps, length))
+
     matched, lambda_q = match_views(profile, scene), first_stage_lambda_q(FINEST_LAMBDA_Q)
     y = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1).y
-    first = update_views(receiver, None, y, scene.lambda_of_views(lambda_q), 1, every)
+    first = refined(y, None, lambda_q, 1, steps_of_first(refinement_steps))
     rendering = stage_rendering(profile, scene, first)
     features = feedback_features(profile, scene, matched.depth, rendering, FINEST_LAMBDA_Q)
     y = analyse(profile, features, first.state, FINEST_LAMBDA_Q, 2).y
-
-    def second_states(y: Tensor) -> ViewStates:
-        return update_views(receiver, first, y, scene.lambda_of_views(FINEST_LAMBDA_Q), 2, every)
-
-    first_length = step_size(profile, FINEST_LAMBDA_Q)
-    y = descend(y, lambda y: distortion_of(profile, scene, second_states(y)), refinement_steps, first_length)
-    second = second_states(y)
+    second = refined(y, first, FINEST_LAMBDA_Q, 2, refinement_steps)
     digests = (bytes(DIGEST_BYTES),) * 2  # of nothing: this header is never written
     header = Header(profile.model_id, scene.num_views, *scene.image_size, FINEST_LAMBDA_Q, digests, every)
     return predict_scene(receiver, second, unpack(scene.packed), header, None)

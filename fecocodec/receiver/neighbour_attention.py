@@ -1,6 +1,7 @@
 """Attention of every 3D point over its nearest points of all views."""
 
 import torch
+import torch.nn.functional as F
 from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -49,7 +50,8 @@ class NeighbourAttention(nn.Module):
         neighbours = nearest_neighbours(points, self.num_neighbours)
         offsets = _relative_offsets(points, neighbours, depth, world_to_view)
         normed = self.norm(features)
-        key, value = self.key_value(normed)[neighbours].chunk(2, dim=-1)  # [point k attention]
+        # `embedding` picks rows like an index, but much faster, and so its gradient
+        key, value = F.embedding(neighbours, self.key_value(normed)).chunk(2, dim=-1)  # [point k attention]
         query = self.query_scale * self.query(normed)[..., None] * self.head_of_channel  # [point attention head]
         weights = (key @ query + self.offset_bias(offsets)).softmax(dim=1)  # [point k head]
         weights = weights.transpose(1, 2)
@@ -59,7 +61,7 @@ class NeighbourAttention(nn.Module):
 
 def _relative_offsets(points: Tensor, neighbours: Tensor, depth: Tensor, world_to_view: Tensor) -> Tensor:
     """Offsets to the neighbours in view axes, in units of depth, and their lengths: [point k 4]."""
-    offsets = (points[neighbours] - points[:, None]) / depth[:, None, None]
+    offsets = (F.embedding(neighbours, points) - points[:, None]) / depth[:, None, None]
     offsets = (offsets @ world_to_view.transpose(-1, -2)).clamp(-LARGEST_OFFSET, LARGEST_OFFSET)
     length = offsets.square().sum(dim=-1, keepdim=True).add(1e-12).sqrt()
     return 10.0 * torch.cat((offsets, length), dim=-1)  # neighbours lie near 0.01 to 0.1 depths away

@@ -19,7 +19,7 @@ from fecocodec.rendering.projection_backward import project_backward
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
 from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes
-from fecocodec.rendering.threads import run_in_ranges
+from fecocodec.rendering.threads import run_in_ranges, run_side_by_side
 from fecocodec.rendering.tiles import front_to_back, sum_over_tiles, tile_lists
 
 Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], depth and alpha [height width], float32
@@ -55,15 +55,16 @@ class _Rasterize(torch.autograd.Function):
         arrays = [_array(field) for field in fields]
         color = fields[0].new_empty(len(cameras), 3, height, width)
         depth, alpha = color.new_empty(len(cameras), height, width), color.new_empty(len(cameras), height, width)
-        projected = []
-        for view, pinhole in enumerate(cameras):
-            seen = _project(pinhole, arrays)
+        needs_gradients = any(ctx.needs_input_grad)
+
+        def draw(view: int) -> _Projected | None:
+            seen = _project(cameras[view], arrays)
             images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
             _composite(seen, np.asarray(background, np.float32), images)
-            if any(ctx.needs_input_grad):  # else one view's splats are held at a time: they outweigh the images
-                projected.append(seen)
+            return seen if needs_gradients else None  # splats outweigh the images: not those of all views, then
+
+        ctx.projected = run_side_by_side(draw, len(cameras))
         ctx.save_for_backward(*fields, color, depth, alpha)
-        ctx.projected = projected
         return color, depth, alpha
 
     @staticmethod
@@ -71,12 +72,16 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, d_color: Tensor, d_depth: Tensor, d_alpha: Tensor) -> tuple[Tensor | None, ...]:
         *fields, color, depth, alpha = ctx.saved_tensors
         arrays = [_array(field) for field in fields]
-        gradients = [torch.zeros_like(field, memory_format=torch.contiguous_format) for field in fields]
-        for view, projected in enumerate(ctx.projected):
+
+        def splat_gradients(view: int) -> np.ndarray:
             images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
             d_images = (_array(d_color[view]), _array(d_depth[view]), _array(d_alpha[view]))
-            splat_gradients = _composite_backward(projected, images, d_images)
-            _project_backward(projected, arrays, splat_gradients, [_array(gradient) for gradient in gradients])
+            return _composite_backward(ctx.projected[view], images, d_images)
+
+        gradients = [torch.zeros_like(field, memory_format=torch.contiguous_format) for field in fields]
+        of_views = run_side_by_side(splat_gradients, len(ctx.projected))
+        for projected, of_splats in zip(ctx.projected, of_views, strict=True):
+            _project_backward(projected, arrays, of_splats, [_array(gradient) for gradient in gradients])
         return *gradients, None, None, None
 
 

@@ -1,13 +1,38 @@
-"""Run one kernel over a range of independent items on as many threads as torch uses."""
+"""Independent work on as many threads as torch uses: whole tasks side by side, or one kernel over a range of items."""
 
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
+Result = TypeVar("Result")
+
 _RANGES_PER_THREAD = 8  # more than one, because some tiles hold far more work than others
+_worker = threading.local()
+
+
+def run_side_by_side(task: Callable[[int], Result], count: int) -> list[Result]:
+    """[task(0), ..., task(count - 1)], one thread each; fewer tasks than threads run one by one, each on all threads.
+
+    Kernels leave a part of their work to one thread, so whole tasks side by side are faster.
+    """
+    num_threads = _num_threads()
+    if num_threads == 1 or count < num_threads:
+        return [task(index) for index in range(count)]
+    with ThreadPoolExecutor(num_threads, initializer=_become_worker) as pool:
+        return list(pool.map(task, range(count)))
+
+
+def _become_worker() -> None:
+    _worker.is_one = True
+
+
+def _num_threads() -> int:
+    """How many threads there are to share out: a worker has only its own."""
+    return 1 if getattr(_worker, "is_one", False) else torch.get_num_threads()
 
 
 def run_in_ranges(kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
@@ -15,7 +40,7 @@ def run_in_ranges(kernel: Callable[..., Any], count: int, *arguments: Any) -> No
 
     An item's result must not depend on the range it falls into; then the thread count changes no bit.
     """
-    num_threads = torch.get_num_threads()
+    num_threads = _num_threads()
     if num_threads == 1:
         kernel(0, count, *arguments)
         return

@@ -66,7 +66,7 @@ def encode_adaptively(
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
     """Bytes of a `.fcs` stream that has a second stage only where that pays, and whose receiver emits only Gaussians
-    that some pixel needs. refinement_steps: of the second stage's latents, see `refinement`.
+    that some pixel needs. refinement_steps: of the last stage's latents, see `encode`.
 
     Raises InputError for views that cannot be coded and for a goal that no lambda reaches, ModelError where weights are
     missing.

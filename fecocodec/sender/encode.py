@@ -14,14 +14,13 @@ from fecocodec.layers.placement import place
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.load import load_sender
-from fecocodec.sender.refinement import refine_second_stage
+from fecocodec.sender.refinement import refine_stage, refined_first_latents, steps_of_first, suitable_steps
 from fecocodec.sender.steps import (
     CodedStage,
     MatchedViews,
     PreparedScene,
     Profile,
     analyse,
-    code_first_stage,
     code_stage,
     feedback_features,
     first_stage_lambda_q,
@@ -49,9 +48,9 @@ def encode(
     """Bytes of a `.fcs` stream that `decode` turns into the Gaussians of these views.
 
     lmbda: price of a bit a pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. num_stages: 1
-    leaves the feedback stage out. refinement_steps: of the second stage's latents (see `refinement`), None for what
-    suits the size; each takes about half of the time of encoding without. model, weights: `<weights>/<model>/`
-    holds the weights of both ends.
+    leaves the feedback stage out. refinement_steps: of the last stage's latents (see `refinement`; a first stage that
+    is not the last gets half as many), None for what suits the size; two take about as long as all the rest. model,
+    weights: `<weights>/<model>/` holds the weights of both ends.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
@@ -106,18 +105,23 @@ def code_stages(
     """Stage 1 from what matching found, stage 2 from what stage 1's Gaussians make of the views.
 
     stage_2_views: the views that stage 2 codes, ascending from 0; None: all. refinement_steps: of all views' latents of
-    stage 2, before some are chosen; None: what suits the size.
+    the last stage, before some views are chosen; None: what suits the size.
     """
+    num_steps = suitable_steps(scene, lambda_q) if refinement_steps is None else refinement_steps
     on_progress("coding stage 1", 0.3)
-    if num_stages == 1:
-        return (code_first_stage(profile, scene, matched, lambda_q),)
-    first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
+    is_last = num_stages == 1
+    first_lambda_q = lambda_q if is_last else first_stage_lambda_q(lambda_q)
+    steps = num_steps if is_last else steps_of_first(num_steps)
+    latents = refined_first_latents(profile, scene, matched, first_lambda_q, steps)
+    first = code_stage(profile, scene, latents, first_lambda_q, tuple(range(scene.num_views)), None)
+    if is_last:
+        return (first,)
     on_progress("rendering feedback", 0.5)
     rendering = stage_rendering(profile, scene, first.after)
     feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
     latents = analyse(profile, feedback, first.state, lambda_q, 2)
     on_progress("refining stage 2", 0.55)
-    latents = refine_second_stage(profile, scene, latents, first, lambda_q, refinement_steps)
+    latents = refine_stage(profile, scene, latents, first, lambda_q, num_steps)
     on_progress("coding stage 2", 0.9)
     views = first.views if stage_2_views is None else stage_2_views
     return first, code_stage(profile, scene, latents.of_views(views), lambda_q, views, first)

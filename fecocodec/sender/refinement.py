@@ -1,11 +1,12 @@
-"""Refinement of the second stage: its latents follow the gradient of what they are for, before they are coded.
+"""Refinement: the latents of each stage follow the gradient of what they are for, before they are coded.
 
-Networks guess in one pass what is missing; the sender can render what its guess gives, so it can come closer to the
+Networks guess in one pass what to send; the sender can render what its guess gives, so it can come closer to the
 photographs. Published for images (Campos et al., "Content Adaptive Optimization for Neural Image Compression", 2019);
-here the gradient comes through the receiver's networks and the rasteriser. Receivers see nothing of it. Two short steps
-are worth two fifths of the bytes, also at views between the photographs (docs/experiments.md).
+here the gradient comes through the receiver's networks and the rasteriser. Receivers see nothing of it. A few short
+steps are worth half of the bytes, also at views between the photographs (docs/experiments.md).
 """
 
+import math
 from collections.abc import Callable
 
 import torch
@@ -13,63 +14,87 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.coding.rate import estimate_latents, straight_through
-from fecocodec.container.lagrangian import dequantise_lambda
+from fecocodec.container.lagrangian import LAMBDA_MIN, STEPS_PER_E
 from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.sender.distortion import distortions
-from fecocodec.sender.steps import CodedStage, Latents, PreparedScene, Profile, stage_rendering
+from fecocodec.sender.steps import (
+    CodedStage,
+    Latents,
+    MatchedViews,
+    PreparedScene,
+    Profile,
+    analyse,
+    stage_rendering,
+    start_state,
+)
 
 # Root mean square of the first step: in quantisation steps, as long ones cost bytes for little, and in latents as the
 # networks have them, whose distance to what is best remains where quantisation is fine; the longer of the two.
 STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
-RATE_WEIGHT = 2.0  # of lambda R: context views, which alone can be compared, gain more by a bit than those between them
+RATE_WEIGHT = 3.0  # of lambda R: context views, which alone can be compared, gain more by a bit than those between them
 MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
-PIXELS_OF_TWO_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
-_SSIM_STRIDE = 3  # a quarter of the time of SSIM and its gradient, which are the same within a thousandth
+PIXELS_OF_ALL_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
+DEFAULT_STEPS = 3
 FINE_LAMBDA_Q = 256  # below it, lambda 2.7e-5, a step more is given: bits alone buy nothing there
+_SSIM_STRIDE = 3  # a quarter of the time of SSIM and its gradient, which are the same within a thousandth
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 
 
 def suitable_steps(scene: PreparedScene, lambda_q: int) -> int:
-    """How many steps a scene gets unless told: 2, 1 where it is large, 0 where the gradient takes too much memory; one
-    more where lambda is small."""
+    """How many steps the last stage gets unless told: 3, 1 where the scene is large, 0 where the gradient takes too
+    much memory; one more where lambda is small."""
     pixels, more = _num_pixels(scene), 1 if lambda_q < FINE_LAMBDA_Q else 0
-    return 2 + more if pixels <= PIXELS_OF_TWO_STEPS else 1 + more if pixels <= MOST_PIXELS else 0
+    return DEFAULT_STEPS + more if pixels <= PIXELS_OF_ALL_STEPS else 1 + more if pixels <= MOST_PIXELS else 0
 
 
-def refine_second_stage(
+def steps_of_first(num_steps: int) -> int:
+    """How many steps stage 1 gets where stage 2 gets `num_steps`: half as many, as stage 2 mends what they leave."""
+    return (num_steps + 1) // 2
+
+
+def refined_first_latents(
+    profile: Profile, scene: PreparedScene, matched: MatchedViews, lambda_q: int, num_steps: int
+) -> Latents:
+    """Latents of stage 1 of all views, after so many steps."""
+    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
+    return refine_stage(profile, scene, latents, None, lambda_q, num_steps)
+
+
+def refine_stage(
     profile: Profile,
     scene: PreparedScene,
     latents: Latents,
-    first: CodedStage,
+    before: CodedStage | None,
     lambda_q: int,
-    num_steps: int | None = None,
+    num_steps: int,
 ) -> Latents:
-    """Latents of all views after `num_steps` of gradient descent on D + 2 lambda R, with rounding straight through.
+    """Latents of all views after `num_steps` of gradient descent on D + 3 lambda R, with rounding straight through.
 
-    D is measured on the context views as rendered after stage 2, R estimated by the prior. num_steps: None for those
-    that suit the scene and lambda; scenes that are too large for the gradient's memory are left as they are.
+    D is measured on the context views as rendered after this stage, R estimated by the prior. before: the first stage
+    where this is the second, None for the first. lambda_q: of this stage. Scenes that are too large for the gradient's
+    memory are left as they are.
     """
-    num_steps = suitable_steps(scene, lambda_q) if num_steps is None else num_steps
     if num_steps == 0 or _num_pixels(scene) > MOST_PIXELS:
         return latents
     lambdas, every_view = scene.lambda_of_views(lambda_q), tuple(range(scene.num_views))
-    price = RATE_WEIGHT * dequantise_lambda(lambda_q) / _num_pixels(scene)
+    stage, context, states = (1, None, None) if before is None else (2, before.latents.y_hat, before.after)
+    price = RATE_WEIGHT * LAMBDA_MIN * math.exp(lambda_q / STEPS_PER_E) / _num_pixels(scene)
 
     def objective(y: Tensor) -> Tensor:
         z = profile.sender.hyper_analysis(y.detach())
-        coded = estimate_latents(profile.receiver.prior, y, z, lambdas, 2, first.latents.y_hat, straight_through)
-        states = update_views(profile.receiver, first.after, coded.y_hat, lambdas, 2, every_view)
-        return distortion_of(profile, scene, states) + price * coded.bits_y.sum()
+        coded = estimate_latents(profile.receiver.prior, y, z, lambdas, stage, context, straight_through)
+        after = update_views(profile.receiver, states, coded.y_hat, lambdas, stage, every_view)
+        return distortion_of(profile, scene, after) + price * coded.bits_y.sum()
 
-    y = descend(latents.y, objective, num_steps, step_size(profile, lambda_q))
+    y = descend(latents.y, objective, num_steps, step_size(profile, lambda_q, stage))
     return Latents(y, profile.sender.hyper_analysis(y))
 
 
-def step_size(profile: Profile, lambda_q: int) -> float:
+def step_size(profile: Profile, lambda_q: int, stage: int) -> float:
     """Root mean square of the first step at this lambda, in quantisation steps."""
     device = next(profile.receiver.parameters()).device
-    condition = profile.receiver.condition(torch.tensor([lambda_q], device=device), 2)
+    condition = profile.receiver.condition(torch.tensor([lambda_q], device=device), stage)
     return max(STEP_SIZE, STEP_SIZE_UNSCALED * float(condition.latent_gain))
 
 

@@ -16,17 +16,16 @@ from torch import Tensor, nn
 
 from fecocodec.coding.rate import estimate_latents, uniform_noise
 from fecocodec.geometry.views import Views
-from fecocodec.sender.refinement import refine_second_stage
+from fecocodec.sender.refinement import refine_stage, refined_first_latents, steps_of_first, suitable_steps
 from fecocodec.sender.steps import (
     Profile,
     analyse,
-    code_first_stage,
+    code_stage,
     feedback_features,
     first_stage_lambda_q,
     match_views,
     prepare,
     stage_rendering,
-    start_state,
 )
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
@@ -123,16 +122,17 @@ def latents_of(profile: Profile, views: Views, lambdas_q: Sequence[int], num_alo
     matched = match_views(profile, scene)
     found = []
     for lambda_q in lambdas_q[: len(lambdas_q) - num_alone]:
-        y1 = analyse(profile, matched.features, start_state(profile, scene), first_stage_lambda_q(lambda_q), 1).y
-        first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
+        num_steps, first_lambda_q = suitable_steps(scene, lambda_q), first_stage_lambda_q(lambda_q)
+        y1 = refined_first_latents(profile, scene, matched, first_lambda_q, steps_of_first(num_steps))
+        first = code_stage(profile, scene, y1, first_lambda_q, tuple(range(scene.num_views)), None)
         rendering = stage_rendering(profile, scene, first.after)
         feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
         y2 = analyse(profile, feedback, first.state, lambda_q, 2)
-        y2 = refine_second_stage(profile, scene, y2, first, lambda_q)
-        found.append(SceneLatents(lambda_q, (y1, y2.y), first.latents.y_hat))
+        y2 = refine_stage(profile, scene, y2, first, lambda_q, num_steps)
+        found.append(SceneLatents(lambda_q, (y1.y, y2.y), first.latents.y_hat))
     for lambda_q in lambdas_q[len(lambdas_q) - num_alone :]:
-        y = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1).y
-        found.append(SceneLatents(lambda_q, (y,)))
+        y1 = refined_first_latents(profile, scene, matched, lambda_q, suitable_steps(scene, lambda_q))
+        found.append(SceneLatents(lambda_q, (y1.y,)))
     return found
 
 

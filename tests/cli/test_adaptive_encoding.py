@@ -54,6 +54,9 @@ def test_views_that_promise_little_are_warned_of(fecosplat: CommandLine, photogr
     assert single.code == 0 and "warning: one view has no parallax" in single.err
 
 
-def test_what_is_not_coded_cannot_be_refined(fecosplat, photographs: Path, tmp_path: Path) -> None:
-    result = fecosplat("encode", photographs, "-o", tmp_path / "scene.fcs", "--stages", "1", "--refine", "2")
-    assert result.code == 2 and "--refine works on the second stage" in result.err
+@pytest.mark.usefixtures("networks")
+def test_a_single_stage_is_refined_too(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
+    files = [tmp_path / f"{steps}.fcs" for steps in (0, 2)]
+    for steps, file in zip((0, 2), files, strict=True):
+        assert fecosplat("encode", photographs, "-o", file, "--stages", "1", "--refine", steps).code == 0
+    assert files[0].read_bytes() != files[1].read_bytes()

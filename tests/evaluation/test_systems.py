@@ -45,7 +45,9 @@ def test_ablations_change_what_is_sent(profile: Profile) -> None:
 def test_an_ablation_can_be_asked_for_alone(profile: Profile) -> None:
     for part in ABLATIONS:
         assert len(systems_of([part], profile, [1e-2, 1e-4])) == 2
-    with pytest.raises(InputError, match=r"no systems called magic; choose from codec, adaptive, .*ablations"):
+    with pytest.raises(
+        InputError, match=r"no systems called magic; choose from codec, thorough, adaptive, .*ablations"
+    ):
         systems_of(["codec", "magic"], profile, [LAMBDA])
 
 

@@ -11,9 +11,11 @@ from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 from tests.example_scenes import example_cameras
 
 
-def unit_features(num_views: int, height: int, width: int) -> Tensor:
+def unit_features(num_views: int, height: int, width: int, *, with_gradients: bool = False) -> Tensor:
+    """With gradients another way of computing is taken than without."""
     generator = torch.Generator().manual_seed(0)
-    return F.normalize(torch.randn(1, num_views, 8, height, width, generator=generator), dim=2)
+    features = F.normalize(torch.randn(1, num_views, 8, height, width, generator=generator), dim=2)
+    return features.requires_grad_(with_gradients)
 
 
 def warped_cost_volume(features: Tensor, cameras: Cameras, sources: Tensor, num_candidates: int) -> Tensor:
@@ -34,12 +36,15 @@ def warped_cost_volume(features: Tensor, cameras: Cameras, sources: Tensor, num_
     return volume
 
 
+@pytest.mark.parametrize("with_gradients", [True, False])
 @pytest.mark.parametrize(("num_views", "height", "width"), [(2, 16, 16), (4, 9, 14)])
-def test_it_equals_warping_and_multiplying(num_views: int, height: int, width: int) -> None:
-    cameras, features = example_cameras(num_views, near=1.0, far=9.0), unit_features(num_views, height, width)
+def test_it_equals_warping_and_multiplying(num_views: int, height: int, width: int, with_gradients: bool) -> None:
+    cameras = example_cameras(num_views, near=1.0, far=9.0)
+    features = unit_features(num_views, height, width, with_gradients=with_gradients)
     sources = nearest_views(cameras.as_batch(), 2)
     found = cost_volume(features, cameras.as_batch(), sources, 12)
-    expected = warped_cost_volume(features, cameras, sources, 12)
+    assert found.requires_grad == with_gradients
+    expected = warped_cost_volume(features.detach(), cameras, sources, 12)
     assert float(expected.abs().max()) > 0.5
     torch.testing.assert_close(found, expected, atol=2e-4, rtol=0)
 
@@ -54,7 +59,7 @@ def test_a_source_behind_the_camera_counts_as_unseen() -> None:
 
 @pytest.mark.parametrize("largest", [1, 500, 70_000])
 def test_the_size_of_chunks_does_not_matter(largest: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    cameras, features = example_cameras(3).as_batch(), unit_features(3, 16, 16)
+    cameras, features = example_cameras(3).as_batch(), unit_features(3, 16, 16, with_gradients=True)
     sources = nearest_views(cameras, 2)
     whole = cost_volume(features, cameras, sources, 8)
     monkeypatch.setattr(plane_sweep, "LARGEST_CORRELATION", largest)
@@ -62,7 +67,7 @@ def test_the_size_of_chunks_does_not_matter(largest: int, monkeypatch: pytest.Mo
 
 
 def test_sampling_candidates_gives_what_correlating_all_pairs_gives(monkeypatch: pytest.MonkeyPatch) -> None:
-    cameras, features = example_cameras(3).as_batch(), unit_features(3, 16, 24)
+    cameras, features = example_cameras(3).as_batch(), unit_features(3, 16, 24, with_gradients=True)
     sources = nearest_views(cameras, 2)
     correlated = cost_volume(features, cameras, sources, 8)
     monkeypatch.setattr(plane_sweep, "MOST_CORRELATED", 0)

@@ -9,7 +9,16 @@ from fecocodec.container.lagrangian import dequantise_lambda, quantise_lambda
 from fecocodec.sender import refinement
 from fecocodec.sender.distortion import distortions
 from fecocodec.sender.encode import code_stages, encode, encode_with, load_profile
-from fecocodec.sender.steps import PreparedScene, Profile, match_views, prepare, stage_rendering
+from fecocodec.sender.refinement import refined_first_latents
+from fecocodec.sender.steps import (
+    PreparedScene,
+    Profile,
+    code_stage,
+    first_stage_lambda_q,
+    match_views,
+    prepare,
+    stage_rendering,
+)
 from tests.example_scenes import MODEL, example_views
 
 LAMBDA_Q = quantise_lambda(1e-4)
@@ -42,24 +51,45 @@ def test_more_steps_lower_the_objective(profile: Profile, scene: PreparedScene) 
 
 
 def test_scenes_get_as_many_steps_as_their_size_allows(scene: PreparedScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    def steps_of(two: int, most: int, lambda_q: int = LAMBDA_Q) -> int:
-        monkeypatch.setattr(refinement, "PIXELS_OF_TWO_STEPS", two)
+    def steps_of(every: int, most: int, lambda_q: int = LAMBDA_Q) -> int:
+        monkeypatch.setattr(refinement, "PIXELS_OF_ALL_STEPS", every)
         monkeypatch.setattr(refinement, "MOST_PIXELS", most)
         return refinement.suitable_steps(scene, lambda_q)
 
     pixels = 2 * 64 * 64
-    assert steps_of(pixels, pixels) == 2
+    assert steps_of(pixels, pixels) == refinement.DEFAULT_STEPS
     assert steps_of(pixels - 1, pixels) == 1
     assert steps_of(pixels - 1, pixels - 1) == 0
-    assert [steps_of(*sizes, lambda_q=0) for sizes in ((pixels, pixels), (0, pixels), (0, 0))] == [3, 2, 0]
+    assert [steps_of(*sizes, lambda_q=0) for sizes in ((pixels, pixels), (0, pixels), (0, 0))] == [
+        refinement.DEFAULT_STEPS + 1,
+        2,
+        0,
+    ]
 
 
 def test_encoding_refines_unless_told_not_to_and_always_alike(profile: Profile) -> None:
     views = example_views(2)
-    by_default, again, two, none = (
-        encode_with(profile, views, LAMBDA_Q, 2, refinement_steps=steps) for steps in (None, None, 2, 0)
-    )
-    assert by_default == again == two != none
+    steps = (None, None, refinement.DEFAULT_STEPS, 0)
+    by_default, again, as_many, none = (encode_with(profile, views, LAMBDA_Q, 2, refinement_steps=n) for n in steps)
+    assert by_default == again == as_many != none
+
+
+def test_every_stage_is_refined_by_its_own_rate_and_distortion(profile: Profile) -> None:
+    """The first stage of two gets half of the steps, at its own lambda; a stage that is alone gets all."""
+    views, lambda_q = example_views(2), LAMBDA_Q
+    with torch.no_grad():
+        scene = prepare(profile, views)
+        matched = match_views(profile, scene)
+        both = code_stages(profile, scene, matched, lambda_q, 2, refinement_steps=4)
+        (alone,) = code_stages(profile, scene, matched, lambda_q, 1, refinement_steps=4)
+        first_lambda_q = first_stage_lambda_q(lambda_q)
+        first = refined_first_latents(profile, scene, matched, first_lambda_q, 2)
+        every = refined_first_latents(profile, scene, matched, lambda_q, 4)
+        expected = [
+            code_stage(profile, scene, latents, q, (0, 1), None).payload
+            for latents, q in ((first, first_lambda_q), (every, lambda_q))
+        ]
+    assert [both[0].payload, alone.payload] == expected
 
 
 def test_callers_may_be_in_inference_mode(random_weights: Path) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from fecocodec.evaluation.ablations import ABLATION_NAMES
 from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS, PRUNED
+from fecocodec.evaluation.codec_systems import THOROUGH, THOROUGH_STEPS
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
@@ -15,12 +16,14 @@ decoded files; means over pairs of context views ({entries} of them). Baselines:
 WebP or JPEG, from which the receiver makes Gaussians with our networks, uncoded (it then needs the sender's networks,
 too; *refined at the receiver*: it also renders and takes our encoder's gradient steps, towards the photographs it
 got); our uncoded, refined Gaussians as PLY, compressed PLY or SPZ. *nearest view* copies a photograph; *best plane*
-warps both by one plane, chosen by looking at the target. *adaptive* is `encode --adaptive`.
+warps both by one plane, chosen by looking at the target. *adaptive* is `encode --adaptive`, *{thorough}*
+`encode --refine {steps}`.
 
 {chart}
 
-BD figures are ours against each: bytes at equal PSNR, and PSNR at equal bytes. A dash: the curves have no such range in
-common, or the other is one point. Variants of ours are compared at the lambdas that both have.
+BD figures are ours against each, and those of *{thorough}*: bytes at equal PSNR, and PSNR at
+equal bytes. A dash: the curves have no such range in common, or the other is one point. Variants of ours are compared
+at the lambdas that both have.
 
 {comparisons}
 
@@ -37,6 +40,7 @@ and the format has two stages; `benchmarks/ablate_training.py` trains them for a
 
 {comparisons}
 """
+HEADS = ("BD-rate, %", "BD-PSNR, dB")
 
 
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
@@ -50,7 +54,14 @@ def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement
     chart = Chart("rate_distortion", "Rate and quality", "KiB a scene", "PSNR of target views, dB", _curves(main), True)
     parts = Chart("ablations", "Without some part", "KiB a scene", "PSNR of target views, dB", _curves(ablated), True)
     entries = max((row.entries for row in rows), default=0)
-    text = TEXT.format(entries=entries, chart=picture(chart), comparisons=_comparisons(main), averages=_averages(main))
+    text = TEXT.format(
+        entries=entries,
+        chart=picture(chart),
+        comparisons=_comparisons(main, THOROUGH),
+        averages=_averages(main),
+        thorough=THOROUGH,
+        steps=THOROUGH_STEPS,
+    )
     without = ABLATION_TEXT.format(chart=picture(parts), comparisons=_comparisons(ablated))
     views = Section("More than two views", _by_views(more_views))
     return Section("Rate and quality", text, (chart,)), Section("Without some part", without, (parts,)), views
@@ -72,12 +83,16 @@ def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
     return tuple(series)
 
 
-def _comparisons(rows: Sequence[Average]) -> str:
-    found = compare(rows)
-    return table(
-        ("against", "BD-rate, %", "BD-PSNR, dB"),
-        [(c.baseline, number(c.bd_rate, 1), number(c.bd_psnr)) for c in found],
-    )
+def _comparisons(rows: Sequence[Average], *variants: str) -> str:
+    """BD figures of ours against the others, and of variants of ours."""
+    figures = {ours: {c.baseline: c for c in compare(rows, ours)} for ours in (OURS, *variants)}
+    heads = [f"{figure} of {ours}" if ours != OURS else figure for ours in figures for figure in HEADS]
+    lines = []
+    for baseline in dict.fromkeys(name for found in figures.values() for name in found if name not in variants):
+        against = [found.get(baseline) for found in figures.values()]
+        cells = [(number(c.bd_rate, 1), number(c.bd_psnr)) if c else ("", "") for c in against]
+        lines.append((baseline, *(cell for pair in cells for cell in pair)))
+    return table(("against", *heads), lines)
 
 
 def _averages(rows: Sequence[Average]) -> str:

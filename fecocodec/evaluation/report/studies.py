@@ -89,7 +89,7 @@ def _measurements(
 
 def _rate_systems(plan: ReportPlan, profile: Profile) -> tuple[System, ...]:
     return (
-        *systems_of(["codec"], profile, plan.lambdas),
+        *systems_of(["codec", "thorough"], profile, plan.lambdas),
         *systems_of(["ablations", "adaptive"], profile, plan.few_lambdas),
         *systems_of(["all-gaussians", "pruned"], profile, [LAMBDA]),
         *systems_of(["images", "gaussians", "floor"], profile, ()),

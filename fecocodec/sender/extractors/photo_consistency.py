@@ -120,7 +120,7 @@ def _correlate(start, stop, reference, own, weight, source, turn, shift, depths,
 
 @compiled
 def _sample_row(source, turn, shift, depth, row, corner, fractions, values, is_seen):
-    """Set a row's colours to those that the source has where the candidate's points fall, and whether that is inside."""
+    """Set a row's colours to the source's where the candidate's points fall, and whether that is inside."""
     _, height, width = source.shape
     v = np.float32((row + 0.5) / height)
     for column in range(width):

@@ -1,13 +1,16 @@
 """Plane-sweep matching: how well each view's features agree with other views' at candidate depths."""
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from einops import rearrange
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.rendering.compilation import compiled
+from fecocodec.rendering.threads import run_in_ranges
 
 OUTSIDE = 4.0  # image position of points behind the source camera: no pixel there
 MOST_CORRELATED = 2**14  # positions of a view up to which all pairs are correlated
@@ -33,9 +36,9 @@ def cost_volume(
     candidates uniform in inverse depth from 1/far to 1/near (Chen et al., "MVSplat", 2024, equation 2).
 
     Features should have unit length over channels. Zero where a source does not see the point, or there is no source.
-    Instead of warping feature maps, all pairs of positions are correlated in one matrix product, from which each
-    candidate picks four entries: the same sum in a tenth of the time, in chunks of bounded memory. Where pairs become
-    too many (images over 512x512 pixels), candidates are sampled.
+    Where gradients are needed, or on a GPU, feature maps are not warped: all pairs of positions are correlated in one
+    matrix product, from which each candidate picks four entries, the same sum in a tenth of the time, in chunks of
+    bounded memory. Where pairs become too many (images over 512x512 pixels), candidates are sampled.
     """
     batch, views, _, height, width = features.shape
     relative = torch.linspace(0.0, 1.0, num_candidates, device=features.device)
@@ -61,6 +64,8 @@ def correlate(
     """Correlation of each reference position with the sources at its candidates' positions, mean over sources."""
     height, width = reference.shape[-2:]
     queries = rearrange(reference, "c h w -> (h w) c")
+    if reference.device.type == "cpu" and not (torch.is_grad_enabled() and reference.requires_grad):
+        return _without_gradient(queries, sources, grid)
     pick = _from_all_pairs if height * width <= MOST_CORRELATED else _from_sampled_rows
     total = queries.new_zeros(grid.shape[1:3])
     for source, positions in zip(sources, grid, strict=True):
@@ -68,6 +73,19 @@ def correlate(
         index, weight = _bilinear(positions, height, width)
         total = total + pick(queries, keys, index, weight)
     return total / max(1, len(sources))
+
+
+def _without_gradient(
+    queries: Float[Tensor, "point channel"],
+    sources: Float[Tensor, "source channel h w"],
+    grid: Float[Tensor, "source point candidate 2"],
+) -> Float[Tensor, "point candidate"]:
+    """Only the products that are picked, by a kernel: a tenth of the time of all pairs."""
+    total = np.zeros(grid.shape[1:3], np.float32)
+    for source, positions in zip(sources, grid, strict=True):
+        arrays = [_array(x) for x in (queries, rearrange(source, "c h w -> h w c"), positions)]
+        run_in_ranges(_add_correlations, len(total), *arrays, total)
+    return torch.from_numpy(total) / max(1, len(sources))
 
 
 def _from_all_pairs(
@@ -97,6 +115,36 @@ def _from_sampled_rows(
         sampled = F.embedding_bag(corners.flatten(0, 1), rows, per_sample_weights=share.flatten(0, 1), mode="sum")
         picked.append((sampled.unflatten(0, (len(query), -1)) @ query[..., None])[..., 0])
     return torch.cat(picked)
+
+
+def _array(tensor: Float[Tensor, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    return tensor.detach().float().contiguous().numpy()
+
+
+@compiled
+def _add_correlations(start, stop, queries, source, positions, total):  # type: ignore[no-untyped-def]
+    """Add the correlation of points start to stop with bilinearly sampled rows of the source."""
+    height, width, channels = source.shape
+    for point in range(start, stop):
+        for candidate in range(positions.shape[1]):
+            x = positions[point, candidate, 0] * np.float32(width) - np.float32(0.5)
+            y = positions[point, candidate, 1] * np.float32(height) - np.float32(0.5)
+            if not (-1 < x < width and -1 < y < height):
+                continue
+            left, top = int(np.floor(x)), int(np.floor(y))
+            right, down = x - np.float32(left), y - np.float32(top)
+            west, north = max(left, 0), max(top, 0)
+            east, south = min(left + 1, width - 1), min(top + 1, height - 1)
+            of_west = np.float32(1) - right if left >= 0 else np.float32(0)
+            of_north = np.float32(1) - down if top >= 0 else np.float32(0)
+            of_east = right if left + 1 < width else np.float32(0)
+            of_south = down if top + 1 < height else np.float32(0)
+            product = np.float32(0)
+            for channel in range(channels):
+                above = of_west * source[north, west, channel] + of_east * source[north, east, channel]
+                below = of_west * source[south, west, channel] + of_east * source[south, east, channel]
+                product += queries[point, channel] * (of_north * above + of_south * below)
+            total[point, candidate] += product
 
 
 @torch.no_grad()
