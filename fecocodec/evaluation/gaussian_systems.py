@@ -10,7 +10,7 @@ from fecocodec.evaluation.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile
 
-REFINEMENT_STEPS = 4  # the encoder's default for a pair at its smallest lambda
+REFINEMENT_STEPS = 5  # the encoder's default for a pair at its smallest lambda
 
 
 def gaussian_systems(profile: Profile) -> tuple[System, ...]:

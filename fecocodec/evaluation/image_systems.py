@@ -15,7 +15,7 @@ from fecocodec.evaluation.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile
 
-REFINED, REFINEMENT_STEPS = "AVIF", 4  # the encoder's default for a pair at its smallest lambda
+REFINED, REFINEMENT_STEPS = "AVIF", 5  # the encoder's default for a pair at its smallest lambda
 
 
 def image_systems(profile: Profile) -> tuple[System, ...]:

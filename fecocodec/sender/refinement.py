@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.coding.rate import estimate_latents, straight_through
-from fecocodec.container.lagrangian import LAMBDA_MIN, STEPS_PER_E
+from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.sender.distortion import distortions
 from fecocodec.sender.steps import (
@@ -31,11 +31,13 @@ from fecocodec.sender.steps import (
 # Root mean square of the first step: in quantisation steps, as long ones cost bytes for little, and in latents as the
 # networks have them, whose distance to what is best remains where quantisation is fine; the longer of the two.
 STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
-RATE_WEIGHT = 3.0  # of lambda R: context views, which alone can be compared, gain more by a bit than those between them
+# What a bit is worth here, as a multiple of lambda at 1e-2 and as a power of lambda below: context views, which alone
+# can be compared, gain more by a bit than those between them, the more so the finer they are coded.
+RATE_WEIGHT, PRICE_EXPONENT = 2.0, 0.6
 MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
 PIXELS_OF_ALL_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
 DEFAULT_STEPS = 3
-FINE_LAMBDA_Q = 256  # below it, lambda 2.7e-5, a step more is given: bits alone buy nothing there
+FINE_LAMBDA_Q = (768, 256)  # below each, lambda 2e-4 and 2.7e-5, a step more is given: bits alone buy nothing there
 _SSIM_STRIDE = 3  # a quarter of the time of SSIM and its gradient, which are the same within a thousandth
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
@@ -44,7 +46,7 @@ Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 def suitable_steps(scene: PreparedScene, lambda_q: int) -> int:
     """How many steps the last stage gets unless told: 3, 1 where the scene is large, 0 where the gradient takes too
     much memory; one more where lambda is small."""
-    pixels, more = _num_pixels(scene), 1 if lambda_q < FINE_LAMBDA_Q else 0
+    pixels, more = _num_pixels(scene), sum(lambda_q < fine for fine in FINE_LAMBDA_Q)
     return DEFAULT_STEPS + more if pixels <= PIXELS_OF_ALL_STEPS else 1 + more if pixels <= MOST_PIXELS else 0
 
 
@@ -69,7 +71,7 @@ def refine_stage(
     lambda_q: int,
     num_steps: int,
 ) -> Latents:
-    """Latents of all views after `num_steps` of gradient descent on D + 3 lambda R, with rounding straight through.
+    """Latents of all views after `num_steps` of gradient descent on D + price R, with rounding straight through.
 
     D is measured on the context views as rendered after this stage, R estimated by the prior. before: the first stage
     where this is the second, None for the first. lambda_q: of this stage. Scenes that are too large for the gradient's
@@ -79,7 +81,7 @@ def refine_stage(
         return latents
     lambdas, every_view = scene.lambda_of_views(lambda_q), tuple(range(scene.num_views))
     stage, context, states = (1, None, None) if before is None else (2, before.latents.y_hat, before.after)
-    price = RATE_WEIGHT * LAMBDA_MIN * math.exp(lambda_q / STEPS_PER_E) / _num_pixels(scene)
+    price = price_of_rate(lambda_q) / _num_pixels(scene)
 
     def objective(y: Tensor) -> Tensor:
         z = profile.sender.hyper_analysis(y.detach())
@@ -89,6 +91,11 @@ def refine_stage(
 
     y = descend(latents.y, objective, num_steps, step_size(profile, lambda_q, stage))
     return Latents(y, profile.sender.hyper_analysis(y))
+
+
+def price_of_rate(lambda_q: int) -> float:
+    """Of a bit a pixel, in squared error; also for the first stage's lambda above 1e-2."""
+    return RATE_WEIGHT * LAMBDA_MAX * math.exp(PRICE_EXPONENT * (lambda_q - LAMBDA_Q_MAX) / STEPS_PER_E)
 
 
 def step_size(profile: Profile, lambda_q: int, stage: int) -> float:

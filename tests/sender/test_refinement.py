@@ -22,6 +22,7 @@ from fecocodec.sender.steps import (
 from tests.example_scenes import MODEL, example_views
 
 LAMBDA_Q = quantise_lambda(1e-4)
+COARSE_LAMBDA_Q = quantise_lambda(1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_more_steps_lower_the_objective(profile: Profile, scene: PreparedScene) 
 
 
 def test_scenes_get_as_many_steps_as_their_size_allows(scene: PreparedScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    def steps_of(every: int, most: int, lambda_q: int = LAMBDA_Q) -> int:
+    def steps_of(every: int, most: int, lambda_q: int = COARSE_LAMBDA_Q) -> int:
         monkeypatch.setattr(refinement, "PIXELS_OF_ALL_STEPS", every)
         monkeypatch.setattr(refinement, "MOST_PIXELS", most)
         return refinement.suitable_steps(scene, lambda_q)
@@ -60,17 +61,16 @@ def test_scenes_get_as_many_steps_as_their_size_allows(scene: PreparedScene, mon
     assert steps_of(pixels, pixels) == refinement.DEFAULT_STEPS
     assert steps_of(pixels - 1, pixels) == 1
     assert steps_of(pixels - 1, pixels - 1) == 0
-    assert [steps_of(*sizes, lambda_q=0) for sizes in ((pixels, pixels), (0, pixels), (0, 0))] == [
-        refinement.DEFAULT_STEPS + 1,
-        2,
-        0,
-    ]
+    finest = [steps_of(*sizes, lambda_q=0) for sizes in ((pixels, pixels), (0, pixels), (0, 0))]
+    assert finest == [refinement.DEFAULT_STEPS + 2, 3, 0]
+    assert steps_of(pixels, pixels, LAMBDA_Q) == refinement.DEFAULT_STEPS + 1
 
 
 def test_encoding_refines_unless_told_not_to_and_always_alike(profile: Profile) -> None:
     views = example_views(2)
     steps = (None, None, refinement.DEFAULT_STEPS, 0)
-    by_default, again, as_many, none = (encode_with(profile, views, LAMBDA_Q, 2, refinement_steps=n) for n in steps)
+    streams = [encode_with(profile, views, COARSE_LAMBDA_Q, 2, refinement_steps=number) for number in steps]
+    by_default, again, as_many, none = streams
     assert by_default == again == as_many != none
 
 
