@@ -1,7 +1,7 @@
 """Ablations that the shipped weights allow: a part is taken away, or added, at inference, and nothing is retrained.
 
 They say how much the trained system leans on a part, not how well one trained without it would do; whatever they leave
-out, the second stage is refined, but for the one without refinement. All make streams
+out, latents are refined, but for the one without refinement. All make streams
 that every receiver decodes, because only the sender works differently. Gaussians at other resolutions and a third
 stage are not among them: the predictor's head has four Gaussians a cell, and the format has two stages.
 """

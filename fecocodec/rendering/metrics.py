@@ -32,7 +32,7 @@ def ssim(
     Wang et al., "Image Quality Assessment: From Error Visibility to Structural Similarity", 2004: Gaussian window of
     11x11 pixels with sigma 1.5, population statistics, mean over the channels and the windows inside the image.
 
-    stride: 1 for SSIM; above it, an estimate from every so manieth window along rows and columns. At up to 3 all pixels
+    stride: 1 for SSIM; above it, an estimate from every `stride`-th window each way. At up to 3 all pixels
     still weigh the same within 2%.
 
     Raises InputError when an image is smaller than the window.

@@ -8,7 +8,9 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth_range import share_of_agreed_depths
+from fecocodec.geometry.padding import padded_size
 from fecocodec.geometry.views import Views
+from fecocodec.sender.refinement import MOST_PIXELS
 
 LEAST_PARALLAX_DEGREES = 0.5  # between lines of sight to a typical point; two pixels of 256 at a common focal length
 LEAST_OVERLAP = 0.2  # share of a view's sample points that another view sees
@@ -22,13 +24,24 @@ LEAST_GAIN = 6.0
 _GRID = 8  # sample points a side
 
 
-def doubts_about(views: Views) -> tuple[str, ...]:
-    """One sentence for each thing about the views that will cost quality; empty where nothing is suspicious."""
+def doubts_about(views: Views, refinement_steps: int | None = None) -> tuple[str, ...]:
+    """One sentence for each thing about the views that will cost quality; empty where nothing is suspicious.
+
+    refinement_steps: as `encode` takes them; those that were asked for and cannot be taken are one such thing.
+    """
     return (
         *_doubts_about_cameras(views.cameras),
         *_doubts_about_images(views.images),
         *_doubts_about_axes(views),
+        *_doubts_about_size(views, refinement_steps),
     )
+
+
+def _doubts_about_size(views: Views, refinement_steps: int | None) -> list[str]:
+    height, width = padded_size(*views.image_size)
+    if not refinement_steps or len(views.images) * height * width <= MOST_PIXELS:
+        return []
+    return ["the views have too many pixels for steps of refinement, none is taken; give fewer or smaller views."]
 
 
 def _doubts_about_cameras(cameras: Cameras) -> list[str]:

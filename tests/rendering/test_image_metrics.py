@@ -43,6 +43,16 @@ def test_ssim_equals_its_definition() -> None:
     torch.testing.assert_close(ssim(image, target), torch.tensor(expected), atol=1e-9, rtol=0)
 
 
+def test_every_third_window_tells_ssim_and_its_gradient() -> None:
+    image, target = noisy_pair(120, 130)
+    image.requires_grad_()
+    whole, some = (ssim(image, target, stride) for stride in (1, 3))
+    torch.testing.assert_close(some, whole, atol=0.001, rtol=0)
+    gradients = [torch.autograd.grad(value.sum(), image)[0].flatten() for value in (whole, some)]
+    assert float(torch.nn.functional.cosine_similarity(*gradients, dim=0)) > 0.99
+    torch.testing.assert_close(gradients[1].norm(), gradients[0].norm(), rtol=0.01, atol=0)
+
+
 def test_ssim_of_equal_images_is_one() -> None:
     image, _ = noisy_pair()
     torch.testing.assert_close(ssim(image.float(), image.float()), torch.ones(2))

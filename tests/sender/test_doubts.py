@@ -8,6 +8,7 @@ import torch
 from fecocodec.evaluation.box_room import Room, painted, photograph
 from fecocodec.evaluation.camera_paths import back_to_back, look, sideways, turning
 from fecocodec.geometry.views import Views
+from fecocodec.sender import doubts
 from fecocodec.sender.doubts import doubts_about
 
 
@@ -17,6 +18,16 @@ def context_of(poses: torch.Tensor) -> Views:
 
 def test_good_views_are_not_doubted() -> None:
     assert doubts_about(context_of(sideways())) == ()
+
+
+def test_refinement_that_cannot_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    views = context_of(sideways())
+    monkeypatch.setattr(doubts, "MOST_PIXELS", 2 * 64 * 64 - 1)
+    (doubt,) = doubts_about(views, 3)
+    assert doubt.startswith("the views have too many pixels for steps of refinement")
+    assert doubts_about(views, None) == doubts_about(views, 0) == ()
+    monkeypatch.setattr(doubts, "MOST_PIXELS", 2 * 64 * 64)
+    assert doubts_about(views, 3) == ()
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ at the lambdas that both have.
 """
 ABLATION_TEXT = """\
 A part is taken away at inference and nothing is trained again: this is how much the trained networks lean on it.
-*Refinement* is what the encoder does to the second stage's latents before coding them: gradient steps towards the
+*Refinement* is what the encoder does to the latents of each stage before coding them: gradient steps towards the
 photographs.
 Gaussians at 1/4 or 1/1 of the resolution and three stages are not among them: the weights have four Gaussians a cell,
 and the format has two stages; `benchmarks/ablate_training.py` trains them for a little while (docs/experiments.md).
@@ -86,7 +86,7 @@ def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
 def _comparisons(rows: Sequence[Average], *variants: str) -> str:
     """BD figures of ours against the others, and of variants of ours."""
     figures = {ours: {c.baseline: c for c in compare(rows, ours)} for ours in (OURS, *variants)}
-    heads = [f"{figure} of {ours}" if ours != OURS else figure for ours in figures for figure in HEADS]
+    heads = [f"{ours}: {figure}" for ours in figures for figure in HEADS]
     lines = []
     for baseline in dict.fromkeys(name for found in figures.values() for name in found if name not in variants):
         against = [found.get(baseline) for found in figures.values()]

@@ -64,8 +64,9 @@ def correlate(
     """Correlation of each reference position with the sources at its candidates' positions, mean over sources."""
     height, width = reference.shape[-2:]
     queries = rearrange(reference, "c h w -> (h w) c")
-    if reference.device.type == "cpu" and not (torch.is_grad_enabled() and reference.requires_grad):
-        return _without_gradient(queries, sources, grid)
+    needs_gradients = torch.is_grad_enabled() and (reference.requires_grad or sources.requires_grad)
+    if reference.device.type == "cpu" and not needs_gradients:
+        return _without_gradient(queries, sources, grid).to(reference.dtype)
     pick = _from_all_pairs if height * width <= MOST_CORRELATED else _from_sampled_rows
     total = queries.new_zeros(grid.shape[1:3])
     for source, positions in zip(sources, grid, strict=True):
