@@ -25,6 +25,7 @@ def cuda_without_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("encode", "missing", "-o", "a.fcs"),
         ("encode", "missing", "-o", "a.fcs", "--target-kib", "8"),
+        ("encode", "missing", "-o", "a.fcs", "--stages", "1"),
         ("render", "missing.ply", "-o", "images", "--cameras", "missing"),
         ("train", "run"),
     ],
@@ -39,7 +40,7 @@ def test_what_renders_there_is_refused(
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("encode", "missing", "-o", "a.fcs", "--stages", "1"),
+        ("encode", "missing", "-o", "a.fcs", "--stages", "1", "--refine", "0"),
         ("decode", "missing", "-o", "a.ply"),
         ("render", "missing", "-o", "images"),
     ],
