@@ -18,17 +18,15 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver import decode
 from fecocodec.receiver.decode import decode_stream, predict_scene
 from fecocodec.rendering.metrics import psnr
-from fecocodec.sender.encode import Profile, encode_with, header_of
+from fecocodec.sender.encode import Profile, code_stages, encode_with, header_of
 from fecocodec.sender.steps import (
     CodedStage,
     Latents,
     MatchedViews,
     PreparedScene,
     analyse,
-    code_first_stage,
     code_stage,
     feedback_features,
-    first_stage_lambda_q,
     match_views,
     prepare,
     stage_rendering,
@@ -76,14 +74,14 @@ def read_entries(root: Path, index: Path, count: int, size: tuple[int, int]) -> 
 
 
 def measure(profile: Profile, entry: Entry, lambda_q: int, num_stages: int = 2) -> Figures:
-    """An entry coded with two stages; its file is decoded whole, and up to stage 1.
+    """An entry coded with two stages, as the networks make them, not refined; decoded whole, and up to stage 1.
 
     num_stages: with 3, `both` and `context` are after a third stage, whose bytes count, too.
     """
     context, every = list(range(entry.num_context)), range(entry.views.cameras.num_views)
     targets = entry.views.select([view for view in every if view not in context])
     coded = entry.views.select(context)
-    data = encode_with(profile, coded, lambda_q, 2)
+    data = encode_with(profile, coded, lambda_q, 2, refinement_steps=0)
     num_bytes = len(data)
     # Variants with Gaussians on another grid: entries are of whole cells, so that no Gaussian lies outside.
     with patch.object(decode, "inside_unpadded", lambda *_: torch.tensor(True)):
@@ -108,10 +106,9 @@ def code_third_stage(profile: Profile, views: Views, lambda_q: int) -> tuple[int
     """
     scene = prepare(profile, views)
     matched = match_views(profile, scene)
-    first = code_first_stage(profile, scene, matched, first_stage_lambda_q(lambda_q))
-    every = first.views
-    second = code_stage(profile, scene, _missing(profile, scene, matched, first, lambda_q), lambda_q, every, first)
-    third = code_stage(profile, scene, _missing(profile, scene, matched, second, lambda_q), lambda_q, every, second)
+    first, second = code_stages(profile, scene, matched, lambda_q, 2, refinement_steps=0)
+    latents = _missing(profile, scene, matched, second, lambda_q)
+    third = code_stage(profile, scene, latents, lambda_q, first.views, second)
     header = header_of(profile, scene, (first, second))
     return len(third.payload), predict_scene(profile.receiver, third.after, views.cameras, header, None)
 

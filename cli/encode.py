@@ -97,9 +97,7 @@ def command(
     if stages == 1 and refinement_steps == 0:
         require_device(device)
     else:
-        require_rendering_device(
-            device
-        )  # for refinement, and as the second stage starts from what the first looks like
+        require_rendering_device(device)  # to refine, and to see what the first stage looks like
     chosen = resolve(views_folder, views)
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)
@@ -112,9 +110,7 @@ def command(
             data = coder(
                 scene, refinement_steps=refinement_steps, device=device, on_progress=on_progress, **of_sender(model)
             )
-    for doubt in doubts_about(
-        scene, refinement_steps
-    ):  # after what refuses views altogether, whose sentence stands alone
+    for doubt in doubts_about(scene, refinement_steps):  # after what refuses views, whose sentence stands alone
         say(f"warning: {doubt}")
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)

@@ -169,12 +169,6 @@ def analyse(
     return Latents(y, profile.sender.hyper_analysis(y))
 
 
-def code_first_stage(profile: Profile, scene: PreparedScene, matched: MatchedViews, lambda_q: int) -> CodedStage:
-    """Stage 1 of all views."""
-    latents = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1)
-    return code_stage(profile, scene, latents, lambda_q, tuple(range(scene.num_views)), None)
-
-
 def code_stage(
     profile: Profile,
     scene: PreparedScene,
