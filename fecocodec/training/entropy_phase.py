@@ -29,9 +29,9 @@ from fecocodec.sender.steps import (
 )
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
-from fecocodec.training.loop import ALONE_EVERY, LARGEST_GRADIENT, Trainer
+from fecocodec.training.loop import ALONE_EVERY, Trainer
 from fecocodec.training.objective import lambda_of, stage_lambdas
-from fecocodec.training.processes import average_gradients
+from fecocodec.training.optimisation import follow_gradients, warmed_cosine
 
 LAMBDAS_OF_A_SCENE = 2  # matching, which takes longest, is the same for all
 SCENES_OF_A_STEP = 2
@@ -49,8 +49,7 @@ class EntropyPhase:
 
     def learning_rate_at(self, step: int) -> float:
         """Linear warm-up, then cosine to zero."""
-        warm = min(1.0, (step + 1) / WARM_UP)
-        return self.learning_rate * warm * 0.5 * (1.0 + math.cos(math.pi * step / self.num_steps))
+        return warmed_cosine(self.learning_rate, step, self.num_steps, WARM_UP)
 
 
 @dataclass(frozen=True)
@@ -81,14 +80,7 @@ def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[
             loss, parts = _priced_bits(trainer, scene)
             loss.backward()
             window.append(parts)
-        average_gradients(learning)
-        norm = nn.utils.clip_grad_norm_(learning.parameters(), LARGEST_GRADIENT)
-        for group in optimiser.param_groups:
-            group["lr"] = phase.learning_rate_at(step)
-        if torch.isfinite(norm):
-            optimiser.step()
-        else:
-            num_skipped += 1
+        num_skipped += not math.isfinite(follow_gradients(optimiser, learning, phase.learning_rate_at(step)))
         if (step + 1) % LOG_EVERY == 0 or step + 1 == phase.num_steps:
             yield {"step": float(step + 1), "skipped": float(num_skipped)} | mean_of_rows(window)
             window = []

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,11 @@ from fecocodec.training.fine_tuning import begin_with, freeze, load_extractor
 from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
 from fecocodec.training.objective import Batch, Coding, bypass_coding, code_with_noise, loss_of, run_stages
-from fecocodec.training.processes import average_gradients, gather_states, is_first, process_rank, told_by_first
+from fecocodec.training.optimisation import follow_gradients
+from fecocodec.training.processes import gather_states, is_first, process_rank, told_by_first
 from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
 
 AVERAGE_DECAY = 0.998
-LARGEST_GRADIENT = 1.0
 ALONE_EVERY = 8  # steps: the last of them codes one stage where there could be two
 
 
@@ -149,17 +149,13 @@ class Trainer:
         loss, parts = loss_of(batch, outcomes, matched, schedule.disparity_weight_at(self.step))
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        average_gradients(self.networks)
-        norm = nn.utils.clip_grad_norm_(self.networks.parameters(), LARGEST_GRADIENT, foreach=True)
-        for group in self.optimiser.param_groups:
-            group["lr"] = schedule.learning_rate_at(self.step)
-        if torch.isfinite(norm):
-            self.optimiser.step()
+        norm = follow_gradients(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
+        if math.isfinite(norm):
             self._update_average()
         else:
             self.num_skipped += 1
         self.step += 1
-        return parts | {"loss": float(loss.detach()), "gradient": float(norm)}
+        return parts | {"loss": float(loss.detach()), "gradient": norm}
 
     def _draw_batch(self) -> tuple[Batch, int]:
         """A batch and how many stages to code it in: now and then the first alone, which files may have, too."""
@@ -171,7 +167,7 @@ class Trainer:
         batch = draw_batch(self.sources, self.generator, shape, share, configuration.lambda_q_range)
         is_alone = self.step % ALONE_EVERY == ALONE_EVERY - 1
         num_stages = 1 if is_alone else configuration.schedule.num_stages_at(self.step)
-        return _moved(batch, self.settings.device), num_stages
+        return batch.to(self.settings.device), num_stages
 
     @property
     def _coding(self) -> Coding:
@@ -226,17 +222,7 @@ class Trainer:
         settings = self.settings
         if not self._fixed_scenes:
             scenes = draw_fixed_scenes(self.sources, settings.configuration.shapes.usual.size)
-            self._fixed_scenes = [_moved(scene, settings.device) for scene in scenes]
+            self._fixed_scenes = [scene.to(settings.device) for scene in scenes]
         num_stages = settings.configuration.schedule.num_stages_at(self.step)
         grid = sample_grid(self.sender, self.receiver, self._fixed_scenes, self._coding, num_stages)
         return write_sample_grid(settings.folder, self.step, grid)
-
-
-def _moved(batch: Batch, device: str) -> Batch:
-    return replace(
-        batch,
-        images=batch.images.to(device),
-        cameras=batch.cameras.to(device),
-        depth=batch.depth.to(device),
-        lambda_q=batch.lambda_q.to(device),
-    )

@@ -44,6 +44,11 @@ class Batch:
     num_context: int
     lambda_q: Int[Tensor, " batch"]
 
+    def to(self, device: str) -> "Batch":
+        """The same on a device."""
+        images, depth, lambda_q = (tensor.to(device) for tensor in (self.images, self.depth, self.lambda_q))
+        return Batch(images, self.cameras.to(device), depth, self.num_context, lambda_q)
+
 
 @dataclass(frozen=True)
 class MatchedDisparity:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from fecocodec.errors import InputError
+from fecocodec.training.optimisation import warmed_cosine
 
 
 @dataclass(frozen=True)
@@ -34,9 +35,7 @@ class Schedule:
 
     def learning_rate_at(self, step: int) -> float:
         """Linear warm-up, then cosine to zero."""
-        progress = min(1.0, step / self.num_steps)
-        cosine = 0.5 * (1.0 + math.cos(math.pi * progress))
-        return self.learning_rate * min(1.0, (step + 1) / self.warm_up) * cosine
+        return warmed_cosine(self.learning_rate, step, self.num_steps, self.warm_up)
 
     def photograph_share_at(self, step: int) -> float:
         return self._between(self.photograph_share, step)
