@@ -70,6 +70,8 @@ def command(
     """
     if cameras_folder is None and (views or size or scene.suffix.lower() == ".ply"):
         raise click.UsageError("A .ply file, --views and --size need --cameras FOLDER.")
+    if scene.suffix.lower() == ".ply" and (stages or model):
+        raise click.UsageError("--stages and --model say how a .fcs file is decoded; leave them out for a .ply file.")
     start = perf_counter()
     _require_device(device, scene)
     cameras, image_size, names = _cameras(scene, cameras_folder, views, size)

@@ -79,18 +79,11 @@ Examples:
     "--freeze", "frozen", multiple=True, type=click.Choice(["receiver", "extractor"]), help="Leave it as it is."
 )
 @click.option(
-    "--receiver-steps",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="When the schedule has ended, steps of the receiver's networks alone, on refined latents.",
-)
-@click.option(
     "--entropy-steps",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="After those, steps of the entropy model alone: fewer bytes at equal quality.",
+    help="When the schedule has ended, steps of the entropy model alone: fewer bytes at equal quality.",
 )
 @click.option(
     "--entropy-scenes",
@@ -112,7 +105,6 @@ def command(
     start: Path | None,
     extractor: Path | None,
     frozen: tuple[str, ...],
-    receiver_steps: int,
     entropy_steps: int,
     entropy_scenes: int,
     model: Path | None,
@@ -129,7 +121,6 @@ def command(
     from fecocodec.training.log import LOG_COLUMNS
     from fecocodec.training.loop import RunSettings, Trainer
     from fecocodec.training.processes import is_first, joined_processes
-    from fecocodec.training.receiver_phase import ReceiverPhase, train_receiver
     from fecocodec.training.sources import open_sources
 
     from .device import require_rendering_device
@@ -147,18 +138,13 @@ def command(
             say(f"extractor: {trainer.start_extractor_from(extractor)}")
         for row in trainer.run():
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
-        phases = {}
-        if receiver_steps:
-            phases["receiver"] = train_receiver(trainer, ReceiverPhase(receiver_steps))
-        if entropy_steps:
-            phases["entropy model"] = train_entropy_model(trainer, EntropyPhase(entropy_steps, entropy_scenes))
-        has_ended = trainer.step >= configuration.schedule.num_steps
-        for phase, rows in phases.items():
-            if not has_ended and is_first():
-                say(f"{phase}: left for when the schedule has ended; run the same command again")
-            for row in rows if has_ended else ():
+        if entropy_steps and trainer.step < configuration.schedule.num_steps:
+            if is_first():
+                say("entropy model: left for when the schedule has ended; run the same command again")
+        elif entropy_steps:
+            for row in train_entropy_model(trainer, EntropyPhase(entropy_steps, entropy_scenes)):
                 if is_first():
-                    say(f"{phase}: " + "  ".join(f"{name} {value:.4g}" for name, value in row.items()))
+                    say("entropy model: " + "  ".join(f"{name} {value:.4g}" for name, value in row.items()))
         if model is not None and is_first():
             export_model(trainer.checkpoint, model, configuration)
 

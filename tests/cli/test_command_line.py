@@ -65,6 +65,8 @@ def test_help_loads_no_numeric_library() -> None:
         (("decode", "a.fcs", "-o", "a.ply", "--device", "gpu"), "'gpu' is none of cpu, cuda, cuda:N"),
         (("render", "scene.ply", "-o", "out"), "need --cameras FOLDER"),
         (("render", "scene.fcs", "-o", "out", "--views", "0"), "need --cameras FOLDER"),
+        (("render", "a.ply", "-o", "out", "--cameras", "b", "--model", "c"), "leave them out for a .ply file"),
+        (("render", "a.ply", "-o", "out", "--cameras", "b", "--stages", "1"), "leave them out for a .ply file"),
     ],
 )
 def test_wrong_usage_exits_with_2(fecosplat, arguments: tuple[str, ...], message: str) -> None:
