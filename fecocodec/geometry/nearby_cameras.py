@@ -28,6 +28,17 @@ def nearby_cameras(cameras: Cameras, most: int) -> Cameras | None:
     return Cameras(chosen, intrinsics, cameras.near, cameras.far)
 
 
+def cameras_between(cameras: Cameras) -> Cameras | None:
+    """Cameras half-way between each camera and the closest one that looks a similar way; None where there are none."""
+    poses = [
+        _between(cameras.extrinsics[first], cameras.extrinsics[second], 0.5, 0.0)
+        for first, second in _neighbours(cameras)
+    ]
+    if not poses:
+        return None
+    return Cameras(torch.stack(poses), cameras.intrinsics[:1].expand(len(poses), -1, -1), cameras.near, cameras.far)
+
+
 def _neighbours(cameras: Cameras) -> list[tuple[int, int]]:
     """Pairs of a camera and the closest one that looks within 90 degrees of it, each pair once."""
     centres, forward = cameras.extrinsics[:, :3, 3], cameras.extrinsics[:, :3, 2]

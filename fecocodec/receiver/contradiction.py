@@ -12,11 +12,9 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
+from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 
-COLOUR_DIFFERENCE = 0.4  # squared distance of sRGB colours in [0, 1] at which half is believed
-LEAD = 0.14  # logarithm of the ratio of depths at which half is believed: 15% nearer
-LEAD_WIDTH = 0.1
 POOLED = 2  # Gaussians a side whose mean says what a view shows
 _SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
@@ -28,6 +26,7 @@ def contradiction(
     colour: Float[Tensor, "batch view h2 w2 3"],
     opacity: Float[Tensor, "batch view h2 w2"],
     cameras: Cameras,
+    config: ReceiverConfig,
 ) -> Float[Tensor, "batch view h2 w2"]:
     """How far the view that contradicts each Gaussian most does so, in [0, 1]; no gradient.
 
@@ -41,7 +40,7 @@ def contradiction(
         for other in range(views):
             judged = [view for view in range(views) if view != other]
             camera = cameras.scene(scene).select([other])
-            said = _said_by(shown[scene, other], camera, means[scene, judged], colour[scene, judged])
+            said = _said_by(shown[scene, other], camera, means[scene, judged], colour[scene, judged], config)
             found[scene, judged] = torch.maximum(found[scene, judged], said)
     return found
 
@@ -59,6 +58,7 @@ def _said_by(
     camera: Cameras,
     means: Float[Tensor, "judged h2 w2 3"],
     colour: Float[Tensor, "judged h2 w2 3"],
+    config: ReceiverConfig,
 ) -> Float[Tensor, "judged h2 w2"]:
     """What one view says of other views' Gaussians; nothing where it does not see them."""
     to_camera = camera.world_to_camera[0]
@@ -74,5 +74,5 @@ def _said_by(
     there = rearrange(there, "1 c (judged h) w -> judged h w c", judged=len(means))
     difference = (there[..., :3] - colour).square().sum(dim=-1).square()
     lead = -(there[..., 3] * depth).clamp_min(1e-6).log()
-    nearer = torch.sigmoid((lead - LEAD) / LEAD_WIDTH)
-    return is_seen * nearer * difference / (difference + COLOUR_DIFFERENCE**2)
+    nearer = torch.sigmoid((lead - config.contradicting_lead) / config.contradicting_lead_width)
+    return is_seen * nearer * difference / (difference + config.contradicting_colour**2)

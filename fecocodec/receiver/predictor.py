@@ -40,6 +40,7 @@ class Predictor(nn.Module):
 
     def __init__(self, config: ReceiverConfig) -> None:
         super().__init__()
+        self.config = config
         fine, (middle, coarse) = config.state_channels, config.predictor_channels
         self.down_fine, self.down_middle = downsample(fine, middle), downsample(middle, coarse)
         self.middle_in, self.middle_out = Block2d(middle, middle), Block2d(middle, middle)
@@ -105,7 +106,7 @@ class Predictor(nn.Module):
         view_to_world = quaternion_from_matrix(cameras.extrinsics[..., :3, :3])[..., None, None, :]
         colour, opacity = torch.sigmoid(2.0 * colour), torch.sigmoid(opacity[..., 0] + 2.0)
         means = camera_to_world_points(cameras, rays * depth[..., None])
-        opacity = opacity * (1.0 - contradiction(means, depth, colour, opacity, cameras))
+        opacity = opacity * (1.0 - contradiction(means, depth, colour, opacity, cameras, self.config))
         return Gaussians(
             means=rearrange(means, "b v h w xyz -> b (v h w) xyz"),
             scales=rearrange(scales, "b v h w xyz -> b (v h w) xyz"),

@@ -8,6 +8,7 @@ steps are worth half of the bytes, also at views between the photographs (docs/e
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -15,7 +16,11 @@ from torch import Tensor
 
 from fecocodec.coding.rate import estimate_latents, straight_through
 from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_Q_MAX, STEPS_PER_E
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.nearby_cameras import cameras_between
 from fecocodec.receiver.view_states import ViewStates, update_views
+from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.distortion import distortions
 from fecocodec.sender.steps import (
     CodedStage,
@@ -24,7 +29,6 @@ from fecocodec.sender.steps import (
     PreparedScene,
     Profile,
     analyse,
-    stage_rendering,
     start_state,
 )
 
@@ -38,9 +42,21 @@ MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory wou
 PIXELS_OF_ALL_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
 DEFAULT_STEPS = 3
 FINE_LAMBDA_Q = (768, 256)  # below each, lambda 2e-4 and 2.7e-5, a step more is given: bits alone buy nothing there
+# Many steps overfit: what the context views gain, views between them lose, where geometry moves that nothing holds. So
+# these are held where they were before the first step, at half the weight of the context views; few steps go too short
+# a way to need it.
+HELD_WEIGHT, MOST_UNHELD_STEPS = 0.5, 5
 _SSIM_STRIDE = 3  # a quarter of the time of SSIM and its gradient, which are the same within a thousandth
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
+
+
+@dataclass(frozen=True)
+class HeldViews:
+    """Views that refinement shall leave as they are."""
+
+    cameras: Cameras
+    images: Float[Tensor, "view 3 h w"]
 
 
 def suitable_steps(scene: PreparedScene, lambda_q: int) -> int:
@@ -73,9 +89,9 @@ def refine_stage(
 ) -> Latents:
     """Latents of all views after `num_steps` of gradient descent on D + price R, with rounding straight through.
 
-    D is measured on the context views as rendered after this stage, R estimated by the prior. before: the first stage
-    where this is the second, None for the first. lambda_q: of this stage. Scenes that are too large for the gradient's
-    memory are left as they are.
+    D is measured on the context views as rendered after this stage, R estimated by the prior; where steps are many,
+    views between them are held where they are. before: the first stage where this is the second, None for the first.
+    lambda_q: of this stage. Scenes that are too large for the gradient's memory are left as they are.
     """
     if num_steps == 0 or _num_pixels(scene) > MOST_PIXELS:
         return latents
@@ -83,11 +99,17 @@ def refine_stage(
     stage, context, states = (1, None, None) if before is None else (2, before.latents.y_hat, before.after)
     price = price_of_rate(lambda_q) / _num_pixels(scene)
 
-    def objective(y: Tensor) -> Tensor:
+    def coded(y: Tensor) -> tuple[ViewStates, Tensor]:
         z = profile.sender.hyper_analysis(y.detach())
-        coded = estimate_latents(profile.receiver.prior, y, z, lambdas, stage, context, straight_through)
-        after = update_views(profile.receiver, states, coded.y_hat, lambdas, stage, every_view)
-        return distortion_of(profile, scene, after) + price * coded.bits_y.sum()
+        estimate = estimate_latents(profile.receiver.prior, y, z, lambdas, stage, context, straight_through)
+        after = update_views(profile.receiver, states, estimate.y_hat, lambdas, stage, every_view)
+        return after, estimate.bits_y.sum()
+
+    held = None if num_steps <= MOST_UNHELD_STEPS else hold_views_between(profile, scene, coded(latents.y)[0])
+
+    def objective(y: Tensor) -> Tensor:
+        after, bits = coded(y)
+        return distortion_of(profile, scene, after, held) + price * bits
 
     y = descend(latents.y, objective, num_steps, step_size(profile, lambda_q, stage))
     return Latents(y, profile.sender.hyper_analysis(y))
@@ -128,9 +150,30 @@ def descend(
     return y
 
 
-def distortion_of(profile: Profile, scene: PreparedScene, states: ViewStates) -> Float[Tensor, ""]:
-    """D of the context views as the receiver could render them from these states."""
-    return distortions(stage_rendering(profile, scene, states).color, scene.images, _SSIM_STRIDE).mean()
+def distortion_of(
+    profile: Profile, scene: PreparedScene, states: ViewStates, held: HeldViews | None = None
+) -> Float[Tensor, ""]:
+    """D of the context views as the receiver could render them from these states, and of held views if there are."""
+    gaussians = _gaussians(profile, scene, states)
+    rendered = render(gaussians, scene.cameras, _size(scene)).color
+    distortion = distortions(rendered, scene.images, _SSIM_STRIDE).mean()
+    if held is None:
+        return distortion
+    moved = render(gaussians, held.cameras, _size(scene)).color - held.images
+    return distortion + HELD_WEIGHT * moved.square().mean()
+
+
+@torch.no_grad()
+def hold_views_between(profile: Profile, scene: PreparedScene, states: ViewStates) -> HeldViews | None:
+    """Views between the context views, as the receiver could render them from these states; None where none are."""
+    cameras = cameras_between(scene.cameras)
+    if cameras is None:
+        return None
+    return HeldViews(cameras, render(_gaussians(profile, scene, states), cameras, _size(scene)).color)
+
+
+def _gaussians(profile: Profile, scene: PreparedScene, states: ViewStates) -> Gaussians:
+    return profile.receiver.predict(states.state, scene.cameras.as_batch(), states.condition).gaussians.scene(0)
 
 
 @torch.enable_grad()
@@ -138,6 +181,10 @@ def _value_and_gradient(objective: Objective, y: Tensor) -> tuple[float, Tensor]
     y = y.detach().requires_grad_()
     loss = objective(y)
     return float(loss.detach()), torch.autograd.grad(loss, y)[0]
+
+
+def _size(scene: PreparedScene) -> tuple[int, int]:
+    return scene.images.shape[-2], scene.images.shape[-1]
 
 
 def _num_pixels(scene: PreparedScene) -> int:

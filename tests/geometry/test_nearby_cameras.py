@@ -2,7 +2,7 @@
 
 import torch
 
-from fecocodec.geometry.nearby_cameras import nearby_cameras
+from fecocodec.geometry.nearby_cameras import cameras_between, nearby_cameras
 from tests.example_scenes import example_cameras
 
 
@@ -21,3 +21,14 @@ def test_there_are_none_of_one_view_and_of_views_at_one_place() -> None:
     cameras = example_cameras(2)
     assert nearby_cameras(cameras.select([0]), 4) is None
     assert nearby_cameras(cameras.select([1, 1]), 4) is None
+    assert cameras_between(cameras.select([0])) is None
+    assert cameras_between(cameras.select([1, 1])) is None
+
+
+def test_half_way_is_half_of_the_way_and_of_the_turn() -> None:
+    cameras = example_cameras(2)
+    between = cameras_between(cameras)
+    assert between is not None and between.num_views == 1
+    first, second, middle = *cameras.extrinsics, between.extrinsics[0]
+    torch.testing.assert_close(middle[:3, 3], (first[:3, 3] + second[:3, 3]) / 2)
+    torch.testing.assert_close(middle[:3, :3] @ first[:3, :3].T, second[:3, :3] @ middle[:3, :3].T, atol=1e-5, rtol=0)

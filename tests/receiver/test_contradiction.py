@@ -4,6 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.receiver.contradiction import contradiction
 
@@ -11,6 +12,7 @@ SIDE = 32  # Gaussians a side
 PATCH = (slice(12, 20), slice(12, 20))  # of the first view, seen by the second as well
 RED, BLUE = torch.tensor([0.9, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.9])
 WALL = 4.0
+CONFIG = ReceiverConfig()
 
 
 def cameras_side_by_side(apart: float = 0.5, scale: float = 1.0) -> Cameras:
@@ -28,7 +30,7 @@ def judged(cameras: Cameras, patch_depth: float, patch_colour: Tensor, scale: fl
     depth[0, 0][PATCH], colour[0, 0][PATCH] = patch_depth, patch_colour
     depth = scale * depth
     means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depth[..., None])
-    return contradiction(means, depth, colour, torch.full_like(depth, 0.7), cameras)
+    return contradiction(means, depth, colour, torch.full_like(depth, 0.7), cameras, CONFIG)
 
 
 def test_a_patch_of_another_colour_in_front_of_what_the_other_view_shows_is_contradicted() -> None:
@@ -71,9 +73,9 @@ def test_the_order_of_views_does_not_matter() -> None:
     colour = torch.rand(1, 2, SIDE, SIDE, 3, generator=generator)
     opacity = torch.rand(1, 2, SIDE, SIDE, generator=generator)
     means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depth[..., None])
-    found = contradiction(means, depth, colour, opacity, cameras)
+    found = contradiction(means, depth, colour, opacity, cameras, CONFIG)
     turned = contradiction(
-        means[:, [1, 0]], depth[:, [1, 0]], colour[:, [1, 0]], opacity[:, [1, 0]], cameras.select([1, 0])
+        means[:, [1, 0]], depth[:, [1, 0]], colour[:, [1, 0]], opacity[:, [1, 0]], cameras.select([1, 0]), CONFIG
     )
     torch.testing.assert_close(turned[:, [1, 0]], found)
     assert 0.05 < found.mean() < 0.95

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch import Tensor
 
 from fecocodec.container.lagrangian import dequantise_lambda, quantise_lambda
 from fecocodec.sender import refinement
@@ -90,6 +91,35 @@ def test_every_stage_is_refined_by_its_own_rate_and_distortion(profile: Profile)
             for latents, q in ((first, first_lambda_q), (every, lambda_q))
         ]
     assert [both[0].payload, alone.payload] == expected
+
+
+def test_many_steps_hold_the_views_between_and_few_do_not(
+    profile: Profile, scene: PreparedScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """How far the view half-way moves from where it was before the first step."""
+    first_lambda_q = first_stage_lambda_q(LAMBDA_Q)
+
+    @torch.no_grad()
+    def between(num_steps: int) -> Tensor:
+        matched = match_views(profile, scene)
+        latents = refined_first_latents(profile, scene, matched, first_lambda_q, num_steps)
+        first = code_stage(profile, scene, latents, first_lambda_q, (0, 1), None)
+        held = refinement.hold_views_between(profile, scene, first.after)
+        assert held is not None
+        return held.images
+
+    start, few = between(0), between(4)
+    held = (between(12) - start).square().mean()
+    monkeypatch.setattr(refinement, "HELD_WEIGHT", 0.0)
+    free = (between(12) - start).square().mean()
+    assert torch.equal(between(4), few)
+    assert 0.0 < held < free
+
+
+def test_views_without_neighbours_are_refined_without_holding_any(profile: Profile) -> None:
+    alone = example_views(2).select([0])
+    many, none = (encode_with(profile, alone, LAMBDA_Q, 2, refinement_steps=steps) for steps in (12, 0))
+    assert many != none
 
 
 def test_callers_may_be_in_inference_mode(random_weights: Path) -> None:
