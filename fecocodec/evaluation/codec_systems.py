@@ -13,10 +13,10 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_stream
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.encode import Profile, encode_with
+from fecocodec.sender.refinement import MANY_STEPS
 
 Encoder = Callable[[Views], bytes]
-THOROUGH_STEPS = 16  # of the second stage; the default has three
-THOROUGH = f"fecosplat, {THOROUGH_STEPS} refinement steps"
+THOROUGH = f"fecosplat, {MANY_STEPS} refinement steps"
 
 
 def codec_system(profile: Profile, lmbda: float, num_stages: int = 2) -> System:
@@ -31,7 +31,7 @@ def codec_system(profile: Profile, lmbda: float, num_stages: int = 2) -> System:
 def thorough_system(profile: Profile, lmbda: float) -> System:
     """What patience buys: encode with many steps of refinement."""
     lambda_q = quantise_lambda(lmbda)
-    encoder = partial(encode_with, profile, lambda_q=lambda_q, num_stages=2, refinement_steps=THOROUGH_STEPS)
+    encoder = partial(encode_with, profile, lambda_q=lambda_q, num_stages=2, refinement_steps=MANY_STEPS)
     return stream_system(profile, THOROUGH, f"lambda {lmbda:g}", encoder)
 
 

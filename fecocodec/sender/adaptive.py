@@ -15,6 +15,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.distortion import mean_psnr
 from fecocodec.sender.encode import assemble, check_views, header_of, load_profile
+from fecocodec.sender.refinement import patient_steps
 from fecocodec.sender.second_stage import choose_stages
 from fecocodec.sender.steps import CodedStage, MatchedViews, PreparedScene, Profile, match_views, prepare
 from fecocodec.sender.unneeded import choose_keep
@@ -66,7 +67,8 @@ def encode_adaptively(
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
     """Bytes of a `.fcs` stream that has a second stage only where that pays, and whose receiver emits only Gaussians
-    that some pixel needs. refinement_steps: of the last stage's latents, see `encode`.
+    that some pixel needs. refinement_steps: of the last stage's latents, see `encode`; None: sixteen, or what suits the
+    size, and where lambda is searched for the few that `encode` takes.
 
     Raises InputError for views that cannot be coded and for a goal that no lambda reaches, ModelError where weights are
     missing.
@@ -90,12 +92,14 @@ def encode_adaptively_with(
     scene = prepare(profile, views)
     on_progress("matching views", 0.05)
     matched = match_views(profile, scene)
-    encoder = partial(_encode, profile, scene, matched, refinement_steps)
+    encoder = partial(_encode, profile, scene, matched)
     if isinstance(goal, AtLambda):
         on_progress("coding", 0.5)
-        found = encoder(quantise_lambda(goal.lmbda))
+        lambda_q = quantise_lambda(goal.lmbda)
+        num_steps = patient_steps(scene, lambda_q) if refinement_steps is None else refinement_steps
+        found = encoder(num_steps, lambda_q)
     else:
-        found = _search(encoder, goal, on_progress)
+        found = _search(partial(encoder, refinement_steps), goal, on_progress)
     on_progress("choosing Gaussians", 0.9)
     data = _with_keep(profile, scene, found)
     is_too_large = isinstance(goal, AtMostKib) and len(data) > 1024 * goal.kib

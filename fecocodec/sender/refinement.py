@@ -40,7 +40,7 @@ STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
 RATE_WEIGHT, PRICE_EXPONENT = 2.0, 0.6
 MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
 PIXELS_OF_ALL_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
-DEFAULT_STEPS = 3
+DEFAULT_STEPS, MANY_STEPS = 3, 16
 FINE_LAMBDA_Q = (768, 256)  # below each, lambda 2e-4 and 2.7e-5, a step more is given: bits alone buy nothing there
 # Many steps overfit: what the context views gain, views between them lose, where geometry moves that nothing holds. So
 # these are held where they were before the first step, at half the weight of the context views; few steps go too short
@@ -64,6 +64,12 @@ def suitable_steps(scene: PreparedScene, lambda_q: int) -> int:
     much memory; one more where lambda is small."""
     pixels, more = _num_pixels(scene), sum(lambda_q < fine for fine in FINE_LAMBDA_Q)
     return DEFAULT_STEPS + more if pixels <= PIXELS_OF_ALL_STEPS else 1 + more if pixels <= MOST_PIXELS else 0
+
+
+def patient_steps(scene: PreparedScene, lambda_q: int) -> int:
+    """How many steps the last stage gets from a sender that may take its time: 16, or what suits where that is fewer
+    for the scene's size."""
+    return MANY_STEPS if _num_pixels(scene) <= PIXELS_OF_ALL_STEPS else suitable_steps(scene, lambda_q)
 
 
 def steps_of_first(num_steps: int) -> int:

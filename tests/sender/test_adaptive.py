@@ -11,7 +11,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_stream
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender import adaptive, second_stage, unneeded
+from fecocodec.sender import adaptive, refinement, second_stage, unneeded
 from fecocodec.sender.adaptive import AtLambda, AtLeastPsnr, AtMostKib, encode_adaptively_with
 from fecocodec.sender.distortion import mean_psnr
 from fecocodec.sender.encode import encode_with, load_profile
@@ -26,6 +26,11 @@ def profile(random_weights: Path) -> Profile:
     return load_profile(random_weights / MODEL, "cpu")
 
 
+@pytest.fixture(autouse=True)
+def _fewer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refinement, "MANY_STEPS", 7)  # sixteen take long
+
+
 @pytest.fixture(scope="module")
 def views() -> Views:
     return example_views(3)
@@ -37,12 +42,19 @@ def context_psnr(profile: Profile, stream: Stream, views: Views) -> float:
         return mean_psnr(render(gaussians, views.cameras, views.image_size).color, views.images)
 
 
+def plainly_encoded(profile: Profile, views: Views, num_stages: int) -> Stream:
+    """Without decisions, in as many steps of refinement as the adaptive sender takes."""
+    return read_stream(
+        encode_with(profile, views, quantise_lambda(LAMBDA), num_stages, refinement_steps=refinement.MANY_STEPS)
+    )
+
+
 @pytest.mark.parametrize(("gain", "num_stages"), [(0.9, 1), (1.1, 2)])
 def test_stage_2_is_sent_where_it_gains_more_than_its_bits_cost(
     profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch, gain: float, num_stages: int
 ) -> None:
     """The gain is said to be so many times the price of the bits that two stages take more."""
-    alone, both = (read_stream(encode_with(profile, views, quantise_lambda(LAMBDA), stages)) for stages in (1, 2))
+    alone, both = (plainly_encoded(profile, views, num_stages) for num_stages in (1, 2))
     more = sum(map(len, both.payloads)) - len(alone.payloads[0])
     price = LAMBDA * 8 * more / views.images[:, 0].numel()
     assert price > 0
@@ -56,7 +68,7 @@ def test_stage_2_is_sent_where_it_gains_more_than_its_bits_cost(
 def test_a_stage_that_gains_nothing_is_dropped(profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(second_stage, "squared_error", lambda _renderings, _images: 0.0)
     chosen = read_stream(encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
-    alone = read_stream(encode_with(profile, views, quantise_lambda(LAMBDA), 1))
+    alone = plainly_encoded(profile, views, num_stages=1)
     assert chosen.payloads == alone.payloads and chosen.header.num_stages == 1
 
 
@@ -79,21 +91,21 @@ def test_nothing_is_left_out_where_no_loss_is_allowed(
 
 def test_a_size_is_not_exceeded(profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adaptive, "MOST_ENCODINGS", 4)
-    smallest = encode_adaptively_with(profile, views, AtLambda(1e-2))
+    smallest = encode_adaptively_with(profile, views, AtLambda(1e-2), refinement_steps=2)
     target = 1.5 * len(smallest) / 1024
-    found = encode_adaptively_with(profile, views, AtMostKib(target))
+    found = encode_adaptively_with(profile, views, AtMostKib(target), refinement_steps=2)
     assert len(found) <= 1024 * target
     assert quality_of(profile, found, views) >= quality_of(profile, smallest, views) - 0.05
 
 
 def test_a_quality_is_reached_or_refused(profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adaptive, "MOST_ENCODINGS", 4)
-    best = encode_adaptively_with(profile, views, AtLambda(1e-5))
+    best = encode_adaptively_with(profile, views, AtLambda(1e-5), refinement_steps=2)
     goal = AtLeastPsnr(quality_of(profile, best, views) - 1.0)
-    found = encode_adaptively_with(profile, views, goal)
+    found = encode_adaptively_with(profile, views, goal, refinement_steps=2)
     assert quality_of(profile, found, views) > goal.psnr - 0.05
     with pytest.raises(InputError, match="a PSNR of 99 dB cannot be reached, the best of these views is"):
-        encode_adaptively_with(profile, views, AtLeastPsnr(99.0))
+        encode_adaptively_with(profile, views, AtLeastPsnr(99.0), refinement_steps=2)
 
 
 def quality_of(profile: Profile, data: bytes, views: Views) -> float:

@@ -65,6 +65,11 @@ def test_scenes_get_as_many_steps_as_their_size_allows(scene: PreparedScene, mon
     finest = [steps_of(*sizes, lambda_q=0) for sizes in ((pixels, pixels), (0, pixels), (0, 0))]
     assert finest == [refinement.DEFAULT_STEPS + 2, 3, 0]
     assert steps_of(pixels, pixels, LAMBDA_Q) == refinement.DEFAULT_STEPS + 1
+    patient = []
+    for every, most in ((pixels, pixels), (0, pixels), (0, 0)):
+        steps_of(every, most)
+        patient.append(refinement.patient_steps(scene, COARSE_LAMBDA_Q))
+    assert patient == [refinement.MANY_STEPS, 1, 0]
 
 
 def test_encoding_refines_unless_told_not_to_and_always_alike(profile: Profile) -> None:

@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 
 from fecocodec.evaluation.ablations import ABLATION_NAMES
 from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS, PRUNED
-from fecocodec.evaluation.codec_systems import THOROUGH, THOROUGH_STEPS
+from fecocodec.evaluation.codec_systems import THOROUGH
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages, compare
+from fecocodec.sender.refinement import MANY_STEPS
 
 TEXT = """\
 Bytes are those of whole files, cameras included; quality is that of target views, which no sender sees, rendered from
@@ -60,7 +61,7 @@ def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement
         comparisons=_comparisons(main, THOROUGH),
         averages=_averages(main),
         thorough=THOROUGH,
-        steps=THOROUGH_STEPS,
+        steps=MANY_STEPS,
     )
     without = ABLATION_TEXT.format(chart=picture(parts), comparisons=_comparisons(ablated))
     views = Section("More than two views", _by_views(more_views))
