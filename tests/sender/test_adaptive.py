@@ -27,7 +27,7 @@ def profile(random_weights: Path) -> Profile:
 
 
 @pytest.fixture(autouse=True)
-def _fewer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def fewer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(refinement, "MANY_STEPS", 7)  # sixteen take long
 
 
