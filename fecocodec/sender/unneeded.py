@@ -23,7 +23,7 @@ from fecocodec.rendering.contribution import contributions
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.steps import CodedStage, PreparedScene, Profile
 
-LARGEST_LOSS = 0.002  # of the context views' squared error, which is 0.009 dB
+LARGEST_LOSS = 0.001  # of the context views' squared error, which is 0.004 dB
 THRESHOLDS = (4, 8, 12, 16, 24, 32, 48, 64)  # opacities in 255ths
 SHARES_OF_CELLS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45)
 LARGEST_SHARE_OF_BYTES = 0.02  # of the stream, for saying which cells are left out
