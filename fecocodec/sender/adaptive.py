@@ -14,10 +14,18 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.distortion import mean_psnr
-from fecocodec.sender.encode import assemble, check_views, header_of, load_profile
+from fecocodec.sender.encode import assemble, check_views, code_stages, header_of, load_profile
 from fecocodec.sender.refinement import patient_steps
 from fecocodec.sender.second_stage import choose_stages
-from fecocodec.sender.steps import CodedStage, MatchedViews, PreparedScene, Profile, match_views, prepare
+from fecocodec.sender.steps import (
+    CodedStage,
+    MatchedViews,
+    PreparedScene,
+    Profile,
+    match_views,
+    prepare,
+    stage_rendering,
+)
 from fecocodec.sender.unneeded import choose_keep
 
 MOST_ENCODINGS = 9  # of one search; each halves what is left of 1769 steps of lambda
@@ -68,7 +76,7 @@ def encode_adaptively(
 ) -> bytes:
     """Bytes of a `.fcs` stream that has a second stage only where that pays, and whose receiver emits only Gaussians
     that some pixel needs. refinement_steps: of the last stage's latents, see `encode`; None: sixteen, or what suits the
-    size, and where lambda is searched for the few that `encode` takes.
+    size; where lambda is searched for, the few that `encode` takes.
 
     Raises InputError for views that cannot be coded and for a goal that no lambda reaches, ModelError where weights are
     missing.
@@ -96,8 +104,9 @@ def encode_adaptively_with(
     if isinstance(goal, AtLambda):
         on_progress("coding", 0.5)
         lambda_q = quantise_lambda(goal.lmbda)
-        num_steps = patient_steps(scene, lambda_q) if refinement_steps is None else refinement_steps
-        found = encoder(num_steps, lambda_q)
+        found = encoder(refinement_steps, lambda_q)
+        if refinement_steps is None:
+            found = _refined_patiently(profile, scene, matched, found, lambda_q)
     else:
         found = _search(partial(encoder, refinement_steps), goal, on_progress)
     on_progress("choosing Gaussians", 0.9)
@@ -116,6 +125,17 @@ def _encode(
     chosen = choose_stages(profile, scene, matched, lambda_q, refinement_steps)
     data = assemble(profile, scene, chosen.stages)
     return _Encoded(chosen.stages, data, mean_psnr(chosen.renderings, scene.images))
+
+
+def _refined_patiently(
+    profile: Profile, scene: PreparedScene, matched: MatchedViews, found: _Encoded, lambda_q: int
+) -> _Encoded:
+    """As many stages, in more steps. How many stages pay is told by few steps: many make a single stage look as good as
+    two where the photographs were taken, and it is not so good between them (docs/experiments.md)."""
+    steps = patient_steps(scene, lambda_q)
+    stages = code_stages(profile, scene, matched, lambda_q, len(found.stages), refinement_steps=steps)
+    renderings = stage_rendering(profile, scene, stages[-1].after).color
+    return _Encoded(stages, assemble(profile, scene, stages), mean_psnr(renderings, scene.images))
 
 
 def _with_keep(profile: Profile, scene: PreparedScene, found: _Encoded) -> bytes:

@@ -54,7 +54,7 @@ def test_stage_2_is_sent_where_it_gains_more_than_its_bits_cost(
     profile: Profile, views: Views, monkeypatch: pytest.MonkeyPatch, gain: float, num_stages: int
 ) -> None:
     """The gain is said to be so many times the price of the bits that two stages take more."""
-    alone, both = (plainly_encoded(profile, views, num_stages) for num_stages in (1, 2))
+    alone, both = (read_stream(encode_with(profile, views, quantise_lambda(LAMBDA), stages)) for stages in (1, 2))
     more = sum(map(len, both.payloads)) - len(alone.payloads[0])
     price = LAMBDA * 8 * more / views.images[:, 0].numel()
     assert price > 0
