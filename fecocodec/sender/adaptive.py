@@ -15,7 +15,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.distortion import mean_psnr
 from fecocodec.sender.encode import assemble, check_views, code_stages, header_of, load_profile
-from fecocodec.sender.refinement import patient_steps
+from fecocodec.sender.refinement import patient_steps, suitable_steps
 from fecocodec.sender.second_stage import choose_stages
 from fecocodec.sender.steps import (
     CodedStage,
@@ -133,6 +133,8 @@ def _refined_patiently(
     """As many stages, in more steps. How many stages pay is told by few steps: many make a single stage look as good as
     two where the photographs were taken, and it is not so good between them (docs/experiments.md)."""
     steps = patient_steps(scene, lambda_q)
+    if steps == suitable_steps(scene, lambda_q):
+        return found
     stages = code_stages(profile, scene, matched, lambda_q, len(found.stages), refinement_steps=steps)
     renderings = stage_rendering(profile, scene, stages[-1].after).color
     return _Encoded(stages, assemble(profile, scene, stages), mean_psnr(renderings, scene.images))
