@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.gaussians import SH_DEGREE_1, Gaussians
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
@@ -21,7 +21,7 @@ from fecocodec.receiver.predictor import PER_CELL, RAW, Predictor
 from fecocodec.sender.feedback import FeedbackExtractor
 from fecocodec.sender.model import Sender
 
-SH_DEGREE_1 = 0.4886025119029199  # of Y_1
+
 DIRECTIONAL = 9  # head outputs a Gaussian: a vector of each colour, along which it grows
 PIXELS = 48  # channels of a photograph after pixel unshuffle 4
 DEPTH_ERRORS = 2  # channels that E_fb is told of depth

@@ -48,6 +48,13 @@ Examples:
     is_flag=True,
     help="Leave out Gaussians that no picture near the cameras would miss; others grow more opaque for them.",
 )
+@click.option(
+    "--sh-degree",
+    type=click.IntRange(0, 1),
+    default=1,
+    show_default=True,
+    help="1: colours depend on where they are seen from. 0: they do not, and the .ply is a third smaller.",
+)
 @model_option
 @device_option
 @threads_option
@@ -59,6 +66,7 @@ def command(
     stages: int | None,
     partial: bool,
     prune: bool,
+    sh_degree: int,
     model: Path | None,
     device: str,
     overwrite: bool,
@@ -81,7 +89,7 @@ def command(
 
     require_device(device)
     with naming(stream), progress_bar() as on_progress:
-        decoded = _decode(data, stages, partial, model, device, on_progress)
+        decoded = _decode(data, stages, partial, sh_degree, model, device, on_progress)
         if prune:
             decoded = _pruned(decoded, data)
     write_ply(output, decoded.gaussians, overwrite=overwrite)
@@ -106,7 +114,13 @@ def _pruned(decoded: "IntactDecoding", data: bytes) -> "IntactDecoding":
 
 
 def _decode(
-    data: bytes, stages: int | None, partial: bool, model: Path | None, device: str, on_progress: OnProgress
+    data: bytes,
+    stages: int | None,
+    partial: bool,
+    sh_degree: int,
+    model: Path | None,
+    device: str,
+    on_progress: OnProgress,
 ) -> "IntactDecoding":
     from fecocodec import decode, decode_intact
     from fecocodec.container import read_stream
@@ -114,7 +128,7 @@ def _decode(
 
     from .weights import of_receiver
 
-    common = {"device": device, "on_progress": on_progress, **of_receiver(model)}
+    common = {"sh_degree": sh_degree, "device": device, "on_progress": on_progress, **of_receiver(model)}
     if partial:
         return decode_intact(data, **common)
     gaussians = decode(data, num_stages=stages, **common)

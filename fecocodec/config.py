@@ -26,6 +26,11 @@ class ReceiverConfig:
     contradicting_colour: float = 0.12  # squared distance of sRGB colours in [0, 1] at which half is believed
     contradicting_lead: float = 0.1  # logarithm of the ratio of depths at which half is believed: 10% nearer
     contradicting_lead_width: float = 0.07
+    # Colours by direction (`receiver/view_dependence.py`).
+    view_dependence: float = 0.5  # how far a colour goes towards what another view shows, seen from there
+    view_dependence_ridge: float = 0.1  # difference of unit directions at which it goes half of that way
+    hiding_lag: float = 0.1  # logarithm of the ratio of depths at which half is hidden: 10% behind what is shown
+    hiding_lag_width: float = 0.05
 
 
 @dataclass(frozen=True)

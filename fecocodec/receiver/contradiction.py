@@ -1,9 +1,8 @@
 """Gaussians that contradict another view: in front of what it shows there, and of another colour.
 
-Where only one view sees a place its depth is a guess, and a guess too near stands in other views' way. What a view
-shows is told by its own Gaussians: each was placed on one of its pixels, so that nothing need be rendered. A real
-surface in front of another view's would be seen by that view, too (free space, as in Curless and Levoy, "A volumetric
-method for building complex models from range images", 1996).
+Where only one view sees a place its depth is a guess, and a guess too near stands in other views' way. A real surface
+in front of another view's would be seen by that view, too (free space, as in Curless and Levoy, "A volumetric method
+for building complex models from range images", 1996).
 """
 
 import torch
@@ -14,9 +13,9 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.receiver.shown import seen_by, shown_at
 
 POOLED = 2  # Gaussians a side whose mean says what a view shows
-_SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
 
 @torch.no_grad()
@@ -61,17 +60,8 @@ def _said_by(
     config: ReceiverConfig,
 ) -> Float[Tensor, "judged h2 w2"]:
     """What one view says of other views' Gaussians; nothing where it does not see them."""
-    to_camera = camera.world_to_camera[0]
-    projection = camera.intrinsics[0] @ to_camera[:3]
-    projected = means @ projection[:, :3].T + projection[:, 3]
-    depth = projected[..., 2]
-    is_in_front = depth > _SMALLEST_DEPTH
-    depth = torch.where(is_in_front, depth, 1.0)
-    uv = projected[..., :2] / depth[..., None]
-    is_seen = is_in_front & ((uv >= 0) & (uv <= 1)).all(dim=-1)
-    grid = rearrange(2.0 * uv.clamp(-1, 2) - 1.0, "judged h w xy -> 1 (judged h) w xy")
-    there = F.grid_sample(shown[None], grid, padding_mode="border", align_corners=False)
-    there = rearrange(there, "1 c (judged h) w -> judged h w c", judged=len(means))
+    uv, depth, is_seen = seen_by(camera, means)
+    there = shown_at(shown, uv)
     difference = (there[..., :3] - colour).square().sum(dim=-1).square()
     lead = -(there[..., 3] * depth).clamp_min(1e-6).log()
     nearer = torch.sigmoid((lead - config.contradicting_lead) / config.contradicting_lead_width)

@@ -24,19 +24,22 @@ from fecocodec.receiver.view_states import ViewStates, select_context, update_vi
 OnProgress = Callable[[str, float], None]  # (what is being done, fraction done)
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians; they are not emitted
 LATENT_FACTOR = 8
+MAX_SH_DEGREE = 1
 
 
 def decode(
     data: bytes,
     *,
     num_stages: int | None = None,
+    sh_degree: int = MAX_SH_DEGREE,
     device: str = "cpu",
     weights: Path = SHIPPED,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> Gaussians:
     """Gaussians of a `.fcs` stream in the world frame and unit of length of the photographs' cameras, on the CPU.
 
-    num_stages: decode only so many stages; what follows them in the stream may then be missing or damaged. device:
+    num_stages: decode only so many stages; what follows them in the stream may then be missing or damaged.
+    sh_degree: 1 for colours that depend on the direction, 0 for colours that do not, which take less room. device:
     where the networks run. weights: folder of the model, or of several.
 
     Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage it does not have,
@@ -44,7 +47,7 @@ def decode(
     """
     stream = read_stream(data) if num_stages is None else read_prefix(data, num_stages)
     receiver = receiver_of(stream.header.model_id, weights, device)
-    return decode_stream(stream, receiver, on_progress)
+    return decode_stream(stream, receiver, on_progress, sh_degree)
 
 
 def read_cameras(data: bytes) -> tuple[Cameras, tuple[int, int]]:
@@ -54,16 +57,19 @@ def read_cameras(data: bytes) -> tuple[Cameras, tuple[int, int]]:
 
 
 def decode_stream(
-    stream: Stream, receiver: Receiver, on_progress: OnProgress = lambda _task, _fraction: None
+    stream: Stream,
+    receiver: Receiver,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+    sh_degree: int = MAX_SH_DEGREE,
 ) -> Gaussians:
     """Walk the stages of a stream that has been read, then predict; no rendering, no stage-1 Gaussians."""
-    gaussians = _walk_and_predict(stream, receiver, on_progress)
+    gaussians = _walk_and_predict(stream, receiver, on_progress, sh_degree)
     # A copy made outside inference mode is an ordinary tensor, which a caller may go on to refine.
     return Gaussians(*(field.clone() for field in gaussians.fields()))
 
 
 @torch.inference_mode()
-def _walk_and_predict(stream: Stream, receiver: Receiver, on_progress: OnProgress) -> Gaussians:
+def _walk_and_predict(stream: Stream, receiver: Receiver, on_progress: OnProgress, sh_degree: int) -> Gaussians:
     header = stream.header
     device = next(receiver.parameters()).device
     height, width = padded_size(header.height, header.width)
@@ -79,7 +85,7 @@ def _walk_and_predict(stream: Stream, receiver: Receiver, on_progress: OnProgres
         states, context = update_views(receiver, states, coded.y_hat, lambdas, stage, views), coded.y_hat
     assert states is not None  # a stream has a stage
     on_progress("predicting Gaussians", 0.8)
-    return predict_scene(receiver, states, unpack(stream.cameras), header, stream.keep)
+    return predict_scene(receiver, states, unpack(stream.cameras), header, stream.keep, sh_degree)
 
 
 def predict_scene(
@@ -88,13 +94,15 @@ def predict_scene(
     cameras: Cameras,
     header: Header,
     keep: Keep | None,
+    sh_degree: int = MAX_SH_DEGREE,
 ) -> Gaussians:
     """The Gaussians that the states stand for, without those of the padding, those too faint to be drawn, and those
     that `keep` leaves out; on the CPU.
     """
     normalised, frame = normalise_scene(cameras)
     padded = pad_cameras(normalised, header.height, header.width).to(states.state.device)
-    gaussians = receiver.predict(states.state, padded.as_batch(), states.condition).gaussians.scene(0).to("cpu")
+    prediction = receiver.predict(states.state, padded.as_batch(), states.condition)
+    gaussians = (receiver.appearance(prediction, padded) if sh_degree else prediction.gaussians.scene(0)).to("cpu")
     is_drawable = (gaussians.opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
     is_needed = inside_unpadded(header.num_views, header.height, header.width) & is_drawable
     if keep is not None:

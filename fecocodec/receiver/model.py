@@ -7,10 +7,12 @@ from fecocodec.coding.priors import LatentPrior
 from fecocodec.config import ReceiverConfig
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition, RateEmbedding
 from fecocodec.receiver.predictor import Prediction, Predictor
 from fecocodec.receiver.state import StateUpdate
 from fecocodec.receiver.synthesis import Synthesis
+from fecocodec.receiver.view_dependence import view_dependent
 
 
 class Receiver(nn.Module):
@@ -43,3 +45,11 @@ class Receiver(nn.Module):
     ) -> Prediction:
         """G_k = P(S_k, cameras); cameras has one batch dimension."""
         return self.predictor(state, cameras, condition)
+
+    def appearance(self, prediction: Prediction, cameras: Cameras) -> Gaussians:
+        """The Gaussians of a batch of one scene as receivers emit them, with colours that depend on the direction.
+
+        cameras: the scene's, as they were predicted for, without a batch dimension.
+        """
+        height, width = prediction.relative_disparity.shape[-2:]
+        return view_dependent(prediction.gaussians.scene(0), cameras, (2 * height, 2 * width), self.config)

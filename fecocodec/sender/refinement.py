@@ -179,6 +179,8 @@ def hold_views_between(profile: Profile, scene: PreparedScene, states: ViewState
 
 
 def _gaussians(profile: Profile, scene: PreparedScene, states: ViewStates) -> Gaussians:
+    """With colours that are the same from everywhere: where they depend on the direction, they hide errors of depth
+    from the gradient."""
     return profile.receiver.predict(states.state, scene.cameras.as_batch(), states.condition).gaussians.scene(0)
 
 

@@ -142,7 +142,7 @@ def stage_rendering(profile: Profile, scene: PreparedScene, after: ViewStates) -
     """What the receiver could show of the context views after that stage."""
     prediction = profile.receiver.predict(after.state, scene.cameras.as_batch(), after.condition)
     size = (scene.images.shape[-2], scene.images.shape[-1])
-    color = render(prediction.gaussians.scene(0), scene.cameras, size).color
+    color = render(profile.receiver.appearance(prediction, scene.cameras), scene.cameras, size).color
     return StageRendering(color, prediction.relative_disparity[0][:, None])
 
 

@@ -68,7 +68,8 @@ def _trial(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...
     if nearby is None:
         return None
     last = stages[-1].after
-    gaussians = profile.receiver.predict(last.state, scene.cameras.as_batch(), last.condition).gaussians.scene(0)
+    prediction = profile.receiver.predict(last.state, scene.cameras.as_batch(), last.condition)
+    gaussians = profile.receiver.appearance(prediction, scene.cameras)
     inside = inside_unpadded(header.num_views, header.height, header.width).to(gaussians.opacities.device)
     is_visible = inside & (gaussians.opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
     size = (scene.images.shape[-2], scene.images.shape[-1])

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
+from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
 from fecocodec.receiver.decode import read_cameras
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
@@ -67,17 +67,17 @@ def beyond(found: Difference, kind: str) -> list[str]:
     return low + [name for name in bounds if name != "render_psnr" and getattr(found, name) > bounds[name]]
 
 
-def difference(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 14"]) -> Difference:
+def difference(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
     """Of two machines' Gaussians of the stream `data`, one a row as `gaussian_samples.table` gives them."""
     return replace(without_rendering(data, one, other), render_psnr=_render_psnr(data, one, other))
 
 
-def without_rendering(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 14"]) -> Difference:
+def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
     """The same, where some Gaussians are not there to be rendered; its PSNR is infinite."""
     first, second = matched(data, one, other)
     depth = nearest_depth(data, first)
     position = (first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth
-    colour = SH_DEGREE_0 * (first[:, 11:] - second[:, 11:]).abs()
+    colour = (first[:, 11:] - second[:, 11:]).abs() * first.new_tensor([*[SH_DEGREE_0] * 3, *[SH_DEGREE_1] * 9])
     opacity = (first[:, 10] - second[:, 10]).abs()
     scale = (first[:, 3:6].log() - second[:, 3:6].log()).abs()
     parts = [statistic for values in (position, colour, opacity, scale) for statistic in (_rms(values), _peak(values))]
@@ -86,8 +86,8 @@ def without_rendering(data: bytes, one: Float[Tensor, "n 14"], other: Float[Tens
 
 
 def matched(
-    data: bytes, one: Float[Tensor, "n 14"], other: Float[Tensor, "m 14"]
-) -> tuple[Float[Tensor, "k 14"], Float[Tensor, "k 14"]]:
+    data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]
+) -> tuple[Float[Tensor, "k 23"], Float[Tensor, "k 23"]]:
     """The rows that stand for the same Gaussian: each the most alike of the other around its place on the other side.
 
     Both keep the order, and a few that are almost too faint are on one side only, here or there: places shift.
@@ -115,7 +115,7 @@ def _shift_between(shift: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
 
 
 def _most_alike(
-    data: bytes, rows: Float[Tensor, "n 14"], among: Float[Tensor, "m 14"], reach: int
+    data: bytes, rows: Float[Tensor, "n 23"], among: Float[Tensor, "m 23"], reach: int
 ) -> Int[Tensor, " n"]:
     """For each row the place of the one most like it, or of a nearer one that is not much less so."""
     offsets = torch.arange(-reach, reach + 1)
@@ -135,9 +135,9 @@ def _render_psnr(data: bytes, one: Tensor, other: Tensor) -> float:
     return float(psnr(*images).min())
 
 
-def to_gaussians(rows: Float[Tensor, "n 14"]) -> Gaussians:
-    means, scales, rotations, opacities, harmonics = rows.split([3, 3, 4, 1, 3], dim=1)
-    return Gaussians(means, scales, rotations, opacities[:, 0], harmonics[:, None])
+def to_gaussians(rows: Float[Tensor, "n 23"]) -> Gaussians:
+    means, scales, rotations, opacities, harmonics = rows.split([3, 3, 4, 1, 12], dim=1)
+    return Gaussians(means, scales, rotations, opacities[:, 0], harmonics.unflatten(1, (4, 3)))
 
 
 def _rms(values: Tensor) -> float:

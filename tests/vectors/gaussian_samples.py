@@ -12,11 +12,11 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import decode
 
 EVERY = 16
-FIELDS = 14  # mean, scales, rotation, opacity, harmonics
+FIELDS = 23  # mean, scales, rotation, opacity, harmonics up to degree 1
 
 
-def table(gaussians: Gaussians) -> Float[Tensor, "n 14"]:
-    """One Gaussian a row: x y z, three scales, quaternion wxyz, opacity, three harmonics."""
+def table(gaussians: Gaussians) -> Float[Tensor, "n 23"]:
+    """One Gaussian a row: x y z, three scales, quaternion wxyz, opacity, harmonics (degree, then red, green, blue)."""
     fields = (field.reshape(gaussians.count, -1) for field in gaussians.fields())
     return torch.cat(tuple(fields), dim=1)
 
@@ -27,11 +27,11 @@ def scene_samples(data: bytes) -> bytes:
     return rows.numpy().astype("<f4").tobytes()
 
 
-def read_samples(path: Path) -> Float[Tensor, "n 14"]:
+def read_samples(path: Path) -> Float[Tensor, "n 23"]:
     return torch.frombuffer(bytearray(path.read_bytes()), dtype=torch.float32).view(-1, FIELDS)
 
 
-def like_samples(rows: Float[Tensor, "n 14"], samples: Float[Tensor, "m 14"]) -> Float[Tensor, "m 14"]:
+def like_samples(rows: Float[Tensor, "n 23"], samples: Float[Tensor, "m 23"]) -> Float[Tensor, "m 23"]:
     """The row that stands for the Gaussian of each sample: the nearest of those around its place in the order, as a
     few Gaussians that are almost too faint may be on one machine only.
     """
@@ -41,7 +41,7 @@ def like_samples(rows: Float[Tensor, "n 14"], samples: Float[Tensor, "m 14"]) ->
     return rows[around.gather(1, distance.argmin(dim=1, keepdim=True))[:, 0]]
 
 
-def nearest_depth(data: bytes, rows: Float[Tensor, "n 14"]) -> Float[Tensor, " n"]:
+def nearest_depth(data: bytes, rows: Float[Tensor, "n 23"]) -> Float[Tensor, " n"]:
     """Distance of each Gaussian from the nearest context camera, in scene units."""
     centres = unpack(read_stream(data).cameras).extrinsics[:, :3, 3]
     return torch.cdist(rows[:, :3].double(), centres.double()).min(dim=1).values

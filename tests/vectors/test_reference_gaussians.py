@@ -52,4 +52,4 @@ def test_what_moved_is_noticed() -> None:
     difference = without_rendering(data, rows, moved)
     assert difference.position_peak > 0.05 and difference.position_rms < difference.position_peak
     assert beyond(difference, "full") == ["position_rms", "position_peak", "colour_rms", "colour_peak"]
-    assert difference.colour_rms == pytest.approx(0.0282, rel=0.01)
+    assert difference.colour_rms == pytest.approx(0.0446, rel=0.01)  # three of 0.0282, nine of 0.0489
