@@ -41,11 +41,11 @@ RATE_WEIGHT, PRICE_EXPONENT = 2.0, 0.6
 MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
 PIXELS_OF_ALL_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
 DEFAULT_STEPS, MANY_STEPS = 3, 16
-FINE_LAMBDA_Q = (768, 256)  # below each, lambda 2e-4 and 2.7e-5, a step more is given: bits alone buy nothing there
+FINE_LAMBDA_Q = (944, 256)  # below each, lambda 4e-4 and 2.7e-5, a step more is given: bits alone buy nothing there
 # Many steps overfit: what the context views gain, views between them lose, where geometry moves that nothing holds. So
 # these are held where they were before the first step, at half the weight of the context views; few steps go too short
 # a way to need it.
-HELD_WEIGHT, MOST_UNHELD_STEPS = 0.5, 5
+HELD_WEIGHT, MOST_UNHELD_STEPS = 0.5, 3
 _SSIM_STRIDE = 3  # a quarter of the time of SSIM and its gradient, which are the same within a thousandth
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
