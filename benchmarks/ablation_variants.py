@@ -21,7 +21,6 @@ from fecocodec.receiver.predictor import PER_CELL, RAW, Predictor
 from fecocodec.sender.feedback import FeedbackExtractor
 from fecocodec.sender.model import Sender
 
-
 DIRECTIONAL = 9  # head outputs a Gaussian: a vector of each colour, along which it grows
 PIXELS = 48  # channels of a photograph after pixel unshuffle 4
 DEPTH_ERRORS = 2  # channels that E_fb is told of depth

@@ -46,7 +46,8 @@ Examples:
 @click.option(
     "--prune",
     is_flag=True,
-    help="Leave out Gaussians that no picture near the cameras would miss; others grow more opaque for them.",
+    help="Leave out Gaussians that pictures near the cameras need not have, and let the others stand for them (takes "
+    "seconds).",
 )
 @click.option(
     "--sh-degree",

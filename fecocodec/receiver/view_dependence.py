@@ -22,12 +22,13 @@ from fecocodec.receiver.shown import SMALLEST_DEPTH, seen_by, shown_at
 
 
 def view_dependent(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: ReceiverConfig) -> Gaussians:
-    """The Gaussians of one scene with spherical harmonics of degree 1; those of a single view as they are.
+    """The Gaussians of one scene with spherical harmonics of degree 1; as they are where there is a single view, or
+    where their colours depend on the direction already.
 
-    gaussians: of degree 0, of whole views with `grid` = (height, width) of them each, ordered (view, row, column).
+    gaussians: of whole views with `grid` = (height, width) of them each, ordered (view, row, column).
     """
     views = cameras.num_views
-    if views == 1:
+    if views == 1 or gaussians.harmonics.shape[-2] > 1:
         return gaussians
     means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0])
     colour = 0.5 + SH_DEGREE_0 * rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0])

@@ -1,7 +1,8 @@
 """Fewer Gaussians for nearly the same pictures: for whoever wants a smaller file of splats from a stream.
 
 Leaving a Gaussian out costs what it contributes to pictures times how much its colour differs from its neighbours'.
-Those grow more opaque for it, so that a surface drawn by many faint Gaussians does not get thinner.
+Those grow more opaque for it, so that a surface drawn by many faint Gaussians does not get thinner; then a few gradient
+steps mend what pictures still lack (`mending`).
 """
 
 from dataclasses import replace
@@ -15,11 +16,13 @@ from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.nearby_cameras import nearby_cameras
 from fecocodec.geometry.neighbours import nearest_neighbours
 from fecocodec.rendering.contribution import contributions
+from fecocodec.rendering.mending import mended
 from fecocodec.rendering.rasterizer import render
 
 LARGEST_CHANGE = 2.8e-5  # squared, of every picture drawn: 46 dB; for new views see docs/report.md
 MOST_NEARBY = 8
-SHARES = (*(0.025 * number for number in range(1, 21)), 0.6)
+SHARES = tuple(0.05 * number for number in range(1, 15))
+MENDABLE = 12.0  # times LARGEST_CHANGE: shares that change pictures by more are not tried, as mending leaves too much
 COMPARED = 8  # neighbours whose mean colour a Gaussian's own is compared with
 LEAST_DIFFERENCE = 0.04  # of colour: what a Gaussian is worth that looks like its neighbours
 HEIRS = 4  # nearest Gaussians kept, which share the contribution of one that is left out
@@ -31,10 +34,10 @@ _LEAST_CONTRIBUTION = 1e-6  # pixels
 @torch.no_grad()
 def pruned(gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]) -> Gaussians:
     """Those that must stay for the pictures at these cameras, and at cameras near them, to stay what they are, in the
-    same order, some more opaque than before.
+    same order and place; opacities, scales and colours are no longer the same.
 
-    The largest of SHARES, cheapest first, whose absence changes no picture by more than LARGEST_CHANGE. image_size:
-    (height, width).
+    The largest of SHARES, cheapest first, whose absence, once mended, changes no picture by more than LARGEST_CHANGE;
+    all, unchanged, where there is none. image_size: (height, width).
     """
     nearby = nearby_cameras(cameras, MOST_NEARBY)
     seen_from = cameras if nearby is None else _joined(cameras, nearby)
@@ -42,14 +45,23 @@ def pruned(gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]) 
     weight = contributions(gaussians, seen_from, image_size).amax(dim=0)
     price = weight * (LEAST_DIFFERENCE + _difference_of_colour(gaussians))
     order = price.sort().values
-    found = gaussians
+    trials: list[Gaussians] = []
     for share in SHARES:
         fewer = _without(gaussians, weight, price < order[int(share * len(order))])
-        change = (render(fewer, seen_from, image_size).color - reference).square()
-        if float(change.mean(dim=(1, 2, 3)).max()) > LARGEST_CHANGE:
+        if _change(fewer, seen_from, reference) > MENDABLE * LARGEST_CHANGE:
             break
-        found = fewer
-    return found
+        trials.append(fewer)
+    for fewer in reversed(trials):
+        found = mended(fewer, seen_from, reference)
+        if _change(found, seen_from, reference) <= LARGEST_CHANGE:
+            return found
+    return gaussians
+
+
+def _change(gaussians: Gaussians, cameras: Cameras, reference: Float[Tensor, "camera 3 h w"]) -> float:
+    """Mean squared difference of the picture that changes most."""
+    pictures = render(gaussians, cameras, (reference.shape[-2], reference.shape[-1])).color
+    return float((pictures - reference).square().mean(dim=(1, 2, 3)).max())
 
 
 def _without(gaussians: Gaussians, contribution: Float[Tensor, " n"], left_out: Bool[Tensor, " n"]) -> Gaussians:

@@ -97,6 +97,12 @@ def test_one_view_has_colours_of_degree_0() -> None:
     assert view_dependent(gaussians, cameras, (SIDE, SIDE), CONFIG) is gaussians
 
 
+def test_colours_that_depend_on_the_direction_already_are_left() -> None:
+    cameras = cameras_in_a_row(0.0, 1.0)
+    found = dependent(cameras, [0.2, 0.6], [WALL, WALL])
+    assert view_dependent(found, cameras, (SIDE, SIDE), CONFIG) is found
+
+
 def test_a_gaussian_without_a_place_spoils_no_other() -> None:
     cameras = cameras_in_a_row(0.0, 1.0)
     gaussians = wall(cameras, [0.2, 0.6], [WALL, WALL])

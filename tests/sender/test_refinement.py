@@ -113,11 +113,11 @@ def test_many_steps_hold_the_views_between_and_few_do_not(
         assert held is not None
         return held.images
 
-    start, few = between(0), between(4)
+    start, few = between(0), between(3)
     held = (between(12) - start).square().mean()
     monkeypatch.setattr(refinement, "HELD_WEIGHT", 0.0)
     free = (between(12) - start).square().mean()
-    assert torch.equal(between(4), few)
+    assert torch.equal(between(3), few)
     assert 0.0 < held < free
 
 
