@@ -122,6 +122,15 @@ def test_one_stage_of_two_is_what_a_file_cut_after_it_gives(data: bytes, random_
         decode(data[:end_of_b1], weights=random_weights)
 
 
+def test_colours_may_be_had_that_are_the_same_from_everywhere(data: bytes, random_weights: Path) -> None:
+    leaning, plain = (decode(data, sh_degree=degree, weights=random_weights) for degree in (1, 0))
+    assert (leaning.harmonics.shape[1], plain.harmonics.shape[1]) == (4, 1)
+    assert leaning.harmonics[:, 1:].abs().max() > 0
+    assert_equal(replace(leaning, harmonics=plain.harmonics), plain)
+    with pytest.raises(InputError, match="degree 2"):
+        decode(data, sh_degree=2, weights=random_weights)
+
+
 def test_a_stream_of_one_stage_equals_the_first_of_two_at_its_lambda(views: Views, random_weights: Path) -> None:
     """Where it takes as many steps of refinement."""
     both = encode(views, lmbda=1e-4, refinement_steps=4, model=MODEL, weights=random_weights)

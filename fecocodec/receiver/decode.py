@@ -11,7 +11,7 @@ from fecocodec.coding.camera_packing import unpack
 from fecocodec.coding.kept_cells import is_in_kept_cell
 from fecocodec.coding.payload import decode_latents
 from fecocodec.container import Header, Keep, Stream, read_prefix, read_stream
-from fecocodec.errors import BitstreamError
+from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
@@ -42,8 +42,8 @@ def decode(
     sh_degree: 1 for colours that depend on the direction, 0 for colours that do not, which take less room. device:
     where the networks run. weights: folder of the model, or of several.
 
-    Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage it does not have,
-    ModelError where its weights are not found.
+    Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage it does not have and for
+    another sh_degree, ModelError where its weights are not found.
     """
     stream = read_stream(data) if num_stages is None else read_prefix(data, num_stages)
     receiver = receiver_of(stream.header.model_id, weights, device)
@@ -63,6 +63,8 @@ def decode_stream(
     sh_degree: int = MAX_SH_DEGREE,
 ) -> Gaussians:
     """Walk the stages of a stream that has been read, then predict; no rendering, no stage-1 Gaussians."""
+    if sh_degree not in range(MAX_SH_DEGREE + 1):
+        raise InputError(f"spherical harmonics of degree {sh_degree} were asked for; choose 0 or {MAX_SH_DEGREE}.")
     gaussians = _walk_and_predict(stream, receiver, on_progress, sh_degree)
     # A copy made outside inference mode is an ordinary tensor, which a caller may go on to refine.
     return Gaussians(*(field.clone() for field in gaussians.fields()))

@@ -85,6 +85,16 @@ def test_decode_writes_what_the_library_returns(fecosplat, coded_scene: Path, tm
     torch.testing.assert_close(written.means, expected.means, rtol=0, atol=1e-5)
 
 
+def test_plain_colours_make_a_smaller_ply(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
+    leaning, plain = tmp_path / "leaning.ply", tmp_path / "plain.ply"
+    assert fecosplat("decode", coded_scene, "-o", leaning).code == 0
+    assert fecosplat("decode", coded_scene, "-o", plain, "--sh-degree", "0").code == 0
+    assert b"property float f_rest_8\n" in leaning.read_bytes() and b"f_rest" not in plain.read_bytes()
+    read = fecocodec.read_ply(leaning), fecocodec.read_ply(plain)
+    assert torch.equal(read[0].means, read[1].means)
+    assert fecosplat("decode", coded_scene, "-o", plain, "--sh-degree", "2", "--overwrite").code == 2
+
+
 def test_first_stage_decodes_from_a_cut_file(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.fcs"
     cut.write_bytes(cut_after_first_stage(coded_scene.read_bytes()))
