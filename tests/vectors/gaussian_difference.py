@@ -9,6 +9,7 @@ from pathlib import Path
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
 from fecocodec.receiver.decode import read_cameras
@@ -25,8 +26,8 @@ MOST_FAINT = 16  # Gaussians that one side alone emits, beyond those by which th
 @dataclass(frozen=True)
 class Difference:
     """Root mean square and peak. position: of distances between centres, in distances from the nearest camera.
-    colour, opacity: of values in [0, 1]. scale: of natural logarithms. unmatched: share of Gaussians that only one
-    machine emits. render_psnr: of the context views, in dB, lowest of the views.
+    colour: of what the context cameras see, in [0, 1]. opacity: in [0, 1]. scale: of natural logarithms. unmatched:
+    share of Gaussians that only one machine emits. render_psnr: of the context views, in dB, lowest of the views.
     """
 
     position_rms: float
@@ -77,7 +78,7 @@ def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tens
     first, second = matched(data, one, other)
     depth = nearest_depth(data, first)
     position = (first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth
-    colour = (first[:, 11:] - second[:, 11:]).abs() * first.new_tensor([*[SH_DEGREE_0] * 3, *[SH_DEGREE_1] * 9])
+    colour = (_colours(data, first) - _colours(data, second)).abs()
     opacity = (first[:, 10] - second[:, 10]).abs()
     scale = (first[:, 3:6].log() - second[:, 3:6].log()).abs()
     parts = [statistic for values in (position, colour, opacity, scale) for statistic in (_rms(values), _peak(values))]
@@ -126,6 +127,14 @@ def _most_alike(
     unlike = unlike[..., [0, 1, 2, 10, 11, 12, 13]].norm(dim=2)
     is_alike = unlike <= MUCH_LESS_ALIKE * unlike.amin(dim=1, keepdim=True)
     return around.gather(1, is_alike.int().argmax(dim=1, keepdim=True))[:, 0]
+
+
+def _colours(data: bytes, rows: Float[Tensor, "n 23"]) -> Float[Tensor, "n view 3"]:
+    """Colour of each Gaussian as the context cameras see it."""
+    centres = read_cameras(data)[0].extrinsics[:, :3, 3]
+    x, y, z = normalize(rows[:, None, :3].double() - centres.double(), dim=-1).unbind(dim=-1)
+    basis = torch.stack((torch.full_like(x, SH_DEGREE_0), -SH_DEGREE_1 * y, SH_DEGREE_1 * z, -SH_DEGREE_1 * x), dim=-1)
+    return basis @ rows[:, 11:].double().unflatten(1, (4, 3))
 
 
 def _render_psnr(data: bytes, one: Tensor, other: Tensor) -> float:
