@@ -108,6 +108,7 @@ def test_savings_are_judged_by_what_was_asked(studies: Studies) -> None:
     text = adaptive_section(studies.rate, studies.needs).text
     assert "| sender, keep section | 25.0 | 0.010 | 0.010 | 0.010 | met |" in text
     assert "| simplest third | 1 | plain | -50.0 |" in text and "| met |" in text.split("simplest third")[1]
+    assert "| as many steps |" not in text  # those were not measured
     costly = [replace(m, psnr=m.psnr - 1.0) if m.system == "adaptive" else m for m in studies.rate]
     assert (
         "| sender, keep section | 25.0 | 1.010 | 1.010 | 0.010 | missed |"

@@ -1,6 +1,6 @@
 """No more than a scene needs: bytes and Gaussians against complexity, and what adaptive decisions save."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import fmean
 
 from fecocodec.evaluation.adaptive_systems import ADAPTIVE, ALL_GAUSSIANS, PRUNED
@@ -65,7 +65,7 @@ def adaptive_section(found: Sequence[Measurement], needs: Sequence[Need]) -> Sec
         bytes_chart=picture(kib),
         gaussians_chart=picture(gaussians),
         gaussians=_gaussians_saved(found),
-        bytes=_bytes_saved(found, complexity),
+        bytes=bytes_saved(found, complexity),
     )
     return Section("No more than a scene needs", text, (kib, gaussians))
 
@@ -121,12 +121,17 @@ def _gaussians_saved(found: Sequence[Measurement]) -> str:
     return table(head, rows)
 
 
-def _bytes_saved(found: Sequence[Measurement], complexity: dict[str, float]) -> str:
+def bytes_saved(found: Sequence[Measurement], complexity: Mapping[str, float]) -> str:
+    """Adaptive files against plain ones and those of as many steps, whichever were measured: a Markdown table by thirds
+    of the entries. complexity: KiB of the photographs by entry."""
     order = sorted(complexity, key=lambda entry: complexity[entry])
     count = -(-len(order) // 3)
     thirds = {"simplest third": order[:count], "other entries": order[count:], "all": order}
     rows = []
+    systems = {m.system for m in found}
     for other, label in ((OURS, "plain"), (THOROUGH, "as many steps")):
+        if other not in systems:
+            continue
         curves = [m for m in found if m.system in (other, ADAPTIVE)]
         for name, entries in thirds.items():
             (comparison, *_) = compare(averages([m for m in curves if m.entry in entries]), ours=ADAPTIVE) or (None,)
