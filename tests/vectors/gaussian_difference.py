@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -25,8 +25,9 @@ MOST_FAINT = 16  # Gaussians that one side alone emits, beyond those by which th
 
 @dataclass(frozen=True)
 class Difference:
-    """Root mean square and peak. position: of distances between centres, in distances from the nearest camera.
-    colour: of what the context cameras see, in [0, 1]. opacity: in [0, 1]. scale: of natural logarithms. unmatched:
+    """Root mean square and peak, of all Gaussians but tied ones. position: of distances between centres, in distances
+    from the nearest camera. colour: of what the context cameras see, in [0, 1]. opacity: in [0, 1]. scale: of natural
+    logarithms. tied: share of Gaussians set apart, as their neighbours may be others on either machine. unmatched:
     share of Gaussians that only one machine emits. render_psnr: of the context views, in dB, lowest of the views.
     """
 
@@ -38,6 +39,7 @@ class Difference:
     opacity_peak: float
     scale_rms: float
     scale_peak: float
+    tied: float
     unmatched: float
     render_psnr: float
 
@@ -68,22 +70,43 @@ def beyond(found: Difference, kind: str) -> list[str]:
     return low + [name for name in bounds if name != "render_psnr" and getattr(found, name) > bounds[name]]
 
 
-def difference(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
-    """Of two machines' Gaussians of the stream `data`, one a row as `gaussian_samples.table` gives them."""
-    return replace(without_rendering(data, one, other), render_psnr=_render_psnr(data, one, other))
+def difference(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"], kind: str) -> Difference:
+    """Of two machines' Gaussians of the stream `data`, one a row as `gaussian_samples.table` gives them.
+
+    kind: "full" or "reduced", by whose bounds they will be judged.
+    """
+    return replace(without_rendering(data, one, other, kind), render_psnr=_render_psnr(data, one, other))
 
 
-def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
+def without_rendering(
+    data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"], kind: str = "full"
+) -> Difference:
     """The same, where some Gaussians are not there to be rendered; its PSNR is infinite."""
     first, second = matched(data, one, other)
     depth = nearest_depth(data, first)
-    position = (first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth
-    colour = (_colours(data, first) - _colours(data, second)).abs()
-    opacity = (first[:, 10] - second[:, 10]).abs()
-    scale = (first[:, 3:6].log() - second[:, 3:6].log()).abs()
-    parts = [statistic for values in (position, colour, opacity, scale) for statistic in (_rms(values), _peak(values))]
+    found = {
+        "position": ((first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth)[:, None],
+        "colour": (_colours(data, first) - _colours(data, second)).abs().flatten(1),
+        "opacity": (first[:, 10:11] - second[:, 10:11]).abs(),
+        "scale": (first[:, 3:6].log() - second[:, 3:6].log()).abs(),
+    }
+    is_tied = _beyond_peak(found, "full") & ~_beyond_peak(found, "reduced")
+    if kind != "full":
+        is_tied = torch.zeros_like(is_tied)
+    parts = {
+        f"{name}_{measure}": statistic(values[~is_tied])
+        for name, values in found.items()
+        for measure, statistic in (("rms", _rms), ("peak", _peak))
+    }
     unmatched = 1.0 - 2.0 * len(first) / (len(one) + len(other))
-    return Difference(*parts, unmatched=unmatched, render_psnr=math.inf)
+    return Difference(**parts, tied=float(is_tied.double().mean()), unmatched=unmatched, render_psnr=math.inf)
+
+
+def _beyond_peak(found: dict[str, Float[Tensor, "n _"]], kind: str) -> Bool[Tensor, " n"]:
+    """Which Gaussians differ in something by more than the peak that FORMAT.md allows."""
+    bounds = tolerance(kind)
+    beyond_any = [(values > bounds[f"{name}_peak"]).any(dim=1) for name, values in found.items()]
+    return torch.stack(beyond_any).any(dim=0)
 
 
 def matched(
@@ -150,8 +173,8 @@ def to_gaussians(rows: Float[Tensor, "n 23"]) -> Gaussians:
 
 
 def _rms(values: Tensor) -> float:
-    return float(values.double().square().mean().sqrt())
+    return float(values.double().square().mean().sqrt()) if values.numel() else 0.0
 
 
 def _peak(values: Tensor) -> float:
-    return float(values.max())
+    return float(values.max()) if values.numel() else 0.0
