@@ -199,6 +199,6 @@ def _unreachable(found: _Encoded, goal: AtMostKib | AtLeastPsnr) -> str:
     if isinstance(goal, AtMostKib):
         return (
             f"a file of {goal.kib:g} KiB cannot be made, the smallest of these views has {len(found.data) / 1024:.2f}; "
-            "ask for more, or give fewer or smaller views."
+            "ask for more, give fewer or smaller views, or refine by more steps."
         )
     return f"a PSNR of {goal.psnr:g} dB cannot be reached, the best of these views is {found.psnr:.2f}; ask for less."
