@@ -107,12 +107,12 @@ def report(machine: Machine, facts: dict[str, Any], folder: Path) -> bool:
         "every symbol the same"
     )
     reference, mine = folder / f"of {MACHINES[0].name}", folder / f"of {machine.name.replace('/', '_')}"
-    kind = "full" if machine.number_type == "fp32" and machine.device == "cpu" else "reduced"
     found = [
-        difference((folder / f"{path.stem}.fcs").read_bytes(), rows(path), rows(mine / path.name), kind)
+        difference((folder / f"{path.stem}.fcs").read_bytes(), rows(path), rows(mine / path.name))
         for path in sorted(reference.glob("*.npy"))
     ]
     worst = Difference.largest(found)
+    kind = "full" if machine.number_type == "fp32" and machine.device == "cpu" else "reduced"
     outside = beyond(worst, kind)
     verdict = f"BEYOND the tolerance: {', '.join(outside)}" if outside else "within the tolerance"
     print(f"  Gaussians against {MACHINES[0].name}, {verdict} ({kind}): {worst}", flush=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -20,15 +20,13 @@ from tests.vectors.gaussian_samples import nearest_depth
 SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
 MUCH_LESS_ALIKE = 4.0  # times as far: another Gaussian, not the same one computed otherwise
 UNKNOWN = 1 << 40  # no shift of places
-MOST_TIED = 3000.0  # full peaks by which Gaussians may differ whose neighbours may be others
 MOST_FAINT = 16  # Gaussians that one side alone emits, beyond those by which the numbers differ
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Root mean square and peak, of all Gaussians but tied ones. position: of distances between centres, in distances
-    from the nearest camera. colour: of what the context cameras see, in [0, 1]. opacity: in [0, 1]. scale: of natural
-    logarithms. tied: share of Gaussians set apart, as their neighbours may be others on either machine. unmatched:
+    """Root mean square and peak. position: of distances between centres, in distances from the nearest camera.
+    colour: of what the context cameras see, in [0, 1]. opacity: in [0, 1]. scale: of natural logarithms. unmatched:
     share of Gaussians that only one machine emits. render_psnr: of the context views, in dB, lowest of the views.
     """
 
@@ -40,7 +38,6 @@ class Difference:
     opacity_peak: float
     scale_rms: float
     scale_peak: float
-    tied: float
     unmatched: float
     render_psnr: float
 
@@ -71,43 +68,22 @@ def beyond(found: Difference, kind: str) -> list[str]:
     return low + [name for name in bounds if name != "render_psnr" and getattr(found, name) > bounds[name]]
 
 
-def difference(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"], kind: str) -> Difference:
-    """Of two machines' Gaussians of the stream `data`, one a row as `gaussian_samples.table` gives them.
-
-    kind: "full" or "reduced", by whose bounds they will be judged.
-    """
-    return replace(without_rendering(data, one, other, kind), render_psnr=_render_psnr(data, one, other))
+def difference(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
+    """Of two machines' Gaussians of the stream `data`, one a row as `gaussian_samples.table` gives them."""
+    return replace(without_rendering(data, one, other), render_psnr=_render_psnr(data, one, other))
 
 
-def without_rendering(
-    data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"], kind: str = "full"
-) -> Difference:
+def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
     """The same, where some Gaussians are not there to be rendered; its PSNR is infinite."""
     first, second = matched(data, one, other)
     depth = nearest_depth(data, first)
-    found = {
-        "position": ((first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth)[:, None],
-        "colour": (_colours(data, first) - _colours(data, second)).abs().flatten(1),
-        "opacity": (first[:, 10:11] - second[:, 10:11]).abs(),
-        "scale": (first[:, 3:6].log() - second[:, 3:6].log()).abs(),
-    }
-    is_tied = _beyond_peak(found, 1.0) & ~_beyond_peak(found, MOST_TIED)
-    if kind != "full":
-        is_tied = torch.zeros_like(is_tied)
-    parts = {
-        f"{name}_{measure}": statistic(values[~is_tied])
-        for name, values in found.items()
-        for measure, statistic in (("rms", _rms), ("peak", _peak))
-    }
+    position = (first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth
+    colour = (_colours(data, first) - _colours(data, second)).abs()
+    opacity = (first[:, 10] - second[:, 10]).abs()
+    scale = (first[:, 3:6].log() - second[:, 3:6].log()).abs()
+    parts = [statistic for values in (position, colour, opacity, scale) for statistic in (_rms(values), _peak(values))]
     unmatched = 1.0 - 2.0 * len(first) / (len(one) + len(other))
-    return Difference(**parts, tied=float(is_tied.double().mean()), unmatched=unmatched, render_psnr=math.inf)
-
-
-def _beyond_peak(found: dict[str, Float[Tensor, "n _"]], multiple: float) -> Bool[Tensor, " n"]:
-    """Which Gaussians differ in something by more than this multiple of the full peak that FORMAT.md allows."""
-    bounds = tolerance("full")
-    beyond_any = [(values > multiple * bounds[f"{name}_peak"]).any(dim=1) for name, values in found.items()]
-    return torch.stack(beyond_any).any(dim=0)
+    return Difference(*parts, unmatched=unmatched, render_psnr=math.inf)
 
 
 def matched(
@@ -174,8 +150,8 @@ def to_gaussians(rows: Float[Tensor, "n 23"]) -> Gaussians:
 
 
 def _rms(values: Tensor) -> float:
-    return float(values.double().square().mean().sqrt()) if values.numel() else 0.0
+    return float(values.double().square().mean().sqrt())
 
 
 def _peak(values: Tensor) -> float:
-    return float(values.max()) if values.numel() else 0.0
+    return float(values.max())

@@ -47,34 +47,12 @@ def test_what_moved_is_noticed() -> None:
     data = SCENES[0].read_bytes()
     rows = read_samples(SCENES[0].with_suffix(".f32"))
     moved = rows.clone()
-    moved[7, :3] *= 2.0
+    moved[7, :3] *= 1.1
     moved[:, 11:14] += 0.1
-    assert {"position_peak", "tied"} <= set(beyond(without_rendering(data, rows, moved), "full"))
-    difference = without_rendering(data, rows, moved, "reduced")
-    assert difference.position_peak > 0.3 and difference.position_rms < difference.position_peak
-    assert beyond(difference, "reduced") == ["position_rms", "position_peak", "colour_rms"]
-    assert difference.colour_rms == pytest.approx(0.0282, rel=0.01) and difference.tied == 0.0
+    difference = without_rendering(data, rows, moved)
+    assert difference.position_peak > 0.05 and difference.position_rms < difference.position_peak
+    assert beyond(difference, "full") == ["position_rms", "position_peak", "colour_rms", "colour_peak"]
+    assert difference.colour_rms == pytest.approx(0.0282, rel=0.01)
     leaning = rows.clone()
     leaning[:, 14:] += 0.1
-    assert without_rendering(data, rows, leaning, "reduced").colour_rms > 0.01
-
-
-def test_every_gaussian_a_little_beyond_the_rms_is_noticed() -> None:
-    data = SCENES[0].read_bytes()
-    rows = read_samples(SCENES[0].with_suffix(".f32"))
-    moved = rows.clone()
-    moved[:, 10] = (rows[:, 10] - 1e-5).clamp_min(0.0)  # half of the peak, five times the root mean square
-    assert beyond(without_rendering(data, rows, moved), "full") == ["opacity_rms"]
-
-
-def test_few_gaussians_may_have_had_other_neighbours() -> None:
-    data = SCENES[0].read_bytes()
-    rows = read_samples(SCENES[0].with_suffix(".f32"))
-    few, many = rows.clone(), rows.clone()
-    few[7, 10] -= 0.01
-    many[:: len(rows) // 40, 10] *= 0.97
-    difference = without_rendering(data, rows, few)
-    assert difference.tied == 1 / len(rows) and difference.opacity_peak == 0.0 and beyond(difference, "full") == []
-    assert beyond(without_rendering(data, rows, many), "full") == ["tied"]
-    few[7, 10] -= 0.1  # more than another neighbour would do
-    assert beyond(without_rendering(data, rows, few), "full") == ["opacity_rms", "opacity_peak"]
+    assert without_rendering(data, rows, leaning).colour_rms > 0.01
