@@ -48,6 +48,18 @@ def _seconds_by_step(call: Callable[[Progress], object]) -> dict[str, float]:
     return clock.seconds
 
 
+def convolution_speed(repeats: int = 50) -> float:
+    """Gflop/s of this machine in the receiver's commonest layer, a warm median: most of decoding is such work."""
+    layer, x = torch.nn.Conv2d(96, 96, 3, padding=1), torch.randn(2, 96, 64, 64).to(memory_format=torch.channels_last)
+    seconds = []
+    with torch.inference_mode():
+        for _ in range(repeats):
+            begin = perf_counter()
+            layer(x)
+            seconds.append(perf_counter() - begin)
+    return 2 * layer.weight.numel() * x.numel() / 96 / statistics.median(seconds) / 1e9
+
+
 def bench_scene(profile: Profile, views: Views, label: str, repeats: int, bounds: tuple[float, float]) -> bytes:
     """Warm decode and encode of one scene, in process."""
     lambda_q = quantise_lambda(LAMBDA)
@@ -123,7 +135,10 @@ def main() -> None:
     arguments = parser.parse_args()
     profile = load_profile(SHIPPED / DEFAULT_MODEL, "cpu")
     square = read_views(EXAMPLE, size=(256, 256))
-    print(f"torch {torch.__version__}, {torch.get_num_threads()} threads, lambda {LAMBDA:g}, {EXAMPLE.name}\n")
+    print(
+        f"torch {torch.__version__}, {torch.get_num_threads()} threads, {convolution_speed():.0f} Gflop/s in "
+        f"convolutions, lambda {LAMBDA:g}, {EXAMPLE.name}\n"
+    )
     print("| what | measured | bound | steps |\n|---|---|---|---|")
     data = bench_scene(profile, square, "2 views 256x256", arguments.repeats, (0.117, 1.5))
     bench_rendering(profile, square, data, arguments.repeats)

@@ -13,7 +13,6 @@ from fecocodec.sender.adaptive import AtLambda, encode_adaptively_with
 from fecocodec.sender.encode import Profile
 
 LAMBDA = 1e-3
-COMPLEXITY_CODEC, COMPLEXITY_QUALITY = "JPEG XL", 1.0
 
 
 @dataclass(frozen=True)
@@ -42,5 +41,5 @@ def measure_need(profile: Profile, num_waves: int, side: int) -> Need:
 
 def photograph_kib(views: Views) -> float:
     """KiB of the views as good photographs: how much there is to see."""
-    files = [encode_image(image, COMPLEXITY_CODEC, COMPLEXITY_QUALITY) for image in views.images]
+    files = [encode_image(image, "JPEG XL", 1.0) for image in views.images]
     return sum(map(len, files)) / 1024

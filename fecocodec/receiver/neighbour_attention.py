@@ -10,6 +10,7 @@ from fecocodec.geometry.neighbours import nearest_neighbours
 
 NUM_HEADS = 4
 OFFSET_CHANNELS = 4  # relative position (3) and its length
+LEAST_PRESENCE = 1e-6  # of a neighbour: were it zero, points that all lie in one place would have none
 LARGEST_OFFSET = 4.0  # offsets are measured in depths of the point; farther ones are clamped
 
 
@@ -18,12 +19,14 @@ class NeighbourAttention(nn.Module):
     Transformer", 2021, reduced to scalar attention with a relative position bias).
 
     Offsets are rotated into the camera that saw the point and divided by its depth: the result depends neither on the
-    unit of length nor on the world's axes.
+    unit of length nor on the world's axes. A neighbour as far as the nearest point left out has no weight: which of the
+    two is chosen, rounding decides, and on another machine otherwise.
     """
 
-    def __init__(self, channels: int, attention_channels: int, num_neighbours: int) -> None:
+    def __init__(self, channels: int, attention_channels: int, num_neighbours: int, fade: float) -> None:
+        """fade: share of the squared distance to the nearest point left out, over which weights fall to nothing."""
         super().__init__()
-        self.num_neighbours = num_neighbours
+        self.num_neighbours, self.fade = num_neighbours, fade
         heads = torch.eye(NUM_HEADS).repeat_interleave(attention_channels // NUM_HEADS, dim=0)
         self.register_buffer("head_of_channel", heads, persistent=False)  # [attention head], 0 or 1
         self.query_scale = (attention_channels // NUM_HEADS) ** -0.5
@@ -47,16 +50,28 @@ class NeighbourAttention(nn.Module):
         All heads share one batched product each way, by queries that are zero outside their head's channels: at these
         sizes that beats splitting and copying.
         """
-        neighbours = nearest_neighbours(points, self.num_neighbours)
+        neighbours, presence = self._neighbours(points)
         offsets = _relative_offsets(points, neighbours, depth, world_to_view)
         normed = self.norm(features)
         # `embedding` picks rows like an index, but much faster, and so its gradient
         key, value = F.embedding(neighbours, self.key_value(normed)).chunk(2, dim=-1)  # [point k attention]
         query = self.query_scale * self.query(normed)[..., None] * self.head_of_channel  # [point attention head]
-        weights = (key @ query + self.offset_bias(offsets)).softmax(dim=1)  # [point k head]
+        logits = key @ query + self.offset_bias(offsets) + presence.log()[..., None]
+        weights = logits.softmax(dim=1)  # [point k head]
         weights = weights.transpose(1, 2)
         gathered = ((weights @ value) * self.head_of_channel.T).sum(dim=1)
         return self.output(torch.cat((gathered, rearrange(weights @ offsets, "p head c -> p (head c)")), dim=-1))
+
+    def _neighbours(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Indices of the k nearest points, and how far each is present, LEAST_PRESENCE to 1: [point k] both."""
+        if len(points) <= self.num_neighbours:  # no point is left out
+            neighbours = nearest_neighbours(points, self.num_neighbours)
+            return neighbours, torch.ones_like(neighbours, dtype=points.dtype)
+        neighbours = nearest_neighbours(points, self.num_neighbours + 1)
+        distance = (F.embedding(neighbours, points) - points[:, None]).square().sum(dim=-1)
+        beyond = distance.amax(dim=1, keepdim=True)
+        presence = (beyond - distance) / (self.fade * beyond).clamp(min=1e-30)
+        return neighbours[:, :-1], presence[:, :-1].clamp(LEAST_PRESENCE, 1.0)
 
 
 def _relative_offsets(points: Tensor, neighbours: Tensor, depth: Tensor, world_to_view: Tensor) -> Tensor:

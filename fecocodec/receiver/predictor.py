@@ -48,7 +48,9 @@ class Predictor(nn.Module):
         self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
         self.fine = Block2d(fine, config.fine_hidden)
         self.depth_head = nn.Conv2d(fine, 1, 3, padding=1)
-        self.attention = NeighbourAttention(fine, config.attention_channels, config.num_neighbours)
+        self.attention = NeighbourAttention(
+            fine, config.attention_channels, config.num_neighbours, config.neighbour_fade
+        )
         first, last = nn.Conv2d(fine, fine, 1), nn.Conv2d(fine, PER_CELL * sum(RAW.values()), 1)
         self.head = nn.Sequential(first, nn.GELU(approximate="tanh"), last)
         nn.init.normal_(last.weight, std=0.02)

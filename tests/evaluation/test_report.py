@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from fecocodec.errors import InputError
+from fecocodec.evaluation.codec_systems import THOROUGH
 from fecocodec.evaluation.complexity import Need
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
@@ -76,7 +77,9 @@ def studies() -> Studies:
     loads = tuple(Load(2, side, 2 * side**2, side**2 / 1e5, side / 1e4, 100.0, side**2) for side in (64, 128))
     needs = (Need(0, 1.0, 1.0, 0.1, 1), Need(24, 9.0, 8.0, 0.2, 2))
     verdicts = (Verdict("wall: easy", "finite", 20.0, 0.0, 21.0, 0.0, 3.5, 0, "a Gaussian is not finite"),)
-    return Studies(tuple(rate), tuple(speed), (), steps, loads, needs, verdicts)
+    savings = [m for m in rate if m.system in ("fecosplat", "adaptive")]
+    complexity = {entry: 4.0 * 2**at for at, entry in enumerate(ENTRIES)}
+    return Studies(tuple(rate), tuple(speed), tuple(savings), complexity, (), steps, loads, needs, verdicts)
 
 
 def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,14 +108,17 @@ def test_failures_are_told(studies: Studies, tmp_path: Path, monkeypatch: pytest
 
 
 def test_savings_are_judged_by_what_was_asked(studies: Studies) -> None:
-    text = adaptive_section(studies.rate, studies.needs).text
+    text = adaptive_section(studies.rate, studies.savings, studies.complexity, studies.needs).text
     assert "| sender, keep section | 25.0 | 0.010 | 0.010 | 0.010 | met |" in text
     assert "| simplest third | 1 | plain | -50.0 |" in text and "| met |" in text.split("simplest third")[1]
     assert "| as many steps |" not in text  # those were not measured
+    many = [replace(m, system=THOROUGH) for m in curve("adaptive", 1.0, 20.0) if m.entry != ENTRIES[-1]]
+    text = adaptive_section([*studies.rate, *many], studies.savings, studies.complexity, studies.needs).text
+    assert f"| all | {len(ENTRIES)} | plain |" in text and f"| all | {len(ENTRIES) - 1} | as many steps | 0.0 |" in text
     costly = [replace(m, psnr=m.psnr - 1.0) if m.system == "adaptive" else m for m in studies.rate]
     assert (
         "| sender, keep section | 25.0 | 1.010 | 1.010 | 0.010 | missed |"
-        in adaptive_section(costly, studies.needs).text
+        in adaptive_section(costly, studies.savings, studies.complexity, studies.needs).text
     )
 
 

@@ -5,7 +5,7 @@ from statistics import fmean
 
 from fecocodec.evaluation.adaptive_systems import ADAPTIVE, ALL_GAUSSIANS, PRUNED
 from fecocodec.evaluation.codec_systems import THOROUGH
-from fecocodec.evaluation.complexity import COMPLEXITY_CODEC, COMPLEXITY_QUALITY, LAMBDA, Need
+from fecocodec.evaluation.complexity import LAMBDA, Need
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
@@ -24,9 +24,8 @@ adaptive sender at lambda 1e-3: of drawn rooms, from bare walls to {waves} patte
 
 What the decisions save. Gaussians: the same adaptive files at lambda 1e-3, against all that they could emit. Bytes:
 adaptive files against plain ones at equal PSNR of target views (BD-rate), on thirds of the entries by complexity. The
-adaptive sender takes {steps} steps of refinement, the plain one three; against plain files of as many steps is what
-remains for its decisions. A third of these entries is few where curves are flat: `benchmarks/adaptive_savings.py`
-measures the bytes on every pair of an index.
+adaptive sender takes {steps} steps of refinement, the plain one three; against plain files of as many steps, which were
+made of fewer entries, is what remains for its decisions.
 
 {gaussians}
 
@@ -34,12 +33,16 @@ measures the bytes on every pair of an index.
 """
 
 
-def adaptive_section(found: Sequence[Measurement], needs: Sequence[Need]) -> Section:
-    """found: of the rate study; needs: of drawn rooms."""
-    complexity = _complexity(found)
-    at_lambda = [m for m in found if m.system == ADAPTIVE and m.setting == _setting(LAMBDA) and not m.error]
-    at_lambda = at_lambda or [m for m in found if m.system == ADAPTIVE and not m.error]
-    photographs = [(m, complexity[m.entry]) for m in at_lambda if m.entry in complexity]
+def adaptive_section(
+    rate: Sequence[Measurement],
+    savings: Sequence[Measurement],
+    complexity: Mapping[str, float],
+    needs: Sequence[Need],
+) -> Section:
+    """rate: of some pairs and every system; savings: of more pairs, plain and adaptive; complexity: KiB of the
+    photographs of these by entry; needs: of drawn rooms."""
+    at_lambda = [m for m in savings if m.system == ADAPTIVE and m.setting == f"lambda {LAMBDA:g}" and not m.error]
+    photographs = [(m, complexity[m.entry]) for m in at_lambda]
     kib = Chart(
         "complexity_bytes",
         "Bytes and complexity",
@@ -65,14 +68,10 @@ def adaptive_section(found: Sequence[Measurement], needs: Sequence[Need]) -> Sec
         waves=max((n.num_waves for n in needs), default=0),
         bytes_chart=picture(kib),
         gaussians_chart=picture(gaussians),
-        gaussians=_gaussians_saved(found),
-        bytes=bytes_saved(found, complexity),
+        gaussians=_gaussians_saved(rate),
+        bytes=_bytes_saved(rate, savings, complexity),
     )
     return Section("No more than a scene needs", text, (kib, gaussians))
-
-
-def _setting(lmbda: float) -> str:
-    return f"lambda {lmbda:g}"
 
 
 def _note(need: Need) -> str:
@@ -81,16 +80,6 @@ def _note(need: Need) -> str:
 
 def _density(measurement: Measurement) -> float:
     return measurement.num_gaussians / (measurement.num_context * measurement.height * measurement.width)
-
-
-def _complexity(found: Sequence[Measurement]) -> dict[str, float]:
-    """KiB of the photographs by entry."""
-    setting = f"quality {COMPLEXITY_QUALITY:g}"
-    return {
-        m.entry: m.num_bytes / 1024
-        for m in found
-        if (m.system, m.setting) == (COMPLEXITY_CODEC, setting) and not m.error
-    }
 
 
 def _gaussians_saved(found: Sequence[Measurement]) -> str:
@@ -122,26 +111,25 @@ def _gaussians_saved(found: Sequence[Measurement]) -> str:
     return table(head, rows)
 
 
-def bytes_saved(found: Sequence[Measurement], complexity: Mapping[str, float]) -> str:
-    """Adaptive files against plain ones and those of as many steps, whichever were measured: a Markdown table by thirds
-    of the entries. complexity: KiB of the photographs by entry."""
-    order = sorted(complexity, key=lambda entry: complexity[entry])
-    count = -(-len(order) // 3)
-    thirds = {"simplest third": order[:count], "other entries": order[count:], "all": order}
+def _bytes_saved(rate: Sequence[Measurement], savings: Sequence[Measurement], complexity: Mapping[str, float]) -> str:
+    """Adaptive files against plain ones, of every pair, and against those of as many steps, of fewer: by thirds."""
     rows = []
-    systems = {m.system for m in found}
-    for other, label in ((OURS, "plain"), (THOROUGH, "as many steps")):
-        if other not in systems:
-            continue
+    for other, label, found in ((OURS, "plain", savings), (THOROUGH, "as many steps", rate)):
         curves = [m for m in found if m.system in (other, ADAPTIVE)]
+        compared = {m.entry for m in curves if m.system == other} & complexity.keys()
+        order = sorted(compared, key=lambda entry: complexity[entry])
+        count = -(-len(order) // 3)
+        thirds = {"simplest third": order[:count], "other entries": order[count:], "all": order}
         for name, entries in thirds.items():
+            if not entries:
+                continue
             (comparison, *_) = compare(averages([m for m in curves if m.entry in entries]), ours=ADAPTIVE) or (None,)
-            rate = comparison.bd_rate if comparison else None
+            saved = comparison.bd_rate if comparison else None
             gain = comparison.bd_psnr if comparison else None
             is_asked = name == "simplest third" and other == OURS
-            is_met = rate is not None and rate <= -LEAST_FEWER_BYTES
+            is_met = saved is not None and saved <= -LEAST_FEWER_BYTES
             verdict = ("met" if is_met else "missed") if is_asked else ""
-            rows.append((name, f"{len(entries)}", label, number(rate, 1), number(gain), verdict))
+            rows.append((name, f"{len(entries)}", label, number(saved, 1), number(gain), verdict))
     head = (
         "entries",
         "number",

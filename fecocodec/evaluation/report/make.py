@@ -30,7 +30,7 @@ def make_report(plan: ReportPlan, on_study: OnStudy) -> tuple[str, ...]:
     studies = measure_studies(plan, on_study)
     on_study("writing")
     _write(plan, _sections(plan, studies))
-    measurements = (*studies.rate, *studies.speed, *studies.more_views)
+    measurements = (*studies.rate, *studies.speed, *studies.savings, *studies.more_views)
     return tuple(dict.fromkeys(f"{m.entry}, {m.system}, {m.setting}: {m.error}" for m in measurements if m.error))
 
 
@@ -39,7 +39,7 @@ def _sections(plan: ReportPlan, studies: Studies) -> tuple[Section, ...]:
         *rate_sections(studies.rate, studies.more_views),
         speed_section(studies.rate, studies.speed, studies.steps, plan.room_side),
         scaling_section(studies.loads, plan.room_side),
-        adaptive_section(studies.rate, studies.needs),
+        adaptive_section(studies.rate, studies.savings, studies.complexity, studies.needs),
         stress_section(studies.verdicts),
     )
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from fecocodec.container import quantise_lambda, read_stream
 from fecocodec.evaluation.box_room import Room, painted, photograph
 from fecocodec.evaluation.camera_paths import sideways
-from fecocodec.evaluation.complexity import Need, measure_need
+from fecocodec.evaluation.complexity import Need, measure_need, photograph_kib
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.reconstruction import System
@@ -34,10 +34,13 @@ WARM_RUNS = 3
 @dataclass(frozen=True)
 class Studies:
     """What was measured. rate: pairs through every system; speed: some of them through ways to trade time for quality;
+    savings: more pairs, coded plainly and adaptively; complexity: of those pairs, KiB of the photographs by entry;
     more_views: entries of more than two views; steps: seconds by step, by what was done."""
 
     rate: tuple[Measurement, ...]
     speed: tuple[Measurement, ...]
+    savings: tuple[Measurement, ...]
+    complexity: dict[str, float]
     more_views: tuple[Measurement, ...]
     steps: dict[str, dict[str, float]]
     loads: tuple[Load, ...]
@@ -58,16 +61,17 @@ def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
     steps = _steps(plan, profile, ResultFile(plan.work / "steps.jsonl", label))
     on_study("rooms from bare to crowded")
     needs = _needs(plan, profile, ResultFile(plan.work / "complexity.jsonl", label))
-    rate, speed, more_views = _measurements(plan, profile, label, on_study)
+    rate, speed, savings, more_views = _measurements(plan, profile, label, on_study)
+    complexity = _complexity(plan, {measurement.entry for measurement in savings if not measurement.error})
     on_study("hard cases")
     verdicts = _verdicts(plan, profile, ResultFile(plan.work / "stress.jsonl", label))
-    return Studies(rate, speed, more_views, steps, loads, needs, verdicts)
+    return Studies(rate, speed, savings, complexity, more_views, steps, loads, needs, verdicts)
 
 
 def _measurements(
     plan: ReportPlan, profile: Profile, label: str, on_study: OnStudy
 ) -> tuple[tuple[Measurement, ...], ...]:
-    """Of the rate, the speed and the more-views studies, which share one file: nothing is measured twice."""
+    """Of the rate, speed, savings and more-views studies, which share one file: nothing is measured twice."""
     index = read_index(plan.index)
     pairs = choose_entries(index, 2, plan.entries, plan.index)
     few = pairs[:: max(1, len(pairs) // plan.speed_entries)][: plan.speed_entries]
@@ -82,9 +86,19 @@ def _measurements(
     rate = measured(pairs, _rate_systems(plan, profile))
     on_study("speed and quality")
     speed = measured(few, [system for lmbda in plan.few_lambdas for system in speed_systems(profile, lmbda)])
+    on_study("what the adaptive sender saves")
+    many = choose_entries(index, 2, plan.adaptive_entries, plan.index)
+    savings = measured(many, systems_of(["codec", "adaptive"], profile, plan.few_lambdas))
     on_study("more views")
     thinned = choose_entries(more, None, plan.entries_of_more_views, plan.index) if more else ()
-    return rate, speed, measured(thinned, systems_of(["codec"], profile, [LAMBDA]))
+    return rate, speed, savings, measured(thinned, systems_of(["codec"], profile, [LAMBDA]))
+
+
+def _complexity(plan: ReportPlan, entries: set[str]) -> dict[str, float]:
+    """Of these entries of the index, by name: KiB of their context photographs."""
+    read = open_scenes(plan.root, plan.size)
+    found = [entry for entry in read_index(plan.index) if entry.name in entries]
+    return {entry.name: photograph_kib(read(entry).select(list(range(len(entry.context))))) for entry in found}
 
 
 def _rate_systems(plan: ReportPlan, profile: Profile) -> tuple[System, ...]:

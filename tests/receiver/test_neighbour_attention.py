@@ -1,0 +1,41 @@
+"""Attention over nearest points: no jump where two are equally far, finite wherever points lie."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from fecocodec.receiver.neighbour_attention import NeighbourAttention
+
+NUM_NEIGHBOURS = 5
+
+
+def attend(points: Tensor, fade: float = 1.0) -> Tensor:
+    """What the first point gets. Features and weights are the same at every call."""
+    torch.manual_seed(0)
+    attention = NeighbourAttention(8, 8, NUM_NEIGHBOURS, fade).requires_grad_(False)
+    features = torch.randn(len(points), 8)
+    return attention(features, points, torch.ones(len(points)), torch.eye(3).expand(len(points), 3, 3))[0]
+
+
+def around(radius: float) -> Tensor:
+    """A point, three near it, and on its two sides one at distance 0.2 and one at another."""
+    near = [[0.0, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1], [0.0, -0.1, 0.0]]
+    return torch.tensor([*near, [0.2, 0.0, 0.0], [-radius, 0.0, 0.0]])
+
+
+def jump(fade: float) -> float:
+    """How far the result moves as the sixth point becomes a neighbour in place of the other."""
+    return float((attend(around(0.2 - 1e-6), fade) - attend(around(0.2 + 1e-6), fade)).abs().max())
+
+
+@pytest.mark.parametrize("fade", [0.25, 1.0])
+def test_which_of_two_equally_far_points_is_chosen_changes_nothing(fade: float) -> None:
+    assert jump(fade) < 1e-4
+    assert jump(1e-9) > 1e-2, "without fading it does, or this test sees nothing"
+
+
+@pytest.mark.parametrize("count", [1, 2, NUM_NEIGHBOURS, NUM_NEIGHBOURS + 1, 40])
+@pytest.mark.parametrize("spread", [0.0, 1e-20, 1.0, 1e15])
+def test_finite_for_few_points_for_points_in_one_place_and_for_far_ones(count: int, spread: float) -> None:
+    points = spread * torch.randn(count, 3, generator=torch.Generator().manual_seed(1))
+    assert bool(attend(points).isfinite().all())
