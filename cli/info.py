@@ -104,7 +104,7 @@ def print_summary(summary: StreamSummary) -> None:
         ]
     )
     click.echo()
-    rows = [(f"{s.offset}", s.name, f"{s.length}", "" if s.is_intact else "damaged") for s in summary.sections]
+    rows = [(f"{s.offset}", s.name, f"{s.total_bytes}", "" if s.is_intact else "damaged") for s in summary.sections]
     print_columns([("at byte", "section", "bytes", ""), ("0", "header", f"{summary.header_bytes}", ""), *rows])
 
 

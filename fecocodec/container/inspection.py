@@ -21,6 +21,11 @@ class SectionSummary:
     length: int
     is_intact: bool
 
+    @property
+    def total_bytes(self) -> int:
+        """With its head and CRC: what it adds to the file."""
+        return self.length + SECTION_OVERHEAD
+
 
 @dataclass(frozen=True)
 class StreamSummary:
