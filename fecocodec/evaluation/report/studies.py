@@ -103,8 +103,8 @@ def _complexity(plan: ReportPlan, entries: set[str]) -> dict[str, float]:
 
 def _rate_systems(plan: ReportPlan, profile: Profile) -> tuple[System, ...]:
     return (
-        *systems_of(["codec", "thorough"], profile, plan.lambdas),
-        *systems_of(["ablations", "adaptive"], profile, plan.few_lambdas),
+        *systems_of(["codec"], profile, plan.lambdas),
+        *systems_of(["thorough", "ablations", "adaptive"], profile, plan.few_lambdas),
         *systems_of(["all-gaussians", "pruned"], profile, [LAMBDA]),
         *systems_of(["images", "gaussians", "floor"], profile, ()),
     )
