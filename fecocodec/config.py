@@ -16,7 +16,7 @@ class ReceiverConfig:
     fine_hidden: int = 96  # inner width of the blocks at 1/4 resolution
     predictor_channels: tuple[int, int] = (176, 264)  # widths of P at 1/8 and 1/16
     num_neighbours: int = 24  # k of the KNN attention
-    neighbour_fade: float = 1.0  # share of the squared distance to the nearest point left out over which weights fall to 0
+    neighbour_fade: float = 1.0  # share of the squared distance to the nearest point left out over which they fade
     attention_channels: int = 48
     # Quantisation steps are 1 / gain. Where rate and squared error trade off at price lambda the best step grows as the
     # root of lambda, if symbols are the nearest: squared error grows with the square of the step, bits fall with its
