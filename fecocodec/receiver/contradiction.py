@@ -34,20 +34,25 @@ def contradiction(
     found, views = torch.zeros_like(depth), cameras.num_views
     if views == 1:
         return found
+    places, colour = (rearrange(x, "b v h w c -> b c v h w").contiguous() for x in (means, colour))
     shown = _shown(depth, colour, opacity)
     for scene in range(len(depth)):
         for other in range(views):
             judged = [view for view in range(views) if view != other]
             camera = cameras.scene(scene).select([other])
-            said = _said_by(shown[scene, other], camera, means[scene, judged], colour[scene, judged], config)
+            said = _said_by(shown[scene, other], camera, places[scene][:, judged], colour[scene][:, judged], config)
             found[scene, judged] = torch.maximum(found[scene, judged], said)
     return found
 
 
-def _shown(depth: Tensor, colour: Tensor, opacity: Tensor) -> Float[Tensor, "batch view 4 h4 w4"]:
+def _shown(
+    depth: Float[Tensor, "batch view h2 w2"],
+    colour: Float[Tensor, "batch 3 view h2 w2"],
+    opacity: Float[Tensor, "batch view h2 w2"],
+) -> Float[Tensor, "batch view 4 h4 w4"]:
     """Colour and inverse depth of each view's own Gaussians, mean over `POOLED`x`POOLED` weighted by opacity."""
-    values = torch.cat((colour, 1.0 / depth[..., None], torch.ones_like(depth)[..., None]), dim=-1)
-    weighted = rearrange(values * (opacity[..., None] + 1e-3), "b v h w c -> (b v) c h w")
+    values = torch.cat((colour, 1.0 / depth[:, None], torch.ones_like(depth)[:, None]), dim=1)
+    weighted = rearrange(values * (opacity[:, None] + 1e-3), "b c v h w -> (b v) c h w")
     pooled = rearrange(F.avg_pool2d(weighted, POOLED), "(b v) c h w -> b v c h w", b=len(depth))
     return pooled[:, :, :4] / pooled[:, :, 4:]
 
@@ -55,14 +60,14 @@ def _shown(depth: Tensor, colour: Tensor, opacity: Tensor) -> Float[Tensor, "bat
 def _said_by(
     shown: Float[Tensor, "4 h4 w4"],
     camera: Cameras,
-    means: Float[Tensor, "judged h2 w2 3"],
-    colour: Float[Tensor, "judged h2 w2 3"],
+    places: Float[Tensor, "3 judged h2 w2"],
+    colour: Float[Tensor, "3 judged h2 w2"],
     config: ReceiverConfig,
 ) -> Float[Tensor, "judged h2 w2"]:
     """What one view says of other views' Gaussians; nothing where it does not see them."""
-    uv, depth, is_seen = seen_by(camera, means)
+    uv, depth, is_seen = seen_by(camera, places)
     there = shown_at(shown, uv)
-    difference = (there[..., :3] - colour).square().sum(dim=-1).square()
-    lead = -(there[..., 3] * depth).clamp_min(1e-6).log()
+    difference = (there[:3] - colour).square().sum(dim=0).square()
+    lead = -(there[3] * depth).clamp_min(1e-6).log()
     nearer = torch.sigmoid((lead - config.contradicting_lead) / config.contradicting_lead_width)
     return is_seen * nearer * difference / (difference + config.contradicting_colour**2)

@@ -3,7 +3,7 @@
 import torch
 import torch.nn.functional as F
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.geometry.neighbours import nearest_neighbours
@@ -11,6 +11,7 @@ from fecocodec.geometry.neighbours import nearest_neighbours
 NUM_HEADS = 4
 OFFSET_CHANNELS = 4  # relative position (3) and its length
 LEAST_PRESENCE = 1e-6  # of a neighbour: were it zero, points that all lie in one place would have none
+POINTS_AT_ONCE = 4096  # whose neighbours' keys and values are gathered; more are slower, for want of cache
 LARGEST_OFFSET = 4.0  # offsets are measured in depths of the point; farther ones are clamped
 
 
@@ -47,20 +48,38 @@ class NeighbourAttention(nn.Module):
 
         points: world frame. depth: of each point in the view that saw it. world_to_view: rotation of that view.
 
+        Block by block: what is gathered outweighs all else by far.
+        """
+        neighbours, presence = self._neighbours(points)
+        normed = self.norm(features)
+        key_value, query = self.key_value(normed), self.query_scale * self.query(normed)
+        of_points = (neighbours, presence, query, points, depth, world_to_view)
+        blocks = zip(*(x.split(POINTS_AT_ONCE) for x in of_points), strict=True)
+        return self.output(torch.cat([self._gather(key_value, points, *block) for block in blocks]))
+
+    def _gather(
+        self,
+        key_value: Float[Tensor, "point attention2"],
+        places: Float[Tensor, "point 3"],
+        neighbours: Int[Tensor, "asking k"],
+        presence: Float[Tensor, "asking k"],
+        query: Float[Tensor, "asking attention"],
+        points: Float[Tensor, "asking 3"],
+        depth: Float[Tensor, " asking"],
+        world_to_view: Float[Tensor, "asking 3 3"],
+    ) -> Float[Tensor, "asking gathered"]:
+        """What some points find among their neighbours, all of whose keys, values and places are given.
+
         All heads share one batched product each way, by queries that are zero outside their head's channels: at these
         sizes that beats splitting and copying.
         """
-        neighbours, presence = self._neighbours(points)
-        offsets = _relative_offsets(points, neighbours, depth, world_to_view)
-        normed = self.norm(features)
+        offsets = _relative_offsets(F.embedding(neighbours, places) - points[:, None], depth, world_to_view)
         # `embedding` picks rows like an index, but much faster, and so its gradient
-        key, value = F.embedding(neighbours, self.key_value(normed)).chunk(2, dim=-1)  # [point k attention]
-        query = self.query_scale * self.query(normed)[..., None] * self.head_of_channel  # [point attention head]
-        logits = key @ query + self.offset_bias(offsets) + presence.log()[..., None]
-        weights = logits.softmax(dim=1)  # [point k head]
-        weights = weights.transpose(1, 2)
+        key, value = F.embedding(neighbours, key_value).chunk(2, dim=-1)  # [asking k attention]
+        logits = key @ (query[..., None] * self.head_of_channel) + self.offset_bias(offsets) + presence.log()[..., None]
+        weights = logits.softmax(dim=1).transpose(1, 2)  # [asking head k]
         gathered = ((weights @ value) * self.head_of_channel.T).sum(dim=1)
-        return self.output(torch.cat((gathered, rearrange(weights @ offsets, "p head c -> p (head c)")), dim=-1))
+        return torch.cat((gathered, rearrange(weights @ offsets, "p head c -> p (head c)")), dim=-1)
 
     def _neighbours(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Indices of the k nearest points, and how far each is present, LEAST_PRESENCE to 1: [point k] both."""
@@ -74,9 +93,11 @@ class NeighbourAttention(nn.Module):
         return neighbours[:, :-1], presence[:, :-1].clamp(LEAST_PRESENCE, 1.0)
 
 
-def _relative_offsets(points: Tensor, neighbours: Tensor, depth: Tensor, world_to_view: Tensor) -> Tensor:
-    """Offsets to the neighbours in view axes, in units of depth, and their lengths: [point k 4]."""
-    offsets = (F.embedding(neighbours, points) - points[:, None]) / depth[:, None, None]
+def _relative_offsets(
+    offsets: Float[Tensor, "point k 3"], depth: Float[Tensor, " point"], world_to_view: Float[Tensor, "point 3 3"]
+) -> Float[Tensor, "point k 4"]:
+    """Offsets in world axes -> in view axes, in units of depth, and their lengths."""
+    offsets = offsets / depth[:, None, None]
     offsets = (offsets @ world_to_view.transpose(-1, -2)).clamp(-LARGEST_OFFSET, LARGEST_OFFSET)
     length = offsets.square().sum(dim=-1, keepdim=True).add(1e-12).sqrt()
     return 10.0 * torch.cat((offsets, length), dim=-1)  # neighbours lie near 0.01 to 0.1 depths away

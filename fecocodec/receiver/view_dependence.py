@@ -30,18 +30,19 @@ def view_dependent(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int]
     views = cameras.num_views
     if views == 1 or gaussians.harmonics.shape[-2] > 1:
         return gaussians
-    means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0])
-    colour = 0.5 + SH_DEGREE_0 * rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0])
+    places = rearrange(gaussians.means, "(v h w) xyz -> v xyz h w", v=views, h=grid[0]).contiguous()
+    colour = rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0]).contiguous()
+    colour = 0.5 + SH_DEGREE_0 * colour
     forward, centres = cameras.extrinsics[:, :3, 2], cameras.extrinsics[:, :3, 3]
-    depth = ((means - centres[:, None, None]) * forward[:, None, None]).sum(dim=-1)
+    depth = ((places - centres[..., None, None]) * forward[..., None, None]).sum(dim=1)
     shown = torch.cat((colour, 1.0 / depth[:, None].clamp_min(SMALLEST_DEPTH)), dim=1)
-    harmonics = torch.stack([_harmonics(view, means[view], shown, cameras, config) for view in range(views)])
+    harmonics = torch.stack([_harmonics(view, places[view], shown, cameras, config) for view in range(views)])
     return replace(gaussians, harmonics=rearrange(harmonics, "v sh rgb h w -> (v h w) sh rgb"))
 
 
 def _harmonics(
     view: int,
-    means: Float[Tensor, "h w 3"],
+    places: Float[Tensor, "3 h w"],
     shown: Float[Tensor, "view 4 h w"],
     cameras: Cameras,
     config: ReceiverConfig,
@@ -52,7 +53,6 @@ def _harmonics(
     where what view j shows hides the Gaussian. shown: colour and inverse depth.
     """
     own, centres = shown[view, :3], cameras.extrinsics[:, :3, 3]
-    places = rearrange(means, "h w xyz -> xyz h w").contiguous()
     direction = _directions(places, centres[view])
     ridge = config.view_dependence_ridge**2 * torch.eye(3, device=own.device)
     matrix = ridge[..., None, None].repeat(1, 1, *own.shape[1:])
@@ -60,8 +60,8 @@ def _harmonics(
     for other in range(cameras.num_views):
         if other == view:
             continue
-        uv, depth, is_seen = seen_by(cameras.select([other]), means)
-        there = rearrange(shown_at(shown[other], uv[None]), "1 h w c -> c h w")
+        uv, depth, is_seen = seen_by(cameras.select([other]), places)
+        there = shown_at(shown[other], uv)
         lag = (there[3] * depth).clamp_min(1e-6).log()
         weight = is_seen * torch.sigmoid((config.hiding_lag - lag) / config.hiding_lag_width)
         turn = _directions(places, centres[other]) - direction
@@ -73,17 +73,18 @@ def _harmonics(
     x, y, z = slope / SH_DEGREE_1
     fitted = torch.stack((base, -y, z, -x))
     plain = F.pad(((own - 0.5) / SH_DEGREE_0)[None], (0, 0, 0, 0, 0, 0, 0, 3))
-    is_placed = fitted.flatten(0, 1).isfinite().all(dim=0)
+    is_placed = fitted.sum(dim=(0, 1)).isfinite()
     return torch.where(is_placed, fitted, plain)
 
 
 def _solution(matrix: Float[Tensor, "3 3 h w"], right: Float[Tensor, "3 3 h w"]) -> Float[Tensor, "3 3 h w"]:
     """X in matrix X = right by Cramer's rule, of symmetric matrices."""
-    first, second, third = matrix
-    pairs = ((second, third), (third, first), (first, second))
-    adjugate = torch.stack([torch.linalg.cross(one, other, dim=0) for one, other in pairs])
-    determinant = (first * adjugate[0]).sum(dim=0)
-    return torch.stack([(row[:, None] * right).sum(dim=0) for row in adjugate]) / determinant
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = matrix
+    of_x = (yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy)
+    of_y, of_z = (of_x[1], xx * zz - xz * xz, xy * xz - xx * yz), (of_x[2], xy * xz - xx * yz, xx * yy - xy * xy)
+    determinant = xx * of_x[0] + xy * of_x[1] + xz * of_x[2]
+    adjugate = torch.stack([torch.stack(row) for row in (of_x, of_y, of_z)])
+    return (adjugate[:, :, None] * right).sum(dim=1) / determinant
 
 
 def _directions(places: Float[Tensor, "3 h w"], centre: Float[Tensor, "3"]) -> Float[Tensor, "3 h w"]:
