@@ -4,6 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from fecocodec.receiver import neighbour_attention
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
 NUM_NEIGHBOURS = 5
@@ -39,3 +40,13 @@ def test_which_of_two_equally_far_points_is_chosen_changes_nothing(fade: float) 
 def test_finite_for_few_points_for_points_in_one_place_and_for_far_ones(count: int, spread: float) -> None:
     points = spread * torch.randn(count, 3, generator=torch.Generator().manual_seed(1))
     assert bool(attend(points).isfinite().all())
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 39])
+def test_points_are_worked_off_in_blocks_without_a_trace(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.manual_seed(2)
+    attention = NeighbourAttention(8, 8, NUM_NEIGHBOURS, 1.0).requires_grad_(False)
+    of_points = torch.randn(40, 8), torch.randn(40, 3), torch.rand(40) + 0.5, torch.linalg.qr(torch.randn(40, 3, 3)).Q
+    whole = attention(*of_points)
+    monkeypatch.setattr(neighbour_attention, "POINTS_AT_ONCE", at_once)
+    torch.testing.assert_close(attention(*of_points), whole, atol=1e-6, rtol=1e-5)
