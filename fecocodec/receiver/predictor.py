@@ -57,15 +57,23 @@ class Predictor(nn.Module):
         nn.init.constant_(last.get_parameter("bias"), 0.0)
 
     def forward(
-        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
+        self,
+        state: Float[Tensor, "item channel h4 w4"],
+        cameras: Cameras,
+        condition: RateCondition,
+        follow_attention: bool = True,
     ) -> Prediction:
-        """item = (batch view); cameras has one batch dimension. Means come out in the frame and unit of the cameras."""
+        """item = (batch view); cameras has one batch dimension. Means come out in the frame and unit of the cameras.
+
+        follow_attention: whether gradients go through the attention; if not, what it gives is a constant to them.
+        """
         views = cameras.num_views
         features = self._trunk(state, condition)
         relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
         relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
-        features = self._attend(features, relative, cameras)
-        raw = rearrange(pixel_shuffle(self.head(features).float()), "(b v) c h w -> b v h w c", v=views)
+        with torch.set_grad_enabled(follow_attention and torch.is_grad_enabled()):
+            found = self._attend(features, relative, cameras)
+        raw = rearrange(pixel_shuffle(self.head(features + found).float()), "(b v) c h w -> b v h w c", v=views)
         return Prediction(self._activate(raw, relative, cameras), relative)
 
     def _trunk(self, state: Tensor, condition: RateCondition) -> Tensor:
@@ -75,7 +83,9 @@ class Predictor(nn.Module):
         return self.fine(state + self.up_middle(middle), condition)
 
     def _attend(self, features: Tensor, relative: Tensor, cameras: Cameras) -> Tensor:
-        """KNN attention over the points of all views of a scene, scene by scene, at half the features' resolution."""
+        """What KNN attention over the points of all views of a scene adds to the features; scene by scene, at half the
+        features' resolution.
+        """
         views = cameras.num_views
         pooled = F.avg_pool2d(features, 2)
         relative = F.avg_pool2d(relative, 2)
@@ -91,7 +101,7 @@ class Predictor(nn.Module):
         )
         found = torch.stack([self.attention(*scene) for scene in scenes])
         found = rearrange(found, "b (v h w) c -> (b v) c h w", v=views, h=height)
-        return features + F.interpolate(found, scale_factor=2.0, mode="nearest")
+        return F.interpolate(found, scale_factor=2.0, mode="nearest")
 
     def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:
         """Raw head outputs on the 1/2 grid -> bounded Gaussian attributes; float32 throughout."""

@@ -180,8 +180,11 @@ def hold_views_between(profile: Profile, scene: PreparedScene, states: ViewState
 
 def _gaussians(profile: Profile, scene: PreparedScene, states: ViewStates) -> Gaussians:
     """With colours that are the same from everywhere: where they depend on the direction, they hide errors of depth
-    from the gradient."""
-    return profile.receiver.predict(states.state, scene.cameras.as_batch(), states.condition).gaussians.scene(0)
+    from the gradient. Nor does the gradient go through the attention: what it finds there suits the context views alone
+    (docs/experiments.md).
+    """
+    cameras = scene.cameras.as_batch()
+    return profile.receiver.predict(states.state, cameras, states.condition, follow_attention=False).gaussians.scene(0)
 
 
 @torch.enable_grad()

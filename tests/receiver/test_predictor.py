@@ -93,3 +93,17 @@ def test_the_state_starts_the_same_everywhere_and_is_moved_by_the_latent(receive
     moved = receiver.next_state(start, y_hat, condition)
     assert moved.shape == start.shape
     assert float((moved - receiver.next_state(start, -y_hat, condition)).abs().max()) > 1e-3
+
+
+def test_attention_that_is_not_followed_is_a_constant_to_gradients(receiver: Receiver) -> None:
+    state, cameras = state_of(2), example_cameras(2).as_batch()
+    condition = receiver.condition(torch.full((2,), 600), 2)
+    found = []
+    for follow in (True, False):
+        leaf = state.clone().requires_grad_()
+        colours = receiver.predict(leaf, cameras, condition, follow_attention=follow).gaussians.harmonics
+        (gradient,) = torch.autograd.grad(colours.square().sum(), leaf)
+        found.append((colours.detach(), gradient))
+    (followed, whole), (fixed, part) = found
+    torch.testing.assert_close(fixed, followed, atol=0.0, rtol=0.0)
+    assert 0.0 < float((whole - part).norm()) < float(whole.norm())
