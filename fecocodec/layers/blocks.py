@@ -1,5 +1,8 @@
 """Blocks shared by the sender's and the receiver's networks; maps are `[item channel h w]`, item = (batch view)."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 
 import torch
@@ -9,6 +12,24 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 CONDITION_CHANNELS = 64
+_ARE_GRADIENTS_DIRECT = ContextVar("are_gradients_direct", default=False)
+
+
+@contextmanager
+def direct_gradients() -> Iterator[None]:
+    """Within it what a side branch adds is a constant to gradients: they pass it by."""
+    before = _ARE_GRADIENTS_DIRECT.set(True)
+    try:
+        yield
+    finally:
+        _ARE_GRADIENTS_DIRECT.reset(before)
+
+
+@contextmanager
+def side_branch() -> Iterator[None]:
+    """Around what is computed to be added to what passes it by; see `direct_gradients`."""
+    with torch.set_grad_enabled(torch.is_grad_enabled() and not _ARE_GRADIENTS_DIRECT.get()):
+        yield
 
 
 @dataclass(frozen=True)
@@ -87,7 +108,13 @@ class Block2d(nn.Module):
     def forward(
         self, x: Float[Tensor, "item channel h w"], condition: RateCondition
     ) -> Float[Tensor, "item channel h w"]:
-        return self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh")).add_(x)
+        return self.branch(x, condition).add_(x)
+
+    def branch(
+        self, x: Float[Tensor, "item channel h w"], condition: RateCondition
+    ) -> Float[Tensor, "item channel h w"]:
+        """What the block adds to x."""
+        return self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
 
 
 class PlainBlock2d(nn.Module):

@@ -41,14 +41,10 @@ class Receiver(nn.Module):
         return self.update(state, self.synthesis(y_hat, condition), condition)
 
     def predict(
-        self,
-        state: Float[Tensor, "item channel h4 w4"],
-        cameras: Cameras,
-        condition: RateCondition,
-        follow_attention: bool = True,
+        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
     ) -> Prediction:
-        """G_k = P(S_k, cameras); cameras has one batch dimension. follow_attention: see `Predictor.forward`."""
-        return self.predictor(state, cameras, condition, follow_attention)
+        """G_k = P(S_k, cameras); cameras has one batch dimension."""
+        return self.predictor(state, cameras, condition)
 
     def appearance(self, prediction: Prediction, cameras: Cameras) -> Gaussians:
         """The Gaussians of a batch of one scene as receivers emit them, with colours that depend on the direction.

@@ -13,7 +13,7 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
-from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_shuffle, upsample
+from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_shuffle, side_branch, upsample
 from fecocodec.receiver.contradiction import contradiction
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
@@ -57,30 +57,28 @@ class Predictor(nn.Module):
         nn.init.constant_(last.get_parameter("bias"), 0.0)
 
     def forward(
-        self,
-        state: Float[Tensor, "item channel h4 w4"],
-        cameras: Cameras,
-        condition: RateCondition,
-        follow_attention: bool = True,
+        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
     ) -> Prediction:
-        """item = (batch view); cameras has one batch dimension. Means come out in the frame and unit of the cameras.
-
-        follow_attention: whether gradients go through the attention; if not, what it gives is a constant to them.
-        """
+        """item = (batch view); cameras has one batch dimension. Means come out in the frame and unit of the cameras."""
         views = cameras.num_views
-        features = self._trunk(state, condition)
+        with side_branch():
+            coarser = self._coarser(state, condition)
+        features = state + coarser
+        with side_branch():
+            fine = self.fine.branch(features, condition)
+        features = fine.add_(features)
         relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
         relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
-        with torch.set_grad_enabled(follow_attention and torch.is_grad_enabled()):
+        with side_branch():
             found = self._attend(features, relative, cameras)
         raw = rearrange(pixel_shuffle(self.head(features + found).float()), "(b v) c h w -> b v h w c", v=views)
         return Prediction(self._activate(raw, relative, cameras), relative)
 
-    def _trunk(self, state: Tensor, condition: RateCondition) -> Tensor:
+    def _coarser(self, state: Tensor, condition: RateCondition) -> Tensor:
+        """What the U-Net's levels at 1/8 and 1/16 add to the state."""
         middle = self.middle_in(self.down_fine(state), condition)
         coarse = self.coarse(self.down_middle(middle), condition)
-        middle = self.middle_out(middle + self.up_coarse(coarse), condition)
-        return self.fine(state + self.up_middle(middle), condition)
+        return self.up_middle(self.middle_out(middle + self.up_coarse(coarse), condition))
 
     def _attend(self, features: Tensor, relative: Tensor, cameras: Cameras) -> Tensor:
         """What KNN attention over the points of all views of a scene adds to the features; scene by scene, at half the

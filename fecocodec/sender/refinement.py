@@ -19,6 +19,7 @@ from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.nearby_cameras import cameras_between
+from fecocodec.layers.blocks import direct_gradients
 from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.distortion import distortions
@@ -180,17 +181,17 @@ def hold_views_between(profile: Profile, scene: PreparedScene, states: ViewState
 
 def _gaussians(profile: Profile, scene: PreparedScene, states: ViewStates) -> Gaussians:
     """With colours that are the same from everywhere: where they depend on the direction, they hide errors of depth
-    from the gradient. Nor does the gradient go through the attention: what it finds there suits the context views alone
-    (docs/experiments.md).
-    """
-    cameras = scene.cameras.as_batch()
-    return profile.receiver.predict(states.state, cameras, states.condition, follow_attention=False).gaussians.scene(0)
+    from the gradient."""
+    return profile.receiver.predict(states.state, scene.cameras.as_batch(), states.condition).gaussians.scene(0)
 
 
 @torch.enable_grad()
 def _value_and_gradient(objective: Objective, y: Tensor) -> tuple[float, Tensor]:
+    """Of the objective, where the receiver's networks pass gradients on directly: what latents gain through side
+    branches suits the context views alone, and costs bytes and time (docs/experiments.md)."""
     y = y.detach().requires_grad_()
-    loss = objective(y)
+    with direct_gradients():
+        loss = objective(y)
     return float(loss.detach()), torch.autograd.grad(loss, y)[0]
 
 

@@ -1,5 +1,6 @@
 """Gaussian predictor: bounded for any state, independent of the order of views and of the unit of length."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import pytest
@@ -9,6 +10,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.layers.blocks import direct_gradients
 from fecocodec.receiver.model import Receiver
 from tests.example_scenes import example_cameras
 
@@ -95,15 +97,15 @@ def test_the_state_starts_the_same_everywhere_and_is_moved_by_the_latent(receive
     assert float((moved - receiver.next_state(start, -y_hat, condition)).abs().max()) > 1e-3
 
 
-def test_attention_that_is_not_followed_is_a_constant_to_gradients(receiver: Receiver) -> None:
-    state, cameras = state_of(2), example_cameras(2).as_batch()
-    condition = receiver.condition(torch.full((2,), 600), 2)
+def test_direct_gradients_are_part_of_all_and_change_no_value(receiver: Receiver) -> None:
+    cameras = example_cameras(2)
     found = []
-    for follow in (True, False):
-        leaf = state.clone().requires_grad_()
-        colours = receiver.predict(leaf, cameras, condition, follow_attention=follow).gaussians.harmonics
+    for context in (nullcontext, direct_gradients):
+        leaf = state_of(2).requires_grad_()
+        with context():
+            colours = predict(receiver, leaf, cameras).harmonics
         (gradient,) = torch.autograd.grad(colours.square().sum(), leaf)
         found.append((colours.detach(), gradient))
-    (followed, whole), (fixed, part) = found
-    torch.testing.assert_close(fixed, followed, atol=0.0, rtol=0.0)
+    (of_all, whole), (of_direct, part) = found
+    torch.testing.assert_close(of_direct, of_all, atol=0.0, rtol=0.0)
     assert 0.0 < float((whole - part).norm()) < float(whole.norm())
