@@ -1,7 +1,7 @@
 """Blocks shared by the sender's and the receiver's networks; maps are `[item channel h w]`, item = (batch view)."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass
 
@@ -99,8 +99,10 @@ class Block2d(nn.Module):
     wide and short instead of a chain of depthwise layers.
     """
 
-    def __init__(self, channels: int, hidden: int) -> None:
+    def __init__(self, channels: int, hidden: int, is_side_branch: bool = False) -> None:
+        """is_side_branch: whether `direct_gradients` pass by what the block adds."""
         super().__init__()
+        self.is_side_branch = is_side_branch
         self.norm = AdaptiveNorm(channels)
         self.spatial = nn.Conv2d(channels, hidden, 3, padding=1)
         self.pointwise = nn.Conv2d(hidden, channels, 1)
@@ -108,13 +110,9 @@ class Block2d(nn.Module):
     def forward(
         self, x: Float[Tensor, "item channel h w"], condition: RateCondition
     ) -> Float[Tensor, "item channel h w"]:
-        return self.branch(x, condition).add_(x)
-
-    def branch(
-        self, x: Float[Tensor, "item channel h w"], condition: RateCondition
-    ) -> Float[Tensor, "item channel h w"]:
-        """What the block adds to x."""
-        return self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
+        with side_branch() if self.is_side_branch else nullcontext():
+            added = self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
+        return added.add_(x)
 
 
 class PlainBlock2d(nn.Module):

@@ -46,7 +46,7 @@ class Predictor(nn.Module):
         self.middle_in, self.middle_out = Block2d(middle, middle), Block2d(middle, middle)
         self.coarse = Block2d(coarse, coarse)
         self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
-        self.fine = Block2d(fine, config.fine_hidden)
+        self.fine = Block2d(fine, config.fine_hidden, is_side_branch=True)
         self.depth_head = nn.Conv2d(fine, 1, 3, padding=1)
         self.attention = NeighbourAttention(
             fine, config.attention_channels, config.num_neighbours, config.neighbour_fade
@@ -63,10 +63,7 @@ class Predictor(nn.Module):
         views = cameras.num_views
         with side_branch():
             coarser = self._coarser(state, condition)
-        features = state + coarser
-        with side_branch():
-            fine = self.fine.branch(features, condition)
-        features = fine.add_(features)
+        features = self.fine(state + coarser, condition)
         relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
         relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
         with side_branch():
