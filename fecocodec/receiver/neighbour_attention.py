@@ -24,12 +24,14 @@ class NeighbourAttention(nn.Module):
     two is chosen, rounding decides, and on another machine otherwise.
     """
 
+    head_of_channel: Float[Tensor, "attention head"]  # 0 or 1
+
     def __init__(self, channels: int, attention_channels: int, num_neighbours: int, fade: float) -> None:
         """fade: share of the squared distance to the nearest point left out, over which weights fall to nothing."""
         super().__init__()
         self.num_neighbours, self.fade = num_neighbours, fade
         heads = torch.eye(NUM_HEADS).repeat_interleave(attention_channels // NUM_HEADS, dim=0)
-        self.register_buffer("head_of_channel", heads, persistent=False)  # [attention head], 0 or 1
+        self.register_buffer("head_of_channel", heads, persistent=False)
         self.query_scale = (attention_channels // NUM_HEADS) ** -0.5
         self.norm = nn.LayerNorm(channels)
         self.query = nn.Linear(channels, attention_channels)
