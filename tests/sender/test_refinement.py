@@ -1,6 +1,7 @@
 """Refinement lowers what encoding minimises, gives the same bytes every time, and is left out where it does not fit."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -126,6 +127,25 @@ def test_many_steps_hold_the_views_between_and_few_do_not(
     free = (between(12) - start).square().mean()
     assert torch.equal(between(3), few)
     assert 0.0 < held < free
+
+
+@pytest.mark.parametrize(("most", "passes_by"), [(2, True), (1, False)])
+def test_gradients_pass_side_branches_by_where_views_are_few(
+    trained: Profile, scene: PreparedScene, most: int, passes_by: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    attend = type(trained.receiver.predictor)._attend
+
+    def watched(*inputs: Any) -> Tensor:
+        asked.append(torch.is_grad_enabled())
+        return attend(*inputs)
+
+    monkeypatch.setattr(refinement, "MOST_VIEWS_OF_DIRECT_GRADIENTS", most)
+    monkeypatch.setattr(type(trained.receiver.predictor), "_attend", watched)
+    with torch.no_grad():
+        matched = match_views(trained, scene)
+        refined_first_latents(trained, scene, matched, COARSE_LAMBDA_Q, 2)
+    assert asked == 2 * [not passes_by]
 
 
 def test_views_without_neighbours_are_refined_without_holding_any(profile: Profile) -> None:
