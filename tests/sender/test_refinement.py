@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.container.lagrangian import dequantise_lambda, quantise_lambda
 from fecocodec.sender import refinement
 from fecocodec.sender.distortion import distortions
@@ -34,12 +33,6 @@ def profile(random_weights: Path) -> Profile:
 
 
 @pytest.fixture(scope="module")
-def trained() -> Profile:
-    """What gradients that pass side branches by are worth, only trained networks tell."""
-    return load_profile(SHIPPED / DEFAULT_MODEL, "cpu")
-
-
-@pytest.fixture(scope="module")
 def scene(profile: Profile) -> PreparedScene:
     with torch.no_grad():
         return prepare(profile, example_views(2))
@@ -55,8 +48,8 @@ def objective(profile: Profile, scene: PreparedScene, refinement_steps: int) -> 
     return float(distortions(rendering, scene.images).mean()) + dequantise_lambda(LAMBDA_Q) * bits_per_pixel
 
 
-def test_more_steps_lower_the_objective(trained: Profile, scene: PreparedScene) -> None:
-    unrefined, few, many = (objective(trained, scene, steps) for steps in (0, 3, 12))
+def test_more_steps_lower_the_objective(profile: Profile, scene: PreparedScene) -> None:
+    unrefined, few, many = (objective(profile, scene, steps) for steps in (0, 3, 12))
     assert many < few < unrefined
 
 
@@ -107,17 +100,17 @@ def test_every_stage_is_refined_by_its_own_rate_and_distortion(profile: Profile)
 
 
 def test_many_steps_hold_the_views_between_and_few_do_not(
-    trained: Profile, scene: PreparedScene, monkeypatch: pytest.MonkeyPatch
+    profile: Profile, scene: PreparedScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """How far the view half-way moves from where it was before the first step."""
     first_lambda_q = first_stage_lambda_q(LAMBDA_Q)
 
     @torch.no_grad()
     def between(num_steps: int) -> Tensor:
-        matched = match_views(trained, scene)
-        latents = refined_first_latents(trained, scene, matched, first_lambda_q, num_steps)
-        first = code_stage(trained, scene, latents, first_lambda_q, (0, 1), None)
-        held = refinement.hold_views_between(trained, scene, first.after)
+        matched = match_views(profile, scene)
+        latents = refined_first_latents(profile, scene, matched, first_lambda_q, num_steps)
+        first = code_stage(profile, scene, latents, first_lambda_q, (0, 1), None)
+        held = refinement.hold_views_between(profile, scene, first.after)
         assert held is not None
         return held.images
 
@@ -131,20 +124,20 @@ def test_many_steps_hold_the_views_between_and_few_do_not(
 
 @pytest.mark.parametrize(("most", "passes_by"), [(2, True), (1, False)])
 def test_gradients_pass_side_branches_by_where_views_are_few(
-    trained: Profile, scene: PreparedScene, most: int, passes_by: bool, monkeypatch: pytest.MonkeyPatch
+    profile: Profile, scene: PreparedScene, most: int, passes_by: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
-    attend = type(trained.receiver.predictor)._attend
+    attend = type(profile.receiver.predictor)._attend
 
     def watched(*inputs: Any) -> Tensor:
         asked.append(torch.is_grad_enabled())
         return attend(*inputs)
 
     monkeypatch.setattr(refinement, "MOST_VIEWS_OF_DIRECT_GRADIENTS", most)
-    monkeypatch.setattr(type(trained.receiver.predictor), "_attend", watched)
+    monkeypatch.setattr(type(profile.receiver.predictor), "_attend", watched)
     with torch.no_grad():
-        matched = match_views(trained, scene)
-        refined_first_latents(trained, scene, matched, COARSE_LAMBDA_Q, 2)
+        matched = match_views(profile, scene)
+        refined_first_latents(profile, scene, matched, COARSE_LAMBDA_Q, 2)
     assert asked == 2 * [not passes_by]
 
 
