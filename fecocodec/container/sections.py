@@ -9,7 +9,8 @@ from fecocodec.errors import BitstreamError
 
 CRITICAL = 0x80  # set in a kind: a reader that does not know it must refuse; clear: it may skip the section
 MAX_PAYLOAD = 1 << 26
-ONLY_STAGE_1 = ", or decode what stands before it with --stages 1"  # in what is said of a damaged section B2
+# In what is said of a damaged section B2.
+WHAT_IS_INTACT = ", or decode what stands before it with --partial or --stages 1"
 
 _HEAD = struct.Struct("<BI")
 _CRC = struct.Struct("<I")
@@ -141,4 +142,4 @@ def check_kind(head: SectionHead, previous: SectionHead | None) -> None:
 
 
 def _fallback(head: SectionHead) -> str:
-    return ONLY_STAGE_1 if head.kind == SectionKind.STAGE_2 else ""
+    return WHAT_IS_INTACT if head.kind == SectionKind.STAGE_2 else ""

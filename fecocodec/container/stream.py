@@ -13,8 +13,8 @@ from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadat
 from fecocodec.container.sections import (
     KNOWN_KINDS,
     MAX_PAYLOAD,
-    ONLY_STAGE_1,
     STAGE_KINDS,
+    WHAT_IS_INTACT,
     SectionHead,
     SectionKind,
     check_kind,
@@ -135,7 +135,7 @@ def read_intact(data: bytes) -> IntactPart:
     for num_stages in range(read_header(data).header.num_stages, 0, -1):
         try:
             # The advice to do with less is for those who asked for everything.
-            return IntactPart(read_prefix(data, num_stages), str(damage).replace(ONLY_STAGE_1, ""))
+            return IntactPart(read_prefix(data, num_stages), str(damage).replace(WHAT_IS_INTACT, ""))
         except BitstreamError:
             continue  # a shorter prefix may still be whole; `damage` says what is wrong
     raise damage

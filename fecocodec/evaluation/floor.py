@@ -11,12 +11,13 @@ from fecocodec.evaluation.reconstruction import Reconstruction, System
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.geometry.views import Views
 
+NEAREST = "nearest view"
 NUM_PLANES = 48
 
 
 def floor_systems() -> tuple[System, ...]:
     """Nothing is coded here: their bytes are 0 and say nothing."""
-    return (System("nearest view", "copied", _nearest), System("best plane", "oracle", _best_plane))
+    return (System(NEAREST, "copied", _nearest), System("best plane", "oracle", _best_plane))
 
 
 def _nearest(views: Views, num_context: int) -> Reconstruction:
