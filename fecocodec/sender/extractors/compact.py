@@ -88,7 +88,7 @@ class CompactExtractor(nn.Module):
         Costs are summed over an image pyramid: coarse levels settle what fine ones find ambiguous, whatever the size.
         The photographs' own agreement joins them: windows of pixels are less sure than features, but more exact.
         """
-        sources = nearest_views(cameras, self.config.num_source_views)
+        colours, sources = F.avg_pool2d(_flat(images), 4), nearest_views(cameras, self.config.num_source_views)
         photographs = _flat(photo_consistency(images, cameras, sources, self.config.num_candidates))
         appearance, cost = self._match_level(images, cameras)
         cost = cost * self.log_temperature[0].exp()
@@ -97,7 +97,7 @@ class CompactExtractor(nn.Module):
             coarse = self._match_level(images, cameras)[1] * log_temperature.exp()
             cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
         cost = cost + photographs * self.log_temperature[PYRAMID_LEVELS].exp()
-        probability = (SHARPNESS * aggregated(cost.detach())).softmax(dim=1)
+        probability = (SHARPNESS * aggregated(cost.detach(), colours)).softmax(dim=1)
         settled = _expectation(probability)
         agreed = agreement(rearrange(settled, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources)
         confidence = probability.amax(dim=1, keepdim=True)

@@ -3,6 +3,7 @@
 
 Hirschmueller, "Stereo processing by semiglobal matching and mutual information", 2008, section 2.3: along each of eight
 directions a pixel may keep its neighbour's candidate for nothing, move by one for SMALL_STEP, or jump for LARGE_STEP.
+Both cost less where colour changes, as depth does so there, too.
 """
 
 import numpy as np
@@ -13,22 +14,31 @@ from torch import Tensor
 from fecocodec.rendering.compilation import compiled
 from fecocodec.rendering.threads import run_in_ranges
 
-SMALL_STEP, LARGE_STEP = 4.0, 24.0  # in units of the score
+SMALL_STEP, LARGE_STEP = 6.0, 36.0  # in units of the score, between pixels of one colour
+ACROSS_EDGE = 0.27  # share of it that a step costs between pixels of altogether different colours
+EDGE = 0.08  # distance of sRGB colours in [0, 1] at which what edges take off has fallen to 1/e of the rest
 _DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))  # rows, columns
 _FAR = np.float32(1e30)
 
 
 @torch.no_grad()
-def aggregated(score: Float[Tensor, "item candidate h w"]) -> Float[Tensor, "item candidate h w"]:
-    """Mean of the eight directions' scores; higher is better, as in the volume that comes in. No gradient."""
+def aggregated(
+    score: Float[Tensor, "item candidate h w"], colours: Float[Tensor, "item 3 h w"]
+) -> Float[Tensor, "item candidate h w"]:
+    """Mean of the eight directions' scores; higher is better, as in the volume that comes in. No gradient.
+
+    colours: of the pixels, sRGB in [0, 1].
+    """
     volume = np.ascontiguousarray(score.permute(0, 2, 3, 1).float().cpu().numpy())
+    picture = np.ascontiguousarray(colours.permute(0, 2, 3, 1).float().cpu().numpy())
     total = np.zeros_like(volume)
-    run_in_ranges(_aggregate, len(volume), volume, total, np.float32(SMALL_STEP), np.float32(LARGE_STEP))
+    rules = np.array([SMALL_STEP, LARGE_STEP, ACROSS_EDGE, EDGE], np.float32)
+    run_in_ranges(_aggregate, len(volume), volume, picture, total, rules)
     return torch.from_numpy(total).permute(0, 3, 1, 2).to(score.device)
 
 
 @compiled
-def _aggregate(start, stop, score, total, small_step, large_step):
+def _aggregate(start, stop, score, picture, total, rules):
     """Add the mean over directions of items start to stop."""
     _, height, width, count = score.shape
     path = np.empty((height, width, count + 2), np.float32)  # costs, with a candidate out of reach at each end
@@ -39,13 +49,13 @@ def _aggregate(start, stop, score, total, small_step, large_step):
                 row, column = step // width, step % width
                 row = height - 1 - row if down < 0 else row
                 column = width - 1 - column if right < 0 else column
-                _follow(score, path, item, row, column, row - down, column - right, small_step, large_step)
+                _follow(score, picture, path, item, row, column, row - down, column - right, rules)
                 for candidate in range(count):
                     total[item, row, column, candidate] -= path[row, column, candidate + 1] / len(_DIRECTIONS)
 
 
 @compiled
-def _follow(score, path, item, row, column, from_row, from_column, small_step, large_step):
+def _follow(score, picture, path, item, row, column, from_row, from_column, rules):
     """Cost of every candidate of a pixel, given those of the pixel before it on the path."""
     _, height, width, count = score.shape
     path[row, column, 0] = path[row, column, count + 1] = _FAR
@@ -53,6 +63,8 @@ def _follow(score, path, item, row, column, from_row, from_column, small_step, l
         for candidate in range(count):
             path[row, column, candidate + 1] = -score[item, row, column, candidate]
         return
+    share = _share_of_step(picture[item, row, column], picture[item, from_row, from_column], rules)
+    small_step, large_step = share * rules[0], share * rules[1]
     before, least = path[from_row, from_column], _FAR
     for candidate in range(count):
         least = min(least, before[candidate + 1])
@@ -60,3 +72,12 @@ def _follow(score, path, item, row, column, from_row, from_column, small_step, l
         step = min(before[candidate], before[candidate + 2]) + small_step
         best = min(min(before[candidate + 1], step), least + large_step)
         path[row, column, candidate + 1] = best - least - score[item, row, column, candidate]
+
+
+@compiled
+def _share_of_step(colour, neighbour, rules):
+    """How much of its cost a step costs between two pixels: all of it where they have one colour."""
+    squared = np.float32(0)
+    for channel in range(len(colour)):
+        squared += (colour[channel] - neighbour[channel]) ** 2
+    return rules[2] + (np.float32(1) - rules[2]) * np.exp(-np.sqrt(squared) / rules[3])
