@@ -9,8 +9,7 @@ from fecocodec.evaluation.reconstruction import Reconstruction, System
 from fecocodec.evaluation.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile
-
-REFINEMENT_STEPS = 5  # the encoder's default for a pair at its smallest lambda
+from fecocodec.sender.refinement import MOST_DEFAULT_STEPS
 
 
 def gaussian_systems(profile: Profile) -> tuple[System, ...]:
@@ -21,7 +20,7 @@ def gaussian_systems(profile: Profile) -> tuple[System, ...]:
 def _reconstruct(profile: Profile, form: str, views: Views, num_context: int) -> Reconstruction:
     begin = perf_counter()
     context = views.select(list(range(num_context)))
-    data = encode_gaussians(uncoded_gaussians(profile, context, REFINEMENT_STEPS), form)
+    data = encode_gaussians(uncoded_gaussians(profile, context, MOST_DEFAULT_STEPS), form)
     encoded = perf_counter()
     gaussians = decode_gaussians(data, form)
     return rendered(gaussians, views, len(data), encoded - begin, perf_counter() - encoded)

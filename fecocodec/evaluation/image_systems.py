@@ -14,8 +14,9 @@ from fecocodec.evaluation.reconstruction import Reconstruction, System
 from fecocodec.evaluation.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile
+from fecocodec.sender.refinement import MOST_DEFAULT_STEPS
 
-REFINED, REFINEMENT_STEPS = "AVIF", 5  # the encoder's default for a pair at its smallest lambda
+REFINED = "AVIF"  # with the steps that the encoder takes by default for a pair at its smallest lambda
 
 
 def image_systems(profile: Profile) -> tuple[System, ...]:
@@ -24,7 +25,7 @@ def image_systems(profile: Profile) -> tuple[System, ...]:
     A receiver that has all this can also render and refine, towards the photographs as decoded; tried with `REFINED`.
     """
     ladders = [(codec, codec, ladder, 0) for codec, ladder in QUALITY_LADDERS.items()]
-    ladders.append((f"{REFINED}, refined at the receiver", REFINED, QUALITY_LADDERS[REFINED], REFINEMENT_STEPS))
+    ladders.append((f"{REFINED}, refined at the receiver", REFINED, QUALITY_LADDERS[REFINED], MOST_DEFAULT_STEPS))
     return tuple(
         System(name, f"quality {quality:g}", partial(_reconstruct, profile, codec, quality, steps))
         for name, codec, ladder, steps in ladders

@@ -15,7 +15,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.sender.encode import Profile, encode_with
 from fecocodec.sender.precision import run_in_bfloat16
 
-REFINEMENT_STEPS = (0, 1, 6, 16)  # the default has three
+REFINEMENT_STEPS = (0, 1, 6, 16)  # the default has four
 
 
 def speed_systems(profile: Profile, lmbda: float) -> tuple[System, ...]:

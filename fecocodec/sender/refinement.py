@@ -42,12 +42,13 @@ STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
 RATE_WEIGHT, PRICE_EXPONENT = 2.0, 0.6
 MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
 PIXELS_OF_ALL_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
-DEFAULT_STEPS, MANY_STEPS = 3, 16
+DEFAULT_STEPS, MANY_STEPS = 4, 16
 FINE_LAMBDA_Q = (944, 256)  # below each, lambda 4e-4 and 2.7e-5, a step more is given: bits alone buy nothing there
+MOST_DEFAULT_STEPS = DEFAULT_STEPS + len(FINE_LAMBDA_Q)
 # Many steps overfit: what the context views gain, views between them lose, where geometry moves that nothing holds. So
 # these are held where they were before the first step, at half the weight of the context views; few steps go too short
 # a way to need it.
-HELD_WEIGHT, MOST_UNHELD_STEPS = 0.5, 3
+HELD_WEIGHT, MOST_UNHELD_STEPS = 0.5, MOST_DEFAULT_STEPS
 # More views hold each other, and gradients through all of the predictor serve them better: by 0.5 dB for eight.
 MOST_VIEWS_OF_DIRECT_GRADIENTS = 4
 _SSIM_STRIDE = 3  # a quarter of the time of SSIM and its gradient, which are the same within a thousandth
@@ -64,7 +65,7 @@ class HeldViews:
 
 
 def suitable_steps(scene: PreparedScene, lambda_q: int) -> int:
-    """How many steps the last stage gets unless told: 3, 1 where the scene is large, 0 where the gradient takes too
+    """How many steps the last stage gets unless told: 4, 1 where the scene is large, 0 where the gradient takes too
     much memory; one more where lambda is small."""
     pixels, more = _num_pixels(scene), sum(lambda_q < fine for fine in FINE_LAMBDA_Q)
     return DEFAULT_STEPS + more if pixels <= PIXELS_OF_ALL_STEPS else 1 + more if pixels <= MOST_PIXELS else 0
@@ -77,8 +78,10 @@ def patient_steps(scene: PreparedScene, lambda_q: int) -> int:
 
 
 def steps_of_first(num_steps: int) -> int:
-    """How many steps stage 1 gets where stage 2 gets `num_steps`: half as many, as stage 2 mends what they leave."""
-    return (num_steps + 1) // 2
+    """How many steps stage 1 gets where stage 2 gets `num_steps`: half as many and one, as stage 2 mends what they
+    leave.
+    """
+    return min(num_steps, num_steps // 2 + 1)
 
 
 def refined_first_latents(

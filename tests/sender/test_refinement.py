@@ -82,7 +82,7 @@ def test_encoding_refines_unless_told_not_to_and_always_alike(profile: Profile) 
 
 
 def test_every_stage_is_refined_by_its_own_rate_and_distortion(profile: Profile) -> None:
-    """The first stage of two gets half of the steps, at its own lambda; a stage that is alone gets all."""
+    """The first stage of two gets half of the steps and one, at its own lambda; a stage that is alone gets all."""
     views, lambda_q = example_views(2), LAMBDA_Q
     with torch.no_grad():
         scene = prepare(profile, views)
@@ -90,7 +90,7 @@ def test_every_stage_is_refined_by_its_own_rate_and_distortion(profile: Profile)
         both = code_stages(profile, scene, matched, lambda_q, 2, refinement_steps=4)
         (alone,) = code_stages(profile, scene, matched, lambda_q, 1, refinement_steps=4)
         first_lambda_q = first_stage_lambda_q(lambda_q)
-        first = refined_first_latents(profile, scene, matched, first_lambda_q, 2)
+        first = refined_first_latents(profile, scene, matched, first_lambda_q, 3)
         every = refined_first_latents(profile, scene, matched, lambda_q, 4)
         expected = [
             code_stage(profile, scene, latents, q, (0, 1), None).payload
