@@ -53,7 +53,7 @@ Examples:
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
 @click.option(
     "--refine", "refinement_steps", type=click.IntRange(0, 1000), metavar="STEPS",
-    help="Gradient steps on what is sent: more quality a byte, for time.  [default: 3; fewer for many pixels]",
+    help="Gradient steps on what is sent: more quality a byte, for time.  [default: 4; fewer for many pixels]",
 )  # fmt: skip
 @model_option
 @device_option

@@ -49,8 +49,8 @@ def encode(
 
     lmbda: price of a bit a pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. num_stages: 1
     leaves the feedback stage out. refinement_steps: of the last stage's latents (see `refinement`; a first stage that
-    is not the last gets half as many), None for what suits the size; two take about as long as all the rest. model,
-    weights: `<weights>/<model>/` holds the weights of both ends.
+    is not the last gets half as many and one), None for what suits the size; two take about as long as all the rest.
+    model, weights: `<weights>/<model>/` holds the weights of both ends.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
