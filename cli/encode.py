@@ -118,4 +118,5 @@ def command(
     if as_json:
         print_json({"output": str(output), "seconds": seconds, **summary_fields(inspect(data))})
     else:
-        say(f"{output}: {len(data)} bytes for {scene.cameras.num_views} views in {seconds:.2f} s")
+        count = scene.cameras.num_views
+        say(f"{output}: {len(data)} bytes for {count} view{'s' if count > 1 else ''} in {seconds:.2f} s")

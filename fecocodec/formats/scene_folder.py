@@ -93,6 +93,8 @@ def read_cameras(path: Path) -> PosedPhotographs:
         scene = _find_cameras(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
+    if scene is None and path.is_file():
+        raise InputError(f"{path}: not a camera file; give the folder that holds images and cameras.")
     if scene is None:
         raise InputError(
             f"{path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera "

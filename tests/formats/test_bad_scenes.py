@@ -63,6 +63,12 @@ def test_no_cameras(tmp_path):
     )
 
 
+def test_a_file_that_is_no_camera_file(tmp_path: Path) -> None:
+    photograph = tmp_path / "left.png"
+    photograph.write_bytes(b"not looked at")
+    assert message(photograph) == f"{photograph}: not a camera file; give the folder that holds images and cameras."
+
+
 def test_no_frames(scene):
     edit(scene, lambda cameras: cameras.update(frames=[]))
     assert message(scene) == (f"{scene}/transforms.json: no frames; add a list `frames` with one camera per image.")
