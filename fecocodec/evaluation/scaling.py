@@ -8,7 +8,7 @@ import numpy as np
 from fecocodec.container import quantise_lambda, read_stream
 from fecocodec.evaluation.box_room import Room, painted, photograph
 from fecocodec.evaluation.camera_paths import along_a_line
-from fecocodec.evaluation.memory import forget_peak, peak_mib
+from fecocodec.evaluation.memory import forget_peak, give_back_freed_memory, peak_mib
 from fecocodec.receiver.decode import decode_stream
 from fecocodec.sender.encode import Profile, encode_with
 
@@ -35,6 +35,7 @@ def measure_load(profile: Profile, num_views: int, side: int) -> Load:
     poses = along_a_line(num_views)[:num_views]
     views = photograph(Room(painted), poses, (side, side))
     lambda_q, pixels = quantise_lambda(LAMBDA), num_views * side * side
+    give_back_freed_memory()  # of a larger load before
     forget_peak()
     encode_seconds, decode_seconds = [], []
     for _ in range(REPEATS if pixels < REPEAT_BELOW else 1):

@@ -113,8 +113,7 @@ def _rate_systems(plan: ReportPlan, profile: Profile) -> tuple[System, ...]:
 def _loads(plan: ReportPlan, profile: Profile, results: ResultFile) -> tuple[Load, ...]:
     shapes = [(2, side) for side in plan.sides] + [(count, plan.room_side) for count in plan.view_counts]
     found = []
-    # From few pixels to many: memory that a process keeps after a large load would count as the next one's.
-    for count, side in sorted(set(shapes), key=lambda shape: (shape[0] * shape[1] ** 2, shape)):
+    for count, side in dict.fromkeys(shapes):
         key = f"{count} views of {side}"
         if key not in results.known():
             results.add(key, asdict(measure_load(profile, count, side)))
