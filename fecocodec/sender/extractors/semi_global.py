@@ -16,7 +16,7 @@ from fecocodec.rendering.threads import run_in_ranges
 
 SMALL_STEP, LARGE_STEP = 6.0, 36.0  # in units of the score, between pixels of one colour
 ACROSS_EDGE = 0.27  # share of it that a step costs between pixels of altogether different colours
-EDGE = 0.08  # distance of sRGB colours in [0, 1] at which what edges take off has fallen to 1/e of the rest
+EDGE = 0.08  # distance of sRGB colours in [0, 1] over which the rest of it falls to 1/e
 _DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))  # rows, columns
 _FAR = np.float32(1e30)
 
