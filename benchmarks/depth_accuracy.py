@@ -20,9 +20,9 @@ from fecocodec.container import quantise_lambda, read_stream
 from fecocodec.receiver.decode import decode_stream
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.encode import Profile, encode_with, load_profile
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures, textures_from_folder
 from fecocodec.training.samples import Sample
-from fecocodec.training.scenes import ProceduralWorld
-from fecocodec.training.textures import pattern_textures, textures_from_folder
 
 SEED = 20_261_121_001  # trainers seed their generators with small numbers
 NUM_PATTERNS, NUM_CONTEXT, NUM_TARGET = 100, 2, 2

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.samples import Sample
-from fecocodec.training.scenes import ProceduralWorld
-from fecocodec.training.textures import pattern_textures
 
 SIZE = (128, 128)
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)

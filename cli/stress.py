@@ -14,7 +14,7 @@ from .output import print_columns, print_json, say
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from fecocodec.evaluation.stress import Verdict
+    from fecocodec.evaluation.stress.suite import Verdict
 
 
 @click.command(
@@ -41,7 +41,7 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
     or order of views that changes the result.
     """
     from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
-    from fecocodec.evaluation.stress_run import read_pairs, run_suite
+    from fecocodec.evaluation.stress.run import read_pairs, run_suite
     from fecocodec.evaluation.summary import as_tsv
     from fecocodec.sender.encode import load_profile
 

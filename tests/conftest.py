@@ -12,9 +12,7 @@ from hypothesis import settings
 from jaxtyping import install_import_hook
 
 LIBRARY = Path(__file__).resolve().parent.parent / "fecocodec"
-USES_NUMBA = re.compile(
-    r"^(import numba|from numba import|from fecocodec\.rendering\.compilation import)", re.MULTILINE
-)
+USES_NUMBA = re.compile(r"^(import numba|from numba import|from fecocodec\.kernels\.compilation import)", re.MULTILINE)
 
 
 def checked_modules() -> list[str]:

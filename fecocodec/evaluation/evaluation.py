@@ -11,12 +11,12 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import InputError, ModelError
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.machine import describe_machine
-from fecocodec.evaluation.reconstruction import Reconstruction, System
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
 from fecocodec.evaluation.strips import strip
 from fecocodec.evaluation.summary import OURS, Average, Comparison, as_tsv, averages, compare
-from fecocodec.evaluation.systems import systems_of
+from fecocodec.evaluation.systems.groups import systems_of
+from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.formats.images import write_image

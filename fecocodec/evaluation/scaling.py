@@ -6,9 +6,9 @@ from time import perf_counter
 import numpy as np
 
 from fecocodec.container import quantise_lambda, read_stream
-from fecocodec.evaluation.box_room import Room, painted, photograph
-from fecocodec.evaluation.camera_paths import along_a_line
 from fecocodec.evaluation.memory import forget_peak, give_back_freed_memory, peak_mib
+from fecocodec.evaluation.stress.box_room import Room, painted, photograph
+from fecocodec.evaluation.stress.camera_paths import along_a_line
 from fecocodec.receiver.decode import decode_stream
 from fecocodec.sender.encode import Profile, encode_with
 

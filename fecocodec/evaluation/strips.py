@@ -5,7 +5,7 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.evaluation.reconstruction import Reconstruction
+from fecocodec.evaluation.systems.reconstruction import Reconstruction
 from fecocodec.geometry.views import Views
 
 ERROR_GAIN = 4.0  # a difference of a quarter of the range is drawn in the last colour

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from fecocodec.rendering.compilation import compiled
+from fecocodec.kernels.compilation import compiled
 from fecocodec.rendering.splats import ALPHA_MAX, TRANSMITTANCE_MIN, falloff
 from fecocodec.rendering.tiles import TILE_SIZE
 

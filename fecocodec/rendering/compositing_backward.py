@@ -7,7 +7,7 @@ nothing needs to be stored for each pair of splat and pixel.
 
 import numpy as np
 
-from fecocodec.rendering.compilation import compiled
+from fecocodec.kernels.compilation import compiled
 from fecocodec.rendering.compositing import HALF, ONE, PIXELS, SIDE, ZERO, has_light_left, row_range, tile_corner
 from fecocodec.rendering.splats import ALPHA_MAX, TRANSMITTANCE_MIN, falloff
 from fecocodec.rendering.tiles import TILE_SIZE

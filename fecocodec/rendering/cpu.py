@@ -12,6 +12,7 @@ from torch.autograd.function import once_differentiable
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.kernels.threads import run_in_ranges, run_side_by_side
 from fecocodec.rendering.compositing import composite
 from fecocodec.rendering.compositing_backward import composite_backward
 from fecocodec.rendering.projection import project
@@ -19,7 +20,6 @@ from fecocodec.rendering.projection_backward import project_backward
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
 from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes
-from fecocodec.rendering.threads import run_in_ranges, run_side_by_side
 from fecocodec.rendering.tiles import front_to_back, sum_over_tiles, tile_lists
 
 Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], depth and alpha [height width], float32

@@ -8,7 +8,7 @@ Arithmetic is float64 in registers: it costs no more here, and thin Gaussians ke
 
 import math
 
-from fecocodec.rendering.compilation import compiled
+from fecocodec.kernels.compilation import compiled
 from fecocodec.rendering.small_matrices import add, apply, dot, normalised, rotation_columns
 from fecocodec.rendering.splats import ALPHA_MIN
 

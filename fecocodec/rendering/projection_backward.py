@@ -1,7 +1,7 @@
 # mypy: allow-untyped-defs
 """Gradient of `projection`: from splats back to means, scales, rotations and opacities."""
 
-from fecocodec.rendering.compilation import compiled
+from fecocodec.kernels.compilation import compiled
 from fecocodec.rendering.projection import dilated_covariance, projected_axes, quaternion, slope_limits
 from fecocodec.rendering.small_matrices import (
     add,

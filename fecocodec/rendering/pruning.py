@@ -16,8 +16,8 @@ from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.nearby_cameras import nearby_cameras
 from fecocodec.geometry.neighbours import nearest_neighbours
 from fecocodec.rendering.contribution import contributions
-from fecocodec.rendering.mending import mended
 from fecocodec.rendering.rasterizer import render
+from fecocodec.rendering.refit import mended
 
 LARGEST_CHANGE = 2.8e-5  # squared, of every picture drawn: 46 dB; for new views see docs/report.md
 MOST_NEARBY = 8

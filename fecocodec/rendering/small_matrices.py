@@ -3,7 +3,7 @@
 
 import math
 
-from fecocodec.rendering.compilation import compiled
+from fecocodec.kernels.compilation import compiled
 
 
 @compiled

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from fecocodec.rendering.compilation import compiled
+from fecocodec.kernels.compilation import compiled
 from fecocodec.rendering.small_matrices import add
 
 MAX_COEFFICIENTS = 16  # (degree + 1)^2 at degree 3

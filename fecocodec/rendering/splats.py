@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.rendering.compilation import compiled
+from fecocodec.kernels.compilation import compiled
 
 DIFFERENTIABLE_FIELDS = ("x", "y", "conic_xx", "conic_xy", "conic_yy", "opacity", "red", "green", "blue", "depth")
 """Fields that carry gradients; a row of splat gradients has one column for each, in this order."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int32, Int64
 
-from fecocodec.rendering.compilation import compiled
+from fecocodec.kernels.compilation import compiled
 
 TILE_SIZE = 16  # pixels a side
 _MAX_HITS = 2**21  # held at once: about 100 MB of lists and gradients

@@ -8,8 +8,8 @@ from fecocodec.training.chunk_scenes import ChunkScenes
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources
 from fecocodec.training.photographs import Photographs
-from fecocodec.training.scenes import ProceduralWorld
-from fecocodec.training.textures import pattern_textures, textures_from_folder, textures_from_photographs
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures, textures_from_folder, textures_from_photographs
 
 NUM_PATTERNS, NUM_CROPS = 100, 300
 

@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 
 from fecocodec.errors import InputError
-from fecocodec.evaluation.codec_systems import THOROUGH
-from fecocodec.evaluation.complexity import Need
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
 from fecocodec.evaluation.report.adaptive_section import adaptive_section
@@ -22,7 +20,9 @@ from fecocodec.evaluation.report.section import table
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.studies import Studies
 from fecocodec.evaluation.scaling import Load, exponent
-from fecocodec.evaluation.stress import Verdict
+from fecocodec.evaluation.stress.complexity import Need
+from fecocodec.evaluation.stress.suite import Verdict
+from fecocodec.evaluation.systems.codec import THOROUGH
 
 ENTRIES = ("a", "b", "c")
 SETTINGS = ("lambda 0.01", "lambda 0.001", "lambda 0.0001")

@@ -9,8 +9,8 @@ from small_scenes import random_gaussians, two_cameras
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.kernels.compilation import compiled
 from fecocodec.rendering import tiles
-from fecocodec.rendering.compilation import compiled
 from fecocodec.rendering.rasterizer import render
 
 IMAGE_SIZE = (40, 50)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from fecocodec.evaluation.box_room import Room, painted, photograph
-from fecocodec.evaluation.camera_paths import back_to_back, look, sideways, turning
+from fecocodec.evaluation.stress.box_room import Room, painted, photograph
+from fecocodec.evaluation.stress.camera_paths import back_to_back, look, sideways, turning
 from fecocodec.geometry.views import Views
 from fecocodec.sender import doubts
 from fecocodec.sender.doubts import doubts_about

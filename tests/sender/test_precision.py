@@ -13,8 +13,8 @@ from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.objective import Batch, bypass_coding, loss_of, run_stages
-from fecocodec.training.scenes import ProceduralWorld
-from fecocodec.training.textures import pattern_textures
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
 
 
 @pytest.fixture(scope="module")

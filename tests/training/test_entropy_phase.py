@@ -16,9 +16,9 @@ from fecocodec.training.entropy_phase import EntropyPhase, SceneLatents, draw_la
 from fecocodec.training.export import export_model
 from fecocodec.training.loop import RunSettings, Trainer
 from fecocodec.training.objective import stage_lambdas
-from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.schedule import Schedule
-from fecocodec.training.textures import pattern_textures
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

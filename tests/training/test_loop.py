@@ -21,9 +21,9 @@ from fecocodec.training.export import export_model
 from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
 from fecocodec.training.loop import RunSettings, Trainer
 from fecocodec.training.objective import Batch
-from fecocodec.training.scenes import ProceduralWorld
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.schedule import Schedule
-from fecocodec.training.textures import pattern_textures
 from tests.example_scenes import MODEL
 
 pytestmark = pytest.mark.usefixtures("one_thread")

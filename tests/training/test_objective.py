@@ -26,8 +26,8 @@ from fecocodec.training.objective import (
     run_stages,
     with_targets,
 )
-from fecocodec.training.scenes import ProceduralWorld
-from fecocodec.training.textures import pattern_textures
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
 
 
 @pytest.fixture(scope="module")

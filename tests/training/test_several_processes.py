@@ -18,10 +18,10 @@ from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.loop import RunSettings, Trainer
 from fecocodec.training.objective import Batch, loss_of, run_stages
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.processes import average_gradients, joined_processes, process_rank
-from fecocodec.training.scenes import ProceduralWorld
 from fecocodec.training.schedule import Schedule
-from fecocodec.training.textures import pattern_textures
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from statistics import fmean
 
-from fecocodec.evaluation.adaptive_systems import ADAPTIVE, ALL_GAUSSIANS, PRUNED
-from fecocodec.evaluation.codec_systems import THOROUGH
-from fecocodec.evaluation.complexity import LAMBDA, Need
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
+from fecocodec.evaluation.stress.complexity import LAMBDA, Need
 from fecocodec.evaluation.summary import OURS, averages, compare
+from fecocodec.evaluation.systems.adaptive_systems import ADAPTIVE, ALL_GAUSSIANS, PRUNED
+from fecocodec.evaluation.systems.codec import THOROUGH
 from fecocodec.sender.refinement import DEFAULT_STEPS, MANY_STEPS
 
 LEAST_FEWER_GAUSSIANS, LARGEST_LOSS_DB = 20.0, 0.05  # what the project asks for

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Sequence
 
-from fecocodec.evaluation.ablations import ABLATION_NAMES
-from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS, PRUNED
-from fecocodec.evaluation.codec_systems import THOROUGH
-from fecocodec.evaluation.floor import NEAREST
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages, compare
+from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
+from fecocodec.evaluation.systems.adaptive_systems import ALL_GAUSSIANS, PRUNED
+from fecocodec.evaluation.systems.codec import THOROUGH
+from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 from fecocodec.sender.refinement import MANY_STEPS
 
 TEXT = """\

@@ -4,12 +4,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fecocodec.evaluation.ablations import ABLATION_NAMES
-from fecocodec.evaluation.adaptive_systems import ALL_GAUSSIANS, PRUNED
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages
+from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
+from fecocodec.evaluation.systems.adaptive_systems import ALL_GAUSSIANS, PRUNED
 
 TEXT = """\
 Medians over pairs of context views ({entries} of them), warm, in one process; rendering is part of neither end. At

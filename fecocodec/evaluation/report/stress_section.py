@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from fecocodec.evaluation.report.section import Section, number, table
-from fecocodec.evaluation.stress import BASELINE, Verdict
+from fecocodec.evaluation.stress.suite import BASELINE, Verdict
 
 TITLE = "Where methods fail"
 TEXT = """\

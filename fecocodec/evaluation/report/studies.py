@@ -4,22 +4,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
 from fecocodec.container import quantise_lambda, read_stream
-from fecocodec.evaluation.box_room import Room, painted, photograph
-from fecocodec.evaluation.camera_paths import sideways
-from fecocodec.evaluation.complexity import Need, measure_need, photograph_kib
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
-from fecocodec.evaluation.reconstruction import System
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.results import ResultFile
 from fecocodec.evaluation.run import measure_all
 from fecocodec.evaluation.scaling import LAMBDA, Load, measure_load
-from fecocodec.evaluation.speed_systems import speed_systems
 from fecocodec.evaluation.step_clock import StepClock
-from fecocodec.evaluation.stress import STRESS_LAMBDA, Verdict
-from fecocodec.evaluation.stress_run import read_pairs, run_suite
-from fecocodec.evaluation.systems import systems_of
+from fecocodec.evaluation.stress.box_room import Room, painted, photograph
+from fecocodec.evaluation.stress.camera_paths import sideways
+from fecocodec.evaluation.stress.complexity import Need, measure_need, photograph_kib
+from fecocodec.evaluation.stress.run import read_pairs, run_suite
+from fecocodec.evaluation.stress.suite import STRESS_LAMBDA, Verdict
+from fecocodec.evaluation.systems.groups import systems_of
+from fecocodec.evaluation.systems.operating_points import speed_systems
+from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.formats.atomic import make_folder
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.geometry.views import Views

@@ -14,8 +14,8 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import depth_from_relative_disparity
-from fecocodec.rendering.compilation import compiled
-from fecocodec.rendering.threads import run_in_ranges
+from fecocodec.kernels.compilation import compiled
+from fecocodec.kernels.threads import run_in_ranges
 
 RADIUS = 2  # of the window: 5x5 pixels of the image at half size
 LEAST_VARIANCE = np.float32(1e-3)  # of a window, all colours together; keeps noise of flat regions from matching

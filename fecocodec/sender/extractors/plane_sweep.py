@@ -9,8 +9,8 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity
-from fecocodec.rendering.compilation import compiled
-from fecocodec.rendering.threads import run_in_ranges
+from fecocodec.kernels.compilation import compiled
+from fecocodec.kernels.threads import run_in_ranges
 
 OUTSIDE = 4.0  # image position of points behind the source camera: no pixel there
 MOST_CORRELATED = 2**14  # positions of a view up to which all pairs are correlated

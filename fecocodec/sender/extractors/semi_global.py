@@ -11,8 +11,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.rendering.compilation import compiled
-from fecocodec.rendering.threads import run_in_ranges
+from fecocodec.kernels.compilation import compiled
+from fecocodec.kernels.threads import run_in_ranges
 
 SMALL_STEP, LARGE_STEP = 6.0, 36.0  # in units of the score, between pixels of one colour
 ACROSS_EDGE = 0.27  # share of it that a step costs between pixels of altogether different colours

@@ -1,0 +1,172 @@
+"""The stability suite: every case through the codec and through a baseline, and whether its rule holds."""
+
+import math
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.errors import FecoError, InputError
+from fecocodec.evaluation.novel_views import render_views
+from fecocodec.evaluation.stress.cases import StressCase, Trial
+from fecocodec.evaluation.systems.image_compression import image_systems
+from fecocodec.formats.ply import write_ply
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.receiver.decode import decode_stream
+from fecocodec.rendering.metrics import psnr
+from fecocodec.sender.doubts import doubts_about
+from fecocodec.sender.encode import Profile, encode_with
+
+STRESS_LAMBDA = 1e-3
+BASELINE = ("JPEG XL", "quality 4")
+GENERATIONS = 10
+LARGEST_GENERATION_LOSS_DB = 6.0
+SAME_PICTURE_DB, SAME_QUALITY_DB = 0.05, 0.5
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One row of the table. psnr of target views in dB, lost: against the easy version; None where nothing came out.
+
+    complaint: what broke the rule, empty where it holds. warnings: what the sender said beforehand.
+    """
+
+    case: str
+    rule: str
+    psnr: float | None
+    lost: float | None
+    baseline_psnr: float | None
+    baseline_lost: float | None
+    kib: float | None
+    warnings: int
+    complaint: str
+
+    @property
+    def is_passed(self) -> bool:
+        return not self.complaint
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    data: bytes
+    gaussians: Gaussians
+    psnr: float
+
+
+class StressSuite:
+    """Judges cases one by one; what came out of a scene's easy version is kept for the cases that follow."""
+
+    def __init__(self, profile: Profile, lmbda: float = STRESS_LAMBDA) -> None:
+        self._profile = profile
+        self._lambda_q = quantise_lambda(lmbda)
+        (self._baseline,) = (s for s in image_systems(profile) if (s.name, s.setting) == BASELINE)
+        self._easy: dict[str, tuple[_Outcome, float]] = {}  # by scene: ours, and the baseline's PSNR
+
+    def judge(self, case: StressCase) -> Verdict:
+        """The case's verdict. An InputError is a failure unless it is the rule; other errors always are."""
+        easy, easy_baseline = self._outcome_of_easy(case)
+        trial = case.harder()
+        warnings = doubts_about(trial.views.select(list(range(trial.num_context))))
+        try:
+            found = self._run(trial)
+        except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:
+            was_refused = case.rule == "refused" and isinstance(error, InputError)
+            return _verdict(case, warnings, "" if was_refused else f"{type(error).__name__}: {error}")
+        baseline = self._run_baseline(trial)
+        return Verdict(
+            case=case.name,
+            rule=case.rule,
+            psnr=found.psnr,
+            lost=easy.psnr - found.psnr,
+            baseline_psnr=baseline,
+            baseline_lost=easy_baseline - baseline,
+            kib=len(found.data) / 1024,
+            warnings=len(warnings),
+            complaint=_complaint(case.rule, found, easy, warnings),
+        )
+
+    def judge_generations(self, name: str, trial: Trial) -> Verdict:
+        """Renderings of the decoded scene are encoded again, ten times; the photographs stay what is compared with."""
+        views, context = trial.views, list(range(trial.num_context))
+        first = found = self._run(trial)
+        for _ in range(GENERATIONS - 1):
+            seen = replace(
+                views, images=torch.cat((render_views(found.gaussians, views)[context], views.images[len(context) :]))
+            )
+            found = self._run(Trial(seen, trial.num_context))
+        lost = first.psnr - found.psnr
+        complaint = _not_finite(found) or (
+            f"{lost:.2f} dB lost in {GENERATIONS} generations" if lost > LARGEST_GENERATION_LOSS_DB else ""
+        )
+        return Verdict(
+            self.name_of_generations(name),
+            "bounded",
+            found.psnr,
+            lost,
+            None,
+            None,
+            len(found.data) / 1024,
+            0,
+            complaint,
+        )
+
+    @staticmethod
+    def name_of_generations(name: str) -> str:
+        """What the verdict on repeated coding of this scene is called."""
+        return f"{name}: {GENERATIONS} generations"
+
+    def _outcome_of_easy(self, case: StressCase) -> tuple[_Outcome, float]:
+        scene = case.name.partition(":")[0]
+        if scene not in self._easy:
+            trial = case.easy()
+            self._easy[scene] = self._run(trial), self._run_baseline(trial)
+        return self._easy[scene]
+
+    def _run(self, trial: Trial) -> _Outcome:
+        """Coded and decoded; the picture is judged by cameras and images of the trial itself."""
+        data = encode_with(self._profile, trial.views.select(list(range(trial.num_context))), self._lambda_q, 2)
+        gaussians = decode_stream(read_stream(data), self._profile.receiver)
+        rendered = render_views(gaussians, trial.views)[trial.num_context :]
+        return _Outcome(data, gaussians, float(psnr(rendered, trial.views.images[trial.num_context :]).mean()))
+
+    def _run_baseline(self, trial: Trial) -> float:
+        images = self._baseline.reconstruct(trial.views, trial.num_context).images
+        return float(psnr(images[trial.num_context :], trial.views.images[trial.num_context :]).mean())
+
+
+def _verdict(case: StressCase, warnings: tuple[str, ...], complaint: str) -> Verdict:
+    return Verdict(case.name, case.rule, None, None, None, None, None, len(warnings), complaint)
+
+
+def _complaint(rule: str, found: _Outcome, easy: _Outcome, warnings: tuple[str, ...]) -> str:
+    """What breaks the rule, or nothing."""
+    if problem := _not_finite(found):
+        return problem
+    difference = abs(found.psnr - easy.psnr)
+    if rule == "refused":
+        return "it was not refused"
+    if rule == "warned" and not warnings:
+        return "the sender gave no warning"
+    if rule == "same bytes" and read_stream(found.data).payloads != read_stream(easy.data).payloads:
+        return "the payloads differ from those of the easy version"
+    if rule in ("same bytes", "same picture") and difference > SAME_PICTURE_DB:
+        return f"the picture differs by {difference:.3f} dB from the easy version's"
+    if rule == "same quality" and difference > SAME_QUALITY_DB:
+        return f"the quality differs by {difference:.2f} dB from the easy version's"
+    return ""
+
+
+def _not_finite(found: _Outcome) -> str:
+    """What is wrong with the Gaussians themselves, or nothing."""
+    if not all(bool(field.isfinite().all()) for field in found.gaussians.fields()):
+        return "a Gaussian is not finite"
+    if not math.isfinite(found.psnr):
+        return "a rendered image is not finite"
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            write_ply(Path(folder, "scene.ply"), found.gaussians)
+        except FecoError as error:
+            return f"the PLY cannot be written: {error}"
+    return ""

@@ -1,0 +1,73 @@
+"""What needs no learning: the nearest context view, and both context views warped by one plane."""
+
+from time import perf_counter
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
+from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
+from fecocodec.geometry.views import Views
+
+NEAREST = "nearest view"
+NUM_PLANES = 48
+
+
+def floor_systems() -> tuple[System, ...]:
+    """Nothing is coded here: their bytes are 0 and say nothing."""
+    return (System(NEAREST, "copied", _nearest), System("best plane", "oracle", _best_plane))
+
+
+def _nearest(views: Views, num_context: int) -> Reconstruction:
+    """Each camera shows the context view whose centre is closest to its own."""
+    begin = perf_counter()
+    centres = views.cameras.extrinsics[:, :3, 3]
+    nearest = torch.cdist(centres, centres[:num_context]).argmin(dim=1)
+    return Reconstruction(0, 0.0, perf_counter() - begin, None, views.images[:num_context][nearest], None)
+
+
+def _best_plane(views: Views, num_context: int) -> Reconstruction:
+    """Each camera shows the mean of the context views, warped by the one plane parallel to its image that suits best.
+
+    The plane is chosen by looking at the view itself, so this is the most that a single plane can give.
+    """
+    begin = perf_counter()
+    near, far = float(views.cameras.near), float(views.cameras.far)
+    depths = 1.0 / torch.linspace(1.0 / near, 1.0 / far, NUM_PLANES)
+    images = [_best_warp(views, view, num_context, depths) for view in range(len(views.images))]
+    return Reconstruction(0, 0.0, perf_counter() - begin, None, torch.stack(images), None)
+
+
+def _best_warp(
+    views: Views, view: int, num_context: int, depths: Float[Tensor, " plane"]
+) -> Float[Tensor, "3 height width"]:
+    warps = torch.stack([_warp(views, view, num_context, float(depth)) for depth in depths])
+    return warps[(warps - views.images[view]).square().mean(dim=(1, 2, 3)).argmin()]
+
+
+def _warp(views: Views, view: int, num_context: int, depth: float) -> Float[Tensor, "3 height width"]:
+    """Mean over the context views that see a point of the plane; where none does, the nearest border of all of them."""
+    cameras = views.cameras
+    points = camera_to_world_points(
+        cameras.select([view]), depth * pixel_rays(cameras.select([view]), *views.image_size)
+    )
+    sources = list(range(num_context))
+    uv, is_in_front = _project(points[0], views.select(sources))
+    grid = 2 * uv - 1
+    seen = F.grid_sample(views.images[sources], grid, padding_mode="border", align_corners=False)
+    weight = ((grid.abs() <= 1).all(dim=-1) & is_in_front).float()[:, None] + 1e-4
+    return (weight * seen).sum(dim=0) / weight.sum(dim=0)
+
+
+def _project(
+    points: Float[Tensor, "height width 3"], views: Views
+) -> tuple[Float[Tensor, "view height width 2"], torch.Tensor]:
+    """Normalised image positions of world points in each view, and whether they lie in front of it."""
+    world_to_camera = views.cameras.world_to_camera
+    rotation, translation = world_to_camera[:, None, None, :3, :3], world_to_camera[:, None, None, :3, 3]
+    local = (rotation @ points[None, ..., None])[..., 0] + translation
+    depth = local[..., 2:]
+    image = (views.cameras.intrinsics[:, None, None] @ (local / depth.clamp_min(1e-6))[..., None])[..., 0]
+    return image[..., :2], depth[..., 0] > 1e-6

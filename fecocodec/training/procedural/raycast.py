@@ -1,0 +1,128 @@
+# mypy: disallow-untyped-defs=False
+"""Where the rays of a camera end, compiled: the nearest surface, its normal and its texture position.
+
+A camera is a table of 5 x 3 numbers: the camera-to-world rotation by rows, the position, and (focal length, centre u,
+centre v) in pixels. Solids are the table of `world_tables`; a room is its centre and half size.
+"""
+
+import math
+
+import numpy as np
+
+from fecocodec.kernels.compilation import compiled
+from fecocodec.training.procedural.intersect import meet, normal_and_chart
+from fecocodec.training.procedural.shading import to_unit
+from fecocodec.training.procedural.solids import BOX, NUM_ROOM_FACES
+from fecocodec.training.procedural.tables import CENTRE, FRAME, HALF, KIND
+
+EYE, OPTICS = 3, 4
+TILE = 16
+_NEAREST = 0.02
+"""Metres in front of a camera within which nothing is seen."""
+_FACES_PER_SOLID = 8
+
+
+@compiled
+def ray_through(camera, u, v):
+    """World direction through an image position in pixels, scaled to one unit along the optical axis."""
+    x, y = (u - camera[OPTICS, 1]) / camera[OPTICS, 0], (v - camera[OPTICS, 2]) / camera[OPTICS, 0]
+    return (
+        camera[0, 0] * x + camera[0, 1] * y + camera[0, 2],
+        camera[1, 0] * x + camera[1, 1] * y + camera[1, 2],
+        camera[2, 0] * x + camera[2, 1] * y + camera[2, 2],
+    )
+
+
+@compiled
+def first_hit(solids, candidates, begin, end, room, camera, ray):
+    """(depth, solid) of the nearest surface among candidates[begin:end] and the room; solid -1 is the room."""
+    nearest = 1e30
+    for axis in range(3):
+        direction = ray[axis]
+        if abs(direction) > 1e-12:
+            wall = room[0, axis] + math.copysign(room[1, axis], direction)
+            nearest = min(nearest, (wall - camera[EYE, axis]) / direction)
+    hit = -1
+    for index in range(begin, end):
+        solid = candidates[index]
+        x, y, z = _from_centre(solids, solid, camera[EYE, 0], camera[EYE, 1], camera[EYE, 2])
+        ox, oy, oz = to_unit(solids, solid, x, y, z)
+        dx, dy, dz = to_unit(solids, solid, ray[0], ray[1], ray[2])
+        enter, leave = meet(solids[solid, KIND], ox, oy, oz, dx, dy, dz)
+        if enter < leave and _NEAREST < enter < nearest:
+            nearest, hit = enter, solid
+    return nearest, hit
+
+
+@compiled
+def surface_at(solids, room, point, solid):
+    """(unit normal, texture position in metres (2), number of the smooth face, number of the surface)"""
+    if solid < 0:
+        x, y, z = point[0] - room[0, 0], point[1] - room[0, 1], point[2] - room[0, 2]
+        hx, hy, hz = room[1, 0], room[1, 1], room[1, 2]
+        nx, ny, nz, chart_u, chart_v, face = normal_and_chart(BOX, x / hx, y / hy, z / hz, hx, hy, hz)
+        return (-nx, -ny, -nz), chart_u, chart_v, face, face
+    x, y, z = _from_centre(solids, solid, point[0], point[1], point[2])
+    x, y, z = to_unit(solids, solid, x, y, z)
+    hx, hy, hz = solids[solid, HALF], solids[solid, HALF + 1], solids[solid, HALF + 2]
+    nx, ny, nz, chart_u, chart_v, face = normal_and_chart(solids[solid, KIND], x, y, z, hx, hy, hz)
+    # Normals go through the transposed inverse of unit-to-world, which is the transpose of the stored matrix.
+    wx = solids[solid, FRAME] * nx + solids[solid, FRAME + 3] * ny + solids[solid, FRAME + 6] * nz
+    wy = solids[solid, FRAME + 1] * nx + solids[solid, FRAME + 4] * ny + solids[solid, FRAME + 7] * nz
+    wz = solids[solid, FRAME + 2] * nx + solids[solid, FRAME + 5] * ny + solids[solid, FRAME + 8] * nz
+    length = math.sqrt(wx * wx + wy * wy + wz * wz)
+    face += _FACES_PER_SOLID * (solid + 1)
+    return (wx / length, wy / length, wz / length), chart_u, chart_v, face, NUM_ROOM_FACES + solid
+
+
+@compiled
+def _from_centre(solids, solid, x, y, z):
+    return x - solids[solid, CENTRE], y - solids[solid, CENTRE + 1], z - solids[solid, CENTRE + 2]
+
+
+@compiled
+def solids_by_tile(solids, camera, height, width):
+    """(solids, starts): the solids that may show in tile t, counted by rows, are solids[starts[t] : starts[t + 1]]."""
+    rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
+    lists = np.empty(rows * columns * len(solids), np.int64)
+    starts = np.zeros(rows * columns + 1, np.int64)
+    bounds = np.empty((len(solids), 4))
+    for solid in range(len(solids)):
+        bounds[solid] = _image_bounds(solids, solid, camera, height, width)
+    count = 0
+    for tile in range(rows * columns):
+        top, left = tile // columns * TILE, tile % columns * TILE
+        for solid in range(len(solids)):
+            is_across = bounds[solid, 0] < left + TILE and bounds[solid, 2] > left
+            if is_across and bounds[solid, 1] < top + TILE and bounds[solid, 3] > top:
+                lists[count] = solid
+                count += 1
+        starts[tile + 1] = count
+    return lists, starts
+
+
+@compiled
+def _image_bounds(solids, solid, camera, height, width):
+    """(left, top, right, bottom) of its box in pixels; all of the image when it reaches behind the camera."""
+    left, top, right, bottom = 1e9, 1e9, -1e9, -1e9
+    cx, cy, cz = _from_centre(solids, solid, camera[EYE, 0], camera[EYE, 1], camera[EYE, 2])
+    num_behind = 0
+    for corner in range(8):
+        # Rows of the matrix are axes over half sizes, so an axis times its half size is row * half^2.
+        wx, wy, wz = -cx, -cy, -cz
+        for axis in range(3):
+            half = solids[solid, HALF + axis]
+            reach = half * half * (1.0 if (corner >> axis) & 1 else -1.0)
+            wx += solids[solid, FRAME + 3 * axis] * reach
+            wy += solids[solid, FRAME + 3 * axis + 1] * reach
+            wz += solids[solid, FRAME + 3 * axis + 2] * reach
+        z = camera[0, 2] * wx + camera[1, 2] * wy + camera[2, 2] * wz
+        if z < _NEAREST:
+            num_behind += 1
+            continue
+        u = camera[OPTICS, 1] + camera[OPTICS, 0] * (camera[0, 0] * wx + camera[1, 0] * wy + camera[2, 0] * wz) / z
+        v = camera[OPTICS, 2] + camera[OPTICS, 0] * (camera[0, 1] * wx + camera[1, 1] * wy + camera[2, 1] * wz) / z
+        left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+    if 0 < num_behind < 8:
+        return 0.0, 0.0, float(width), float(height)
+    return left, top, right, bottom

@@ -1,0 +1,78 @@
+"""Ablations and ways to trade time are systems whose streams every receiver decodes."""
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.errors import InputError
+from fecocodec.evaluation.systems.ablations import ABLATIONS
+from fecocodec.evaluation.systems.adaptive_systems import adaptive_system, all_gaussians_system
+from fecocodec.evaluation.systems.groups import systems_of
+from fecocodec.evaluation.systems.operating_points import speed_systems
+from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
+from fecocodec.sender import unneeded
+from fecocodec.sender.encode import Profile, load_profile
+from tests.example_scenes import MODEL, example_views
+
+LAMBDA = 1e-3
+
+
+@pytest.fixture(scope="module")
+def profile(random_weights: Path) -> Profile:
+    return load_profile(random_weights / MODEL, "cpu")
+
+
+def run(system: System, side: int = 64) -> Reconstruction:
+    return system.reconstruct(example_views(3, side, side), 2)
+
+
+def test_ablations_change_what_is_sent(profile: Profile) -> None:
+    systems = systems_of(["ablations"], profile, [LAMBDA])
+    assert [system.name for system in systems] == [
+        "stage 1 alone",
+        "no refinement",
+        "no decoded context",
+        "no rendered feedback",
+    ]
+    found = [run(system) for system in systems]
+    assert found[0].num_bytes < min(other.num_bytes for other in found[1:])
+    pictures = [other.images for other in found[1:]]
+    assert not torch.equal(pictures[0], pictures[1]) and not torch.equal(pictures[0], pictures[2])
+
+
+def test_an_ablation_can_be_asked_for_alone(profile: Profile) -> None:
+    for part in ABLATIONS:
+        assert len(systems_of([part], profile, [1e-2, 1e-4])) == 2
+    with pytest.raises(
+        InputError, match=r"no systems called magic; choose from codec, thorough, adaptive, .*ablations"
+    ):
+        systems_of(["codec", "magic"], profile, [LAMBDA])
+
+
+def test_one_thread_makes_the_same_pictures() -> None:
+    profile = load_profile(SHIPPED / DEFAULT_MODEL, "cpu")  # refinement of random networks turns last bits to symbols
+    systems = {system.name: partial(run, system) for system in speed_systems(profile, LAMBDA)}
+    threads = torch.get_num_threads()
+    # Sums differ in their last bits with the number of threads, which may turn a symbol: 80 dB, not equality.
+    assert float((systems["one thread"]().images - systems["fecosplat"]().images).square().mean()) < 1e-8
+    assert torch.get_num_threads() == threads
+
+
+def test_photographs_of_half_the_size_are_drawn_at_the_whole(profile: Profile) -> None:
+    systems = {system.name: partial(run, system) for system in speed_systems(profile, LAMBDA)}
+    half = systems["half the size"](side=128)
+    assert half.images.shape[-2:] == (128, 128) and half.num_bytes < systems["fecosplat"](side=128).num_bytes
+
+
+def test_the_keep_section_is_all_that_tells_the_adaptive_systems_apart(
+    profile: Profile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unneeded, "LARGEST_LOSS", 9.0)  # so that something is left out of untrained Gaussians,
+    monkeypatch.setattr(unneeded, "THRESHOLDS", (4, 210))  # which are all opaque
+    kept, every = run(adaptive_system(profile, LAMBDA)), run(all_gaussians_system(profile, LAMBDA))
+    assert kept.gaussians is not None and every.gaussians is not None
+    fewer, bytes_more = every.gaussians.count - kept.gaussians.count, kept.num_bytes - every.num_bytes
+    assert fewer > 0 and bytes_more > 0
