@@ -20,14 +20,13 @@ if TYPE_CHECKING:
     from fecocodec.receiver.decode import decode
     from fecocodec.receiver.partial import decode_intact
     from fecocodec.rendering.rasterizer import Rendering, render
-    from fecocodec.sender.adaptive import AtLambda, AtLeastPsnr, AtMostKib, encode_adaptively
     from fecocodec.sender.doubts import doubts_about
     from fecocodec.sender.encode import encode
+    from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "AtLambda",
     "AtLeastPsnr",
     "AtMostKib",
     "BitstreamError",
@@ -44,7 +43,7 @@ __all__ = [
     "decode_intact",
     "doubts_about",
     "encode",
-    "encode_adaptively",
+    "encode_to_target",
     "read_ply",
     "read_views",
     "render",
@@ -52,9 +51,8 @@ __all__ = [
 ]
 
 _MODULE_OF = {
-    "AtLambda": "fecocodec.sender.adaptive",
-    "AtLeastPsnr": "fecocodec.sender.adaptive",
-    "AtMostKib": "fecocodec.sender.adaptive",
+    "AtLeastPsnr": "fecocodec.sender.rate_control",
+    "AtMostKib": "fecocodec.sender.rate_control",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
     "FecoError": "fecocodec.errors",
@@ -68,7 +66,7 @@ _MODULE_OF = {
     "decode_intact": "fecocodec.receiver.partial",
     "doubts_about": "fecocodec.sender.doubts",
     "encode": "fecocodec.sender.encode",
-    "encode_adaptively": "fecocodec.sender.adaptive",
+    "encode_to_target": "fecocodec.sender.rate_control",
     "read_ply": "fecocodec.formats.ply",
     "read_views": "fecocodec.formats.scene_folder",
     "render": "fecocodec.rendering.rasterizer",

@@ -96,8 +96,8 @@ def coded_scene(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 def networks(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands work with untrained networks instead of the shipped ones."""
     monkeypatch.setattr(fecocodec, "encode", partial(fecocodec.encode, model=MODEL, weights=random_weights))
-    adaptively = partial(fecocodec.encode_adaptively, model=MODEL, weights=random_weights)
-    monkeypatch.setattr(fecocodec, "encode_adaptively", adaptively)
+    to_target = partial(fecocodec.encode_to_target, model=MODEL, weights=random_weights)
+    monkeypatch.setattr(fecocodec, "encode_to_target", to_target)
     monkeypatch.setattr(fecocodec, "decode", partial(fecocodec.decode, weights=random_weights))
     monkeypatch.setattr(fecocodec, "decode_intact", partial(fecocodec.decode_intact, weights=random_weights))
 
