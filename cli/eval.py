@@ -48,8 +48,8 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="What to measure: codec, thorough (16 refinement steps), pruned, ablations (or "
-    "stage-1, no-refinement, no-context, no-feedback), images (compressed photographs), gaussians (splats), floor.",
+    help="What to measure: codec, fast and best (other efforts), pruned, ablations (or "
+    "stage-1, no-context, no-feedback), images (compressed photographs), gaussians (splats), floor.",
 )
 @model_option
 @click.option("--views", "num_context", type=click.IntRange(min=1), help="Only entries with so many context views.")

@@ -43,14 +43,14 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
     from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
     from fecocodec.evaluation.stress.run import read_pairs, run_suite
     from fecocodec.evaluation.summary import as_tsv
-    from fecocodec.sender.encode import load_profile
+    from fecocodec.sender.codec import load_codec
 
     pairs = read_pairs(root, index, most)
-    profile = load_profile(model or SHIPPED / DEFAULT_MODEL, "cpu")
+    codec = load_codec(model or SHIPPED / DEFAULT_MODEL, "cpu")
     make_folder(output)
     verdicts = []
     with progress_bar() as on_progress:
-        for verdict, fraction in run_suite(profile, pairs, lmbda):
+        for verdict, fraction in run_suite(codec, pairs, lmbda):
             verdicts.append(verdict)
             on_progress(verdict.case[:24], fraction)
     with write_atomically(output / "stress.tsv", overwrite=True) as temporary:

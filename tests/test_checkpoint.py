@@ -12,7 +12,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, find_receiver, read
 from fecocodec.config import ReceiverConfig
 from fecocodec.errors import ModelError
 from fecocodec.receiver.load import load_receiver, serialise_receiver
-from fecocodec.sender.encode import load_profile
+from fecocodec.sender.codec import load_codec
 from fecocodec.sender.load import load_sender
 from tests.example_scenes import MODEL
 
@@ -123,4 +123,4 @@ def test_a_sender_of_another_receiver_is_refused(random_weights: Path, tmp_path:
     receiver.update.initial_state += 1.0
     (folder / RECEIVER_FILE).write_bytes(serialise_receiver(receiver))
     with pytest.raises(ModelError, match=r"sender\.safetensors: this sender was made for the receiver"):
-        load_profile(folder, "cpu")
+        load_codec(folder, "cpu")

@@ -16,7 +16,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode, read_cameras
 from fecocodec.sender.encode import encode
-from fecocodec.sender.refinement import steps_of_first
+from fecocodec.sender.latent_optimisation import DEFAULT, steps_of_first
 from tests.example_scenes import MODEL, example_views
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -132,11 +132,11 @@ def test_colours_may_be_had_that_are_the_same_from_everywhere(data: bytes, rando
 
 
 def test_a_stream_of_one_stage_equals_the_first_of_two_at_its_lambda(views: Views, random_weights: Path) -> None:
-    """Where it takes as many steps of refinement."""
-    both = encode(views, lmbda=1e-4, refinement_steps=4, model=MODEL, weights=random_weights)
-    lmbda, steps = read_stream(both).header.lambda_of_stage(1), steps_of_first(4)
+    """Where its latents are optimised in as many steps."""
+    both = encode(views, lmbda=1e-4, effort=DEFAULT.with_steps(4), model=MODEL, weights=random_weights)
+    lmbda, effort = read_stream(both).header.lambda_of_stage(1), DEFAULT.with_steps(steps_of_first(4))
     assert lmbda == pytest.approx(6e-4, rel=0.01)
-    single = encode(views, lmbda=lmbda, num_stages=1, refinement_steps=steps, model=MODEL, weights=random_weights)
+    single = encode(views, lmbda=lmbda, num_stages=1, effort=effort, model=MODEL, weights=random_weights)
     assert read_stream(single).payloads == read_prefix(both, 1).payloads
     assert_equal(decode(single, weights=random_weights), decode(both, num_stages=1, weights=random_weights))
     with pytest.raises(InputError, match="the stream has 1"):

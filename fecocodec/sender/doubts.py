@@ -10,7 +10,7 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth_range import share_of_agreed_depths
 from fecocodec.geometry.padding import padded_size
 from fecocodec.geometry.views import Views
-from fecocodec.sender.refinement import MOST_PIXELS
+from fecocodec.sender.latent_optimisation import BEST, OptimisationConfig, config_of_effort
 
 LEAST_PARALLAX_DEGREES = 0.5  # between lines of sight to a typical point; two pixels of 256 at a common focal length
 LEAST_OVERLAP = 0.2  # share of a view's sample points that another view sees
@@ -24,24 +24,24 @@ LEAST_GAIN = 6.0
 _GRID = 8  # sample points a side
 
 
-def doubts_about(views: Views, refinement_steps: int | None = None) -> tuple[str, ...]:
+def doubts_about(views: Views, effort: str | OptimisationConfig = "default") -> tuple[str, ...]:
     """One sentence for each thing about the views that will cost quality; empty where nothing is suspicious.
 
-    refinement_steps: as `encode` takes them; those that were asked for and cannot be taken are one such thing.
+    effort: as `encode` takes it; "best" has no effect on views of too many pixels.
     """
     return (
         *_doubts_about_cameras(views.cameras),
         *_doubts_about_images(views.images),
         *_doubts_about_axes(views),
-        *_doubts_about_size(views, refinement_steps),
+        *_doubts_about_size(views, config_of_effort(effort)),
     )
 
 
-def _doubts_about_size(views: Views, refinement_steps: int | None) -> list[str]:
+def _doubts_about_size(views: Views, config: OptimisationConfig) -> list[str]:
     height, width = padded_size(*views.image_size)
-    if not refinement_steps or len(views.images) * height * width <= MOST_PIXELS:
+    if config != BEST or len(views.images) * height * width <= config.max_pixels:
         return []
-    return ["the views have too many pixels for steps of refinement, none is taken; give fewer or smaller views."]
+    return ["the views have too many pixels for optimised latents, which are left out; give fewer or smaller views."]
 
 
 def _doubts_about_cameras(cameras: Cameras) -> list[str]:

@@ -1,8 +1,11 @@
-"""Rate control: find the lambda for a file size or a quality."""
+"""Rate control: choose lambda for a file size or a quality.
 
-from collections.abc import Callable
+Cheap encodings without optimisation find where the target lies on the rate-distortion curve, as bytes and PSNR fall
+with lambda in practice. A few full encodings then correct the difference between the two by the secant method.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import torch
@@ -12,30 +15,28 @@ from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress
+from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import mean_psnr
-from fecocodec.sender.encode import assemble, check_views, code_stages, load_profile
-from fecocodec.sender.steps import (
-    MatchedViews,
-    PreparedScene,
-    Profile,
-    match_views,
-    prepare,
-    stage_rendering,
-)
+from fecocodec.sender.encode import assemble, check_views, write_stages
+from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
+from fecocodec.sender.latent_optimisation import DEFAULT, FAST, OptimisationConfig, config_of_effort
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder
 
-MOST_ENCODINGS = 9  # of one search; each halves what is left of 1769 steps of lambda
+FIRST_LAMBDA_Q = 1179  # lambda 1e-3
+NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS = 3, 3
 
 
 @dataclass(frozen=True)
 class AtMostKib:
-    """The best quality in a file of at most so many KiB."""
+    """The best quality in a file of at most `kib` KiB."""
 
     kib: float
 
 
 @dataclass(frozen=True)
 class AtLeastPsnr:
-    """The smallest file whose decoded context views have this PSNR in dB."""
+    """The smallest file whose decoded context views have at least this PSNR in dB."""
 
     psnr: float
 
@@ -44,113 +45,113 @@ Target = AtMostKib | AtLeastPsnr
 
 
 @dataclass(frozen=True)
-class _Encoded:
+class Attempt:
     """One encoding. psnr: of the decoded context views, in dB."""
 
+    lambda_q: int
     data: bytes
     psnr: float
+
+
+Encoder = Callable[[int, OptimisationConfig], Attempt]
 
 
 def encode_to_target(
     views: Views,
     target: Target,
     *,
-    refinement_steps: int | None = None,
+    effort: str | OptimisationConfig = "default",
     device: str = "cpu",
     model: str = DEFAULT_MODEL,
     weights: Path = SHIPPED,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
-    """Bytes of a `.fcs` stream of the size or quality that is asked for. refinement_steps: see `encode`.
+    """Encode views to a `.fcs` stream of at most this size, or of at least this quality. Options: see `encode`.
 
     Raises InputError for views that cannot be coded and for a target that no lambda reaches, ModelError where weights
     are missing.
     """
     check_views(views, num_stages=2)
-    return encode_to_target_with(load_profile(weights / model, device), views, target, on_progress, refinement_steps)
+    config = config_of_effort(effort)
+    return encode_to_target_with(load_codec(weights / model, device), views, target, config, on_progress)
 
 
 @torch.inference_mode(False)
 @torch.no_grad()
 def encode_to_target_with(
-    profile: Profile,
+    codec: Codec,
     views: Views,
     target: Target,
+    config: OptimisationConfig = DEFAULT,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    refinement_steps: int | None = None,
 ) -> bytes:
-    """The same with networks that are loaded; a search matches the views once."""
-    scene = prepare(profile, views)
-    on_progress("matching views", 0.05)
-    matched = match_views(profile, scene)
-    encoder = partial(_encode, profile, scene, matched, refinement_steps)
-    return _search(encoder, target, on_progress).data
+    """The same with networks that are loaded; the views are matched once."""
+    scene = prepare_scene(views, codec.device)
+    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+
+    def attempt(lambda_q: int, config: OptimisationConfig) -> Attempt:
+        stages = write_stages(encoder, lambda_q, 2, config)
+        rendering = encoder.render(stages[-1]).scenes[0].color
+        return Attempt(lambda_q, assemble(codec, scene, stages), mean_psnr(rendering, encoder.images[0]))
+
+    return search(attempt, target, config, on_progress).data
 
 
-def _encode(
-    profile: Profile,
-    scene: PreparedScene,
-    matched: MatchedViews,
-    refinement_steps: int | None,
-    lambda_q: int,
-) -> _Encoded:
-    stages = code_stages(profile, scene, matched, lambda_q, 2, refinement_steps=refinement_steps)
-    rendering = stage_rendering(profile, scene, stages[-1].after)
-    return _Encoded(assemble(profile, scene, stages), mean_psnr(rendering.color, scene.images))
-
-
-def _search(encoder: Callable[[int], _Encoded], target: AtMostKib | AtLeastPsnr, on_progress: OnProgress) -> _Encoded:
-    """Halve the range of lambda_q: a larger one makes smaller files of less quality.
-
-    Raises InputError where neither end of the range reaches the target.
-    """
-    reached: list[_Encoded] = []
-    low, high = 0, LAMBDA_Q_MAX
-    for number in range(MOST_ENCODINGS):
-        lambda_q = (high if isinstance(target, AtMostKib) else low) if number == 0 else (low + high) // 2
-        on_progress(f"coding, attempt {number + 1}", 0.1 + 0.9 * number / MOST_ENCODINGS)
-        found = encoder(lambda_q)
-        is_reached = _reaches(found, target)
-        if number == 0 and not is_reached:
-            raise InputError(_unreachable(found, target))
-        if is_reached:
-            reached.append(found)
-        if number and is_reached == isinstance(target, AtMostKib):
-            high = lambda_q
-        elif number:
-            low = lambda_q
-        if _is_close(found, target) or high - low < 2:
+def search(encoder: Encoder, target: Target, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
+    """The best of a few encodings that reach the target. Raises InputError where the end of the range does not."""
+    fast: list[Point] = []
+    lambda_q = FIRST_LAMBDA_Q
+    for number in range(NUM_FAST_ENCODINGS):
+        on_progress("estimating lambda", 0.1 * number)
+        fast.append(_point(encoder(lambda_q, FAST), target))
+        lambda_q = next_lambda_q(fast)
+        if any(point.lambda_q == lambda_q for point in fast):
             break
-    return _best(reached, target)
+    full: list[Attempt] = []
+    while not _is_done(full, target):
+        on_progress(f"coding, attempt {len(full) + 1}", min(0.9, 0.3 + 0.2 * len(full)))
+        full.append(encoder(lambda_q, config))
+        lambda_q = next_lambda_q(fast, [_point(attempt, target) for attempt in full])
+    return _best(full, target)
 
 
-def _best(reached: list[_Encoded], target: AtMostKib | AtLeastPsnr) -> _Encoded:
-    """What was asked for is quality or bytes, not closeness to the target: neither falls strictly with lambda."""
+def _is_done(full: Sequence[Attempt], target: Target) -> bool:
+    """Whether an attempt is close enough, or several were made and one reaches the target.
+
+    Raises InputError where the attempt that comes closest to reaching it, at an end of the range, does not.
+    """
+    points = [_point(attempt, target) for attempt in full]
+    if any(is_inside(point) for point in points):
+        return True
+    is_reached = any(point.margin >= 0.0 for point in points)
+    if is_reached and len(full) >= NUM_FULL_ENCODINGS:
+        return True
+    end = LAMBDA_Q_MAX if isinstance(target, AtMostKib) else 0
+    at_end = [attempt for attempt in full if attempt.lambda_q == end]
+    if at_end and not is_reached:
+        raise InputError(_unreachable(at_end[-1], target))
+    other_end = LAMBDA_Q_MAX - end
+    return any(attempt.lambda_q == other_end for attempt in full) and is_reached
+
+
+def _best(full: Sequence[Attempt], target: Target) -> Attempt:
+    """Of the attempts that reach the target, the best quality or the fewest bytes."""
+    reached = [attempt for attempt in full if _point(attempt, target).margin >= 0.0]
     if isinstance(target, AtMostKib):
-        return max(reached, key=lambda found: found.psnr)
-    return min(reached, key=lambda found: len(found.data))
+        return max(reached, key=lambda attempt: attempt.psnr)
+    return min(reached, key=lambda attempt: len(attempt.data))
 
 
-def _reaches(found: _Encoded, target: AtMostKib | AtLeastPsnr) -> bool:
-    return _distance(found, target) >= 0.0
-
-
-def _distance(found: _Encoded, target: AtMostKib | AtLeastPsnr) -> float:
-    """How far inside the target: as a share of the bytes, or in dB; negative outside."""
+def _point(attempt: Attempt, target: Target) -> Point:
     if isinstance(target, AtMostKib):
-        return 1.0 - len(found.data) / (1024 * target.kib)
-    return found.psnr - target.psnr
+        return Point.of_size(attempt.lambda_q, len(attempt.data), 1024 * target.kib)
+    return Point.of_psnr(attempt.lambda_q, attempt.psnr, target.psnr)
 
 
-def _is_close(found: _Encoded, target: AtMostKib | AtLeastPsnr) -> bool:
-    """Within 1% of the bytes, or 0.02 dB, and inside."""
-    return 0.0 <= _distance(found, target) <= (0.01 if isinstance(target, AtMostKib) else 0.02)
-
-
-def _unreachable(found: _Encoded, target: AtMostKib | AtLeastPsnr) -> str:
+def _unreachable(attempt: Attempt, target: Target) -> str:
     if isinstance(target, AtMostKib):
         return (
-            f"a file of {target.kib:g} KiB cannot be made, the smallest has {len(found.data) / 1024:.2f}; "
+            f"a file of {target.kib:g} KiB cannot be made, the smallest has {len(attempt.data) / 1024:.2f}; "
             "raise the target, or give fewer or smaller views."
         )
-    return f"a PSNR of {target.psnr:g} dB cannot be reached, the best of these views is {found.psnr:.2f}; ask for less."
+    return f"a PSNR of {target.psnr:g} dB cannot be reached, the best is {attempt.psnr:.2f}; lower the target."

@@ -52,8 +52,8 @@ def test_views_that_promise_little_are_warned_of(fecosplat: CommandLine, photogr
 
 
 @pytest.mark.usefixtures("networks")
-def test_a_single_stage_is_refined_too(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
-    files = [tmp_path / f"{steps}.fcs" for steps in (0, 2)]
-    for steps, file in zip((0, 2), files, strict=True):
-        assert fecosplat("encode", photographs, "-o", file, "--stages", "1", "--refine", steps).code == 0
+def test_a_single_stage_is_optimised_too(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
+    files = [tmp_path / f"{effort}.fcs" for effort in ("fast", "default")]
+    for effort, file in zip(("fast", "default"), files, strict=True):
+        assert fecosplat("encode", photographs, "-o", file, "--stages", "1", "--effort", effort).code == 0
     assert files[0].read_bytes() != files[1].read_bytes()

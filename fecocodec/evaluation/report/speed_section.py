@@ -14,7 +14,7 @@ from fecocodec.evaluation.systems.pruned import PRUNED
 TEXT = """\
 Medians over pairs of context views ({entries} of them), warm, in one process; rendering is part of neither end. At
 equal rate: PSNR and seconds of each curve at {kib:.1f} KiB, between its points by the logarithm of bytes; a curve that
-does not reach so far is taken at its nearest end, which its note says. *n refinement steps*, *one thread*, *bfloat16*
+does not reach so far is taken at its nearest end, which its note says. *effort fast*, *one thread*, *bfloat16*
 (convolutions and attention of both ends; no option of the commands), *half the size* (photographs of half the sides are
 coded, the Gaussians drawn at the whole size): the same codec, so used. Gaussian files and photographs are
 coded by libraries of their own; what their receivers take includes our networks for photographs. Only a CPU was at

@@ -16,8 +16,9 @@ from fecocodec.formats.ply import write_ply
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import decode_stream
 from fecocodec.rendering.metrics import psnr
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.doubts import doubts_about
-from fecocodec.sender.encode import Profile, encode_with
+from fecocodec.sender.encode import encode_with
 
 STRESS_LAMBDA = 1e-3
 BASELINE = ("JPEG XL", "quality 4")
@@ -58,10 +59,10 @@ class _Outcome:
 class StressSuite:
     """Judges cases one by one; what came out of a scene's easy version is kept for the cases that follow."""
 
-    def __init__(self, profile: Profile, lmbda: float = STRESS_LAMBDA) -> None:
-        self._profile = profile
+    def __init__(self, codec: Codec, lmbda: float = STRESS_LAMBDA) -> None:
+        self._codec = codec
         self._lambda_q = quantise_lambda(lmbda)
-        (self._baseline,) = (s for s in image_systems(profile) if (s.name, s.setting) == BASELINE)
+        (self._baseline,) = (s for s in image_systems(codec) if (s.name, s.setting) == BASELINE)
         self._easy: dict[str, tuple[_Outcome, float]] = {}  # by scene: ours, and the baseline's PSNR
 
     def judge(self, case: StressCase) -> Verdict:
@@ -126,8 +127,8 @@ class StressSuite:
 
     def _run(self, trial: Trial) -> _Outcome:
         """Coded and decoded; the picture is judged by cameras and images of the trial itself."""
-        data = encode_with(self._profile, trial.views.select(list(range(trial.num_context))), self._lambda_q, 2)
-        gaussians = decode_stream(read_stream(data), self._profile.receiver)
+        data = encode_with(self._codec, trial.views.select(list(range(trial.num_context))), self._lambda_q)
+        gaussians = decode_stream(read_stream(data), self._codec.receiver)
         rendered = render_views(gaussians, trial.views)[trial.num_context :]
         return _Outcome(data, gaussians, float(psnr(rendered, trial.views.images[trial.num_context :]).mean()))
 

@@ -7,14 +7,14 @@ from fecocodec.evaluation.systems.codec import codec_system, rendered
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
 from fecocodec.rendering.pruning import pruned
-from fecocodec.sender.encode import Profile
+from fecocodec.sender.codec import Codec
 
 PRUNED = "fecosplat, pruned"
 
 
-def pruned_system(profile: Profile, lmbda: float) -> System:
+def pruned_system(codec: Codec, lmbda: float) -> System:
     """`codec_system`, followed by pruning and refitting at cameras near the context cameras."""
-    return System(PRUNED, f"lambda {lmbda:g}", partial(_reconstruct, codec_system(profile, lmbda)))
+    return System(PRUNED, f"lambda {lmbda:g}", partial(_reconstruct, codec_system(codec, lmbda)))
 
 
 def _reconstruct(codec: System, views: Views, num_context: int) -> Reconstruction:
