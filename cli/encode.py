@@ -92,7 +92,7 @@ def command(
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
     target = target_of(target_kib, target_psnr, stages)
 
-    from fecocodec import doubts_about, encode, encode_to_target, read_views
+    from fecocodec import check_input, encode, encode_to_target, read_views
 
     from .device import require_device, require_rendering_device
     from .weights import of_sender
@@ -111,8 +111,8 @@ def command(
             else:
                 coder = partial(encode_to_target, target=target)
             data = coder(scene, effort=effort, device=device, on_progress=on_progress, **of_sender(model))
-    for doubt in doubts_about(scene, effort):  # after what refuses views, whose sentence stands alone
-        say(f"warning: {doubt}")
+    for warning in check_input(scene, effort):  # after everything that refuses views, so that an error stands alone
+        say(f"warning: {warning}")
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)

@@ -1,4 +1,4 @@
-"""`fecosplat eval`: rate and quality on an evaluation index, from real bytes, beside what a user would take instead."""
+"""`fecosplat eval`: rate and quality of decoded files on an evaluation index, beside alternatives."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -49,7 +49,7 @@ Examples:
     show_default=True,
     metavar="LIST",
     help="What to measure: codec, fast and best (other efforts), pruned, ablations (or "
-    "stage-1, no-context, no-feedback), images (compressed photographs), gaussians (splats), floor.",
+    "stage-1, no-context, no-feedback), images (compressed photographs), gaussians (splats), trivial.",
 )
 @model_option
 @click.option("--views", "num_context", type=click.IntRange(min=1), help="Only entries with so many context views.")

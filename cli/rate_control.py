@@ -1,4 +1,4 @@
-"""Options of `fecosplat encode` that ask for a file size or a quality instead of a lambda."""
+"""Options of `fecosplat encode` for rate control: a file size or a quality instead of a lambda."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar

@@ -1,4 +1,4 @@
-"""`fecosplat stress`: hard cases made from given scenes and a drawn room, and whether the codec bears them."""
+"""`fecosplat stress`: stress cases from given scenes and a drawn room, each with a rule to keep."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "stress",
-    short_help="Put hard cases through the codec and judge them.",
+    short_help="Run stress cases through the codec and check their rules.",
     epilog="""\b
 Examples:
   fecosplat stress scenes/ --index index.json -o results/
@@ -34,8 +34,8 @@ Examples:
 @threads_option
 @json_option
 def command(root: Path, index: Path, output: Path, most: int, lmbda: float, model: Path | None, as_json: bool) -> None:
-    """Make hard cases (dark, blurred, wrong poses, other units, no overlap, mirrors ...) from two-view entries of INDEX
-    and from a drawn room, and compare each with the easy version of the same scene.
+    """Make stress cases (dark, blurred, wrong poses, other units, no overlap, mirrors ...) from two-view entries of
+    INDEX and from a drawn room, and compare each with the reference of the same scene.
 
     Exit code 1 where a rule is broken: a value that is not finite, a crash, a missing warning, a changed unit of length
     or order of views that changes the result.

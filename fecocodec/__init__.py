@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from fecocodec.receiver.decode import decode
     from fecocodec.receiver.partial import decode_intact
     from fecocodec.rendering.rasterizer import Rendering, render
-    from fecocodec.sender.doubts import doubts_about
     from fecocodec.sender.encode import encode
+    from fecocodec.sender.input_warnings import check_input
     from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
 
 __version__ = "0.1.0"
@@ -39,9 +39,9 @@ __all__ = [
     "Rendering",
     "Views",
     "__version__",
+    "check_input",
     "decode",
     "decode_intact",
-    "doubts_about",
     "encode",
     "encode_to_target",
     "read_ply",
@@ -62,9 +62,9 @@ _MODULE_OF = {
     "OutputError": "fecocodec.errors",
     "Rendering": "fecocodec.rendering.rasterizer",
     "Views": "fecocodec.geometry.views",
+    "check_input": "fecocodec.sender.input_warnings",
     "decode": "fecocodec.receiver.decode",
     "decode_intact": "fecocodec.receiver.partial",
-    "doubts_about": "fecocodec.sender.doubts",
     "encode": "fecocodec.sender.encode",
     "encode_to_target": "fecocodec.sender.rate_control",
     "read_ply": "fecocodec.formats.ply",

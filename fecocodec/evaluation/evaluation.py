@@ -50,7 +50,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Report:
-    """What an evaluation found. failures: the measurements that carry an error."""
+    """Results of an evaluation. failures: the measurements with an error."""
 
     averages: tuple[Average, ...]
     comparisons: tuple[Comparison, ...]

@@ -52,5 +52,5 @@ def score(system: System, name: str, views: Views, num_context: int) -> Score:
 
 @torch.no_grad()
 def render_views(gaussians: Gaussians, views: Views) -> Float[Tensor, "view 3 height width"]:
-    """The Gaussians as the views' cameras see them, clamped to [0, 1]."""
+    """Render Gaussians at the views' cameras, clamped to [0, 1]."""
     return render(gaussians, views.cameras, views.image_size).color.clamp(0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The next lambda to try, from what encodings at other lambdas gave: a secant method with a safe slope."""
+"""The next lambda of a search, from encodings at other lambdas: the secant method with bounded slopes."""
 
 import math
 from collections.abc import Sequence

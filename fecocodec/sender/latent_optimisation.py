@@ -29,7 +29,7 @@ Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 
 @dataclass(frozen=True)
 class OptimisationConfig:
-    """How many steps are taken, and towards what.
+    """Number and size of the steps, and the objective.
 
     num_steps: for the last stage; a first stage that is not the last gets half as many and one. extra_step_below: one
     step more below each of these quantised lambdas, where bits alone improve little. num_steps_large: in place of

@@ -23,7 +23,7 @@ def plan(tmp_path: Path, random_weights: Path) -> Plan:
     index = tmp_path / "evaluation.json"
     index.write_text(json.dumps(INDEX))
     size = (64, 96)
-    return Plan(root, index, random_weights / MODEL, tmp_path / "out", ("codec", "floor"), (1e-2,), size)
+    return Plan(root, index, random_weights / MODEL, tmp_path / "out", ("codec", "trivial"), (1e-2,), size)
 
 
 def test_one_broken_scene_loses_nothing_else_and_a_second_run_measures_nothing_again(plan: Plan) -> None:

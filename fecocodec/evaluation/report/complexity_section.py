@@ -10,7 +10,7 @@ from fecocodec.evaluation.stress.complexity import LAMBDA, Need
 from fecocodec.evaluation.summary import OURS
 from fecocodec.evaluation.systems.pruned import PRUNED
 
-LEAST_FEWER_GAUSSIANS, LARGEST_LOSS_DB = 20.0, 0.05  # what the project asks for
+LEAST_FEWER_GAUSSIANS, LARGEST_LOSS_DB = 20.0, 0.05  # required by the project
 TEXT = """\
 Complexity is the size of the context photographs as JPEG XL at distance 1. Files and Gaussians are those of the codec
 at lambda 1e-3: of drawn rooms, from bare walls to {waves} patterns added up, and of photographs.

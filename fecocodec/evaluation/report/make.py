@@ -18,12 +18,12 @@ HEAD = """\
 # Report: rate, quality, speed, stability
 
 Made by `make report`; do not edit. {machine}. Weights `{model}` ({label}). The charts are also on
-[one page](report/charts.html) whose marks tell what they are under the pointer.
+[one page](report/charts.html) whose marks are labelled under the pointer.
 """
 
 
 def make_report(plan: ReportPlan, on_study: OnStudy) -> tuple[str, ...]:
-    """Measure what is missing and write the files; returns a sentence for every measurement that failed.
+    """Measure everything that is missing and write the files; returns a sentence per failed measurement.
 
     Raises FecoError where nothing can be measured or written.
     """

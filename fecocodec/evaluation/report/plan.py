@@ -10,8 +10,8 @@ class ReportPlan:
 
     output: folder that gets `report.md` and `report/`. entries: pairs for rate and quality; speed_entries: of these for
     seconds; complexity_entries: pairs for bytes against complexity, None: all; entries_of_more_views: others, coded at
-    one lambda; stress_scenes: pairs that hard cases are made from, 0: no hard cases.
-    few_lambdas: for what is beside the main curve. sides: of square pictures, view_counts: for how cost grows.
+    one lambda; stress_scenes: pairs that stress cases are made from, 0: no stress cases.
+    few_lambdas: for all but the main curve. sides, view_counts: image sizes and numbers of views of the scaling study.
     """
 
     root: Path
@@ -34,7 +34,7 @@ class ReportPlan:
 
 
 def quick(plan: ReportPlan) -> ReportPlan:
-    """The same report from a few small pictures, to see that it can be made: its numbers say little."""
+    """The same report from a few small images: a test that it can be made, without meaningful numbers."""
     return replace(
         plan,
         entries=1,

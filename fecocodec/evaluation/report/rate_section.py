@@ -1,4 +1,4 @@
-"""Rate and quality: ours, what a user would take instead, and ours without some part."""
+"""Rate and quality of the codec, of alternatives, and of ablations."""
 
 from collections.abc import Callable, Sequence
 
@@ -73,7 +73,7 @@ def _rows(rows: Sequence[Average], is_wanted: Callable[[str], bool]) -> list[Ave
 
 
 def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
-    """One series a system; what sends nothing is a level line."""
+    """One series per system; a system without bytes is a horizontal line."""
     rates = [row.kib for row in rows if row.kib > 0]
     series = []
     for name in dict.fromkeys(row.system for row in rows):

@@ -17,7 +17,7 @@ equal rate: PSNR and seconds of each curve at {kib:.1f} KiB, between its points 
 does not reach so far is taken at its nearest end, which its note says. *effort fast*, *one thread*, *bfloat16*
 (convolutions and attention of both ends; no option of the commands), *half the size* (photographs of half the sides are
 coded, the Gaussians drawn at the whole size): the same codec, so used. Gaussian files and photographs are
-coded by libraries of their own; what their receivers take includes our networks for photographs. Only a CPU was at
+coded by libraries of their own; the receiver's time for photographs includes our networks. Only a CPU was at
 hand, so there is no other device; no weights of the paper's larger extractor are trained.
 
 {sender}

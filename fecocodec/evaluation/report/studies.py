@@ -1,4 +1,4 @@
-"""All that a report is made of, measured or taken from an earlier run."""
+"""The measurements of a report, taken from an earlier run where it has them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -27,16 +27,16 @@ from fecocodec.receiver.decode import decode_stream
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import encode_with
 
-OnStudy = Callable[[str], None]  # what is measured next
+OnStudy = Callable[[str], None]  # name of the next study
 WARM_UP_SIDE = 64
 WARM_RUNS = 3
 
 
 @dataclass(frozen=True)
 class Studies:
-    """What was measured. rate: pairs through every system; speed: some of them through ways to trade time for quality;
+    """All measurements. rate: pairs with every system; speed: some of them at other operating points;
     photographs: more pairs, at one lambda; complexity: of those pairs, KiB of the photographs by entry; more_views:
-    entries of more than two views; steps: seconds by step, by what was done."""
+    entries of more than two views; steps: seconds by step of encoding and decoding."""
 
     rate: tuple[Measurement, ...]
     speed: tuple[Measurement, ...]
@@ -50,7 +50,7 @@ class Studies:
 
 
 def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
-    """Measure what `plan.work` does not hold yet for these weights. Raises FecoError where nothing can be measured."""
+    """Measure everything that `plan.work` does not hold yet. Raises FecoError where nothing can be measured."""
     codec = load_codec(plan.model, "cpu")
     make_folder(plan.work)
     label = weights_label(plan.model, plan.size)
@@ -64,7 +64,7 @@ def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
     needs = _needs(plan, codec, ResultFile(plan.work / "complexity.jsonl", label))
     rate, speed, photographs, more_views = _measurements(plan, codec, label, on_study)
     complexity = _complexity(plan, {measurement.entry for measurement in photographs if not measurement.error})
-    on_study("hard cases")
+    on_study("stress cases")
     verdicts = _verdicts(plan, codec, ResultFile(plan.work / "stress.jsonl", label))
     return Studies(rate, speed, photographs, complexity, more_views, steps, loads, needs, verdicts)
 
@@ -105,7 +105,7 @@ def _rate_systems(plan: ReportPlan, codec: Codec) -> tuple[System, ...]:
         *systems_of(["codec"], codec, plan.lambdas),
         *systems_of(["fast", "best", "ablations"], codec, plan.few_lambdas),
         *systems_of(["pruned"], codec, [LAMBDA]),
-        *systems_of(["images", "gaussians", "floor"], codec, ()),
+        *systems_of(["images", "gaussians", "trivial"], codec, ()),
     )
 
 

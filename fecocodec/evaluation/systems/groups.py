@@ -10,7 +10,7 @@ from fecocodec.evaluation.systems.gaussian_compression import gaussian_systems
 from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.evaluation.systems.pruned import pruned_system
 from fecocodec.evaluation.systems.reconstruction import System
-from fecocodec.evaluation.systems.trivial_baselines import floor_systems
+from fecocodec.evaluation.systems.trivial_baselines import trivial_baselines
 from fecocodec.sender.codec import Codec
 
 OF_LAMBDA: dict[str, Callable[[Codec, float], System]] = {
@@ -23,7 +23,7 @@ OF_LAMBDA: dict[str, Callable[[Codec, float], System]] = {
 WHATEVER_LAMBDA: dict[str, Callable[[Codec], tuple[System, ...]]] = {
     "images": image_systems,
     "gaussians": gaussian_systems,
-    "floor": lambda _profile: floor_systems(),
+    "trivial": lambda _profile: trivial_baselines(),
 }
 ALIASES = {"ablations": ABLATIONS}
 GROUPS = (*OF_LAMBDA, *WHATEVER_LAMBDA)

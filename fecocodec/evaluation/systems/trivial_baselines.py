@@ -1,4 +1,4 @@
-"""What needs no learning: the nearest context view, and both context views warped by one plane."""
+"""Trivial baselines without learning: the nearest context view, and both context views warped by one plane."""
 
 from time import perf_counter
 
@@ -15,8 +15,8 @@ NEAREST = "nearest view"
 NUM_PLANES = 48
 
 
-def floor_systems() -> tuple[System, ...]:
-    """Nothing is coded here: their bytes are 0 and say nothing."""
+def trivial_baselines() -> tuple[System, ...]:
+    """Nothing is coded: their bytes are 0."""
     return (System(NEAREST, "copied", _nearest), System("best plane", "oracle", _best_plane))
 
 
@@ -29,9 +29,9 @@ def _nearest(views: Views, num_context: int) -> Reconstruction:
 
 
 def _best_plane(views: Views, num_context: int) -> Reconstruction:
-    """Each camera shows the mean of the context views, warped by the one plane parallel to its image that suits best.
+    """Each camera shows the mean of the context views, warped by the best plane parallel to its image.
 
-    The plane is chosen by looking at the view itself, so this is the most that a single plane can give.
+    The plane is chosen with the view itself: an upper bound for a single plane.
     """
     begin = perf_counter()
     near, far = float(views.cameras.near), float(views.cameras.far)

@@ -1,4 +1,4 @@
-"""What makes good Gaussians unlikely before any network runs: said as warnings, because it is for the user to judge."""
+"""Warnings about views that will reconstruct badly, from cameras and images alone, before any network runs."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth_range import share_of_agreed_depths
 from fecocodec.geometry.padding import padded_size
 from fecocodec.geometry.views import Views
-from fecocodec.sender.latent_optimisation import BEST, OptimisationConfig, config_of_effort
+from fecocodec.sender.latent_optimisation import DEFAULT, OptimisationConfig, config_of_effort
 
 LEAST_PARALLAX_DEGREES = 0.5  # between lines of sight to a typical point; two pixels of 256 at a common focal length
 LEAST_OVERLAP = 0.2  # share of a view's sample points that another view sees
@@ -24,54 +24,54 @@ LEAST_GAIN = 6.0
 _GRID = 8  # sample points a side
 
 
-def doubts_about(views: Views, effort: str | OptimisationConfig = "default") -> tuple[str, ...]:
-    """One sentence for each thing about the views that will cost quality; empty where nothing is suspicious.
+def check_input(views: Views, effort: str | OptimisationConfig = "default") -> tuple[str, ...]:
+    """One sentence per property of the views that costs quality, such as no parallax; empty for good views.
 
-    effort: as `encode` takes it; "best" has no effect on views of too many pixels.
+    effort: as `encode` takes it.
     """
     return (
-        *_doubts_about_cameras(views.cameras),
-        *_doubts_about_images(views.images),
-        *_doubts_about_axes(views),
-        *_doubts_about_size(views, config_of_effort(effort)),
+        *_warnings_about_cameras(views.cameras),
+        *_warnings_about_images(views.images),
+        *_warnings_about_axes(views),
+        *_warnings_about_size(views, config_of_effort(effort)),
     )
 
 
-def _doubts_about_size(views: Views, config: OptimisationConfig) -> list[str]:
+def _warnings_about_size(views: Views, config: OptimisationConfig) -> list[str]:
     height, width = padded_size(*views.image_size)
-    if config != BEST or len(views.images) * height * width <= config.max_pixels:
+    if config == DEFAULT or config.num_steps == 0 or len(views.images) * height * width <= config.max_pixels:
         return []
-    return ["the views have too many pixels for optimised latents, which are left out; give fewer or smaller views."]
+    return ["the views have too many pixels to optimise their latents; give fewer or smaller views."]
 
 
-def _doubts_about_cameras(cameras: Cameras) -> list[str]:
-    doubts = []
+def _warnings_about_cameras(cameras: Cameras) -> list[str]:
+    warnings = []
     ratio = float(cameras.far / cameras.near)
     if ratio > LARGEST_DEPTH_RATIO:
-        doubts.append(f"far is {ratio:.0f} times near, depth will be coarse; give tighter bounds (--near, --far).")
+        warnings.append(f"far is {ratio:.0f} times near, depth will be coarse; give tighter bounds (--near, --far).")
     if cameras.num_views == 1:
-        return [*doubts, "one view has no parallax, its depth is a guess; add a view from another place."]
+        return [*warnings, "one view has no parallax, its depth is a guess; add a view from another place."]
     points = _sample_points(cameras)
     overlap = _largest_overlap(points, cameras)
     alone = [str(view) for view in range(cameras.num_views) if overlap[view] < LEAST_OVERLAP]
     if alone:
-        doubts.append(f"views that see little of what any other sees: {', '.join(alone)}; choose views that overlap.")
+        warnings.append(f"views that hardly overlap with any other: {', '.join(alone)}; choose views that overlap.")
     if _largest_parallax(points, cameras) < LEAST_PARALLAX_DEGREES:
-        doubts.append("the views stand almost at one place, their depth is a guess; choose views from farther apart.")
-    return doubts
+        warnings.append("the cameras are almost at one position, depth is a guess; choose views from farther apart.")
+    return warnings
 
 
-def _doubts_about_images(images: Float[Tensor, "view 3 height width"]) -> list[str]:
-    doubts = []
+def _warnings_about_images(images: Float[Tensor, "view 3 height width"]) -> list[str]:
+    warnings = []
     brightness = images.mean(dim=(1, 2, 3))
     if float(brightness.max() / brightness.min().clamp_min(1e-3)) > LARGEST_EXPOSURE_RATIO:
-        doubts.append("the views differ much in brightness; use one exposure and white balance for all.")
+        warnings.append("the views differ much in brightness; use one exposure and white balance for all.")
     if not DARKEST <= float(brightness.mean()) <= BRIGHTEST:
-        doubts.append("the views are almost black or white; expose them so that surfaces can be told apart.")
-    return doubts
+        warnings.append("the views are almost black or white; expose them so that surfaces can be distinguished.")
+    return warnings
 
 
-def _doubts_about_axes(views: Views) -> list[str]:
+def _warnings_about_axes(views: Views) -> list[str]:
     """OpenCV and OpenGL cameras differ in the signs of y and z. Cameras side by side fit together either way."""
     given = share_of_agreed_depths(views)
     if LEAST_GAIN * given >= 1.0:
