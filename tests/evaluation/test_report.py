@@ -68,7 +68,7 @@ def studies() -> Studies:
     rate += [replace(rate[-1], entry=entry) for entry in ENTRIES[1:]]
     speed = [
         *curve("fecosplat", 2.0, 20.0),
-        *curve("no refinement", 2.0, 19.0, 0.05),
+        *curve("fecosplat, effort fast", 2.0, 19.0, 0.05),
         *curve("one thread", 2.0, 20.0, 2.0),
     ]
     steps = {"encode": {"start": 0.01, "coding stage 1": 0.03}, "decode": {"predicting": 0.02}}
@@ -119,7 +119,7 @@ def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:
     assert pareto_front(marks) == (marks[0], marks[2])
     sender = speed_section(studies.rate, studies.speed, studies.steps, 64).charts[0]
     names = {series.name for series in sender.series for mark in series.marks if mark in sender.front}
-    assert "no refinement" in names and "one thread" not in names
+    assert "fecosplat, effort fast" in names and "one thread" not in names
 
 
 def test_growth(studies: Studies) -> None:
