@@ -9,14 +9,13 @@ from unittest.mock import patch
 
 import torch
 
-from fecocodec.container import read_prefix
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.novel_views import render_views
 from fecocodec.formats.evaluation_index import read_index
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver import decode
-from fecocodec.receiver.decode import decode_stream, predict_scene
+from fecocodec.receiver import emission
+from fecocodec.receiver.decode import MAX_SH_DEGREE, decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.encode import Profile, code_stages, encode_with, header_of
 from fecocodec.sender.steps import (
@@ -84,8 +83,8 @@ def measure(profile: Profile, entry: Entry, lambda_q: int, num_stages: int = 2) 
     data = encode_with(profile, coded, lambda_q, 2, refinement_steps=0)
     num_bytes = len(data)
     # Variants with Gaussians on another grid: entries are of whole cells, so that no Gaussian lies outside.
-    with patch.object(decode, "inside_unpadded", lambda *_: torch.tensor(True)):
-        first, both = (decode_stream(read_prefix(data, stages), profile.receiver) for stages in (1, 2))
+    with patch.object(emission, "inside_unpadded", lambda *_: torch.tensor(True)):
+        first, both = (decode_with(profile.receiver, data, stages=stages).gaussians for stages in (1, 2))
         if num_stages == 3:
             more, both = code_third_stage(profile, coded, lambda_q)
             num_bytes += more
@@ -110,7 +109,8 @@ def code_third_stage(profile: Profile, views: Views, lambda_q: int) -> tuple[int
     latents = _missing(profile, scene, matched, second, lambda_q)
     third = code_stage(profile, scene, latents, lambda_q, first.views, second)
     header = header_of(profile, scene, (first, second))
-    return len(third.payload), predict_scene(profile.receiver, third.after, views.cameras, header, None)
+    gaussians = emission.emit(profile.receiver, third.after, views.cameras, header, None, MAX_SH_DEGREE)
+    return len(third.payload), gaussians
 
 
 def _missing(

@@ -92,7 +92,6 @@ def command(
     from fecocodec import doubts_about, encode, encode_adaptively, read_views
 
     from .device import require_device, require_rendering_device
-    from .weights import of_sender
 
     if stages == 1 and refinement_steps == 0:
         require_device(device)
@@ -107,9 +106,7 @@ def command(
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
                 coder = partial(encode_adaptively, goal=goal)
-            data = coder(
-                scene, refinement_steps=refinement_steps, device=device, on_progress=on_progress, **of_sender(model)
-            )
+            data = coder(scene, refinement_steps=refinement_steps, device=device, model=model, on_progress=on_progress)
     for doubt in doubts_about(scene, refinement_steps):  # after what refuses views, whose sentence stands alone
         say(f"warning: {doubt}")
     with write_atomically(output, overwrite=overwrite) as temporary:

@@ -4,13 +4,12 @@ from pathlib import Path
 
 import click
 
-from fecocodec.container import Header, Keep, StreamSummary, inspect, num_cells
+from fecocodec.container import Header, Keep, StreamSummary, inspect, num_cells, read_stream_file
 from fecocodec.errors import BitstreamError
 
 from .naming import naming
 from .options import FILE_PATH, json_option
 from .output import print_columns, print_fields, print_json
-from .stream import read_bytes
 
 
 @click.command(
@@ -42,7 +41,7 @@ def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
         return print_parameters(profile, as_json)
     if profile is not None or stream is None:
         raise click.UsageError("Give either a .fcs file or --model.")
-    data = read_bytes(stream)
+    data = read_stream_file(stream)
     with naming(stream):
         summary = inspect(data)
         if as_json:

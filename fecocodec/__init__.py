@@ -2,7 +2,7 @@
 
     views = fecocodec.read_views(Path("photos"))
     data = fecocodec.encode(views, lmbda=1e-3)
-    gaussians = fecocodec.decode(data)
+    decoded = fecocodec.decode(data)  # decoded.gaussians, decoded.cameras, ...
 
 Names are loaded on first use, so that what needs no network (`fecosplat info FILE`) does not wait for torch.
 """
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from fecocodec.geometry.cameras import Cameras
     from fecocodec.geometry.gaussians import Gaussians
     from fecocodec.geometry.views import Views
-    from fecocodec.receiver.decode import decode
-    from fecocodec.receiver.partial import decode_intact
+    from fecocodec.receiver.decode import Decoded, decode
     from fecocodec.rendering.rasterizer import Rendering, render
     from fecocodec.sender.adaptive import AtLambda, AtLeastPsnr, AtMostKib, encode_adaptively
     from fecocodec.sender.doubts import doubts_about
@@ -32,6 +31,7 @@ __all__ = [
     "AtMostKib",
     "BitstreamError",
     "Cameras",
+    "Decoded",
     "FecoError",
     "Gaussians",
     "InputError",
@@ -41,7 +41,6 @@ __all__ = [
     "Views",
     "__version__",
     "decode",
-    "decode_intact",
     "doubts_about",
     "encode",
     "encode_adaptively",
@@ -57,6 +56,7 @@ _MODULE_OF = {
     "AtMostKib": "fecocodec.sender.adaptive",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
+    "Decoded": "fecocodec.receiver.decode",
     "FecoError": "fecocodec.errors",
     "Gaussians": "fecocodec.geometry.gaussians",
     "InputError": "fecocodec.errors",
@@ -65,7 +65,6 @@ _MODULE_OF = {
     "Rendering": "fecocodec.rendering.rasterizer",
     "Views": "fecocodec.geometry.views",
     "decode": "fecocodec.receiver.decode",
-    "decode_intact": "fecocodec.receiver.partial",
     "doubts_about": "fecocodec.sender.doubts",
     "encode": "fecocodec.sender.encode",
     "encode_adaptively": "fecocodec.sender.adaptive",

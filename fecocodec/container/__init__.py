@@ -2,7 +2,7 @@
 
 from fecocodec.container.cameras import PackedCameras
 from fecocodec.container.header import CURRENT_VERSION, EXCESS_UNIT, FormatVersion, Header
-from fecocodec.container.header_bytes import SIGNATURE
+from fecocodec.container.header_bytes import SIGNATURE, read_header
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
 from fecocodec.container.keep import Keep, cell_grid, num_cells
 from fecocodec.container.lagrangian import (
@@ -21,6 +21,7 @@ from fecocodec.container.stream import (
     read_stream,
     write_stream,
 )
+from fecocodec.container.stream_file import read_stream_file
 
 __all__ = [
     "CURRENT_VERSION",
@@ -44,8 +45,10 @@ __all__ = [
     "list_sections",
     "num_cells",
     "quantise_lambda",
+    "read_header",
     "read_intact",
     "read_prefix",
     "read_stream",
+    "read_stream_file",
     "write_stream",
 ]

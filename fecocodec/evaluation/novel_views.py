@@ -8,12 +8,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.container import read_stream
 from fecocodec.formats.evaluation_index import IndexEntry
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr, ssim
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.encode import Profile, encode_with
@@ -61,7 +60,7 @@ def score(
     """Code the first `num_context` views, judge by all."""
     context = views.select(list(range(num_context)))
     data = encode_with(profile, context, lambda_q, num_stages, refinement_steps=refinement_steps)
-    gaussians = decode_stream(read_stream(data), profile.receiver)
+    gaussians = decode_with(profile.receiver, data).gaussians
     rendered = render_views(gaussians, views)
     quality, structure = psnr(rendered, views.images), ssim(rendered, views.images)
     return Score(

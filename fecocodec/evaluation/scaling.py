@@ -5,11 +5,11 @@ from time import perf_counter
 
 import numpy as np
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.memory import forget_peak, give_back_freed_memory, peak_mib
 from fecocodec.evaluation.stress.box_room import Room, painted, photograph
 from fecocodec.evaluation.stress.camera_paths import along_a_line
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.sender.encode import Profile, encode_with
 
 LAMBDA = 1e-3
@@ -42,7 +42,7 @@ def measure_load(profile: Profile, num_views: int, side: int) -> Load:
         begin = perf_counter()
         data = encode_with(profile, views, lambda_q, 2)
         encoded = perf_counter()
-        decode_stream(read_stream(data), profile.receiver)
+        decode_with(profile.receiver, data)
         encode_seconds.append(encoded - begin)
         decode_seconds.append(perf_counter() - encoded)
     return Load(num_views, side, pixels, min(encode_seconds), min(decode_seconds), peak_mib(), len(data))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.errors import InputError
@@ -70,8 +70,7 @@ def encode_adaptively(
     *,
     refinement_steps: int | None = None,
     device: str = "cpu",
-    model: str = DEFAULT_MODEL,
-    weights: Path = SHIPPED,
+    model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
     """Bytes of a `.fcs` stream that has a second stage only where that pays, and whose receiver emits only Gaussians
@@ -84,7 +83,7 @@ def encode_adaptively(
     check_views(views, num_stages=2)
     if isinstance(goal, AtLambda):
         quantise_lambda(goal.lmbda)
-    return encode_adaptively_with(load_profile(weights / model, device), views, goal, on_progress, refinement_steps)
+    return encode_adaptively_with(load_profile(model_folder(model), device), views, goal, on_progress, refinement_steps)
 
 
 @torch.inference_mode(False)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder
 from fecocodec.container import EXCESS_UNIT, Header, Keep, Stream, quantise_lambda, write_stream
 from fecocodec.container.header import MAX_STAGES, MAX_VIEWS
 from fecocodec.errors import InputError
@@ -41,8 +41,7 @@ def encode(
     num_stages: int = 2,
     refinement_steps: int | None = None,
     device: str = "cpu",
-    model: str = DEFAULT_MODEL,
-    weights: Path = SHIPPED,
+    model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
     """Bytes of a `.fcs` stream that `decode` turns into the Gaussians of these views.
@@ -50,13 +49,13 @@ def encode(
     lmbda: price of a bit a pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. num_stages: 1
     leaves the feedback stage out. refinement_steps: of the last stage's latents (see `refinement`; a first stage that
     is not the last gets half as many and one), None for what suits the size; two take about as long as all the rest.
-    model, weights: `<weights>/<model>/` holds the weights of both ends.
+    model: folder with the weights of both ends; None for the default shipped model.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
     lambda_q = quantise_lambda(lmbda)
     check_views(views, num_stages)
-    profile = load_profile(weights / model, device)
+    profile = load_profile(model_folder(model), device)
     return encode_with(profile, views, lambda_q, num_stages, on_progress, refinement_steps)
 
 

@@ -18,7 +18,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.nearby_cameras import nearby_cameras
 from fecocodec.geometry.padding import inside_unpadded
-from fecocodec.receiver.decode import LEAST_OPACITY
+from fecocodec.receiver.emission import LEAST_OPACITY
 from fecocodec.rendering.contribution import contributions
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.steps import CodedStage, PreparedScene, Profile

@@ -52,7 +52,7 @@ def test_a_view_is_coded_a_second_time_only_where_it_is_chosen(
     assert stream.payloads[0] == read_stream(whole).payloads[0]
     share = len(stream.payloads[1]) / len(read_stream(whole).payloads[1])
     assert abs(share - len(chosen) / VIEWS) < 0.1
-    assert decode(data, weights=random_weights).count == VIEWS * ROWS * COLUMNS
+    assert decode(data, model=random_weights / MODEL).gaussians.count == VIEWS * ROWS * COLUMNS
 
 
 @pytest.mark.parametrize("chosen", [(1,), (0, 2)])
@@ -75,7 +75,7 @@ def test_the_first_stage_does_not_know_which_views_follow(
     profile: Profile, scene: PreparedScene, whole: bytes, random_weights: Path
 ) -> None:
     some = encoded(profile, scene, (1,), None)
-    first, second = (decode(data, num_stages=1, weights=random_weights) for data in (whole, some))
+    first, second = (decode(data, stages=1, model=random_weights / MODEL).gaussians for data in (whole, some))
     assert all(torch.equal(a, b) for a, b in zip(first.fields(), second.fields(), strict=True))
 
 
@@ -86,25 +86,25 @@ def with_keep(data: bytes, keep: Keep) -> bytes:
 
 def test_cells_that_are_not_kept_emit_nothing(whole: bytes, random_weights: Path) -> None:
     kept = torch.rand(VIEWS, 9, 13, generator=torch.Generator().manual_seed(1)) < 0.5
-    every = decode(whole, weights=random_weights)
-    some = decode(with_keep(whole, Keep(0, cells_to_bits(kept))), weights=random_weights)
+    every = decode(whole, model=random_weights / MODEL).gaussians
+    some = decode(with_keep(whole, Keep(0, cells_to_bits(kept))), model=random_weights / MODEL).gaussians
     at_pixel = kept.repeat_interleave(4, 1).repeat_interleave(4, 2)[:, :ROWS, :COLUMNS]
     assert torch.equal(some.means, every.means[at_pixel.flatten()])
     assert 0 < some.count < every.count
 
 
 def test_gaussians_below_the_threshold_are_not_emitted(whole: bytes, random_weights: Path) -> None:
-    every = decode(whole, weights=random_weights)
+    every = decode(whole, model=random_weights / MODEL).gaussians
     threshold = round(255 * float(every.opacities.median()))
-    some = decode(with_keep(whole, Keep(threshold)), weights=random_weights)
+    some = decode(with_keep(whole, Keep(threshold)), model=random_weights / MODEL).gaussians
     assert torch.equal(some.opacities, every.opacities[every.opacities >= threshold / 255])
     assert 0 < some.count < every.count
 
 
 def test_what_to_keep_is_said_of_the_whole_stream(whole: bytes, random_weights: Path) -> None:
     data = with_keep(whole, Keep(255, bytes(44)))
-    assert decode(data, weights=random_weights).count == 0
-    assert decode(data, num_stages=2, weights=random_weights).count == VIEWS * ROWS * COLUMNS
+    assert decode(data, model=random_weights / MODEL).gaussians.count == 0
+    assert decode(data, stages=2, model=random_weights / MODEL).gaussians.count == VIEWS * ROWS * COLUMNS
     assert read_prefix(data, 2).keep is None
 
 

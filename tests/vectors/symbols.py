@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Int64
 from torch import Tensor
 
-from fecocodec.checkpoint import SHIPPED, find_receiver
+from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.payload import CodedLatents, decode_latents
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.container import PackedCameras, Stream
@@ -35,7 +35,7 @@ def prior_of(model_id: bytes) -> LatentPrior:
     """The entropy model of that id; raises ModelError where there is none."""
     if model_id == tiny_model_id():
         return tiny_prior()
-    return load_receiver(find_receiver(model_id, SHIPPED))[0].prior
+    return load_receiver(find_receiver(model_id))[0].prior
 
 
 def decode_symbols(stream: Stream) -> list[StageValues]:

@@ -8,7 +8,7 @@ from fecocodec.evaluation.stress.box_room import Room, blank, photograph, waves
 from fecocodec.evaluation.stress.camera_paths import sideways
 from fecocodec.evaluation.systems.image_codecs import encode_image
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.sender.adaptive import AtLambda, encode_adaptively_with
 from fecocodec.sender.encode import Profile
 
@@ -35,7 +35,7 @@ def measure_need(profile: Profile, num_waves: int, side: int) -> Need:
     paint = partial(waves, count=num_waves) if num_waves else blank
     views = photograph(Room(paint), sideways(), (side, side)).select([0, 1])
     stream = read_stream(data := encode_adaptively_with(profile, views, AtLambda(LAMBDA)))
-    density = decode_stream(stream, profile.receiver).count / (2 * side * side)
+    density = decode_with(profile.receiver, data).gaussians.count / (2 * side * side)
     return Need(num_waves, photograph_kib(views), len(data) / 1024, density, stream.header.num_stages)
 
 

@@ -14,7 +14,7 @@ from fecocodec.evaluation.stress.cases import StressCase, Trial
 from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.formats.ply import write_ply
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.doubts import doubts_about
 from fecocodec.sender.encode import Profile, encode_with
@@ -127,7 +127,7 @@ class StressSuite:
     def _run(self, trial: Trial) -> _Outcome:
         """Coded and decoded; the picture is judged by cameras and images of the trial itself."""
         data = encode_with(self._profile, trial.views.select(list(range(trial.num_context))), self._lambda_q, 2)
-        gaussians = decode_stream(read_stream(data), self._profile.receiver)
+        gaussians = decode_with(self._profile.receiver, data).gaussians
         rendered = render_views(gaussians, trial.views)[trial.num_context :]
         return _Outcome(data, gaussians, float(psnr(rendered, trial.views.images[trial.num_context :]).mean()))
 

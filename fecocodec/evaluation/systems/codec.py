@@ -6,11 +6,11 @@ from time import perf_counter
 
 import torch
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.encode import Profile, encode_with
 from fecocodec.sender.refinement import MANY_STEPS
@@ -44,7 +44,7 @@ def _reconstruct(profile: Profile, encoder: Encoder, views: Views, num_context: 
     begin = perf_counter()
     data = encoder(views.select(list(range(num_context))))
     encoded = perf_counter()
-    gaussians = decode_stream(read_stream(data), profile.receiver)
+    gaussians = decode_with(profile.receiver, data).gaussians
     return rendered(gaussians, views, len(data), encoded - begin, perf_counter() - encoded)
 
 

@@ -8,7 +8,8 @@ from fecocodec.container import Header
 from fecocodec.container.header import DIGEST_BYTES
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import predict_scene
+from fecocodec.receiver.decode import MAX_SH_DEGREE
+from fecocodec.receiver.emission import emit
 from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.sender.encode import Profile
 from fecocodec.sender.refinement import descend, distortion_of, step_size, steps_of_first
@@ -50,4 +51,4 @@ def uncoded_gaussians(profile: Profile, views: Views, refinement_steps: int) -> 
     second = refined(y, first, FINEST_LAMBDA_Q, 2, refinement_steps)
     digests = (bytes(DIGEST_BYTES),) * 2  # of nothing: this header is never written
     header = Header(profile.model_id, scene.num_views, *scene.image_size, FINEST_LAMBDA_Q, digests, every)
-    return predict_scene(receiver, second, unpack(scene.packed), header, None)
+    return emit(receiver, second, unpack(scene.packed), header, None, MAX_SH_DEGREE)
