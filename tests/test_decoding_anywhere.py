@@ -39,7 +39,8 @@ data = encode(example_views(2, 96, 64), lmbda=1e-4, num_stages=1, model=Path(wei
 (Path(folder) / f"{name}.fcs").write_bytes(data)
 print("written", flush=True)
 sys.stdin.readline()
-decoded = {path.stem: decode(path.read_bytes(), model=Path(weights, model)).gaussians.fields() for path in Path(folder).glob("*.fcs")}
+streams = {path.stem: path.read_bytes() for path in Path(folder).glob("*.fcs")}
+decoded = {of: decode(data, model=Path(weights, model)).gaussians.fields() for of, data in streams.items()}
 torch.save(decoded, Path(folder) / f"{name}.pt")
 """
 

@@ -6,11 +6,10 @@ from typing import NamedTuple
 
 from fecocodec.container.lagrangian import LAMBDA_MIN, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import BitstreamError
+from fecocodec.limits import MAX_STAGES, MAX_VIEWS
 
 MODEL_ID_BYTES = 8
 DIGEST_BYTES = 8
-MAX_VIEWS = 16
-MAX_STAGES = 2
 MAX_SECTIONS = 16
 MIN_SIDE, MAX_SIDE = 16, 4096
 EXCESS_UNIT = 2  # of lambda_q: one byte reaches a factor of 7.3 in lambda

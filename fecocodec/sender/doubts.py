@@ -94,11 +94,7 @@ def _sample_points(cameras: Cameras) -> Float[Tensor, "view n 3"]:
 
 def _largest_overlap(points: Float[Tensor, "view n 3"], cameras: Cameras) -> Float[Tensor, " view"]:
     """For each view the largest share of its points that some other view has in its picture."""
-    rotation, translation = cameras.world_to_camera[:, :3, :3], cameras.world_to_camera[:, :3, 3]
-    local = torch.einsum("wij,vnj->vwni", rotation, points) + translation[None, :, None]
-    image = torch.einsum("wij,vwnj->vwni", cameras.intrinsics, local / local[..., 2:].clamp_min(1e-12))
-    is_seen = (local[..., 2] > 0) & ((image[..., :2] >= 0) & (image[..., :2] <= 1)).all(dim=-1)
-    share = is_seen.float().mean(dim=-1)
+    share = cameras.project(points).is_visible.float().mean(dim=-1).T.clone()
     share.fill_diagonal_(0.0)
     return share.amax(dim=1)
 

@@ -7,10 +7,10 @@ import torch
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder
 from fecocodec.container import EXCESS_UNIT, Header, Keep, Stream, quantise_lambda, write_stream
-from fecocodec.container.header import MAX_STAGES, MAX_VIEWS
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.layers.placement import place
+from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.load import load_sender
@@ -30,8 +30,6 @@ from fecocodec.sender.steps import (
 )
 
 __all__ = ["Profile", "assemble", "check_views", "code_stages", "encode", "encode_with", "header_of", "load_profile"]
-
-MIN_SIDE, MAX_SIDE = 64, 1024
 
 
 def encode(
