@@ -9,12 +9,12 @@ import click
 from fecocodec.container import inspect, quantise_lambda
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
 
-from .goal import adaptive_options, goal_of
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
 from .output import print_json, say
 from .progress import progress_bar
+from .rate_control import rate_control_options, target_of
 from .selection import Selection, parse_selection, resolve
 
 
@@ -40,7 +40,7 @@ Examples:
     metavar="NUMBER",
     help="Weight of the rate, 1e-5 to 1e-2: smaller is better quality and a larger file.",
 )
-@adaptive_options
+@rate_control_options
 @click.option(
     "--views",
     callback=parse_selection,
@@ -64,7 +64,6 @@ def command(
     views_folder: Path,
     output: Path,
     lmbda: float,
-    adaptive: bool,
     target_kib: float | None,
     target_psnr: float | None,
     views: Selection | None,
@@ -87,9 +86,9 @@ def command(
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
-    goal = goal_of(lmbda, adaptive, target_kib, target_psnr, stages)
+    target = target_of(target_kib, target_psnr, stages)
 
-    from fecocodec import doubts_about, encode, encode_adaptively, read_views
+    from fecocodec import doubts_about, encode, encode_to_target, read_views
 
     from .device import require_device, require_rendering_device
 
@@ -102,10 +101,10 @@ def command(
         on_progress("reading views", 0.0)
         scene = read_views(views_folder, views=chosen, size=size, near=near, far=far)
         with naming(views_folder, OF_VIEWS):
-            if goal is None:
+            if target is None:
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
-                coder = partial(encode_adaptively, goal=goal)
+                coder = partial(encode_to_target, target=target)
             data = coder(scene, refinement_steps=refinement_steps, device=device, model=model, on_progress=on_progress)
     for doubt in doubts_about(scene, refinement_steps):  # after what refuses views, whose sentence stands alone
         say(f"warning: {doubt}")

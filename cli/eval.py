@@ -48,7 +48,7 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="What to measure: codec, thorough (16 refinement steps), adaptive, all-gaussians, pruned, ablations (or "
+    help="What to measure: codec, thorough (16 refinement steps), pruned, ablations (or "
     "stage-1, no-refinement, no-context, no-feedback), images (compressed photographs), gaussians (splats), floor.",
 )
 @model_option

@@ -19,14 +19,13 @@ if TYPE_CHECKING:
     from fecocodec.geometry.views import Views
     from fecocodec.receiver.decode import Decoded, decode
     from fecocodec.rendering.rasterizer import Rendering, render
-    from fecocodec.sender.adaptive import AtLambda, AtLeastPsnr, AtMostKib, encode_adaptively
     from fecocodec.sender.doubts import doubts_about
     from fecocodec.sender.encode import encode
+    from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "AtLambda",
     "AtLeastPsnr",
     "AtMostKib",
     "BitstreamError",
@@ -43,7 +42,7 @@ __all__ = [
     "decode",
     "doubts_about",
     "encode",
-    "encode_adaptively",
+    "encode_to_target",
     "read_ply",
     "read_views",
     "render",
@@ -51,9 +50,8 @@ __all__ = [
 ]
 
 _MODULE_OF = {
-    "AtLambda": "fecocodec.sender.adaptive",
-    "AtLeastPsnr": "fecocodec.sender.adaptive",
-    "AtMostKib": "fecocodec.sender.adaptive",
+    "AtLeastPsnr": "fecocodec.sender.rate_control",
+    "AtMostKib": "fecocodec.sender.rate_control",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
     "Decoded": "fecocodec.receiver.decode",
@@ -67,7 +65,7 @@ _MODULE_OF = {
     "decode": "fecocodec.receiver.decode",
     "doubts_about": "fecocodec.sender.doubts",
     "encode": "fecocodec.sender.encode",
-    "encode_adaptively": "fecocodec.sender.adaptive",
+    "encode_to_target": "fecocodec.sender.rate_control",
     "read_ply": "fecocodec.formats.ply",
     "read_views": "fecocodec.formats.scene_folder",
     "render": "fecocodec.rendering.rasterizer",

@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder
-from fecocodec.container import EXCESS_UNIT, Header, Keep, Stream, quantise_lambda, write_stream
+from fecocodec.container import EXCESS_UNIT, Header, Stream, quantise_lambda, write_stream
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.layers.placement import place
@@ -96,13 +96,11 @@ def code_stages(
     lambda_q: int,
     num_stages: int,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    stage_2_views: tuple[int, ...] | None = None,
     refinement_steps: int | None = None,
 ) -> tuple[CodedStage, ...]:
     """Stage 1 from what matching found, stage 2 from what stage 1's Gaussians make of the views.
 
-    stage_2_views: the views that stage 2 codes, ascending from 0; None: all. refinement_steps: of all views' latents of
-    the last stage, before some views are chosen; None: what suits the size.
+    refinement_steps: of the last stage's latents; None: what suits the size.
     """
     num_steps = suitable_steps(scene, lambda_q) if refinement_steps is None else refinement_steps
     on_progress("coding stage 1", 0.3)
@@ -110,7 +108,7 @@ def code_stages(
     first_lambda_q = lambda_q if is_last else first_stage_lambda_q(lambda_q)
     steps = num_steps if is_last else steps_of_first(num_steps)
     latents = refined_first_latents(profile, scene, matched, first_lambda_q, steps)
-    first = code_stage(profile, scene, latents, first_lambda_q, tuple(range(scene.num_views)), None)
+    first = code_stage(profile, scene, latents, first_lambda_q, None)
     if is_last:
         return (first,)
     on_progress("rendering feedback", 0.5)
@@ -120,25 +118,19 @@ def code_stages(
     on_progress("refining stage 2", 0.55)
     latents = refine_stage(profile, scene, latents, first, lambda_q, num_steps)
     on_progress("coding stage 2", 0.9)
-    views = first.views if stage_2_views is None else stage_2_views
-    return first, code_stage(profile, scene, latents.of_views(views), lambda_q, views, first)
+    return first, code_stage(profile, scene, latents, lambda_q, first)
 
 
-def assemble(
-    profile: Profile,
-    scene: PreparedScene,
-    stages: tuple[CodedStage, ...],
-    keep: Keep | None = None,
-) -> bytes:
-    """The stream of these stages. keep: which Gaussians a receiver emits, None for all that can be seen."""
+def assemble(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...]) -> bytes:
+    """The stream of these stages."""
     header = header_of(profile, scene, stages)
-    return write_stream(Stream(header, scene.packed, tuple(stage.payload for stage in stages), keep=keep))
+    return write_stream(Stream(header, scene.packed, tuple(stage.payload for stage in stages)))
 
 
 def header_of(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...]) -> Header:
     """The header of a stream of these stages."""
     digests = tuple(stage.latents.digest() for stage in stages)
-    views = stages[1].views if len(stages) == 2 else ()
+    views = tuple(range(scene.num_views)) if len(stages) == 2 else ()
     first, last = stages[0].lambda_q, stages[-1].lambda_q
     excess = (first - last) // EXCESS_UNIT
     return Header(profile.model_id, scene.num_views, *scene.image_size, last, digests, views, excess)

@@ -71,12 +71,6 @@ def suitable_steps(scene: PreparedScene, lambda_q: int) -> int:
     return DEFAULT_STEPS + more if pixels <= PIXELS_OF_ALL_STEPS else 1 + more if pixels <= MOST_PIXELS else 0
 
 
-def patient_steps(scene: PreparedScene, lambda_q: int) -> int:
-    """How many steps the last stage gets from a sender that may take its time: 16, or what suits where that is fewer
-    for the scene's size."""
-    return MANY_STEPS if _num_pixels(scene) <= PIXELS_OF_ALL_STEPS else suitable_steps(scene, lambda_q)
-
-
 def steps_of_first(num_steps: int) -> int:
     """How many steps stage 1 gets where stage 2 gets `num_steps`: half as many and one, as stage 2 mends what they
     leave.

@@ -19,7 +19,7 @@ from fecocodec.geometry.normalisation import normalise_scene
 from fecocodec.geometry.padding import pad_cameras, pad_images
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.view_states import ViewStates, select_context, update_views
+from fecocodec.receiver.view_states import ViewStates, update_views
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.matched_depth import MatchedDepth, depth_feedback
 from fecocodec.sender.model import Sender
@@ -85,22 +85,16 @@ class Latents:
     y: Float[Tensor, "view latent h8 w8"]
     z: Float[Tensor, "view hyper h32 w32"]
 
-    def of_views(self, views: tuple[int, ...]) -> "Latents":
-        """Those of some views, in the order given."""
-        return Latents(self.y[list(views)], self.z[list(views)])
-
 
 @dataclass(frozen=True)
 class CodedStage:
     """Bytes of one stage, and what both ends know after it.
 
-    lambda_q: what it was coded at. views: those that the stage codes, in whose order `latents` are. after: the states
-    of all views.
+    lambda_q: what it was coded at. after: the states of all views.
     """
 
     payload: bytes
     lambda_q: int
-    views: tuple[int, ...]
     latents: CodedLatents
     after: ViewStates
 
@@ -174,19 +168,19 @@ def code_stage(
     scene: PreparedScene,
     latents: Latents,
     lambda_q: int,
-    views: tuple[int, ...],
     before: CodedStage | None,
 ) -> CodedStage:
-    """Latents of these views to bytes, and the states they lead to; the other views' states stay.
+    """Latents of all views to bytes, and the states they lead to.
 
-    before: the first stage where this is the second, None for the first, which codes all views.
+    before: the first stage where this is the second, None for the first.
     """
     receiver, stage = profile.receiver, 1 if before is None else 2
-    context = None if before is None else select_context(before.latents.y_hat, views)
+    context = None if before is None else before.latents.y_hat
     payload, coded = encode_latents(receiver.prior, latents.y, latents.z, lambda_q, stage, context)
     after = before.after if before else None
-    after = update_views(receiver, after, coded.y_hat, scene.lambda_of_views(lambda_q), stage, views)
-    return CodedStage(payload, lambda_q, views, coded, after)
+    every_view = tuple(range(scene.num_views))
+    after = update_views(receiver, after, coded.y_hat, scene.lambda_of_views(lambda_q), stage, every_view)
+    return CodedStage(payload, lambda_q, coded, after)
 
 
 def _pack_checked(cameras: Cameras) -> PackedCameras:

@@ -116,7 +116,7 @@ def latents_of(profile: Profile, views: Views, lambdas_q: Sequence[int], num_alo
     for lambda_q in lambdas_q[: len(lambdas_q) - num_alone]:
         num_steps, first_lambda_q = suitable_steps(scene, lambda_q), first_stage_lambda_q(lambda_q)
         y1 = refined_first_latents(profile, scene, matched, first_lambda_q, steps_of_first(num_steps))
-        first = code_stage(profile, scene, y1, first_lambda_q, tuple(range(scene.num_views)), None)
+        first = code_stage(profile, scene, y1, first_lambda_q, None)
         rendering = stage_rendering(profile, scene, first.after)
         feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
         y2 = analyse(profile, feedback, first.state, lambda_q, 2)

@@ -52,7 +52,7 @@ def test_a_folder_that_is_not_there(fecosplat, coded_scene: Path, tmp_path: Path
     assert f"{missing}: there is no such folder; name the folder of a model." in result.err
 
 
-@pytest.mark.parametrize("goal", [(), ("--adaptive",)])
+@pytest.mark.parametrize("goal", [(), ("--target-kib", "8")])
 def test_a_folder_without_weights(fecosplat, photographs: Path, tmp_path: Path, goal: tuple[str, ...]) -> None:
     output, empty = tmp_path / "wall.fcs", tmp_path / "empty"
     empty.mkdir()

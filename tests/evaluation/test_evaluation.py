@@ -71,7 +71,7 @@ def test_variants_are_compared_at_the_lambdas_they_share() -> None:
     psnr = (20.0, 22.5, 23.0, 23.1, 24.0)
     found = [
         measurement("a", system, f"lambda {step}", 1024 * 2**step, psnr[step])
-        for system, steps in (("fecosplat", range(5)), ("adaptive", (0, 2, 4)))
+        for system, steps in (("fecosplat", range(5)), ("stage 1 alone", (0, 2, 4)))
         for step in steps
     ]
     (comparison,) = compare(averages(found))

@@ -66,11 +66,6 @@ def test_scenes_get_as_many_steps_as_their_size_allows(scene: PreparedScene, mon
     finest = [steps_of(*sizes, lambda_q=0) for sizes in ((pixels, pixels), (0, pixels), (0, 0))]
     assert finest == [refinement.DEFAULT_STEPS + 2, 3, 0]
     assert steps_of(pixels, pixels, LAMBDA_Q) == refinement.DEFAULT_STEPS + 1
-    patient = []
-    for every, most in ((pixels, pixels), (0, pixels), (0, 0)):
-        steps_of(every, most)
-        patient.append(refinement.patient_steps(scene, COARSE_LAMBDA_Q))
-    assert patient == [refinement.MANY_STEPS, 1, 0]
 
 
 def test_encoding_refines_unless_told_not_to_and_always_alike(profile: Profile) -> None:
@@ -93,7 +88,7 @@ def test_every_stage_is_refined_by_its_own_rate_and_distortion(profile: Profile)
         first = refined_first_latents(profile, scene, matched, first_lambda_q, 3)
         every = refined_first_latents(profile, scene, matched, lambda_q, 4)
         expected = [
-            code_stage(profile, scene, latents, q, (0, 1), None).payload
+            code_stage(profile, scene, latents, q, None).payload
             for latents, q in ((first, first_lambda_q), (every, lambda_q))
         ]
     assert [both[0].payload, alone.payload] == expected
@@ -109,7 +104,7 @@ def test_many_steps_hold_the_views_between_and_few_do_not(
     def between(num_steps: int) -> Tensor:
         matched = match_views(profile, scene)
         latents = refined_first_latents(profile, scene, matched, first_lambda_q, num_steps)
-        first = code_stage(profile, scene, latents, first_lambda_q, (0, 1), None)
+        first = code_stage(profile, scene, latents, first_lambda_q, None)
         held = refinement.hold_views_between(profile, scene, first.after)
         assert held is not None
         return held.images

@@ -2,7 +2,7 @@
 
 from fecocodec.evaluation.evaluation import weights_label
 from fecocodec.evaluation.machine import describe_machine
-from fecocodec.evaluation.report.adaptive_section import adaptive_section
+from fecocodec.evaluation.report.complexity_section import complexity_section
 from fecocodec.evaluation.report.page import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.png import write_png
@@ -30,7 +30,7 @@ def make_report(plan: ReportPlan, on_study: OnStudy) -> tuple[str, ...]:
     studies = measure_studies(plan, on_study)
     on_study("writing")
     _write(plan, _sections(plan, studies))
-    measurements = (*studies.rate, *studies.speed, *studies.savings, *studies.more_views)
+    measurements = (*studies.rate, *studies.speed, *studies.photographs, *studies.more_views)
     return tuple(dict.fromkeys(f"{m.entry}, {m.system}, {m.setting}: {m.error}" for m in measurements if m.error))
 
 
@@ -39,7 +39,7 @@ def _sections(plan: ReportPlan, studies: Studies) -> tuple[Section, ...]:
         *rate_sections(studies.rate, studies.more_views),
         speed_section(studies.rate, studies.speed, studies.steps, plan.room_side),
         scaling_section(studies.loads, plan.room_side),
-        adaptive_section(studies.rate, studies.savings, studies.complexity, studies.needs),
+        complexity_section(studies.rate, studies.photographs, studies.complexity, studies.needs),
         stress_section(studies.verdicts),
     )
 

@@ -7,8 +7,8 @@ from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages, compare
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
-from fecocodec.evaluation.systems.adaptive_systems import ALL_GAUSSIANS, PRUNED
 from fecocodec.evaluation.systems.codec import THOROUGH
+from fecocodec.evaluation.systems.pruned import PRUNED
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 from fecocodec.sender.refinement import MANY_STEPS
 
@@ -18,7 +18,7 @@ decoded files; means over pairs of context views ({entries} of them). Baselines:
 WebP or JPEG, from which the receiver makes Gaussians with our networks, uncoded (it then needs the sender's networks,
 too; *refined at the receiver*: it also renders and takes our encoder's gradient steps, towards the photographs it
 got); our uncoded, refined Gaussians as PLY, compressed PLY or SPZ. *nearest view* copies a photograph (not drawn);
-*best plane* warps both by one plane, chosen by looking at the target. *adaptive* is `encode --adaptive`, *{thorough}*
+*best plane* warps both by one plane, chosen by looking at the target. *{thorough}* is
 `encode --refine {steps}`.
 
 {chart}
@@ -36,7 +36,7 @@ A part is taken away at inference and nothing is trained again: this is how much
 *Refinement* is what the encoder does to the latents of each stage before coding them: gradient steps towards the
 photographs.
 Gaussians at 1/4 or 1/1 of the resolution and three stages are not among them: the weights have four Gaussians a cell,
-and the format has two stages; `benchmarks/ablate_training.py` trains them for a little while (docs/experiments.md).
+and the format has two stages; docs/experiments.md has short training runs of both.
 
 {chart}
 
@@ -48,7 +48,7 @@ HEADS = ("BD-rate, %", "BD-PSNR, dB")
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
     """Rate and distortion, ablations, and entries of more views."""
     rows = averages(found)
-    hidden = (*ABLATION_NAMES, ALL_GAUSSIANS, PRUNED)
+    hidden = (*ABLATION_NAMES, PRUNED)
     main, ablated = (
         _rows(rows, lambda name: name not in hidden),
         _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES)),

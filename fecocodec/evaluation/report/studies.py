@@ -34,12 +34,12 @@ WARM_RUNS = 3
 @dataclass(frozen=True)
 class Studies:
     """What was measured. rate: pairs through every system; speed: some of them through ways to trade time for quality;
-    savings: more pairs, coded plainly and adaptively; complexity: of those pairs, KiB of the photographs by entry;
-    more_views: entries of more than two views; steps: seconds by step, by what was done."""
+    photographs: more pairs, at one lambda; complexity: of those pairs, KiB of the photographs by entry; more_views:
+    entries of more than two views; steps: seconds by step, by what was done."""
 
     rate: tuple[Measurement, ...]
     speed: tuple[Measurement, ...]
-    savings: tuple[Measurement, ...]
+    photographs: tuple[Measurement, ...]
     complexity: dict[str, float]
     more_views: tuple[Measurement, ...]
     steps: dict[str, dict[str, float]]
@@ -61,17 +61,17 @@ def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
     steps = _steps(plan, profile, ResultFile(plan.work / "steps.jsonl", label))
     on_study("rooms from bare to crowded")
     needs = _needs(plan, profile, ResultFile(plan.work / "complexity.jsonl", label))
-    rate, speed, savings, more_views = _measurements(plan, profile, label, on_study)
-    complexity = _complexity(plan, {measurement.entry for measurement in savings if not measurement.error})
+    rate, speed, photographs, more_views = _measurements(plan, profile, label, on_study)
+    complexity = _complexity(plan, {measurement.entry for measurement in photographs if not measurement.error})
     on_study("hard cases")
     verdicts = _verdicts(plan, profile, ResultFile(plan.work / "stress.jsonl", label))
-    return Studies(rate, speed, savings, complexity, more_views, steps, loads, needs, verdicts)
+    return Studies(rate, speed, photographs, complexity, more_views, steps, loads, needs, verdicts)
 
 
 def _measurements(
     plan: ReportPlan, profile: Profile, label: str, on_study: OnStudy
 ) -> tuple[tuple[Measurement, ...], ...]:
-    """Of the rate, speed, savings and more-views studies, which share one file: nothing is measured twice."""
+    """Of the rate, speed, complexity and more-views studies, which share one file: nothing is measured twice."""
     index = read_index(plan.index)
     pairs = choose_entries(index, 2, plan.entries, plan.index)
     few = pairs[:: max(1, len(pairs) // plan.speed_entries)][: plan.speed_entries]
@@ -86,12 +86,12 @@ def _measurements(
     rate = measured(pairs, _rate_systems(plan, profile))
     on_study("speed and quality")
     speed = measured(few, [system for lmbda in plan.few_lambdas for system in speed_systems(profile, lmbda)])
-    on_study("what the adaptive sender saves")
-    many = choose_entries(index, 2, plan.adaptive_entries, plan.index)
-    savings = measured(many, systems_of(["codec", "adaptive"], profile, plan.few_lambdas))
+    on_study("bytes and complexity")
+    many = choose_entries(index, 2, plan.complexity_entries, plan.index)
+    photographs = measured(many, systems_of(["codec"], profile, [LAMBDA]))
     on_study("more views")
     thinned = choose_entries(more, None, plan.entries_of_more_views, plan.index) if more else ()
-    return rate, speed, savings, measured(thinned, systems_of(["codec"], profile, [LAMBDA]))
+    return rate, speed, photographs, measured(thinned, systems_of(["codec"], profile, [LAMBDA]))
 
 
 def _complexity(plan: ReportPlan, entries: set[str]) -> dict[str, float]:
@@ -104,8 +104,8 @@ def _complexity(plan: ReportPlan, entries: set[str]) -> dict[str, float]:
 def _rate_systems(plan: ReportPlan, profile: Profile) -> tuple[System, ...]:
     return (
         *systems_of(["codec"], profile, plan.lambdas),
-        *systems_of(["thorough", "ablations", "adaptive"], profile, plan.few_lambdas),
-        *systems_of(["all-gaussians", "pruned"], profile, [LAMBDA]),
+        *systems_of(["thorough", "ablations"], profile, plan.few_lambdas),
+        *systems_of(["pruned"], profile, [LAMBDA]),
         *systems_of(["images", "gaussians", "floor"], profile, ()),
     )
 

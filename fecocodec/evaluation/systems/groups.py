@@ -5,10 +5,10 @@ from functools import partial
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.ablations import ABLATIONS, ablation_system
-from fecocodec.evaluation.systems.adaptive_systems import adaptive_system, all_gaussians_system, pruned_system
 from fecocodec.evaluation.systems.codec import codec_system, thorough_system
 from fecocodec.evaluation.systems.gaussian_compression import gaussian_systems
 from fecocodec.evaluation.systems.image_compression import image_systems
+from fecocodec.evaluation.systems.pruned import pruned_system
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.evaluation.systems.trivial_baselines import floor_systems
 from fecocodec.sender.encode import Profile
@@ -16,8 +16,6 @@ from fecocodec.sender.encode import Profile
 OF_LAMBDA: dict[str, Callable[[Profile, float], System]] = {
     "codec": codec_system,
     "thorough": thorough_system,
-    "adaptive": adaptive_system,
-    "all-gaussians": all_gaussians_system,
     "pruned": pruned_system,
     **{part: partial(ablation_system, part) for part in ABLATIONS},
 }

@@ -8,7 +8,6 @@ from torch import nn
 
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.stress.perturbations import resized
-from fecocodec.evaluation.systems.adaptive_systems import adaptive_system
 from fecocodec.evaluation.systems.codec import codec_system, stream_system
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
@@ -19,7 +18,7 @@ REFINEMENT_STEPS = (0, 1, 6)  # the default has four; of 16 a report has a curve
 
 
 def speed_systems(profile: Profile, lmbda: float) -> tuple[System, ...]:
-    """The default; refinement steps; one stage; one thread; bfloat16; half the size; the adaptive sender."""
+    """The default; refinement steps; one stage; one thread; bfloat16; half the size."""
     setting, lambda_q = f"lambda {lmbda:g}", quantise_lambda(lmbda)
     default = codec_system(profile, lmbda)
     refined = (
@@ -31,7 +30,7 @@ def speed_systems(profile: Profile, lmbda: float) -> tuple[System, ...]:
     narrow = in_bfloat16(profile)
     in_narrow = stream_system(narrow, "bfloat16", setting, partial(_plain, narrow, lambda_q))
     one_stage = codec_system(profile, lmbda, num_stages=1)
-    return default, *refined, one_stage, single, in_narrow, half, adaptive_system(profile, lmbda)
+    return default, *refined, one_stage, single, in_narrow, half
 
 
 def in_bfloat16(profile: Profile) -> Profile:

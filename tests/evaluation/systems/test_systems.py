@@ -9,11 +9,10 @@ import torch
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.ablations import ABLATIONS
-from fecocodec.evaluation.systems.adaptive_systems import adaptive_system, all_gaussians_system
 from fecocodec.evaluation.systems.groups import systems_of
 from fecocodec.evaluation.systems.operating_points import speed_systems
+from fecocodec.evaluation.systems.pruned import pruned_system
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
-from fecocodec.sender import unneeded
 from fecocodec.sender.encode import Profile, load_profile
 from tests.example_scenes import MODEL, example_views
 
@@ -46,9 +45,7 @@ def test_ablations_change_what_is_sent(profile: Profile) -> None:
 def test_an_ablation_can_be_asked_for_alone(profile: Profile) -> None:
     for part in ABLATIONS:
         assert len(systems_of([part], profile, [1e-2, 1e-4])) == 2
-    with pytest.raises(
-        InputError, match=r"no systems called magic; choose from codec, thorough, adaptive, .*ablations"
-    ):
+    with pytest.raises(InputError, match=r"no systems called magic; choose from codec, thorough, pruned, .*ablations"):
         systems_of(["codec", "magic"], profile, [LAMBDA])
 
 
@@ -67,12 +64,7 @@ def test_photographs_of_half_the_size_are_drawn_at_the_whole(profile: Profile) -
     assert half.images.shape[-2:] == (128, 128) and half.num_bytes < systems["fecosplat"](side=128).num_bytes
 
 
-def test_the_keep_section_is_all_that_tells_the_adaptive_systems_apart(
-    profile: Profile, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(unneeded, "LARGEST_LOSS", 9.0)  # so that something is left out of untrained Gaussians,
-    monkeypatch.setattr(unneeded, "THRESHOLDS", (4, 210))  # which are all opaque
-    kept, every = run(adaptive_system(profile, LAMBDA)), run(all_gaussians_system(profile, LAMBDA))
-    assert kept.gaussians is not None and every.gaussians is not None
-    fewer, bytes_more = every.gaussians.count - kept.gaussians.count, kept.num_bytes - every.num_bytes
-    assert fewer > 0 and bytes_more > 0
+def test_pruning_sends_the_same_bytes_and_keeps_fewer_gaussians(profile: Profile) -> None:
+    plain, kept = run(systems_of(["codec"], profile, [LAMBDA])[0]), run(pruned_system(profile, LAMBDA))
+    assert plain.gaussians is not None and kept.gaussians is not None
+    assert kept.num_bytes == plain.num_bytes and kept.gaussians.count < plain.gaussians.count
