@@ -9,9 +9,18 @@ from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_other_file, require_writable
 
 from .naming import naming
-from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, threads_option
+from .options import (
+    FILE_PATH,
+    device_option,
+    json_option,
+    max_pixels_option,
+    model_option,
+    overwrite_option,
+    threads_option,
+)
 from .output import print_json, say
 from .progress import progress_bar
+from .terminal import printable
 
 PARTLY_DECODED = 3  # exit code
 DECODED = {1: "stage 1 could be", 2: "the two stages could be"}
@@ -52,6 +61,7 @@ Examples:
     help="1: colours depend on where they are seen from. 0: they do not, and the .ply is a third smaller.",
 )
 @model_option
+@max_pixels_option
 @device_option
 @threads_option
 @overwrite_option
@@ -64,6 +74,7 @@ def command(
     prune: bool,
     sh_degree: int,
     model: Path | None,
+    max_pixels: int,
     device: str,
     overwrite: bool,
     as_json: bool,
@@ -91,6 +102,7 @@ def command(
             sh_degree=sh_degree,
             device=device,
             model=model,
+            max_pixels=max_pixels,
             on_progress=on_progress,
         )
         gaussians = decoded.gaussians
@@ -108,5 +120,5 @@ def command(
         say(f"{output}: {gaussians.count} Gaussians in {seconds:.2f} s")
     if damage is None:
         return 0
-    say(f"fecosplat: {stream}: damaged, only {DECODED[decoded.stages]} decoded: {damage}")
+    say(printable(f"fecosplat: {stream}: damaged, only {DECODED[decoded.stages]} decoded: {damage}"))
     return PARTLY_DECODED

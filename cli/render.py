@@ -10,7 +10,16 @@ from fecocodec.container import read_header, read_stream_file
 
 from .image_files import image_files, write_image_files
 from .naming import naming
-from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
+from .options import (
+    FILE_PATH,
+    device_option,
+    json_option,
+    max_pixels_option,
+    model_option,
+    overwrite_option,
+    parse_size,
+    threads_option,
+)
 from .output import print_json, say
 from .progress import progress_bar
 from .selection import Selection, parse_selection, resolve
@@ -48,6 +57,7 @@ Examples:
 @click.option("--stages", type=click.IntRange(1, 2), help="Decode only the first stage.  [default: all]")
 @click.option("--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True)
 @model_option
+@max_pixels_option
 @device_option
 @threads_option
 @overwrite_option
@@ -61,6 +71,7 @@ def command(
     stages: int | None,
     background: str,
     model: Path | None,
+    max_pixels: int,
     device: str,
     overwrite: bool,
     as_json: bool,
@@ -91,7 +102,14 @@ def command(
             gaussians = read_ply(scene).to(device)
         else:
             with naming(scene):
-                decoded = decode(data, stages=stages or "all", device=device, model=model, on_progress=on_progress)
+                decoded = decode(
+                    data,
+                    stages=stages or "all",
+                    device=device,
+                    model=model,
+                    max_pixels=max_pixels,
+                    on_progress=on_progress,
+                )
             gaussians = decoded.gaussians
             if cameras_folder is None:
                 cameras, image_size = decoded.cameras, decoded.image_size

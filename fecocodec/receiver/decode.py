@@ -10,17 +10,18 @@ import torch
 
 from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.camera_packing import unpack
+from fecocodec.coding.coverage_cells import is_in_covered_cell
 from fecocodec.coding.payload import decode_latents
 from fecocodec.container import Header, IntactPart, Stream, read_intact, read_prefix, read_stream
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.geometry.padding import padded_size
 from fecocodec.layers.placement import place
+from fecocodec.limits import DEFAULT_MAX_PIXELS
 from fecocodec.receiver.emission import emit
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.view_states import ViewStates, select_context, update_views
+from fecocodec.receiver.state import State
 
 OnProgress = Callable[[str, float], None]  # (current task, fraction done)
 Stages = int | Literal["all", "intact"]
@@ -51,6 +52,7 @@ def decode(
     sh_degree: int = MAX_SH_DEGREE,
     device: str = "cpu",
     model: Path | str | None = None,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> Decoded:
     """Decode a `.fcs` stream.
@@ -60,11 +62,17 @@ def decode(
     `Decoded.damage` then describes.
     sh_degree: 1 for view-dependent colours (spherical harmonics of degree 1), 0 for constant colours.
     device: where the networks run. model: folder of the model; None for the shipped model that the stream names.
+    max_pixels: largest number of pixels of all views; time and memory are proportional to it.
 
     Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage that the stream does not
-    have and for another sh_degree, ModelError where the model's weights are not found.
+    have, for more pixels and for another sh_degree, ModelError where the model's weights are not found.
     """
     part = _read(data, stages)
+    if part.stream.header.num_pixels > max_pixels:
+        raise InputError(
+            f"the views have {part.stream.header.num_pixels} pixels in all, more than the {max_pixels} that are "
+            "allowed; if you trust the file, raise max_pixels (--max-pixels)."
+        )
     receiver = receiver_of(part.stream.header.model_id, None if model is None else Path(model).absolute(), device)
     return _decode_part(receiver, part, stages, sh_degree, on_progress)
 
@@ -108,10 +116,10 @@ def _decode_part(
     stream, header, damage = part.stream, part.stream.header, part.damage
     cameras = unpack(stream.cameras)
     with torch.inference_mode():
-        states, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
+        state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
         on_progress("predicting Gaussians", 0.8)
-        keep = stream.keep if num_stages == header.num_stages else None
-        gaussians = emit(receiver, states, cameras, header, keep, sh_degree)
+        is_covered = None if stream.coverage is None else is_in_covered_cell(stream.coverage, header)
+        gaussians = emit(receiver, state, cameras, is_covered, sh_degree)
     # A copy made outside inference mode is an ordinary tensor, which a caller can optimise further.
     gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
     return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)
@@ -119,28 +127,28 @@ def _decode_part(
 
 def _decode_stages(
     receiver: Receiver, stream: Stream, stages: Stages, on_progress: OnProgress
-) -> tuple[ViewStates, int, str | None]:
+) -> tuple[State, int, str | None]:
     """Return the last state, the number of stages decoded, and the damage that "intact" skipped."""
     header = stream.header
     device = next(receiver.parameters()).device
-    height, width = padded_size(header.height, header.width)
-    states: ViewStates | None = None
-    context = None
+    height, width = header.grid_size
+    size_8 = (header.num_views, height // LATENT_FACTOR, width // LATENT_FACTOR)
+    state: State | None = None
+    y_hat = None
     for stage, payload in enumerate(stream.payloads, start=1):
         on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
-        views, lambda_q = header.views_of_stage(stage), header.lambda_q_of_stage(stage)
-        size_8 = (len(views), height // LATENT_FACTOR, width // LATENT_FACTOR)
+        lambda_q = header.lambda_q_of_stage(stage)
         try:
-            coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, select_context(context, views))
+            coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, y_hat)
             _check_digest(header, stage, coded.digest())
         except BitstreamError as error:
-            if states is None or stages != "intact":
+            if state is None or stages != "intact":
                 raise
-            return states, stage - 1, str(error)
-        lambdas = torch.full((header.num_views,), lambda_q, device=device)
-        states, context = update_views(receiver, states, coded.y_hat, lambdas, stage, views), coded.y_hat
-    assert states is not None  # a stream has at least one stage
-    return states, len(stream.payloads), None
+            return state, stage - 1, str(error)
+        y_hat = coded.y_hat
+        state = receiver.advance(state, y_hat, torch.full((header.num_views,), lambda_q, device=device), stage)
+    assert state is not None  # a stream has at least one stage
+    return state, len(stream.payloads), None
 
 
 def _check_digest(header: Header, stage: int, found: bytes) -> None:

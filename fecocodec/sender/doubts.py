@@ -7,8 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.depth_range import share_of_agreed_depths
-from fecocodec.geometry.padding import padded_size
 from fecocodec.geometry.views import Views
 from fecocodec.sender.refinement import MOST_PIXELS
 
@@ -38,7 +38,7 @@ def doubts_about(views: Views, refinement_steps: int | None = None) -> tuple[str
 
 
 def _doubts_about_size(views: Views, refinement_steps: int | None) -> list[str]:
-    height, width = padded_size(*views.image_size)
+    height, width = grid_size(*views.image_size)
     if not refinement_steps or len(views.images) * height * width <= MOST_PIXELS:
         return []
     return ["the views have too many pixels for steps of refinement, none is taken; give fewer or smaller views."]

@@ -130,10 +130,9 @@ def assemble(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, .
 def header_of(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...]) -> Header:
     """The header of a stream of these stages."""
     digests = tuple(stage.latents.digest() for stage in stages)
-    views = tuple(range(scene.num_views)) if len(stages) == 2 else ()
     first, last = stages[0].lambda_q, stages[-1].lambda_q
     excess = (first - last) // EXCESS_UNIT
-    return Header(profile.model_id, scene.num_views, *scene.image_size, last, digests, views, excess)
+    return Header(profile.model_id, scene.num_views, *scene.image_size, last, digests, excess)
 
 
 def check_views(views: Views, num_stages: int) -> None:

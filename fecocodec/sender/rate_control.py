@@ -66,7 +66,9 @@ def encode_to_target(
     are missing.
     """
     check_views(views, num_stages=2)
-    return encode_to_target_with(load_profile(model_folder(model), device), views, target, on_progress, refinement_steps)
+    return encode_to_target_with(
+        load_profile(model_folder(model), device), views, target, on_progress, refinement_steps
+    )
 
 
 @torch.inference_mode(False)

@@ -21,7 +21,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.nearby_cameras import cameras_between
 from fecocodec.layers.blocks import direct_gradients
-from fecocodec.receiver.view_states import ViewStates, update_views
+from fecocodec.receiver.state import State
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.distortion import distortions
 from fecocodec.sender.steps import (
@@ -40,7 +40,7 @@ STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
 # What a bit is worth here, as a multiple of lambda at 1e-2 and as a power of lambda below: context views, which alone
 # can be compared, gain more by a bit than those between them, the more so the finer they are coded.
 RATE_WEIGHT, PRICE_EXPONENT = 2.0, 0.6
-MOST_PIXELS = 2**20  # padded, of all views: beyond it the gradient's memory would be several GiB
+MOST_PIXELS = 2**20  # of all views: beyond it the gradient's memory would be several GiB
 PIXELS_OF_ALL_STEPS = 2**19  # more are given one step, unless asked for: a step of eight views takes seconds
 DEFAULT_STEPS, MANY_STEPS = 4, 16
 FINE_LAMBDA_Q = (944, 256)  # below each, lambda 4e-4 and 2.7e-5, a step more is given: bits alone buy nothing there
@@ -102,14 +102,14 @@ def refine_stage(
     """
     if num_steps == 0 or _num_pixels(scene) > MOST_PIXELS:
         return latents
-    lambdas, every_view = scene.lambda_of_views(lambda_q), tuple(range(scene.num_views))
+    lambdas = scene.lambda_of_views(lambda_q)
     stage, context, states = (1, None, None) if before is None else (2, before.latents.y_hat, before.after)
     price = price_of_rate(lambda_q) / _num_pixels(scene)
 
-    def coded(y: Tensor) -> tuple[ViewStates, Tensor]:
+    def coded(y: Tensor) -> tuple[State, Tensor]:
         z = profile.sender.hyper_analysis(y.detach())
         estimate = estimate_latents(profile.receiver.prior, y, z, lambdas, stage, context, straight_through)
-        after = update_views(profile.receiver, states, estimate.y_hat, lambdas, stage, every_view)
+        after = profile.receiver.advance(states, estimate.y_hat, lambdas, stage)
         return after, estimate.bits_y.sum()
 
     held = None if num_steps <= MOST_UNHELD_STEPS else hold_views_between(profile, scene, coded(latents.y)[0])
@@ -158,7 +158,7 @@ def descend(
 
 
 def distortion_of(
-    profile: Profile, scene: PreparedScene, states: ViewStates, held: HeldViews | None = None
+    profile: Profile, scene: PreparedScene, states: State, held: HeldViews | None = None
 ) -> Float[Tensor, ""]:
     """D of the context views as the receiver could render them from these states, and of held views if there are."""
     gaussians = _gaussians(profile, scene, states)
@@ -171,7 +171,7 @@ def distortion_of(
 
 
 @torch.no_grad()
-def hold_views_between(profile: Profile, scene: PreparedScene, states: ViewStates) -> HeldViews | None:
+def hold_views_between(profile: Profile, scene: PreparedScene, states: State) -> HeldViews | None:
     """Views between the context views, as the receiver could render them from these states; None where none are."""
     cameras = cameras_between(scene.cameras)
     if cameras is None:
@@ -179,7 +179,7 @@ def hold_views_between(profile: Profile, scene: PreparedScene, states: ViewState
     return HeldViews(cameras, render(_gaussians(profile, scene, states), cameras, _size(scene)).color)
 
 
-def _gaussians(profile: Profile, scene: PreparedScene, states: ViewStates) -> Gaussians:
+def _gaussians(profile: Profile, scene: PreparedScene, states: State) -> Gaussians:
     """With colours that are the same from everywhere: where they depend on the direction, they hide errors of depth
     from the gradient. Where views are few it passes by what the predictor's side branches add: what latents gain
     through those suits the context views alone, and costs bytes and time (docs/experiments.md).

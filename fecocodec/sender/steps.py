@@ -15,11 +15,11 @@ from fecocodec.container import EXCESS_UNIT, PackedCameras
 from fecocodec.container.camera_rules import check_cameras
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.coding_grid import resample_to_grid
 from fecocodec.geometry.normalisation import normalise_scene
-from fecocodec.geometry.padding import pad_cameras, pad_images
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.view_states import ViewStates, update_views
+from fecocodec.receiver.state import State
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.matched_depth import MatchedDepth, depth_feedback
 from fecocodec.sender.model import Sender
@@ -38,10 +38,10 @@ class Profile:
 
 @dataclass(frozen=True)
 class PreparedScene:
-    """What the sender works from: padded images, and the cameras that the receiver will have.
+    """What the sender works from: images on the coding grid, and the cameras that the receiver will have.
 
-    packed: cameras as a stream holds them. cameras: the same, normalised and padded. image_size: (height, width)
-    before padding.
+    packed: cameras as a stream holds them. cameras: the same, normalised. image_size: (height, width) of the views as
+    given, before they were resampled to the coding grid.
     """
 
     packed: PackedCameras
@@ -72,7 +72,7 @@ class MatchedViews:
 
 @dataclass(frozen=True)
 class StageRendering:
-    """The padded context views as the receiver could render them after a stage, and the depth it predicted for them."""
+    """The context views as the receiver could render them after a stage, and the depth it predicted for them."""
 
     color: Float[Tensor, "view 3 h w"]
     relative_disparity: Float[Tensor, "view 1 h4 w4"]
@@ -96,7 +96,7 @@ class CodedStage:
     payload: bytes
     lambda_q: int
     latents: CodedLatents
-    after: ViewStates
+    after: State
 
     @property
     def state(self) -> Float[Tensor, "view channel h4 w4"]:
@@ -108,8 +108,8 @@ def prepare(profile: Profile, views: Views) -> PreparedScene:
     packed = _pack_checked(views.cameras)
     normalised, _ = normalise_scene(unpack(packed))
     device = next(profile.receiver.parameters()).device
-    cameras = pad_cameras(normalised, *views.image_size).to(device)
-    return PreparedScene(packed, cameras, pad_images(views.images.float().clone()).to(device), views.image_size)
+    images = resample_to_grid(views.images.float().clone()).to(device)
+    return PreparedScene(packed, normalised.to(device), images, views.image_size)
 
 
 def first_stage_lambda_q(lambda_q: int) -> int:
@@ -132,7 +132,7 @@ def match_views(profile: Profile, scene: PreparedScene) -> MatchedViews:
     return MatchedViews(extractor.fuse(images, matching), matching.depth)
 
 
-def stage_rendering(profile: Profile, scene: PreparedScene, after: ViewStates) -> StageRendering:
+def stage_rendering(profile: Profile, scene: PreparedScene, after: State) -> StageRendering:
     """What the receiver could show of the context views after that stage."""
     prediction = profile.receiver.predict(after.state, scene.cameras.as_batch(), after.condition)
     size = (scene.images.shape[-2], scene.images.shape[-1])
@@ -178,8 +178,7 @@ def code_stage(
     context = None if before is None else before.latents.y_hat
     payload, coded = encode_latents(receiver.prior, latents.y, latents.z, lambda_q, stage, context)
     after = before.after if before else None
-    every_view = tuple(range(scene.num_views))
-    after = update_views(receiver, after, coded.y_hat, scene.lambda_of_views(lambda_q), stage, every_view)
+    after = receiver.advance(after, coded.y_hat, scene.lambda_of_views(lambda_q), stage)
     return CodedStage(payload, lambda_q, coded, after)
 
 

@@ -52,7 +52,6 @@ def stream_bytes() -> bytes:
         width=448,
         lambda_q=1179,
         symbol_digests=(b"digest 1", b"digest 2"),
-        stage_2_views=(0, 1),
         first_stage_excess=229,
     )
     cameras = PackedCameras((IDENTITY_POSE, SHIFTED_POSE), ((1.0, 1.75, 0.5, 0.5),) * 2, near=1.0, far=10.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from fecocodec.container import Stream, quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
@@ -54,4 +54,4 @@ def test_a_quality_is_reached_or_refused(profile: Profile, views: Views, monkeyp
 
 
 def quality_of(profile: Profile, data: bytes, views: Views) -> float:
-    return context_psnr(profile, read_stream(data), views)
+    return context_psnr(profile, data, views)

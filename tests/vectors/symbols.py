@@ -15,9 +15,7 @@ from fecocodec.coding.payload import CodedLatents, decode_latents
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.container import PackedCameras, Stream
 from fecocodec.errors import BitstreamError
-from fecocodec.geometry.padding import padded_size
 from fecocodec.receiver.load import load_receiver
-from fecocodec.receiver.view_states import select_context
 from tests.vectors.tiny_model import tiny_model_id, tiny_prior
 
 
@@ -42,11 +40,10 @@ def decode_symbols(stream: Stream) -> list[StageValues]:
     """Every stage; raises BitstreamError for a digest that does not hold."""
     header, found = stream.header, list[CodedLatents]()
     prior = prior_of(header.model_id)
-    height, width = padded_size(header.height, header.width)
+    height, width = header.grid_size
+    size = (header.num_views, height // 8, width // 8)
     for stage, payload in enumerate(stream.payloads, start=1):
-        views = header.views_of_stage(stage)
-        context = select_context(found[0].y_hat, views) if found else None
-        size = (len(views), height // 8, width // 8)
+        context = found[0].y_hat if found else None
         found.append(decode_latents(prior, payload, size, header.lambda_q_of_stage(stage), stage, context))
         if found[-1].digest() != header.symbol_digests[stage - 1]:
             raise BitstreamError(f"stage {stage}: the decoded symbols have another digest; the file is damaged.")

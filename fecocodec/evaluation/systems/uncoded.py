@@ -4,13 +4,11 @@ import torch
 from torch import Tensor
 
 from fecocodec.coding.camera_packing import unpack
-from fecocodec.container import Header
-from fecocodec.container.header import DIGEST_BYTES
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import MAX_SH_DEGREE
 from fecocodec.receiver.emission import emit
-from fecocodec.receiver.view_states import ViewStates, update_views
+from fecocodec.receiver.state import State
 from fecocodec.sender.encode import Profile
 from fecocodec.sender.refinement import descend, distortion_of, step_size, steps_of_first
 from fecocodec.sender.steps import (
@@ -33,11 +31,10 @@ def uncoded_gaussians(profile: Profile, views: Views, refinement_steps: int) -> 
     refinement_steps: as the encoder's, towards these views; 0 for what the networks make of them in one pass.
     """
     receiver, scene = profile.receiver, prepare(profile, views)
-    every = tuple(range(scene.num_views))
 
-    def refined(y: Tensor, before: ViewStates | None, lambda_q: int, stage: int, num_steps: int) -> ViewStates:
-        def states(y: Tensor) -> ViewStates:
-            return update_views(receiver, before, y, scene.lambda_of_views(lambda_q), stage, every)
+    def refined(y: Tensor, before: State | None, lambda_q: int, stage: int, num_steps: int) -> State:
+        def states(y: Tensor) -> State:
+            return receiver.advance(before, y, scene.lambda_of_views(lambda_q), stage)
 
         length = step_size(profile, lambda_q, stage)
         return states(descend(y, lambda y: distortion_of(profile, scene, states(y)), num_steps, length))
@@ -49,6 +46,4 @@ def uncoded_gaussians(profile: Profile, views: Views, refinement_steps: int) -> 
     features = feedback_features(profile, scene, matched.depth, rendering, FINEST_LAMBDA_Q)
     y = analyse(profile, features, first.state, FINEST_LAMBDA_Q, 2).y
     second = refined(y, first, FINEST_LAMBDA_Q, 2, refinement_steps)
-    digests = (bytes(DIGEST_BYTES),) * 2  # of nothing: this header is never written
-    header = Header(profile.model_id, scene.num_views, *scene.image_size, FINEST_LAMBDA_Q, digests, every)
-    return emit(receiver, second, unpack(scene.packed), header, None, MAX_SH_DEGREE)
+    return emit(receiver, second, unpack(scene.packed), None, MAX_SH_DEGREE)
