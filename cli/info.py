@@ -21,16 +21,16 @@ GIB_OF_PROGRAM, GIB_PER_MEGAPIXEL = 0.4, 0.25  # of memory, measured from 0.1 to
 Examples:
   fecosplat info scene.fcs
   fecosplat info scene.fcs --json
-  fecosplat info --model paper""",
+  fecosplat info --parameters paper""",
 )
 @click.argument("stream", metavar="[FILE.fcs]", required=False, type=FILE_PATH)
 @click.option(
-    "--model",
+    "--parameters",
     "profile",
     type=click.Choice(["compact", "paper"]),
     is_flag=False,
     flag_value="compact",
-    help="Show the parameters of a profile's networks by module and side; compact if none is named.",
+    help="Show the number of parameters of a profile's networks by module and side; compact if none is named.",
 )
 @json_option
 def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
@@ -42,7 +42,7 @@ def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
 
         return print_parameters(profile, as_json)
     if profile is not None or stream is None:
-        raise click.UsageError("Give either a .fcs file or --model.")
+        raise click.UsageError("Give either a .fcs file or --parameters.")
     data = read_stream_file(stream)
     with naming(stream):
         summary = inspect(data)

@@ -10,8 +10,10 @@ import pytest
 import torch
 
 from fecocodec.checkpoint import SENDER_FILE
+from fecocodec.coding.coverage_cells import cells_to_bits
 from fecocodec.container import Stream, list_sections, read_prefix, read_stream, write_stream
 from fecocodec.errors import BitstreamError, InputError, ModelError
+from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode
@@ -64,7 +66,8 @@ def test_every_visible_cell_becomes_a_gaussian(
     data = encode(views, lmbda=lmbda, model=random_weights / MODEL)
     decoded = decode(data, model=random_weights / MODEL)
     gaussians = decoded.gaussians
-    assert gaussians.count == num_views * ((height + 1) // 2) * ((width + 1) // 2)
+    grid_height, grid_width = grid_size(height, width)
+    assert gaussians.count == num_views * grid_height * grid_width // 4
     assert all(bool(field.isfinite().all()) for field in gaussians.fields())
     header = read_stream(data).header
     assert (header.num_views, header.height, header.width) == (num_views, height, width)
@@ -175,6 +178,21 @@ def test_decoded_gaussians_can_be_refined(data: bytes, random_weights: Path) -> 
     colours = decode(data, model=random_weights / MODEL).gaussians.harmonics.requires_grad_()
     colours.square().sum().backward()
     assert colours.grad is not None and torch.equal(colours.grad, 2 * colours.detach())
+
+
+def test_gaussians_of_cells_that_are_not_covered_are_dropped(data: bytes, random_weights: Path) -> None:
+    stream, everything = read_stream(data), decode(data, model=random_weights / MODEL).gaussians
+    cells = torch.rand(2, 16, 16, generator=torch.Generator().manual_seed(0)) < 0.3
+    covered = write_stream(replace(stream, coverage=cells_to_bits(cells)))
+    assert read_prefix(covered, 1).coverage == cells_to_bits(cells)
+    kept = cells.repeat_interleave(2, dim=1).repeat_interleave(2, dim=2).flatten()
+    assert_equal(decode(covered, model=random_weights / MODEL).gaussians, everything.keep(kept))
+
+
+def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path) -> None:
+    with pytest.raises(InputError, match="8192 pixels in all, more than the 8191 that are allowed"):
+        decode(data, model=random_weights / MODEL, max_pixels=8191)
+    assert decode(data, model=random_weights / MODEL, max_pixels=8192).stages == 2
 
 
 def test_progress_moves_forward(views: Views, random_weights: Path) -> None:

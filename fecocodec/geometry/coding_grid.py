@@ -13,11 +13,11 @@ def grid_size(height: int, width: int) -> tuple[int, int]:
 
 
 def resample_to_grid(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 3 grid_h grid_w"]:
-    """Resample images to their coding grid, bilinear and antialiased.
+    """Resample images to their coding grid, bicubic and antialiased.
 
     The grid covers exactly the image, so that intrinsics, which are normalised by the sides, stay as they are.
     """
     size = grid_size(images.shape[-2], images.shape[-1])
     if size == tuple(images.shape[-2:]):
         return images
-    return F.interpolate(images, size, mode="bilinear", antialias=True, align_corners=False).clamp(0.0, 1.0)
+    return F.interpolate(images, size, mode="bicubic", antialias=True, align_corners=False).clamp(0.0, 1.0)

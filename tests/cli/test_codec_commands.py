@@ -212,7 +212,7 @@ def test_render_into_a_file_that_is_no_image_is_refused(fecosplat, stream_file: 
 
 
 def test_model_table_adds_up(fecosplat) -> None:
-    result = fecosplat("info", "--model", "--json")
+    result = fecosplat("info", "--parameters", "--json")
     rows = json.loads(result.out)
     receiver = sum(row["parameters"] for row in rows if row["side"] == "receiver")
     sender = sum(row["parameters"] for row in rows if row["side"] == "sender")

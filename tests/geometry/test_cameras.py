@@ -1,11 +1,10 @@
-"""Cameras: inverses, rays and padding."""
+"""Cameras: inverses, rays, projection and depth."""
 
 import pytest
 import torch
 
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity, relative_disparity_from_depth
-from fecocodec.geometry.padding import inside_unpadded, pad_cameras, pad_images, padded_size
 from tests.example_scenes import example_cameras
 
 
@@ -49,26 +48,6 @@ def test_select_as_batch_and_scene_keep_the_cameras() -> None:
     assert torch.equal(chosen.extrinsics[0], cameras.extrinsics[2])
     back = chosen.as_batch().scene(0)
     assert all(torch.equal(one, other) for one, other in zip(back.fields(), chosen.fields(), strict=True))
-
-
-@pytest.mark.parametrize(("height", "width"), [(64, 64), (70, 101), (65, 96)])
-def test_padding_keeps_pixels_and_their_rays(height: int, width: int) -> None:
-    cameras = example_cameras(2)
-    padded_height, padded_width = padded_size(height, width)
-    assert padded_height % 32 == padded_width % 32 == 0
-    assert height <= padded_height < height + 32 and width <= padded_width < width + 32
-    images = torch.rand(2, 3, height, width)
-    padded = pad_images(images)
-    assert padded.shape == (2, 3, padded_height, padded_width)
-    assert torch.equal(padded[..., :height, :width], images)
-    rays = pixel_rays(pad_cameras(cameras, height, width), padded_height, padded_width)
-    torch.testing.assert_close(rays[:, :height, :width], pixel_rays(cameras, height, width), atol=1e-6, rtol=1e-6)
-
-
-def test_a_gaussian_is_kept_when_its_2x2_pixels_touch_the_image() -> None:
-    is_inside = inside_unpadded(3, 65, 64).view(3, 48, 32)
-    assert torch.equal(is_inside.sum(dim=(1, 2)), torch.full((3,), 33 * 32))
-    assert bool(is_inside[:, 32].all()) and not bool(is_inside[:, 33:].any())
 
 
 def test_relative_disparity_runs_from_far_to_near_and_back() -> None:
