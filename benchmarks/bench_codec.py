@@ -103,7 +103,7 @@ def bench_process(label: str, arguments: list[str], bounds: tuple[float, float |
 
 def bench_rendering(codec: Codec, views: Views, data: bytes, repeats: int) -> None:
     """One image of the decoded Gaussians, forward and with gradients, on one thread."""
-    gaussians = decode(data)
+    gaussians = decode(data).gaussians
     camera = views.cameras.select([0])
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -16,8 +16,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.container import quantise_lambda, read_stream
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.container import quantise_lambda
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import encode_with
@@ -39,7 +39,7 @@ def errors_of(codec: Codec, sample: Sample, lambda_q: int) -> dict[str, float]:
     """Mean relative error of one scene at context and at target views, median at targets, and covered share."""
     assert sample.depth is not None
     context = sample.views.select(list(range(NUM_CONTEXT)))
-    gaussians = decode_stream(read_stream(encode_with(codec, context, lambda_q, 2)), codec.receiver)
+    gaussians = decode_with(codec.receiver, encode_with(codec, context, lambda_q)).gaussians
     with torch.no_grad():
         rendering = render(gaussians, sample.views.cameras, sample.views.image_size)
     is_covered = rendering.alpha > LEAST_ALPHA

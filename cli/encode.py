@@ -95,7 +95,6 @@ def command(
     from fecocodec import check_input, encode, encode_to_target, read_views
 
     from .device import require_device, require_rendering_device
-    from .weights import of_sender
 
     if stages == 1 and effort == "fast":
         require_device(device)
@@ -110,7 +109,7 @@ def command(
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
                 coder = partial(encode_to_target, target=target)
-            data = coder(scene, effort=effort, device=device, on_progress=on_progress, **of_sender(model))
+            data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress)
     for warning in check_input(scene, effort):  # after everything that refuses views, so that an error stands alone
         say(f"warning: {warning}")
     with write_atomically(output, overwrite=overwrite) as temporary:

@@ -80,12 +80,11 @@ def command(
     for lmbda in lambdas:
         quantise_lambda(lmbda)  # refuses a value outside the range before anything is read
 
-    from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+    from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
 
     names = tuple(group.strip() for group in groups.split(","))
-    weights = model or SHIPPED / DEFAULT_MODEL
-    plan = Plan(root, index, weights, output, names, lambdas, size, num_context, most, with_strips=strips)
+    plan = Plan(root, index, model_folder(model), output, names, lambdas, size, num_context, most, with_strips=strips)
     with progress_bar() as on_progress:
         report = evaluate_to_folder(plan, lambda m, fraction: on_progress(f"{m.entry} {m.system}"[:24], fraction))
     if as_json:

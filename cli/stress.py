@@ -40,13 +40,13 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
     Exit code 1 where a rule is broken: a value that is not finite, a crash, a missing warning, a changed unit of length
     or order of views that changes the result.
     """
-    from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+    from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.stress.run import read_pairs, run_suite
     from fecocodec.evaluation.summary import as_tsv
     from fecocodec.sender.codec import load_codec
 
     pairs = read_pairs(root, index, most)
-    codec = load_codec(model or SHIPPED / DEFAULT_MODEL, "cpu")
+    codec = load_codec(model_folder(model), "cpu")
     make_folder(output)
     verdicts = []
     with progress_bar() as on_progress:

@@ -2,7 +2,7 @@
 
     views = fecocodec.read_views(Path("photos"))
     data = fecocodec.encode(views, lmbda=1e-3)
-    gaussians = fecocodec.decode(data)
+    decoded = fecocodec.decode(data)  # decoded.gaussians, decoded.cameras, ...
 
 Names are loaded on first use, so that what needs no network (`fecosplat info FILE`) does not wait for torch.
 """
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from fecocodec.geometry.cameras import Cameras
     from fecocodec.geometry.gaussians import Gaussians
     from fecocodec.geometry.views import Views
-    from fecocodec.receiver.decode import decode
-    from fecocodec.receiver.partial import decode_intact
+    from fecocodec.receiver.decode import Decoded, decode
     from fecocodec.rendering.rasterizer import Rendering, render
     from fecocodec.sender.encode import encode
     from fecocodec.sender.input_warnings import check_input
@@ -31,6 +30,7 @@ __all__ = [
     "AtMostKib",
     "BitstreamError",
     "Cameras",
+    "Decoded",
     "FecoError",
     "Gaussians",
     "InputError",
@@ -41,7 +41,6 @@ __all__ = [
     "__version__",
     "check_input",
     "decode",
-    "decode_intact",
     "encode",
     "encode_to_target",
     "read_ply",
@@ -55,6 +54,7 @@ _MODULE_OF = {
     "AtMostKib": "fecocodec.sender.rate_control",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
+    "Decoded": "fecocodec.receiver.decode",
     "FecoError": "fecocodec.errors",
     "Gaussians": "fecocodec.geometry.gaussians",
     "InputError": "fecocodec.errors",
@@ -64,7 +64,6 @@ _MODULE_OF = {
     "Views": "fecocodec.geometry.views",
     "check_input": "fecocodec.sender.input_warnings",
     "decode": "fecocodec.receiver.decode",
-    "decode_intact": "fecocodec.receiver.partial",
     "encode": "fecocodec.sender.encode",
     "encode_to_target": "fecocodec.sender.rate_control",
     "read_ply": "fecocodec.formats.ply",

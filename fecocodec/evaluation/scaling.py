@@ -5,11 +5,11 @@ from time import perf_counter
 
 import numpy as np
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.memory import forget_peak, give_back_freed_memory, peak_mib
 from fecocodec.evaluation.stress.box_room import Room, painted, photograph
 from fecocodec.evaluation.stress.camera_paths import along_a_line
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
 
@@ -41,9 +41,9 @@ def measure_load(codec: Codec, num_views: int, side: int) -> Load:
     encode_seconds, decode_seconds = [], []
     for _ in range(REPEATS if pixels < REPEAT_BELOW else 1):
         begin = perf_counter()
-        data = encode_with(codec, views, lambda_q, 2)
+        data = encode_with(codec, views, lambda_q)
         encoded = perf_counter()
-        decode_stream(read_stream(data), codec.receiver)
+        decode_with(codec.receiver, data)
         encode_seconds.append(encoded - begin)
         decode_seconds.append(perf_counter() - encoded)
     return Load(num_views, side, pixels, min(encode_seconds), min(decode_seconds), peak_mib(), len(data))

@@ -4,19 +4,17 @@ from pathlib import Path
 
 import torch
 
-from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.checkpoint import model_folder
 from fecocodec.container import EXCESS_UNIT, Header, Stream, quantise_lambda, write_stream
-from fecocodec.container.header import MAX_STAGES, MAX_VIEWS
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
+from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.latent_optimisation import DEFAULT, OptimisationConfig, config_of_effort, optimiser
 from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder, Stage
-
-MIN_SIDE, MAX_SIDE = 64, 1024
 
 
 def encode(
@@ -26,21 +24,21 @@ def encode(
     effort: str | OptimisationConfig = "default",
     num_stages: int = 2,
     device: str = "cpu",
-    model: str = DEFAULT_MODEL,
-    weights: Path = SHIPPED,
+    model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream.
 
     lmbda: price of a bit per pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. effort: "fast",
     "default" or "best", from the fastest encoding to the least bytes at equal quality, or a configuration of one's own.
-    num_stages: 1 leaves the feedback stage out. model, weights: `<weights>/<model>/` holds the weights of both ends.
+    num_stages: 1 leaves the feedback stage out. model: folder of the weights of both ends, None for the default shipped
+    model.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
     lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort)
     check_views(views, num_stages)
-    return encode_with(load_codec(weights / model, device), views, lambda_q, num_stages, config, on_progress)
+    return encode_with(load_codec(model_folder(model), device), views, lambda_q, num_stages, config, on_progress)
 
 
 @torch.inference_mode(False)  # tensors made in a caller's inference mode have no gradients, which optimisation needs
@@ -74,10 +72,9 @@ def write_stages(
 def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...]) -> bytes:
     """The stream of these stages."""
     digests = tuple(stage.coded.digest for stage in stages)
-    stage_2_views = tuple(range(scene.num_views)) if len(stages) == 2 else ()
     first, last = (int(stage.inputs.lambda_q[0]) for stage in (stages[0], stages[-1]))
     excess = (first - last) // EXCESS_UNIT
-    header = Header(codec.model_id, scene.num_views, *scene.image_size, last, digests, stage_2_views, excess)
+    header = Header(codec.model_id, scene.num_views, *scene.image_size, last, digests, excess)
     return write_stream(Stream(header, scene.packed, tuple(stage.coded.payload for stage in stages)))
 
 

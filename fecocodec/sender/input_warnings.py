@@ -7,8 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.depth_range import share_of_agreed_depths
-from fecocodec.geometry.padding import padded_size
 from fecocodec.geometry.views import Views
 from fecocodec.sender.latent_optimisation import DEFAULT, OptimisationConfig, config_of_effort
 
@@ -38,7 +38,7 @@ def check_input(views: Views, effort: str | OptimisationConfig = "default") -> t
 
 
 def _warnings_about_size(views: Views, config: OptimisationConfig) -> list[str]:
-    height, width = padded_size(*views.image_size)
+    height, width = grid_size(*views.image_size)
     if config == DEFAULT or config.num_steps == 0 or len(views.images) * height * width <= config.max_pixels:
         return []
     return ["the views have too many pixels to optimise their latents; give fewer or smaller views."]
@@ -94,11 +94,7 @@ def _sample_points(cameras: Cameras) -> Float[Tensor, "view n 3"]:
 
 def _largest_overlap(points: Float[Tensor, "view n 3"], cameras: Cameras) -> Float[Tensor, " view"]:
     """For each view the largest share of its points that some other view has in its picture."""
-    rotation, translation = cameras.world_to_camera[:, :3, :3], cameras.world_to_camera[:, :3, 3]
-    local = torch.einsum("wij,vnj->vwni", rotation, points) + translation[None, :, None]
-    image = torch.einsum("wij,vwnj->vwni", cameras.intrinsics, local / local[..., 2:].clamp_min(1e-12))
-    is_seen = (local[..., 2] > 0) & ((image[..., :2] >= 0) & (image[..., :2] <= 1)).all(dim=-1)
-    share = is_seen.float().mean(dim=-1)
+    share = cameras.project(points).is_visible.float().mean(dim=-1).T.clone()
     share.fill_diagonal_(0.0)
     return share.amax(dim=1)
 

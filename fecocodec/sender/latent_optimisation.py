@@ -34,7 +34,7 @@ class OptimisationConfig:
     num_steps: for the last stage; a first stage that is not the last gets half as many and one. extra_step_below: one
     step more below each of these quantised lambdas, where bits alone improve little. num_steps_large: in place of
     `num_steps` for scenes of more than `large_pixels`. max_pixels: no step for larger scenes, whose gradients need
-    several GiB. Pixels count all padded views.
+    several GiB. Pixels are those of all views on the coding grid.
 
     step_size, step_size_unscaled: root mean square of the first step, in quantisation steps and in latents divided by
     their gain; the longer one counts. The first bounds the bytes that a step adds, the second matters where
@@ -67,7 +67,7 @@ class OptimisationConfig:
     distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
 
     def steps_of_last(self, num_pixels: int, lambda_q: int) -> int:
-        """Number of steps of the last stage of a scene with so many padded pixels, coded at this lambda."""
+        """Number of steps of the last stage of a scene with so many pixels, coded at this lambda."""
         if num_pixels > self.max_pixels:
             return 0
         num_steps = self.num_steps if num_pixels <= self.large_pixels else self.num_steps_large

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import torch
 
-from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.checkpoint import model_folder
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
@@ -65,8 +65,7 @@ def encode_to_target(
     *,
     effort: str | OptimisationConfig = "default",
     device: str = "cpu",
-    model: str = DEFAULT_MODEL,
-    weights: Path = SHIPPED,
+    model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
     """Encode views to a `.fcs` stream of at most this size, or of at least this quality. Options: see `encode`.
@@ -76,7 +75,7 @@ def encode_to_target(
     """
     check_views(views, num_stages=2)
     config = config_of_effort(effort)
-    return encode_to_target_with(load_codec(weights / model, device), views, target, config, on_progress)
+    return encode_to_target_with(load_codec(model_folder(model), device), views, target, config, on_progress)
 
 
 @torch.inference_mode(False)
@@ -91,13 +90,11 @@ def encode_to_target_with(
     """The same with networks that are loaded; the views are matched once."""
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
-    height, width = scene.image_size
-    images = scene.images[0, ..., :height, :width]
 
     def attempt(lambda_q: int, config: OptimisationConfig) -> Attempt:
         stages = write_stages(encoder, lambda_q, 2, config)
-        rendering = encoder.render(stages[-1]).scenes[0].color[..., :height, :width]
-        return Attempt(lambda_q, assemble(codec, scene, stages), mean_psnr(rendering, images))
+        rendering = encoder.render(stages[-1]).scenes[0].color
+        return Attempt(lambda_q, assemble(codec, scene, stages), mean_psnr(rendering, scene.images[0]))
 
     return search(attempt, target, config, on_progress).data
 

@@ -1,4 +1,4 @@
-"""A scene as the networks take it: padded photographs and the cameras that the receiver will have."""
+"""A scene as the networks take it: photographs on the coding grid, and the cameras that the receiver will have."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,8 @@ from fecocodec.container import PackedCameras
 from fecocodec.container.camera_rules import check_cameras
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.coding_grid import resample_to_grid
 from fecocodec.geometry.normalisation import normalise_scene
-from fecocodec.geometry.padding import pad_cameras, pad_images
 from fecocodec.geometry.views import Views
 
 
@@ -20,8 +20,8 @@ from fecocodec.geometry.views import Views
 class Scene:
     """One scene on the networks' device.
 
-    packed: cameras as the stream holds them. cameras: the same, normalised and padded, as a batch of one scene. images:
-    sRGB in [0, 1], padded, as a batch of one scene. image_size: (height, width) before padding.
+    packed: cameras as the stream holds them. cameras: the same, normalised, as a batch of one scene. images: sRGB in
+    [0, 1], on the coding grid, as a batch of one scene. image_size: (height, width) of the views as given.
     """
 
     packed: PackedCameras
@@ -35,12 +35,11 @@ class Scene:
 
 
 def prepare_scene(views: Views, device: torch.device) -> Scene:
-    """Pack, normalise and pad the cameras, pad the images. Raises InputError for cameras that a stream cannot hold."""
+    """Pack and normalise the cameras, resample the images. Raises InputError for cameras that a stream cannot hold."""
     packed = _pack_checked(views.cameras)
     normalised, _ = normalise_scene(unpack(packed))
-    cameras = pad_cameras(normalised, *views.image_size).to(device)
-    images = pad_images(views.images.float().clone()).to(device)
-    return Scene(packed, cameras.as_batch(), images[None], views.image_size)
+    images = resample_to_grid(views.images.float().clone()).to(device)
+    return Scene(packed, normalised.to(device).as_batch(), images[None], views.image_size)
 
 
 def _pack_checked(cameras: Cameras) -> PackedCameras:

@@ -94,12 +94,12 @@ class SceneEncoder:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(height, width) of the padded images."""
+        """(height, width) of the images."""
         return self.images.shape[-2], self.images.shape[-1]
 
     @property
     def num_pixels(self) -> int:
-        """Of all padded views of all scenes."""
+        """Of all views of all scenes."""
         return self.images[:, :, 0].numel()
 
     @cached_property

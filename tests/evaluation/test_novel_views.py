@@ -20,7 +20,7 @@ def test_a_score_is_that_of_the_bytes(random_weights: Path) -> None:
     lambda_q = quantise_lambda(1e-3)
     found = score(codec_system(codec, 1e-3), "scene/label", views, 2)
     data = encode_with(codec, views.select([0, 1]), lambda_q, 2)
-    gaussians = decode(data, weights=random_weights)
+    gaussians = decode(data, model=random_weights / MODEL).gaussians
     assert found.num_bytes == len(data)
     assert found.num_gaussians == gaussians.count
     rendered = render_views(gaussians, views)

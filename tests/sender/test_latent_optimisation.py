@@ -147,11 +147,11 @@ def test_views_without_neighbours_are_optimised_without_held_views(codec: Codec)
 
 
 def test_callers_may_be_in_inference_mode(random_weights: Path) -> None:
-    plain = encode(example_views(2), model=MODEL, weights=random_weights)
+    plain = encode(example_views(2), model=random_weights / MODEL)
     load_codec.cache_clear()
     with torch.inference_mode():
         views = example_views(2)
-        assert encode(views, model=MODEL, weights=random_weights) == plain
+        assert encode(views, model=random_weights / MODEL) == plain
 
 
 def test_a_step_that_raises_the_objective_is_taken_back() -> None:

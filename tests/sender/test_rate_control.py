@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import mean_psnr
@@ -101,7 +101,7 @@ def views() -> Views:
 def quality_of(codec: Codec, views: Views) -> Callable[[bytes], float]:
     def quality_of(data: bytes) -> float:
         with torch.no_grad():
-            gaussians = decode_stream(read_stream(data), codec.receiver)
+            gaussians = decode_with(codec.receiver, data).gaussians
             return mean_psnr(render(gaussians, views.cameras, views.image_size).color, views.images)
 
     return quality_of

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.records import Measurement, RecordFile
@@ -23,7 +23,7 @@ from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.formats.atomic import make_folder
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import encode_with
 
@@ -149,7 +149,7 @@ def _code(codec: Codec, views: Views) -> dict[str, dict[str, float]]:
     data = encode_with(codec, views, quantise_lambda(LAMBDA), on_progress=encoding)
     encoding.close()
     decoding = StepClock()
-    decode_stream(read_stream(data), codec.receiver, decoding)
+    decode_with(codec.receiver, data, on_progress=decoding)
     decoding.close()
     return {"encode": encoding.seconds, "decode": decoding.seconds}
 

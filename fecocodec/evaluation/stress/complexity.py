@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from functools import partial
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.stress.box_room import Room, blank, photograph, waves
 from fecocodec.evaluation.stress.camera_paths import sideways
 from fecocodec.evaluation.systems.image_codecs import encode_image
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
 
@@ -33,8 +33,8 @@ def measure_need(codec: Codec, num_waves: int, side: int) -> Need:
     """Two square views of the room with so many patterns."""
     paint = partial(waves, count=num_waves) if num_waves else blank
     views = photograph(Room(paint), sideways(), (side, side)).select([0, 1])
-    data = encode_with(codec, views, quantise_lambda(LAMBDA), 2)
-    density = decode_stream(read_stream(data), codec.receiver).count / (2 * side * side)
+    data = encode_with(codec, views, quantise_lambda(LAMBDA))
+    density = decode_with(codec.receiver, data).gaussians.count / (2 * side * side)
     return Need(num_waves, photograph_kib(views), len(data) / 1024, density)
 
 

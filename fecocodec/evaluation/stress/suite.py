@@ -14,7 +14,7 @@ from fecocodec.evaluation.stress.cases import StressCase, Trial
 from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.formats.ply import write_ply
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
@@ -128,7 +128,7 @@ class StressSuite:
     def _run(self, trial: Trial) -> _Outcome:
         """Encode and decode the context views, compare with the trial's own target views."""
         data = encode_with(self._codec, trial.views.select(list(range(trial.num_context))), self._lambda_q)
-        gaussians = decode_stream(read_stream(data), self._codec.receiver)
+        gaussians = decode_with(self._codec.receiver, data).gaussians
         rendered = render_views(gaussians, trial.views)[trial.num_context :]
         return _Outcome(data, gaussians, float(psnr(rendered, trial.views.images[trial.num_context :]).mean()))
 

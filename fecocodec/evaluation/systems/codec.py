@@ -6,12 +6,12 @@ from time import perf_counter
 
 import torch
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.summary import OURS
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
@@ -39,7 +39,7 @@ def _reconstruct(codec: Codec, encoder: Encoder, views: Views, num_context: int)
     begin = perf_counter()
     data = encoder(views.select(list(range(num_context))))
     encoded = perf_counter()
-    gaussians = decode_stream(read_stream(data), codec.receiver)
+    gaussians = decode_with(codec.receiver, data).gaussians
     return rendered(gaussians, views, len(data), encoded - begin, perf_counter() - encoded)
 
 

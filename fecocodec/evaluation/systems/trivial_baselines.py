@@ -54,20 +54,8 @@ def _warp(views: Views, view: int, num_context: int, depth: float) -> Float[Tens
         cameras.select([view]), depth * pixel_rays(cameras.select([view]), *views.image_size)
     )
     sources = list(range(num_context))
-    uv, is_in_front = _project(points[0], views.select(sources))
-    grid = 2 * uv - 1
+    projection = cameras.select(sources).project(points[0])
+    grid = 2 * projection.uv - 1
     seen = F.grid_sample(views.images[sources], grid, padding_mode="border", align_corners=False)
-    weight = ((grid.abs() <= 1).all(dim=-1) & is_in_front).float()[:, None] + 1e-4
+    weight = projection.is_visible.float()[:, None] + 1e-4
     return (weight * seen).sum(dim=0) / weight.sum(dim=0)
-
-
-def _project(
-    points: Float[Tensor, "height width 3"], views: Views
-) -> tuple[Float[Tensor, "view height width 2"], torch.Tensor]:
-    """Normalised image positions of world points in each view, and whether they lie in front of it."""
-    world_to_camera = views.cameras.world_to_camera
-    rotation, translation = world_to_camera[:, None, None, :3, :3], world_to_camera[:, None, None, :3, 3]
-    local = (rotation @ points[None, ..., None])[..., 0] + translation
-    depth = local[..., 2:]
-    image = (views.cameras.intrinsics[:, None, None] @ (local / depth.clamp_min(1e-6))[..., None])[..., 0]
-    return image[..., :2], depth[..., 0] > 1e-6

@@ -4,16 +4,15 @@ import torch
 from torch import Tensor
 
 from fecocodec.coding.camera_packing import unpack
-from fecocodec.container import Header
-from fecocodec.container.header import DIGEST_BYTES
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import predict_scene
-from fecocodec.receiver.view_states import ViewStates
+from fecocodec.receiver.decode import MAX_SH_DEGREE
+from fecocodec.receiver.emission import emit
+from fecocodec.receiver.state import State
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.latent_optimisation import OptimisationConfig, optimiser
-from fecocodec.sender.scene import Scene, prepare_scene
+from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder, StageInputs
 
 FINEST_LAMBDA_Q = 0
@@ -29,17 +28,9 @@ def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) ->
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
     optimise = optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q)
     last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, optimise)[-1]
-    states = ViewStates(last.state, last.inputs.condition)
-    return predict_scene(codec.receiver, states, unpack(scene.packed), _header(codec, scene), None)
+    return emit(codec.receiver, State(last.state, last.inputs.condition), unpack(scene.packed), None, MAX_SH_DEGREE)
 
 
 def without_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
     """y itself, for no bits."""
     return EstimatedLatent(y, y.new_zeros(len(y)))
-
-
-def _header(codec: Codec, scene: Scene) -> Header:
-    """For the prediction alone: it is never written."""
-    digests = (bytes(DIGEST_BYTES),) * 2
-    views = tuple(range(scene.num_views))
-    return Header(codec.model_id, scene.num_views, *scene.image_size, FINEST_LAMBDA_Q, digests, views)

@@ -1,18 +1,19 @@
-"""Reading a .fcs file from disk."""
+"""Read the bytes of a `.fcs` file with bounded memory."""
 
 import os
 from pathlib import Path
 
-from fecocodec.container import MAX_STREAM_BYTES, SIGNATURE
+from fecocodec.container.header_bytes import SIGNATURE
+from fecocodec.container.stream import MAX_STREAM_BYTES
 from fecocodec.errors import InputError
 
 _CHUNK = 1 << 20
 
 
-def read_bytes(path: Path) -> bytes:
-    """The whole file, or what a pipe gives; of what is no stream, only the beginning.
+def read_stream_file(path: Path) -> bytes:
+    """Return the bytes of a file or pipe; only the first MiB of what does not start with the signature.
 
-    Raises InputError where there is none, it cannot be read, or it is longer than any stream.
+    Raises InputError where the file is missing, cannot be read, or is longer than any stream.
     """
     try:
         return _read_bounded(path)
@@ -25,9 +26,9 @@ def read_bytes(path: Path) -> bytes:
 
 
 def _read_bounded(path: Path) -> bytes:
-    """In chunks, because a pipe or a device does not say how long it is.
+    """Read in chunks: the length of a pipe or a device is not known beforehand.
 
-    No further than the first where that is not the beginning of a stream: whoever parses it says what it is instead.
+    A file with another signature is cut after the first chunk; its parser then says what is wrong with it.
     """
     with path.open("rb") as file:
         data = bytearray(file.read(_CHUNK))
