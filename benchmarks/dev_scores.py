@@ -11,7 +11,7 @@ from fecocodec.evaluation.novel_views import Score, evaluate
 from fecocodec.evaluation.systems.codec import codec_system
 from fecocodec.formats.evaluation_index import read_index
 from fecocodec.sender.codec import load_codec
-from fecocodec.sender.latent_optimisation import EFFORTS
+from fecocodec.sender.optimisation_config import EFFORTS
 
 
 def main() -> None:

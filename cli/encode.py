@@ -56,7 +56,7 @@ Examples:
     type=click.Choice(["fast", "default", "best"]),
     default="default",
     show_default=True,
-    help="Time spent on smaller files at equal quality: fast takes a third of the default's time, best four times as "
+    help="Time spent on smaller files at equal quality: fast takes a third of the default's time, best three times as "
     "much.",
 )
 @model_option

@@ -18,7 +18,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode
 from fecocodec.sender.encode import encode
-from fecocodec.sender.latent_optimisation import DEFAULT, steps_of_first
+from fecocodec.sender.optimisation_config import DEFAULT, steps_of_first
 from tests.example_scenes import MODEL, example_views
 
 ROOT = Path(__file__).resolve().parents[1]

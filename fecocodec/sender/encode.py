@@ -12,7 +12,8 @@ from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
-from fecocodec.sender.latent_optimisation import DEFAULT, OptimisationConfig, config_of_effort, optimiser
+from fecocodec.sender.latent_optimisation import optimiser
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder, Stage
 

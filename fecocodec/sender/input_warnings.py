@@ -10,7 +10,7 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.depth_range import share_of_agreed_depths
 from fecocodec.geometry.views import Views
-from fecocodec.sender.latent_optimisation import DEFAULT, OptimisationConfig, config_of_effort
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 
 LEAST_PARALLAX_DEGREES = 0.5  # between lines of sight to a typical point; two pixels of 256 at a common focal length
 LEAST_OVERLAP = 0.2  # share of a view's sample points that another view sees

@@ -19,7 +19,7 @@ from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import mean_psnr
 from fecocodec.sender.encode import assemble, check_views, write_stages
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
-from fecocodec.sender.latent_optimisation import DEFAULT, FAST, OptimisationConfig, config_of_effort
+from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 

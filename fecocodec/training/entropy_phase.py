@@ -18,7 +18,7 @@ from fecocodec.coding.rate import estimate_latents, uniform_noise
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import write_stages
-from fecocodec.sender.latent_optimisation import DEFAULT
+from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stage_lambdas import stage_lambdas

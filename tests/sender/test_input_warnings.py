@@ -9,7 +9,7 @@ from fecocodec.evaluation.stress.box_room import Room, painted, photograph
 from fecocodec.evaluation.stress.camera_paths import back_to_back, look, sideways, turning
 from fecocodec.geometry.views import Views
 from fecocodec.sender.input_warnings import check_input
-from fecocodec.sender.latent_optimisation import BEST
+from fecocodec.sender.optimisation_config import BEST
 
 
 def context_of(poses: torch.Tensor) -> Views:

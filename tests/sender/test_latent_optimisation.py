@@ -14,14 +14,13 @@ from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import LogDistortion, MseDistortion
 from fecocodec.sender.encode import encode, encode_with, write_stages
 from fecocodec.sender.latent_coding import WrittenLatent
-from fecocodec.sender.latent_optimisation import (
+from fecocodec.sender.latent_optimisation import descend, hold_views_between
+from fecocodec.sender.optimisation_config import (
     BEST,
     DEFAULT,
     FAST,
     OptimisationConfig,
     config_of_effort,
-    descend,
-    hold_views_between,
     steps_of_first,
 )
 from fecocodec.sender.scene import prepare_scene

@@ -15,7 +15,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import mean_psnr
 from fecocodec.sender.encode import encode_with
-from fecocodec.sender.latent_optimisation import DEFAULT, FAST, OptimisationConfig
+from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 from fecocodec.sender.rate_control import (
     NUM_FAST_ENCODINGS,
     NUM_FULL_ENCODINGS,

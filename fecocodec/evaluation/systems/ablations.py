@@ -19,7 +19,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import assemble, write_stages
-from fecocodec.sender.latent_optimisation import DEFAULT
+from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder, StageInputs, StageRendering
 

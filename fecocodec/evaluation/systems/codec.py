@@ -15,7 +15,7 @@ from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
-from fecocodec.sender.latent_optimisation import config_of_effort
+from fecocodec.sender.optimisation_config import config_of_effort
 
 Encoder = Callable[[Views], bytes]
 FAST, BEST = "fecosplat, effort fast", "fecosplat, effort best"

@@ -9,7 +9,7 @@ from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.evaluation.systems.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.latent_optimisation import DEFAULT
+from fecocodec.sender.optimisation_config import DEFAULT
 
 
 def gaussian_systems(codec: Codec) -> tuple[System, ...]:

@@ -14,7 +14,7 @@ from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.evaluation.systems.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.latent_optimisation import DEFAULT, FAST, OptimisationConfig
+from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 
 OPTIMISED = "AVIF"
 

@@ -11,7 +11,8 @@ from fecocodec.receiver.emission import emit
 from fecocodec.receiver.state import State
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.latent_coding import EstimatedLatent
-from fecocodec.sender.latent_optimisation import OptimisationConfig, optimiser
+from fecocodec.sender.latent_optimisation import optimiser
+from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder, StageInputs
 
