@@ -25,7 +25,8 @@ from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.encode import Profile, encode_with, load_profile
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.encode import encode_with
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "motorcycle"
 LAMBDA = 1e-3
@@ -60,13 +61,15 @@ def convolution_speed(repeats: int = 50) -> float:
     return 2 * layer.weight.numel() * x.numel() / 96 / statistics.median(seconds) / 1e9
 
 
-def bench_scene(profile: Profile, views: Views, label: str, repeats: int, bounds: tuple[float, float]) -> bytes:
+def bench_scene(codec: Codec, views: Views, label: str, repeats: int, bounds: tuple[float, float]) -> bytes:
     """Warm decode and encode of one scene, in process."""
     lambda_q = quantise_lambda(LAMBDA)
-    data = encode_with(profile, views, lambda_q, 2)
+    data = encode_with(codec, views, lambda_q, 2)
     decoded, steps = measure(lambda progress: decode(data, on_progress=progress), repeats)
     print(f"| decode, {label}, warm | {decoded:.3f} s | {bounds[0]} s | {steps} |", flush=True)
-    encoded, steps = measure(lambda progress: encode_with(profile, views, lambda_q, 2, progress), max(3, repeats // 3))
+    encoded, steps = measure(
+        lambda progress: encode_with(codec, views, lambda_q, on_progress=progress), max(3, repeats // 3)
+    )
     print(f"| encode, {label}, warm | {encoded:.3f} s | {bounds[1]} s | {steps} |", flush=True)
     return data
 
@@ -98,9 +101,9 @@ def bench_process(label: str, arguments: list[str], bounds: tuple[float, float |
         print(f"| {label}, peak memory | {max(m for _, m in runs):.2f} GiB | {bounds[1]} GiB | |", flush=True)
 
 
-def bench_rendering(profile: Profile, views: Views, data: bytes, repeats: int) -> None:
+def bench_rendering(codec: Codec, views: Views, data: bytes, repeats: int) -> None:
     """One image of the decoded Gaussians, forward and with gradients, on one thread."""
-    gaussians = decode(data)
+    gaussians = decode(data).gaussians
     camera = views.cameras.select([0])
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -133,15 +136,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=15)
     arguments = parser.parse_args()
-    profile = load_profile(SHIPPED / DEFAULT_MODEL, "cpu")
+    codec = load_codec(SHIPPED / DEFAULT_MODEL, "cpu")
     square = read_views(EXAMPLE, size=(256, 256))
     print(
         f"torch {torch.__version__}, {torch.get_num_threads()} threads, {convolution_speed():.0f} Gflop/s in "
         f"convolutions, lambda {LAMBDA:g}, {EXAMPLE.name}\n"
     )
     print("| what | measured | bound | steps |\n|---|---|---|---|")
-    data = bench_scene(profile, square, "2 views 256x256", arguments.repeats, (0.117, 1.5))
-    bench_rendering(profile, square, data, arguments.repeats)
+    data = bench_scene(codec, square, "2 views 256x256", arguments.repeats, (0.117, 1.5))
+    bench_rendering(codec, square, data, arguments.repeats)
     with tempfile.TemporaryDirectory() as folder:
         stream, cloud = Path(folder, "bench.fcs"), Path(folder, "bench.ply")
         encode = [
@@ -159,7 +162,7 @@ def main() -> None:
         bench_process("decode, 2 views 256x256", ["decode", str(stream), "-o", str(cloud), "--overwrite"], (4.0, 1.0))
         bench_process("info", ["info", str(stream)], (0.3, None))
     wide = repeated(read_views(EXAMPLE, size=(256, 448)), 8)
-    bench_scene(profile, wide, "8 views 256x448", max(3, arguments.repeats // 5), (1.0, 10.0))
+    bench_scene(codec, wide, "8 views 256x448", max(3, arguments.repeats // 5), (1.0, 10.0))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"| encode and decode, 8 views 256x448, peak memory of this process | {peak:.2f} GiB | 3.0 GiB | |")
 

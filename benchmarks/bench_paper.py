@@ -23,10 +23,12 @@ from fecocodec.evaluation.memory import peak_mib
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.adapted import adopt_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
-from fecocodec.sender.steps import Profile, match_views, prepare
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder
 
 
 @dataclass(frozen=True)
@@ -60,23 +62,24 @@ CASES = (
 )
 
 
-def paper_profile(matching_scale: int) -> Profile:
+def paper_profile(matching_scale: int) -> Codec:
     """The shipped receiver and codec under an untrained extractor of the paper's."""
     folder = SHIPPED / DEFAULT_MODEL
     receiver, model_id = load_receiver(folder / RECEIVER_FILE)
     sender = Sender(PaperSenderConfig(matching_scale=matching_scale), receiver.config)
     adopt_codec(sender, load_sender(folder / SENDER_FILE, receiver.config, model_id))
-    return Profile(sender.eval().requires_grad_(False), receiver, model_id)
+    return Codec(sender.eval().requires_grad_(False), receiver, model_id)
 
 
 def run_case(case: Case) -> Iterator[tuple[str, Taken]]:
     """Features alone, then the whole of encoding."""
-    profile = paper_profile(case.matching_scale)
+    codec = paper_profile(case.matching_scale)
     views = repeated(read_views(EXAMPLE, size=case.size), case.num_views)
     lambda_q = quantise_lambda(LAMBDA)
+    scene = prepare_scene(views, codec.device)
     calls = {
-        "features": lambda: match_views(profile, prepare(profile, views)),
-        "encode": lambda: encode_with(profile, views, lambda_q, 2),
+        "features": lambda: SceneEncoder(codec, scene.images, scene.cameras).features,
+        "encode": lambda: encode_with(codec, views, lambda_q, 2),
     }
     for name, call in calls.items():
         wall, processor = perf_counter(), process_time()

@@ -16,10 +16,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.container import quantise_lambda, read_stream
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.container import quantise_lambda
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.encode import Profile, encode_with, load_profile
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.encode import encode_with
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures, textures_from_folder
 from fecocodec.training.samples import Sample
@@ -34,11 +35,11 @@ def relative_errors(depth: Float[Tensor, " pixel"], exact: Float[Tensor, " pixel
     return (depth - exact).abs() / exact
 
 
-def errors_of(profile: Profile, sample: Sample, lambda_q: int) -> dict[str, float]:
+def errors_of(codec: Codec, sample: Sample, lambda_q: int) -> dict[str, float]:
     """Mean relative error of one scene at context and at target views, median at targets, and covered share."""
     assert sample.depth is not None
     context = sample.views.select(list(range(NUM_CONTEXT)))
-    gaussians = decode_stream(read_stream(encode_with(profile, context, lambda_q, 2)), profile.receiver)
+    gaussians = decode_with(codec.receiver, encode_with(codec, context, lambda_q)).gaussians
     with torch.no_grad():
         rendering = render(gaussians, sample.views.cameras, sample.views.image_size)
     is_covered = rendering.alpha > LEAST_ALPHA
@@ -74,14 +75,14 @@ def main() -> None:
     textures = pattern_textures(NUM_PATTERNS)
     if arguments.textures is not None:
         textures += textures_from_folder(arguments.textures)
-    profile, world = load_profile(arguments.model, "cpu"), ProceduralWorld(textures)
+    codec, world = load_codec(arguments.model, "cpu"), ProceduralWorld(textures)
     size = (arguments.size, arguments.size)
     print("lambda\tcontext\ttarget\tmedian scene, target\tmedian pixel, target\tbest constant\tcovered")
     for lmbda in arguments.lambdas:
         generator = torch.Generator().manual_seed(SEED)
         rows = [
             errors_of(
-                profile,
+                codec,
                 world.sample(generator, num_context=NUM_CONTEXT, num_target=NUM_TARGET, size=size),
                 quantise_lambda(lmbda),
             )

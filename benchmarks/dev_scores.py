@@ -1,16 +1,17 @@
 """Rate and quality on an evaluation index, from encoded and decoded bytes.
 
-python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--refine 16]
+python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--effort best]
 """
 
 import argparse
 from pathlib import Path
 from statistics import mean
 
-from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.novel_views import Score, evaluate
+from fecocodec.evaluation.systems.codec import codec_system
 from fecocodec.formats.evaluation_index import read_index
-from fecocodec.sender.encode import load_profile
+from fecocodec.sender.codec import load_codec
+from fecocodec.sender.optimisation_config import EFFORTS
 
 
 def main() -> None:
@@ -21,17 +22,16 @@ def main() -> None:
     parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5])
     parser.add_argument("--views", type=int, default=2, help="only entries with so many context views")
     parser.add_argument("--stages", type=int, default=2)
-    parser.add_argument("--refine", type=int, help="as `fecosplat encode` takes it")
+    parser.add_argument("--effort", choices=EFFORTS, default="default", help="as `fecosplat encode` takes it")
     parser.add_argument("--size", type=int, default=256)
     arguments = parser.parse_args()
-    profile = load_profile(arguments.model, "cpu")
+    codec = load_codec(arguments.model, "cpu")
     entries = tuple(e for e in read_index(arguments.index) if len(e.context) == arguments.views)
     size = (arguments.size, arguments.size)
     print("lambda\tKiB\tPSNR\tSSIM\tcontext PSNR\tGaussians\tby kind")
     for lmbda in arguments.lambdas:
-        lambda_q = quantise_lambda(lmbda)
-        options = (arguments.stages, size, arguments.refine)
-        scores = list(evaluate(profile, arguments.root, entries, lambda_q, *options))
+        system = codec_system(codec, lmbda, arguments.stages, arguments.effort)
+        scores = list(evaluate(system, arguments.root, entries, size))
         print(
             f"{lmbda:g}\t{mean(s.num_bytes for s in scores) / 1024:.2f}\t{mean(s.target_psnr for s in scores):.2f}\t"
             f"{mean(s.target_ssim for s in scores):.3f}\t{mean(s.context_psnr for s in scores):.2f}\t"

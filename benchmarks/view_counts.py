@@ -15,18 +15,19 @@ from statistics import mean
 
 import torch
 
-from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.novel_views import Score, score
+from fecocodec.evaluation.systems.codec import codec_system
+from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.views import Views
-from fecocodec.sender.encode import Profile, load_profile
+from fecocodec.sender.codec import load_codec
 
 
-def score_of(profile: Profile, views: Views, chosen: tuple[int, ...], num_context: int, lambda_q: int) -> Score:
-    """Code some of the context views, judge by all target views."""
+def score_of(system: System, views: Views, chosen: tuple[int, ...], num_context: int) -> Score:
+    """Code some of the context views, compare all target views."""
     targets = range(num_context, len(views.images))
-    return score(profile, "", views.select([*chosen, *targets]), len(chosen), lambda_q, 2)
+    return score(system, "", views.select([*chosen, *targets]), len(chosen))
 
 
 def nearest_pair(views: Views, num_context: int) -> tuple[int, ...]:
@@ -36,12 +37,12 @@ def nearest_pair(views: Views, num_context: int) -> tuple[int, ...]:
     return tuple(sorted(distance.argsort()[:2].tolist()))
 
 
-def compare(profile: Profile, root: Path, entry: IndexEntry, lambda_q: int, size: tuple[int, int]) -> list[float]:
+def compare(system: System, root: Path, entry: IndexEntry, size: tuple[int, int]) -> list[float]:
     """PSNR in dB: all views, nearest pair, best pair, mean of the pairs; then KiB of all views and of the mean pair."""
     count = len(entry.context)
     views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size)
-    every = score_of(profile, views, tuple(range(count)), count, lambda_q)
-    pairs = {pair: score_of(profile, views, pair, count, lambda_q) for pair in combinations(range(count), 2)}
+    every = score_of(system, views, tuple(range(count)), count)
+    pairs = {pair: score_of(system, views, pair, count) for pair in combinations(range(count), 2)}
     quality = {pair: found.target_psnr for pair, found in pairs.items()}
     kib = mean(found.num_bytes for found in pairs.values()) / 1024
     nearest = quality[nearest_pair(views, count)]
@@ -58,14 +59,14 @@ def main() -> None:
     parser.add_argument("--most-views", type=int, default=4, help="leave out entries with more (8 views have 28 pairs)")
     parser.add_argument("--size", type=int, default=256)
     arguments = parser.parse_args()
-    profile = load_profile(arguments.model, "cpu")
+    codec = load_codec(arguments.model, "cpu")
     entries = [entry for entry in read_index(arguments.index) if 2 < len(entry.context) <= arguments.most_views]
     size = (arguments.size, arguments.size)
     print("lambda\tentry\tviews\tall, dB\tnearest pair, dB\tbest pair, dB\tmean pair, dB\tall, KiB\tmean pair, KiB")
     for lmbda in arguments.lambdas:
         rows: dict[int, list[list[float]]] = {}
         for entry in entries:
-            row = compare(profile, arguments.root, entry, quantise_lambda(lmbda), size)
+            row = compare(codec_system(codec, lmbda), arguments.root, entry, size)
             rows.setdefault(len(entry.context), []).append(row)
             _print_row(lmbda, entry.name, len(entry.context), row)
         for count, found in rows.items():

@@ -19,9 +19,9 @@ import read_symbols
 import zstandard
 from read_symbols import Stage
 
-CAMERAS, B1, B2, KEEP, METADATA = 0x90, 0xA0, 0xB0, 0x38, 0x40
-NAMES = {CAMERAS: "cameras", B1: "B1", B2: "B2", KEEP: "keep", METADATA: "metadata"}
-LONGEST = {CAMERAS: 2048, KEEP: 65536, METADATA: 65536}  # other kinds: 2^26
+CAMERAS, COVERAGE, B1, B2, METADATA = 0x90, 0x98, 0xA0, 0xB0, 0x40
+NAMES = {CAMERAS: "cameras", COVERAGE: "coverage", B1: "B1", B2: "B2", METADATA: "metadata"}
+LONGEST = {CAMERAS: 2048, COVERAGE: 2**18, METADATA: 65536}  # other kinds: 2^26
 
 
 class RefusedError(Exception):
@@ -48,7 +48,7 @@ class Contents(NamedTuple):
     rotations: list[tuple[float, ...]]
     centres: list[tuple[float, ...]]
     payloads: list[bytes]
-    keep: tuple[int, bytes | None] | None
+    coverage: bytes | None
     metadata: dict[str, Any] | None
 
 
@@ -91,10 +91,10 @@ def read(data: bytes) -> Contents:
         require(kind in sections, cursor.address, f"there is no section {NAMES[kind]}")
     near, far, intrinsics, rotations, centres = read_cameras(cursor, *sections[CAMERAS], header["views"])
     check_cameras(sections[CAMERAS][0], near, far, intrinsics, rotations, centres)
-    keep = read_keep(cursor, *sections[KEEP], header) if KEEP in sections else None
+    coverage = read_coverage(cursor, *sections[COVERAGE], header) if COVERAGE in sections else None
     metadata = read_metadata(cursor, *sections[METADATA]) if METADATA in sections else None
     payloads = [sections[kind][1] for kind in [B1, B2][: header["stages"]]]
-    return Contents(cursor.fields, header, near, far, intrinsics, rotations, centres, payloads, keep, metadata)
+    return Contents(cursor.fields, header, near, far, intrinsics, rotations, centres, payloads, coverage, metadata)
 
 
 def read_header(cursor: Cursor) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def read_header(cursor: Cursor) -> dict[str, Any]:
     require(signature == bytes.fromhex("89 46 43 53 0d 0a 1a 0a"), 0, "this is no .fcs signature")
     header: dict[str, Any] = {}
     header["major"] = cursor.number(1, "major version")
-    require(header["major"] == 1, 8, f"major version {header['major']} is not 1")
+    require(header["major"] == 2, 8, f"major version {header['major']} is not 2")
     header["minor"] = cursor.number(1, "minor version")
     header["model_id"] = cursor.take(8, "model id")
     header["views"] = cursor.number(1, "number of views")
@@ -114,7 +114,6 @@ def read_header(cursor: Cursor) -> dict[str, Any]:
     header["lambda_q"] = cursor.number(2, "lambda_q of the last stage: lambda = 1e-5 * exp(lambda_q / 256)")
     header["sections"] = cursor.number(1, "number of sections")
     header["excess"] = cursor.number(1, "excess of stage 1: its lambda_q is 2 * excess more")
-    header["stage_2_views"] = cursor.number(2, "stage-2 views, a bit each")
     header["digests"] = [cursor.take(8, f"symbol digest of stage {stage + 1}") for stage in range(header["stages"])]
     computed = zlib.crc32(cursor.data[: cursor.address])
     require(cursor.number(4, "CRC-32 of the header") == computed, 0, "the CRC-32 of the header does not hold")
@@ -125,15 +124,11 @@ def read_header(cursor: Cursor) -> dict[str, Any]:
 def check_limits(header: dict[str, Any]) -> None:
     """Sections 4 and 10."""
     require(1 <= header["views"] <= 16, 18, "the number of views is not 1 to 16")
-    require(16 <= header["height"] <= 4096, 20, "the height is not 16 to 4096")
-    require(16 <= header["width"] <= 4096, 22, "the width is not 16 to 4096")
+    require(64 <= header["height"] <= 1024, 20, "the height is not 64 to 1024")
+    require(64 <= header["width"] <= 1024, 22, "the width is not 64 to 1024")
     require(header["lambda_q"] <= 1768, 24, "lambda_q is above 1768")
     require(header["excess"] == 0 or header["stages"] == 2, 27, "there is an excess of stage 1 and no stage 2")
-    require(header["stage_2_views"] < 2 ** header["views"], 28, "the stage-2 views are not all among the views")
-    require((header["stage_2_views"] > 0) == (header["stages"] == 2), 28, "stage-2 views do not go with the stages")
     require(1 + header["stages"] <= header["sections"] <= 16, 26, "the number of sections is not 1 + stages to 16")
-    padded_height, padded_width = (32 * math.ceil(header[side] / 32) for side in ("height", "width"))
-    require(header["views"] * padded_height * padded_width <= 2**24, 18, "the views have more than 2^24 padded pixels")
 
 
 def read_sections(cursor: Cursor, header: dict[str, Any]) -> dict[int, tuple[int, bytes]]:
@@ -247,7 +242,8 @@ def check_cameras(start: int, near: float, far: float, intrinsics: Any, rotation
     """Section 6.3."""
     everything = [near, far, *(value for group in (*intrinsics, *rotations, *centres) for value in group)]
     require(all(math.isfinite(value) for value in everything), start, "a camera value is not finite")
-    require(2**-60 <= near < far <= 2**60, start, "near and far are not 2^-60 <= near < far <= 2^60")
+    require(2**-40 <= near <= 2**40, start, "near is not 2^-40 to 2^40")
+    require(near * (1 + 2**-9) <= far <= near * 2**14, start, "far is not 1 + 2^-9 to 2^14 times near")
     for r00, r01, r02, r10, r11, r12, r20, r21, r22 in rotations:
         rows = [(r00, r01, r02), (r10, r11, r12), (r20, r21, r22)]
         products = [p[0] * q[0] + p[1] * q[1] + p[2] * q[2] - (p is q) for p in rows for q in rows]
@@ -256,24 +252,28 @@ def check_cameras(start: int, near: float, far: float, intrinsics: Any, rotation
         determinant = r00 * (r11 * r22 - r12 * r21) - r01 * (r10 * r22 - r12 * r20) + r02 * (r10 * r21 - r11 * r20)
         require(determinant >= 0, start, "a pose is mirrored")
     require(max(abs(value) for centre in centres for value in centre) <= 2**60, start, "a camera is too far away")
+    for coordinates in zip(*centres, strict=True):
+        mean = sum(coordinates) / len(coordinates)
+        distance = max(abs(value - mean) for value in coordinates)
+        require(distance <= 2**14 * near, start, "a camera is too far from the mean centre")
     for fx, fy, cx, cy in intrinsics:
-        require(min(fx, fy) >= 2**-10 and max(fx, fy) <= 2**10, start, "a focal length is not 2^-10 to 2^10")
-        require(max(abs(cx), abs(cy)) <= 2**10, start, "a principal point is above 2^10")
+        require(min(fx, fy) >= 2**-6 and max(fx, fy) <= 2**8, start, "a focal length is not 2^-6 to 2^8")
+        require(max(abs(cx), abs(cy)) <= 2**8, start, "a principal point is above 2^8")
 
 
-def read_keep(cursor: Cursor, start: int, payload: bytes, header: dict[str, Any]) -> tuple[int, bytes | None]:
+def read_coverage(cursor: Cursor, start: int, payload: bytes, header: dict[str, Any]) -> bytes:
     """Section 8.1."""
-    require(len(payload) > 0, start, "the keep section is empty")
-    cursor.fields.append(Field(start + 9, len(payload), payload[0], "in keep: opacity threshold, in 255ths"))
-    if len(payload) == 1:
-        return payload[0], None
-    bits = header["views"] * math.ceil(header["height"] / 8) * math.ceil(header["width"] / 8)
-    size = math.ceil(bits / 8)
-    cells = inflate(start, payload[1:], "cells", size)
+    height, width = grid(header)
+    size = header["views"] * (height // 4) * (width // 4) // 8
+    cells = inflate(start, payload, "cells", size)
     require(len(cells) == size, start, "the cells do not inflate to the right size")
-    require(int.from_bytes(cells, "big") % 2 ** (8 * size - bits) == 0, start, "a bit after the last cell's is not 0")
-    cursor.fields.append(Field(start + 9, len(payload), cells, "inflated: cells to keep"))
-    return payload[0], cells
+    cursor.fields.append(Field(start + 9, len(payload), cells, "inflated: covered cells"))
+    return cells
+
+
+def grid(header: dict[str, Any]) -> tuple[int, int]:
+    """Section 4: height and width of the coding grid."""
+    return 32 * ((header["height"] + 16) // 32), 32 * ((header["width"] + 16) // 32)
 
 
 def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
@@ -321,29 +321,22 @@ def show(value: Any) -> str:
     return json.dumps(value)
 
 
-def views_of_stage(header: dict[str, Any], stage: int) -> list[int]:
-    """Section 4: the views that a stage codes, from 0."""
-    return [v for v in range(header["views"]) if stage == 1 or header["stage_2_views"] >> v & 1]
-
-
 def decode(contents: Contents, weights: bytes) -> list[Stage]:
     """Section 9, step 7: the symbols of every stage, their digests compared with the header's."""
     header = contents.header
     needed, found = header["model_id"], hashlib.sha256(weights).digest()[:8]
     require(found == needed, 10, f"the stream needs the weights {needed.hex()}, these are {found.hex()}")
     model = read_symbols.read_model(weights)
-    sides = [4 * math.ceil(header[side] / 32) for side in ("height", "width")]
+    size = header["views"], *(side // 8 for side in grid(header))
     stages: list[Stage] = []
     for number, payload in enumerate(contents.payloads, 1):
-        views = views_of_stage(header, number)
-        before = [stages[0].y_hat[view] for view in views] if stages else None
-        size = len(views), sides[0], sides[1]
+        before = stages[0].y_hat if stages else None
         lambda_q = header["lambda_q"] + (2 * header["excess"] if number == 1 else 0)
         try:
             stages.append(read_symbols.decode_stage(model, payload, size, lambda_q, number, before))
         except read_symbols.RefusedError as error:
             raise RefusedError(f"payload B{number}: {error}") from error
-        require(stages[-1].digest == header["digests"][number - 1], 30, f"the digest of stage {number} does not hold")
+        require(stages[-1].digest == header["digests"][number - 1], 28, f"the digest of stage {number} does not hold")
     return stages
 
 
@@ -356,7 +349,7 @@ def print_stages(contents: Contents, stages: list[Stage]) -> None:
     for number, stage in enumerate(stages, 1):
         symbols = [symbol for batch in stage.batches for symbol in batch]
         print(
-            f"stage {number} | views {views_of_stage(contents.header, number)} | {len(symbols)} symbols, "
+            f"stage {number} | {len(symbols)} symbols, "
             f"{sum(symbol != 0 for symbol in symbols)} not zero, {min(symbols)} to {max(symbols)} | "
             f"digest {stage.digest.hex()}"
         )

@@ -1,25 +1,29 @@
 """`fecosplat decode`: a .fcs file in, Gaussians as a PLY out."""
 
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import click
 
+from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_other_file, require_writable
 
 from .naming import naming
-from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, threads_option
+from .options import (
+    FILE_PATH,
+    device_option,
+    json_option,
+    max_pixels_option,
+    model_option,
+    overwrite_option,
+    threads_option,
+)
 from .output import print_json, say
-from .progress import OnProgress, progress_bar
-from .stream import read_bytes
-
-if TYPE_CHECKING:
-    from fecocodec.receiver.partial import IntactDecoding
+from .progress import progress_bar
+from .terminal import printable
 
 PARTLY_DECODED = 3  # exit code
-STAGES = {1: "stage 1 could be", 2: "the two stages could be"}  # the rest is metadata, or what to keep
+DECODED = {1: "stage 1 could be", 2: "the two stages could be"}
 
 
 @click.command(
@@ -57,6 +61,7 @@ Examples:
     help="1: colours depend on where they are seen from. 0: they do not, and the .ply is a third smaller.",
 )
 @model_option
+@max_pixels_option
 @device_option
 @threads_option
 @overwrite_option
@@ -69,6 +74,7 @@ def command(
     prune: bool,
     sh_degree: int,
     model: Path | None,
+    max_pixels: int,
     device: str,
     overwrite: bool,
     as_json: bool,
@@ -78,59 +84,41 @@ def command(
     The result is a .ply with the usual 3DGS properties, which viewers such as SuperSplat open.
     """
     if partial and stages is not None:
-        raise click.UsageError("--partial finds out by itself how many stages are intact; leave --stages out.")
+        raise click.UsageError("--partial decodes all intact stages; leave --stages out.")
     start = perf_counter()
     require_writable(output, overwrite=overwrite)
     require_other_file(output, stream)
-    data = read_bytes(stream)
+    data = read_stream_file(stream)
 
-    from fecocodec import write_ply
+    from fecocodec import decode, write_ply
 
     from .device import require_device
 
     require_device(device)
     with naming(stream), progress_bar() as on_progress:
-        decoded = _decode(data, stages, partial, sh_degree, model, device, on_progress)
+        decoded = decode(
+            data,
+            stages="intact" if partial else stages or "all",
+            sh_degree=sh_degree,
+            device=device,
+            model=model,
+            max_pixels=max_pixels,
+            on_progress=on_progress,
+        )
+        gaussians = decoded.gaussians
         if prune:
-            decoded = _pruned(decoded, data)
-    write_ply(output, decoded.gaussians, overwrite=overwrite)
+            from fecocodec.rendering.pruning import pruned
+
+            gaussians = pruned(gaussians, decoded.cameras, decoded.image_size)
+    write_ply(output, gaussians, overwrite=overwrite)
     seconds = round(perf_counter() - start, 3)
-    count, damage = decoded.gaussians.count, decoded.damage
+    damage = decoded.damage
     if as_json:
-        fields = {"output": str(output), "gaussians": count, "stages": decoded.num_stages, "damage": damage}
+        fields = {"output": str(output), "gaussians": gaussians.count, "stages": decoded.stages, "damage": damage}
         print_json({**fields, "seconds": seconds})
     else:
-        say(f"{output}: {count} Gaussians in {seconds:.2f} s")
+        say(f"{output}: {gaussians.count} Gaussians in {seconds:.2f} s")
     if damage is None:
         return 0
-    say(f"fecosplat: {stream}: damaged, only {STAGES[decoded.num_stages]} decoded: {damage}")
+    say(printable(f"fecosplat: {stream}: damaged, only {DECODED[decoded.stages]} decoded: {damage}"))
     return PARTLY_DECODED
-
-
-def _pruned(decoded: "IntactDecoding", data: bytes) -> "IntactDecoding":
-    from fecocodec.receiver.decode import read_cameras
-    from fecocodec.rendering.pruning import pruned
-
-    return replace(decoded, gaussians=pruned(decoded.gaussians, *read_cameras(data)))
-
-
-def _decode(
-    data: bytes,
-    stages: int | None,
-    partial: bool,
-    sh_degree: int,
-    model: Path | None,
-    device: str,
-    on_progress: OnProgress,
-) -> "IntactDecoding":
-    from fecocodec import decode, decode_intact
-    from fecocodec.container import read_stream
-    from fecocodec.receiver.partial import IntactDecoding
-
-    from .weights import of_receiver
-
-    common = {"sh_degree": sh_degree, "device": device, "on_progress": on_progress, **of_receiver(model)}
-    if partial:
-        return decode_intact(data, **common)
-    gaussians = decode(data, num_stages=stages, **common)
-    return IntactDecoding(gaussians, read_stream(data).header.num_stages if stages is None else stages, None)

@@ -9,12 +9,12 @@ import click
 from fecocodec.container import inspect, quantise_lambda
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
 
-from .goal import adaptive_options, goal_of
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
 from .output import print_json, say
 from .progress import progress_bar
+from .rate_control import rate_control_options, target_of
 from .selection import Selection, parse_selection, resolve
 
 
@@ -40,7 +40,7 @@ Examples:
     metavar="NUMBER",
     help="Weight of the rate, 1e-5 to 1e-2: smaller is better quality and a larger file.",
 )
-@adaptive_options
+@rate_control_options
 @click.option(
     "--views",
     callback=parse_selection,
@@ -52,9 +52,13 @@ Examples:
 @click.option("--far", type=float, help="Farthest depth of the scene.  [default: estimated]")
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
 @click.option(
-    "--refine", "refinement_steps", type=click.IntRange(0, 1000), metavar="STEPS",
-    help="Gradient steps on what is sent: more quality a byte, for time.  [default: 4; fewer for many pixels]",
-)  # fmt: skip
+    "--effort",
+    type=click.Choice(["fast", "default", "best"]),
+    default="default",
+    show_default=True,
+    help="Time spent on smaller files at equal quality: fast takes a third of the default's time, best three times as "
+    "much.",
+)
 @model_option
 @device_option
 @threads_option
@@ -64,7 +68,6 @@ def command(
     views_folder: Path,
     output: Path,
     lmbda: float,
-    adaptive: bool,
     target_kib: float | None,
     target_psnr: float | None,
     views: Selection | None,
@@ -72,7 +75,7 @@ def command(
     near: float | None,
     far: float | None,
     stages: int,
-    refinement_steps: int | None,
+    effort: str,
     model: Path | None,
     device: str,
     overwrite: bool,
@@ -87,31 +90,28 @@ def command(
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
-    goal = goal_of(lmbda, adaptive, target_kib, target_psnr, stages)
+    target = target_of(target_kib, target_psnr, stages)
 
-    from fecocodec import doubts_about, encode, encode_adaptively, read_views
+    from fecocodec import check_input, encode, encode_to_target, read_views
 
     from .device import require_device, require_rendering_device
-    from .weights import of_sender
 
-    if stages == 1 and refinement_steps == 0:
+    if stages == 1 and effort == "fast":
         require_device(device)
     else:
-        require_rendering_device(device)  # to refine, and to see what the first stage looks like
+        require_rendering_device(device)  # latents are optimised, and feedback is computed, on renderings
     chosen = resolve(views_folder, views)
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)
         scene = read_views(views_folder, views=chosen, size=size, near=near, far=far)
         with naming(views_folder, OF_VIEWS):
-            if goal is None:
+            if target is None:
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
-                coder = partial(encode_adaptively, goal=goal)
-            data = coder(
-                scene, refinement_steps=refinement_steps, device=device, on_progress=on_progress, **of_sender(model)
-            )
-    for doubt in doubts_about(scene, refinement_steps):  # after what refuses views, whose sentence stands alone
-        say(f"warning: {doubt}")
+                coder = partial(encode_to_target, target=target)
+            data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress)
+    for warning in check_input(scene, effort):  # after everything that refuses views, so that an error stands alone
+        say(f"warning: {warning}")
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)

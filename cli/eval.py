@@ -1,4 +1,4 @@
-"""`fecosplat eval`: rate and quality on an evaluation index, from real bytes, beside what a user would take instead."""
+"""`fecosplat eval`: rate and quality of decoded files on an evaluation index, beside alternatives."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -48,8 +48,8 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="What to measure: codec, thorough (16 refinement steps), adaptive, all-gaussians, pruned, ablations (or "
-    "stage-1, no-refinement, no-context, no-feedback), images (compressed photographs), gaussians (splats), floor.",
+    help="What to measure: codec, fast and best (other efforts), pruned, ablations (or "
+    "stage-1, no-context, no-feedback), images (compressed photographs), gaussians (splats), trivial.",
 )
 @model_option
 @click.option("--views", "num_context", type=click.IntRange(min=1), help="Only entries with so many context views.")
@@ -80,12 +80,11 @@ def command(
     for lmbda in lambdas:
         quantise_lambda(lmbda)  # refuses a value outside the range before anything is read
 
-    from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+    from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
 
     names = tuple(group.strip() for group in groups.split(","))
-    weights = model or SHIPPED / DEFAULT_MODEL
-    plan = Plan(root, index, weights, output, names, lambdas, size, num_context, most, with_strips=strips)
+    plan = Plan(root, index, model_folder(model), output, names, lambdas, size, num_context, most, with_strips=strips)
     with progress_bar() as on_progress:
         report = evaluate_to_folder(plan, lambda m, fraction: on_progress(f"{m.entry} {m.system}"[:24], fraction))
     if as_json:

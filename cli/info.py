@@ -4,13 +4,14 @@ from pathlib import Path
 
 import click
 
-from fecocodec.container import Header, Keep, StreamSummary, inspect, num_cells
+from fecocodec.container import Header, StreamSummary, inspect, read_stream_file
 from fecocodec.errors import BitstreamError
 
 from .naming import naming
 from .options import FILE_PATH, json_option
 from .output import print_columns, print_fields, print_json
-from .stream import read_bytes
+
+GIB_OF_PROGRAM, GIB_PER_MEGAPIXEL = 0.4, 0.25  # of memory, measured from 0.1 to 16 megapixels
 
 
 @click.command(
@@ -20,16 +21,16 @@ from .stream import read_bytes
 Examples:
   fecosplat info scene.fcs
   fecosplat info scene.fcs --json
-  fecosplat info --model paper""",
+  fecosplat info --parameters paper""",
 )
 @click.argument("stream", metavar="[FILE.fcs]", required=False, type=FILE_PATH)
 @click.option(
-    "--model",
+    "--parameters",
     "profile",
     type=click.Choice(["compact", "paper"]),
     is_flag=False,
     flag_value="compact",
-    help="Show the parameters of a profile's networks by module and side; compact if none is named.",
+    help="Show the number of parameters of a profile's networks by module and side; compact if none is named.",
 )
 @json_option
 def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
@@ -41,8 +42,8 @@ def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
 
         return print_parameters(profile, as_json)
     if profile is not None or stream is None:
-        raise click.UsageError("Give either a .fcs file or --model.")
-    data = read_bytes(stream)
+        raise click.UsageError("Give either a .fcs file or --parameters.")
+    data = read_stream_file(stream)
     with naming(stream):
         summary = inspect(data)
         if as_json:
@@ -65,7 +66,6 @@ def summary_fields(summary: StreamSummary) -> dict[str, object]:
         "lambda": float(f"{header.lambda_of_stage(2):.4g}"),
         "stage_1_lambda": float(f"{header.lambda_of_stage(1):.4g}"),
         "stages": header.num_stages,
-        "stage_2_views": list(header.stage_2_views),
         "near": summary.near,
         "far": summary.far,
         "bytes": summary.total_bytes,
@@ -82,7 +82,8 @@ def summary_fields(summary: StreamSummary) -> dict[str, object]:
             for section in summary.sections
         ],
         "symbol_digests": [digest.hex() for digest in header.symbol_digests],
-        "keep": _keep_fields(summary),
+        "covered": summary.covered,
+        "decoding": {"pixels": header.num_pixels, "gib": round(decoding_gib(header), 2)},
         "metadata": summary.metadata,
         "damage": summary.damage,
     }
@@ -98,9 +99,10 @@ def print_summary(summary: StreamSummary) -> None:
             ("views", f"{header.num_views} of {header.width}x{header.height}"),
             ("depth", depth),
             ("lambda", _lambda(header)),
-            ("stages", _stages(summary)),
-            *([("Gaussians kept", _kept(summary.keep, num_cells(header)))] if summary.keep else []),
+            ("stages", f"{header.num_stages}"),
+            *([] if summary.covered is None else [("covered", f"{100 * summary.covered:.1f}% of the views")]),
             ("size", f"{summary.total_bytes:,} bytes, {summary.bits_per_pixel:.4f} bits per pixel"),
+            ("decoding", f"{header.num_pixels:,} pixels in all, about {decoding_gib(header):.1f} GiB of memory"),
         ]
     )
     click.echo()
@@ -113,23 +115,6 @@ def _lambda(header: Header) -> str:
     return f"{lmbda}, of stage 1 {header.lambda_of_stage(1):.4g}" if header.first_stage_excess else lmbda
 
 
-def _stages(summary: StreamSummary) -> str:
-    header = summary.header
-    if len(header.stage_2_views) in (0, header.num_views):
-        return f"{header.num_stages}"
-    return f"{header.num_stages}, the second of view{'s' * (len(header.stage_2_views) > 1)} " + ", ".join(
-        map(str, header.stage_2_views)
-    )
-
-
-def _kept(keep: Keep, cells: int) -> str:
-    opacity = f"of opacity {keep.opacity_threshold / 255:.3g} and more"
-    return opacity if keep.cells is None else f"{opacity}, of {keep.num_kept_cells} of {cells} cells"
-
-
-def _keep_fields(summary: StreamSummary) -> dict[str, object] | None:
-    keep = summary.keep
-    if keep is None:
-        return None
-    cells = None if keep.cells is None else num_cells(summary.header)
-    return {"least_opacity": keep.opacity_threshold / 255, "cells": cells, "kept_cells": keep.num_kept_cells}
+def decoding_gib(header: Header) -> float:
+    """Return an estimate of the memory that decoding takes, in GiB."""
+    return GIB_OF_PROGRAM + GIB_PER_MEGAPIXEL * header.num_pixels / 2**20

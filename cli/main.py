@@ -14,6 +14,7 @@ import click
 from fecocodec import FecoError, __version__
 
 from .process import prepare_process
+from .terminal import printable
 
 COMMANDS = ("encode", "decode", "info", "render", "train", "eval", "stress")
 INTERRUPTED = 130
@@ -52,7 +53,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         code = command_line.main(arguments, prog_name="fecosplat", standalone_mode=False)
     except FecoError as error:
-        click.echo(f"fecosplat: {' '.join(str(error).splitlines())}", err=True)  # file names may hold line breaks
+        click.echo(f"fecosplat: {printable(str(error))}", err=True)
         return 1
     except click.ClickException as error:
         error.show()

@@ -1,4 +1,4 @@
-"""Parameters of the networks by module and side, for `fecosplat info --model`."""
+"""Parameters of the networks by module and side, for `fecosplat info --parameters`."""
 
 from fecocodec.sender.parameters import PUBLISHED, ParameterRow, parameter_table
 

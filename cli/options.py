@@ -8,6 +8,8 @@ from typing import TypeVar
 
 import click
 
+from fecocodec.limits import DEFAULT_MAX_PIXELS
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
@@ -47,6 +49,17 @@ def device_option(function: Function) -> Function:
         metavar="NAME",
         callback=_parse_device,
         help="Where networks run: cpu, cuda, or cuda:N.",
+    )(function)
+
+
+def max_pixels_option(function: Function) -> Function:
+    return click.option(
+        "--max-pixels",
+        type=click.IntRange(min=1),
+        default=DEFAULT_MAX_PIXELS,
+        show_default=True,
+        metavar="NUMBER",
+        help="Refuse a .fcs file whose views have more pixels in all; memory is proportional to it.",
     )(function)
 
 

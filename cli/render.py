@@ -6,16 +6,26 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fecocodec.container import read_header, read_stream_file
+
 from .image_files import image_files, write_image_files
 from .naming import naming
-from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
+from .options import (
+    FILE_PATH,
+    device_option,
+    json_option,
+    max_pixels_option,
+    model_option,
+    overwrite_option,
+    parse_size,
+    threads_option,
+)
 from .output import print_json, say
-from .progress import OnProgress, progress_bar
+from .progress import progress_bar
 from .selection import Selection, parse_selection, resolve
-from .stream import read_bytes
 
 if TYPE_CHECKING:
-    from fecocodec import Cameras, Gaussians
+    from fecocodec import Cameras
 
 BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 
@@ -47,6 +57,7 @@ Examples:
 @click.option("--stages", type=click.IntRange(1, 2), help="Decode only the first stage.  [default: all]")
 @click.option("--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True)
 @model_option
+@max_pixels_option
 @device_option
 @threads_option
 @overwrite_option
@@ -60,6 +71,7 @@ def command(
     stages: int | None,
     background: str,
     model: Path | None,
+    max_pixels: int,
     device: str,
     overwrite: bool,
     as_json: bool,
@@ -68,19 +80,39 @@ def command(
 
     PNG holds sRGB colour; EXR holds linear colour and, in channel Z, depth along the optical axis in scene units.
     """
-    if cameras_folder is None and (views or size or scene.suffix.lower() == ".ply"):
+    is_ply = scene.suffix.lower() == ".ply"
+    if cameras_folder is None and (views or size or is_ply):
         raise click.UsageError("A .ply file, --views and --size need --cameras FOLDER.")
-    if scene.suffix.lower() == ".ply" and (stages or model):
+    if is_ply and (stages or model):
         raise click.UsageError("--stages and --model say how a .fcs file is decoded; leave them out for a .ply file.")
     start = perf_counter()
     _require_device(device, scene)
-    cameras, image_size, names = _cameras(scene, cameras_folder, views, size)
+    data = b"" if is_ply else read_stream_file(scene)
+    if cameras_folder is None:
+        with naming(scene):
+            names = tuple(f"{view:02d}" for view in range(read_header(data).header.num_views))
+    else:
+        cameras, image_size, names = _cameras_of_folder(cameras_folder, views, size)
     files = image_files(output, scene.stem, names, overwrite=overwrite)
 
-    from fecocodec import render
+    from fecocodec import decode, read_ply, render
 
     with progress_bar() as on_progress:
-        gaussians = _gaussians(scene, stages, model, device, on_progress)
+        if is_ply:
+            gaussians = read_ply(scene).to(device)
+        else:
+            with naming(scene):
+                decoded = decode(
+                    data,
+                    stages=stages or "all",
+                    device=device,
+                    model=model,
+                    max_pixels=max_pixels,
+                    on_progress=on_progress,
+                )
+            gaussians = decoded.gaussians
+            if cameras_folder is None:
+                cameras, image_size = decoded.cameras, decoded.image_size
         on_progress("rendering", 1.0)
         rendering = render(gaussians, cameras, image_size, BACKGROUNDS[background])
         write_image_files(rendering, files, overwrite=overwrite)
@@ -92,21 +124,14 @@ def command(
         say(f"{output}: {len(files)} {'view' if len(files) == 1 else 'views'} rendered in {seconds:.2f} s")
 
 
-def _cameras(
-    scene: Path, folder: Path | None, selection: Selection | None, size: tuple[int, int] | None
+def _cameras_of_folder(
+    folder: Path, selection: Selection | None, size: tuple[int, int] | None
 ) -> tuple["Cameras", tuple[int, int], tuple[str, ...]]:
-    """Cameras, (height, width), and a name for each view."""
-    if folder is not None:
-        from fecocodec.formats.scene_folder import read_view_cameras
+    """Return the chosen cameras of a folder of photographs, (height, width), and a name for each view."""
+    from fecocodec.formats.scene_folder import read_view_cameras
 
-        cameras, image_size, files = read_view_cameras(folder, views=resolve(folder, selection), size=size)
-        return cameras, image_size, _distinct(tuple(Path(name).stem for name in files))
-    data = read_bytes(scene)
-    from fecocodec.receiver.decode import read_cameras
-
-    with naming(scene):
-        cameras, image_size = read_cameras(data)
-    return cameras, image_size, tuple(f"{view:02d}" for view in range(cameras.num_views))
+    cameras, image_size, files = read_view_cameras(folder, views=resolve(folder, selection), size=size)
+    return cameras, image_size, _distinct(tuple(Path(name).stem for name in files))
 
 
 def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -123,17 +148,3 @@ def _require_device(name: str, scene: Path) -> None:
         require_rendering_device(name)
     else:
         require_device(name)  # for the networks: what they decode is rendered on the CPU
-
-
-def _gaussians(
-    scene: Path, stages: int | None, model: Path | None, device: str, on_progress: OnProgress
-) -> "Gaussians":
-    from fecocodec import decode, read_ply
-
-    from .weights import of_receiver
-
-    if scene.suffix.lower() == ".ply":
-        return read_ply(scene).to(device)
-    data = read_bytes(scene)
-    with naming(scene):
-        return decode(data, num_stages=stages, device=device, on_progress=on_progress, **of_receiver(model))

@@ -1,4 +1,4 @@
-"""`fecosplat stress`: hard cases made from given scenes and a drawn room, and whether the codec bears them."""
+"""`fecosplat stress`: stress cases from given scenes and a drawn room, each with a rule to keep."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "stress",
-    short_help="Put hard cases through the codec and judge them.",
+    short_help="Run stress cases through the codec and check their rules.",
     epilog="""\b
 Examples:
   fecosplat stress scenes/ --index index.json -o results/
@@ -34,23 +34,23 @@ Examples:
 @threads_option
 @json_option
 def command(root: Path, index: Path, output: Path, most: int, lmbda: float, model: Path | None, as_json: bool) -> None:
-    """Make hard cases (dark, blurred, wrong poses, other units, no overlap, mirrors ...) from two-view entries of INDEX
-    and from a drawn room, and compare each with the easy version of the same scene.
+    """Make stress cases (dark, blurred, wrong poses, other units, no overlap, mirrors ...) from two-view entries of
+    INDEX and from a drawn room, and compare each with the reference of the same scene.
 
     Exit code 1 where a rule is broken: a value that is not finite, a crash, a missing warning, a changed unit of length
     or order of views that changes the result.
     """
-    from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+    from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.stress.run import read_pairs, run_suite
     from fecocodec.evaluation.summary import as_tsv
-    from fecocodec.sender.encode import load_profile
+    from fecocodec.sender.codec import load_codec
 
     pairs = read_pairs(root, index, most)
-    profile = load_profile(model or SHIPPED / DEFAULT_MODEL, "cpu")
+    codec = load_codec(model_folder(model), "cpu")
     make_folder(output)
     verdicts = []
     with progress_bar() as on_progress:
-        for verdict, fraction in run_suite(profile, pairs, lmbda):
+        for verdict, fraction in run_suite(codec, pairs, lmbda):
             verdicts.append(verdict)
             on_progress(verdict.case[:24], fraction)
     with write_atomically(output / "stress.tsv", overwrite=True) as temporary:

@@ -2,7 +2,7 @@
 
     views = fecocodec.read_views(Path("photos"))
     data = fecocodec.encode(views, lmbda=1e-3)
-    gaussians = fecocodec.decode(data)
+    decoded = fecocodec.decode(data)  # decoded.gaussians, decoded.cameras, ...
 
 Names are loaded on first use, so that what needs no network (`fecosplat info FILE`) does not wait for torch.
 """
@@ -17,21 +17,20 @@ if TYPE_CHECKING:
     from fecocodec.geometry.cameras import Cameras
     from fecocodec.geometry.gaussians import Gaussians
     from fecocodec.geometry.views import Views
-    from fecocodec.receiver.decode import decode
-    from fecocodec.receiver.partial import decode_intact
+    from fecocodec.receiver.decode import Decoded, decode
     from fecocodec.rendering.rasterizer import Rendering, render
-    from fecocodec.sender.adaptive import AtLambda, AtLeastPsnr, AtMostKib, encode_adaptively
-    from fecocodec.sender.doubts import doubts_about
     from fecocodec.sender.encode import encode
+    from fecocodec.sender.input_warnings import check_input
+    from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "AtLambda",
     "AtLeastPsnr",
     "AtMostKib",
     "BitstreamError",
     "Cameras",
+    "Decoded",
     "FecoError",
     "Gaussians",
     "InputError",
@@ -40,11 +39,10 @@ __all__ = [
     "Rendering",
     "Views",
     "__version__",
+    "check_input",
     "decode",
-    "decode_intact",
-    "doubts_about",
     "encode",
-    "encode_adaptively",
+    "encode_to_target",
     "read_ply",
     "read_views",
     "render",
@@ -52,11 +50,11 @@ __all__ = [
 ]
 
 _MODULE_OF = {
-    "AtLambda": "fecocodec.sender.adaptive",
-    "AtLeastPsnr": "fecocodec.sender.adaptive",
-    "AtMostKib": "fecocodec.sender.adaptive",
+    "AtLeastPsnr": "fecocodec.sender.rate_control",
+    "AtMostKib": "fecocodec.sender.rate_control",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
+    "Decoded": "fecocodec.receiver.decode",
     "FecoError": "fecocodec.errors",
     "Gaussians": "fecocodec.geometry.gaussians",
     "InputError": "fecocodec.errors",
@@ -64,11 +62,10 @@ _MODULE_OF = {
     "OutputError": "fecocodec.errors",
     "Rendering": "fecocodec.rendering.rasterizer",
     "Views": "fecocodec.geometry.views",
+    "check_input": "fecocodec.sender.input_warnings",
     "decode": "fecocodec.receiver.decode",
-    "decode_intact": "fecocodec.receiver.partial",
-    "doubts_about": "fecocodec.sender.doubts",
     "encode": "fecocodec.sender.encode",
-    "encode_adaptively": "fecocodec.sender.adaptive",
+    "encode_to_target": "fecocodec.sender.rate_control",
     "read_ply": "fecocodec.formats.ply",
     "read_views": "fecocodec.formats.scene_folder",
     "render": "fecocodec.rendering.rasterizer",

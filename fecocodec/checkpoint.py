@@ -76,21 +76,27 @@ def read_weights(path: Path) -> Weights:
     return Weights(tensors, config, model_id_of(data))
 
 
-def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
-    """The receiver weights that a stream was made for, in a model's folder or one of several models.
+def model_folder(model: Path | str | None) -> Path:
+    """Return the folder of a model, absolute; None stands for the default shipped model."""
+    return SHIPPED / DEFAULT_MODEL if model is None else Path(model).absolute()
 
-    Raises ModelError where the folder has none of that id, or is none.
+
+def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
+    """Return the receiver's weights file with that id: the one in the folder `model`, or a shipped one for None.
+
+    Raises ModelError where the folder is missing or no receiver there has that id.
     """
+    folder = SHIPPED if model is None else model
     if not folder.is_dir():
-        raise ModelError(f"{folder}: there is no such folder; name the folder of the weights.")
-    candidates = [*folder.glob(RECEIVER_FILE), *sorted(folder.glob(f"*/{RECEIVER_FILE}"))]
+        raise ModelError(f"{folder}: there is no such folder; name the folder of a model.")
+    candidates = sorted(folder.glob(f"*/{RECEIVER_FILE}" if model is None else RECEIVER_FILE))
     for path in candidates:
         if model_id_of(path.read_bytes()) == model_id:
             return path
     known = ", ".join(path.parent.absolute().name for path in candidates) or "none"
     raise ModelError(
         f"the stream needs the receiver weights with model id {model_id.hex()}, but {folder} has {known}; "
-        "install the version of the package that made the file, or name the folder of its weights."
+        "install the version of the package that made the file, or name the folder of its model."
     )
 
 

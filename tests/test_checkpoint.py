@@ -12,7 +12,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, find_receiver, read
 from fecocodec.config import ReceiverConfig
 from fecocodec.errors import ModelError
 from fecocodec.receiver.load import load_receiver, serialise_receiver
-from fecocodec.sender.encode import load_profile
+from fecocodec.sender.codec import load_codec
 from fecocodec.sender.load import load_sender
 from tests.example_scenes import MODEL
 
@@ -46,12 +46,12 @@ def test_floats_that_fp16_cannot_hold_are_refused(value: float) -> None:
 def test_a_receiver_written_again_is_the_same_file(model: Path) -> None:
     receiver, model_id = load_receiver(model / RECEIVER_FILE)
     assert serialise_receiver(receiver) == (model / RECEIVER_FILE).read_bytes()
-    assert find_receiver(model_id, model.parent) == model / RECEIVER_FILE
+    assert find_receiver(model_id, model) == model / RECEIVER_FILE
 
 
 def test_an_unknown_model_id_is_named_with_the_place_and_the_models_there(model: Path) -> None:
-    with pytest.raises(ModelError, match=f"model id {b'unknown!'.hex()}, but {model.parent} has {MODEL}; install"):
-        find_receiver(b"unknown!", model.parent)
+    with pytest.raises(ModelError, match=f"model id {b'unknown!'.hex()}, but {model} has {MODEL}; install"):
+        find_receiver(b"unknown!", model)
     empty = model.parent / "empty"
     with pytest.raises(ModelError, match="nowhere: there is no such folder"):
         find_receiver(b"unknown!", model.parent / "nowhere")
@@ -123,4 +123,4 @@ def test_a_sender_of_another_receiver_is_refused(random_weights: Path, tmp_path:
     receiver.update.initial_state += 1.0
     (folder / RECEIVER_FILE).write_bytes(serialise_receiver(receiver))
     with pytest.raises(ModelError, match=r"sender\.safetensors: this sender was made for the receiver"):
-        load_profile(folder, "cpu")
+        load_codec(folder, "cpu")

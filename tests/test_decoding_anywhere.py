@@ -35,11 +35,12 @@ import torch
 from fecocodec.receiver.decode import decode
 from fecocodec.sender.encode import encode
 from tests.example_scenes import example_views
-data = encode(example_views(2, 96, 64), lmbda=1e-4, num_stages=1, model=model, weights=Path(weights))
+data = encode(example_views(2, 96, 64), lmbda=1e-4, num_stages=1, model=Path(weights, model))
 (Path(folder) / f"{name}.fcs").write_bytes(data)
 print("written", flush=True)
 sys.stdin.readline()
-decoded = {path.stem: decode(path.read_bytes(), weights=Path(weights)).fields() for path in Path(folder).glob("*.fcs")}
+streams = {path.stem: path.read_bytes() for path in Path(folder).glob("*.fcs")}
+decoded = {of: decode(data, model=Path(weights, model)).gaussians.fields() for of, data in streams.items()}
 torch.save(decoded, Path(folder) / f"{name}.pt")
 """
 
@@ -48,7 +49,7 @@ torch.save(decoded, Path(folder) / f"{name}.pt")
 def decoded(random_weights: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Gaussians]]:
     """For every machine, what it decoded of every machine's stream, and of one with both stages that was made here."""
     folder = tmp_path_factory.mktemp("machines")
-    both_stages = encode(example_views(2, 96, 64), lmbda=1e-4, model=MODEL, weights=random_weights)
+    both_stages = encode(example_views(2, 96, 64), lmbda=1e-4, model=random_weights / MODEL)
     (folder / f"{HERE}.fcs").write_bytes(both_stages)
     children = {
         name: subprocess.Popen(

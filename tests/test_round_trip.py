@@ -10,13 +10,15 @@ import pytest
 import torch
 
 from fecocodec.checkpoint import SENDER_FILE
+from fecocodec.coding.coverage_cells import cells_to_bits
 from fecocodec.container import Stream, list_sections, read_prefix, read_stream, write_stream
 from fecocodec.errors import BitstreamError, InputError, ModelError
+from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode, read_cameras
+from fecocodec.receiver.decode import decode
 from fecocodec.sender.encode import encode
-from fecocodec.sender.refinement import steps_of_first
+from fecocodec.sender.optimisation_config import DEFAULT, steps_of_first
 from tests.example_scenes import MODEL, example_views
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,7 +28,7 @@ import json, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from fecocodec.receiver.decode import decode
-gaussians = decode(Path(sys.argv[2]).read_bytes(), weights=Path(sys.argv[3]))
+gaussians = decode(Path(sys.argv[2]).read_bytes(), model=Path(sys.argv[3])).gaussians
 print(json.dumps([gaussians.count, sorted(name for name in sys.modules if name.startswith("fecocodec."))]))
 """
 
@@ -38,7 +40,7 @@ def views() -> Views:
 
 @pytest.fixture(scope="module")
 def data(views: Views, random_weights: Path) -> bytes:
-    return encode(views, lmbda=1e-4, model=MODEL, weights=random_weights)
+    return encode(views, lmbda=1e-4, model=random_weights / MODEL)
 
 
 def assert_equal(one: Gaussians, other: Gaussians) -> None:
@@ -61,15 +63,16 @@ def test_every_visible_cell_becomes_a_gaussian(
     random_weights: Path, num_views: int, height: int, width: int, lmbda: float
 ) -> None:
     views = example_views(num_views, height, width)
-    data = encode(views, lmbda=lmbda, model=MODEL, weights=random_weights)
-    gaussians = decode(data, weights=random_weights)
-    assert gaussians.count == num_views * ((height + 1) // 2) * ((width + 1) // 2)
+    data = encode(views, lmbda=lmbda, model=random_weights / MODEL)
+    decoded = decode(data, model=random_weights / MODEL)
+    gaussians = decoded.gaussians
+    grid_height, grid_width = grid_size(height, width)
+    assert gaussians.count == num_views * grid_height * grid_width // 4
     assert all(bool(field.isfinite().all()) for field in gaussians.fields())
     header = read_stream(data).header
     assert (header.num_views, header.height, header.width) == (num_views, height, width)
-    cameras, size = read_cameras(data)
-    assert size == (height, width)
-    torch.testing.assert_close(cameras.extrinsics, views.cameras.extrinsics, atol=1e-6, rtol=0)
+    assert (decoded.stages, decoded.damage, decoded.image_size) == (2, None, (height, width))
+    torch.testing.assert_close(decoded.cameras.extrinsics, views.cameras.extrinsics, atol=1e-6, rtol=0)
 
 
 def test_the_latents_are_not_trivial(data: bytes) -> None:
@@ -77,22 +80,23 @@ def test_the_latents_are_not_trivial(data: bytes) -> None:
 
 
 def test_encoding_and_decoding_again_give_the_same(data: bytes, views: Views, random_weights: Path) -> None:
-    assert encode(views, lmbda=1e-4, model=MODEL, weights=random_weights) == data
-    assert_equal(decode(data, weights=random_weights), decode(data, weights=random_weights))
+    assert encode(views, lmbda=1e-4, model=random_weights / MODEL) == data
+    assert_equal(
+        decode(data, model=random_weights / MODEL).gaussians, decode(data, model=random_weights / MODEL).gaussians
+    )
 
 
 def test_gaussians_lie_in_the_world_near_the_pixels_they_stand_for(
     data: bytes, views: Views, random_weights: Path
 ) -> None:
     cameras, size = views.cameras, 32
-    means = decode(data, weights=random_weights).means.view(2, size, size, 3)
-    to_camera = cameras.world_to_camera[:, None, None]
-    seen = (to_camera[..., :3, :3] @ means[..., None])[..., 0] + to_camera[..., :3, 3]
-    position = (cameras.intrinsics_px(size, size)[:, None, None] @ (seen / seen[..., 2:])[..., None])[..., 0]
+    means = decode(data, model=random_weights / MODEL).gaussians.means.view(2, size, size, 3)
     row, column = torch.meshgrid(torch.arange(size) + 0.5, torch.arange(size) + 0.5, indexing="ij")
-    assert float((position[..., :2] - torch.stack((column, row), dim=-1)).abs().max()) < 1.01
-    assert float(seen[..., 2].min()) > 0.8 * float(cameras.near)
-    assert float(seen[..., 2].max()) < 2.02 * float(cameras.far)
+    for view in range(2):
+        uv, depth, _ = (field[0] for field in cameras.select([view]).project(means[view]))
+        assert float((size * uv - torch.stack((column, row), dim=-1)).abs().max()) < 1.01
+        assert float(depth.min()) > 0.8 * float(cameras.near)
+        assert float(depth.max()) < 2.02 * float(cameras.far)
 
 
 @pytest.mark.parametrize("exponent", [-10, 7])
@@ -104,9 +108,12 @@ def test_the_unit_of_length_changes_the_cameras_and_no_payload(
     extrinsics[:, :3, 3] *= unit
     near, far = views.cameras.near * unit, views.cameras.far * unit
     scaled = replace(views, cameras=replace(views.cameras, extrinsics=extrinsics, near=near, far=far))
-    other = encode(scaled, lmbda=1e-4, model=MODEL, weights=random_weights)
+    other = encode(scaled, lmbda=1e-4, model=random_weights / MODEL)
     assert read_stream(other).payloads == read_stream(data).payloads
-    small, large = decode(data, weights=random_weights), decode(other, weights=random_weights)
+    small, large = (
+        decode(data, model=random_weights / MODEL).gaussians,
+        decode(other, model=random_weights / MODEL).gaussians,
+    )
     torch.testing.assert_close(large.means, small.means * unit, atol=1e-5 * unit, rtol=1e-5)
     torch.testing.assert_close(large.scales, small.scales * unit)
     assert torch.equal(large.harmonics, small.harmonics)
@@ -114,33 +121,36 @@ def test_the_unit_of_length_changes_the_cameras_and_no_payload(
 
 def test_one_stage_of_two_is_what_a_file_cut_after_it_gives(data: bytes, random_weights: Path) -> None:
     end_of_b1 = next(section.offset for section in list_sections(data) if section.name == "B2")
-    preview = decode(data, num_stages=1, weights=random_weights)
-    assert_equal(decode(data[:end_of_b1], num_stages=1, weights=random_weights), preview)
-    whole = decode(data, weights=random_weights)
+    preview = decode(data, stages=1, model=random_weights / MODEL).gaussians
+    assert_equal(decode(data[:end_of_b1], stages=1, model=random_weights / MODEL).gaussians, preview)
+    whole = decode(data, model=random_weights / MODEL).gaussians
     assert not torch.equal(preview.harmonics, whole.harmonics)
     with pytest.raises(BitstreamError):
-        decode(data[:end_of_b1], weights=random_weights)
+        decode(data[:end_of_b1], model=random_weights / MODEL)
 
 
 def test_colours_may_be_had_that_are_the_same_from_everywhere(data: bytes, random_weights: Path) -> None:
-    leaning, plain = (decode(data, sh_degree=degree, weights=random_weights) for degree in (1, 0))
+    leaning, plain = (decode(data, sh_degree=degree, model=random_weights / MODEL).gaussians for degree in (1, 0))
     assert (leaning.harmonics.shape[1], plain.harmonics.shape[1]) == (4, 1)
     assert leaning.harmonics[:, 1:].abs().max() > 0
     assert_equal(replace(leaning, harmonics=plain.harmonics), plain)
     with pytest.raises(InputError, match="degree 2"):
-        decode(data, sh_degree=2, weights=random_weights)
+        decode(data, sh_degree=2, model=random_weights / MODEL)
 
 
 def test_a_stream_of_one_stage_equals_the_first_of_two_at_its_lambda(views: Views, random_weights: Path) -> None:
-    """Where it takes as many steps of refinement."""
-    both = encode(views, lmbda=1e-4, refinement_steps=4, model=MODEL, weights=random_weights)
-    lmbda, steps = read_stream(both).header.lambda_of_stage(1), steps_of_first(4)
+    """Where its latents are optimised in as many steps."""
+    both = encode(views, lmbda=1e-4, effort=DEFAULT.with_steps(4), model=random_weights / MODEL)
+    lmbda, effort = read_stream(both).header.lambda_of_stage(1), DEFAULT.with_steps(steps_of_first(4))
     assert lmbda == pytest.approx(6e-4, rel=0.01)
-    single = encode(views, lmbda=lmbda, num_stages=1, refinement_steps=steps, model=MODEL, weights=random_weights)
+    single = encode(views, lmbda=lmbda, num_stages=1, effort=effort, model=random_weights / MODEL)
     assert read_stream(single).payloads == read_prefix(both, 1).payloads
-    assert_equal(decode(single, weights=random_weights), decode(both, num_stages=1, weights=random_weights))
+    assert_equal(
+        decode(single, model=random_weights / MODEL).gaussians,
+        decode(both, stages=1, model=random_weights / MODEL).gaussians,
+    )
     with pytest.raises(InputError, match="the stream has 1"):
-        decode(single, num_stages=2, weights=random_weights)
+        decode(single, stages=2, model=random_weights / MODEL)
 
 
 def test_a_flipped_bit_anywhere_is_an_error(data: bytes, random_weights: Path) -> None:
@@ -148,7 +158,7 @@ def test_a_flipped_bit_anywhere_is_an_error(data: bytes, random_weights: Path) -
         damaged = bytearray(data)
         damaged[position] ^= 1 << position % 8
         with pytest.raises((BitstreamError, ModelError)):
-            decode(bytes(damaged), weights=random_weights)
+            decode(bytes(damaged), model=random_weights / MODEL)
 
 
 @pytest.mark.parametrize("stage", [0, 1])
@@ -161,21 +171,36 @@ def test_a_damaged_payload_with_a_right_crc_is_an_error_too(
     payloads[stage][int(share * len(payloads[stage]))] ^= 0x10
     resealed = write_stream(Stream(stream.header, stream.cameras, tuple(bytes(payload) for payload in payloads)))
     with pytest.raises(BitstreamError):
-        decode(resealed, weights=random_weights)
+        decode(resealed, model=random_weights / MODEL)
 
 
 def test_decoded_gaussians_can_be_refined(data: bytes, random_weights: Path) -> None:
-    colours = decode(data, weights=random_weights).harmonics.requires_grad_()
+    colours = decode(data, model=random_weights / MODEL).gaussians.harmonics.requires_grad_()
     colours.square().sum().backward()
     assert colours.grad is not None and torch.equal(colours.grad, 2 * colours.detach())
 
 
+def test_gaussians_of_cells_that_are_not_covered_are_dropped(data: bytes, random_weights: Path) -> None:
+    stream, everything = read_stream(data), decode(data, model=random_weights / MODEL).gaussians
+    cells = torch.rand(2, 16, 16, generator=torch.Generator().manual_seed(0)) < 0.3
+    covered = write_stream(replace(stream, coverage=cells_to_bits(cells)))
+    assert read_prefix(covered, 1).coverage == cells_to_bits(cells)
+    kept = cells.repeat_interleave(2, dim=1).repeat_interleave(2, dim=2).flatten()
+    assert_equal(decode(covered, model=random_weights / MODEL).gaussians, everything.keep(kept))
+
+
+def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path) -> None:
+    with pytest.raises(InputError, match="8192 pixels in all, more than the 8191 that are allowed"):
+        decode(data, model=random_weights / MODEL, max_pixels=8191)
+    assert decode(data, model=random_weights / MODEL, max_pixels=8192).stages == 2
+
+
 def test_progress_moves_forward(views: Views, random_weights: Path) -> None:
     told: list[float] = []
-    data = encode(views, model=MODEL, weights=random_weights, on_progress=lambda _task, share: told.append(share))
+    data = encode(views, model=random_weights / MODEL, on_progress=lambda _task, share: told.append(share))
     assert told == sorted(told) and told[0] >= 0 and told[-1] <= 1
     told.clear()
-    decode(data, weights=random_weights, on_progress=lambda _task, share: told.append(share))
+    decode(data, model=random_weights / MODEL, on_progress=lambda _task, share: told.append(share))
     assert told == sorted(told) and len(told) == 3
 
 
@@ -186,7 +211,7 @@ def test_decoding_needs_nothing_of_the_sender(data: bytes, random_weights: Path,
         if file.name != SENDER_FILE:
             (model / file.name).write_bytes(file.read_bytes())
     (tmp_path / "scene.fcs").write_bytes(data)
-    arguments = [str(ROOT), str(tmp_path / "scene.fcs"), str(model.parent)]
+    arguments = [str(ROOT), str(tmp_path / "scene.fcs"), str(model)]
     child = subprocess.run([sys.executable, "-c", CHILD, *arguments], capture_output=True, text=True, check=True)
     count, modules = json.loads(child.stdout)
     assert count == 2 * 32 * 32

@@ -1,10 +1,10 @@
 """The `.fcs` container: bytes to fields and back, without numpy or torch. The format is `bitstream_spec/FORMAT.md`."""
 
 from fecocodec.container.cameras import PackedCameras
+from fecocodec.container.coverage import coverage_grid
 from fecocodec.container.header import CURRENT_VERSION, EXCESS_UNIT, FormatVersion, Header
-from fecocodec.container.header_bytes import SIGNATURE
+from fecocodec.container.header_bytes import SIGNATURE, read_header
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
-from fecocodec.container.keep import Keep, cell_grid, num_cells
 from fecocodec.container.lagrangian import (
     LAMBDA_MAX,
     LAMBDA_MIN,
@@ -21,6 +21,7 @@ from fecocodec.container.stream import (
     read_stream,
     write_stream,
 )
+from fecocodec.container.stream_file import read_stream_file
 
 __all__ = [
     "CURRENT_VERSION",
@@ -33,19 +34,19 @@ __all__ = [
     "FormatVersion",
     "Header",
     "IntactPart",
-    "Keep",
     "PackedCameras",
     "SectionSummary",
     "Stream",
     "StreamSummary",
-    "cell_grid",
+    "coverage_grid",
     "dequantise_lambda",
     "inspect",
     "list_sections",
-    "num_cells",
     "quantise_lambda",
+    "read_header",
     "read_intact",
     "read_prefix",
     "read_stream",
+    "read_stream_file",
     "write_stream",
 ]

@@ -1,4 +1,7 @@
-"""What cameras must be to be stored in a stream, and to be believed when read from one (FORMAT.md, section 6.3)."""
+"""The rules for cameras of a stream, checked when writing and when reading (FORMAT.md, section 6.3).
+
+Within these bounds float32 arithmetic of decoding stays finite.
+"""
 
 import math
 import struct
@@ -8,10 +11,12 @@ from fecocodec.container.cameras import PackedCameras
 from fecocodec.errors import BitstreamError
 
 ORTHONORMAL_TOLERANCE = 1e-3  # on every element of R R^T - I
-MAX_LENGTH = 2.0**60  # of near, far and translations: their squares stay finite in float32
-MIN_NEAR = 2.0**-60
-MIN_FOCAL, MAX_FOCAL = 2.0**-10, 2.0**10  # in image widths or heights
-MAX_CENTRE = 2.0**10
+MIN_NEAR, MAX_NEAR = 2.0**-40, 2.0**40
+MIN_DEPTH_RATIO, MAX_DEPTH_RATIO = 1.0 + 2.0**-9, 2.0**14  # far / near
+MAX_COORDINATE = 2.0**60  # of a camera centre
+MAX_DISTANCE = 2.0**14  # of a camera centre from the mean centre, each coordinate, in units of near
+MIN_FOCAL, MAX_FOCAL = 2.0**-6, 2.0**8  # in image widths or heights
+MAX_PRINCIPAL_POINT = 2.0**8
 
 _COMPONENTS = ("r00", "r01", "r02", "tx", "r10", "r11", "r12", "ty", "r20", "r21", "r22", "tz", "fx", "fy", "cx", "cy")
 
@@ -29,18 +34,33 @@ def _problems(cameras: PackedCameras) -> Iterator[str]:
     for number, (extrinsics, intrinsics) in enumerate(zip(cameras.extrinsics, cameras.intrinsics, strict=False), 1):
         for problem in _view_problems(extrinsics, intrinsics):
             yield f"camera {number} of {cameras.num_views}: {problem}"
+    yield from _distance_problems(cameras)
+
+
+def _distance_problems(cameras: PackedCameras) -> Iterator[str]:
+    """Check centres against the mean centre, in binary64 as in FORMAT.md, section 6.4."""
+    centres = [pose[3::4] for pose in cameras.extrinsics]
+    origin = [sum(coordinates) / len(centres) for coordinates in zip(*centres, strict=True)]
+    for number, centre in enumerate(centres, 1):
+        farthest = max(abs(value - mean) for value, mean in zip(centre, origin, strict=True))
+        if farthest > MAX_DISTANCE * cameras.near:
+            yield (
+                f"camera {number} of {cameras.num_views}: its position is more than 16384 near from the mean position; "
+                "correct near or the poses and encode again."
+            )
 
 
 def _depth_problems(near: float, far: float) -> Iterator[str]:
     for name, value in (("near", near), ("far", far)):
         if not _is_finite_float32(value):
             yield f"{name} is {value}, it must be a finite float32 value; correct the depth range and encode again."
-    if not near < far:
-        yield f"near is {near} and far is {far}, near must be less than far; correct the depth range and encode again."
-    if near < MIN_NEAR:
-        yield f"near is {near}, it must be positive (at least 2^-60); correct the depth range and encode again."
-    if far > MAX_LENGTH:
-        yield f"far is {far}, it must be at most 2^60; correct the depth range and encode again."
+    if not MIN_NEAR <= near <= MAX_NEAR:
+        yield f"near is {near}, it must be 2^-40 to 2^40; choose another unit of length and encode again."
+    if not near * MIN_DEPTH_RATIO <= far <= near * MAX_DEPTH_RATIO:
+        yield (
+            f"near is {near} and far is {far}, far must be 1.002 to 16384 times near; correct the depth range and "
+            "encode again."
+        )
 
 
 def _view_problems(extrinsics: tuple[float, ...], intrinsics: tuple[float, ...]) -> Iterator[str]:
@@ -52,10 +72,10 @@ def _view_problems(extrinsics: tuple[float, ...], intrinsics: tuple[float, ...])
     yield from _pose_problems(extrinsics)
     for name, focal in zip(("fx", "fy"), intrinsics[:2], strict=True):
         if not MIN_FOCAL <= focal <= MAX_FOCAL:
-            yield f"focal length {name} is {focal} image sides, it must be 2^-10 to 2^10; correct it and encode again."
+            yield f"focal length {name} is {focal} image sides, it must be 2^-6 to 2^8; correct it and encode again."
     for name, centre in zip(("cx", "cy"), intrinsics[2:], strict=True):
-        if abs(centre) > MAX_CENTRE:
-            yield f"principal point {name} is {centre} image sides, at most 2^10 may be; correct it and encode again."
+        if abs(centre) > MAX_PRINCIPAL_POINT:
+            yield f"principal point {name} is {centre} image sides, at most 2^8 may be; correct it and encode again."
 
 
 def _pose_problems(pose: tuple[float, ...]) -> Iterator[str]:
@@ -64,7 +84,7 @@ def _pose_problems(pose: tuple[float, ...]) -> Iterator[str]:
         yield "its rotation is not orthonormal within 0.001; give a rigid pose without scale and encode again."
     if _determinant(rows) < 0.0:
         yield "its pose is mirrored (determinant below 0); give OpenCV camera-to-world poses and encode again."
-    if max(abs(value) for value in pose[3::4]) > MAX_LENGTH:
+    if max(abs(value) for value in pose[3::4]) > MAX_COORDINATE:
         yield "its position is more than 2^60 from the origin; choose another unit of length and encode again."
 
 

@@ -6,16 +6,12 @@ from typing import NamedTuple
 
 from fecocodec.container.lagrangian import LAMBDA_MIN, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import BitstreamError
+from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE, grid_side
 
 MODEL_ID_BYTES = 8
 DIGEST_BYTES = 8
-MAX_VIEWS = 16
-MAX_STAGES = 2
 MAX_SECTIONS = 16
-MIN_SIDE, MAX_SIDE = 16, 4096
 EXCESS_UNIT = 2  # of lambda_q: one byte reaches a factor of 7.3 in lambda
-PADDING = 32  # the networks see sides rounded up to a multiple of this
-MAX_PADDED_PIXELS = 1 << 24  # over all views: sixteen of 1024x1024
 
 
 class FormatVersion(NamedTuple):
@@ -25,18 +21,16 @@ class FormatVersion(NamedTuple):
     minor: int
 
 
-CURRENT_VERSION = FormatVersion(1, 0)
+CURRENT_VERSION = FormatVersion(2, 0)
 
 
 @dataclass(frozen=True)
 class Header:
     """What a reader must know before it reads a section.
 
-    model_id: first 8 bytes of the SHA-256 of the receiver's weights. height, width: of every view, in pixels, before
-    padding. lambda_q: see `quantise_lambda`; before a stage 2, stage 1 is coded at lambda_q + 2 first_stage_excess.
+    model_id: first 8 bytes of the SHA-256 of the receiver's weights. height, width: of every view, in pixels.
+    lambda_q: see `quantise_lambda`; before a stage 2, stage 1 is coded at lambda_q + 2 first_stage_excess.
     symbol_digests: 8 bytes for each stage, over its decoded symbols.
-    stage_2_views: the views that stage 2 codes, numbered from 0, ascending; the others keep what stage 1 gave them.
-    Empty where there is only one stage.
     """
 
     model_id: bytes
@@ -45,7 +39,6 @@ class Header:
     width: int
     lambda_q: int
     symbol_digests: tuple[bytes, ...]
-    stage_2_views: tuple[int, ...]
     first_stage_excess: int = 0
     version: FormatVersion = CURRENT_VERSION
 
@@ -53,9 +46,16 @@ class Header:
     def num_stages(self) -> int:
         return len(self.symbol_digests)
 
-    def views_of_stage(self, stage: int) -> tuple[int, ...]:
-        """The views that stage 1 or 2 codes, numbered from 0."""
-        return tuple(range(self.num_views)) if stage == 1 else self.stage_2_views
+    @property
+    def grid_size(self) -> tuple[int, int]:
+        """(height, width) of the coding grid in pixels."""
+        return grid_side(self.height), grid_side(self.width)
+
+    @property
+    def num_pixels(self) -> int:
+        """Pixels of the coding grids of all views: what memory and time of decoding are proportional to."""
+        height, width = self.grid_size
+        return self.num_views * height * width
 
     def lambda_q_of_stage(self, stage: int) -> int:
         """What the networks of stage 1 or 2 are conditioned on."""
@@ -64,11 +64,6 @@ class Header:
     def lambda_of_stage(self, stage: int) -> float:
         """The price of a bit in stage 1 or 2; of stage 1 it may lie above the range that `encode` takes."""
         return LAMBDA_MIN * math.exp(self.lambda_q_of_stage(stage) / STEPS_PER_E)
-
-
-def padded_pixels(num_views: int, height: int, width: int) -> int:
-    """Pixels of all views after each side is rounded up to a multiple of 32: what the receiver's memory grows with."""
-    return num_views * (-height % PADDING + height) * (-width % PADDING + width)
 
 
 def check_header(header: Header, num_sections: int) -> None:
@@ -88,16 +83,9 @@ def check_header(header: Header, num_sections: int) -> None:
                 f"header at byte {offset}: the {name} is {value}, allowed are {lowest} to {highest}; "
                 "encode the scene again within these limits."
             )
-    pixels = padded_pixels(header.num_views, header.height, header.width)
-    if pixels > MAX_PADDED_PIXELS:
-        raise BitstreamError(
-            f"header at byte 18: the views have {pixels} pixels after padding, "
-            f"at most {MAX_PADDED_PIXELS} are allowed; encode fewer or smaller views."
-        )
-    _check_stage_2_views(header)
     _check_field_size(10, "model id", header.model_id, MODEL_ID_BYTES)
     for digest in header.symbol_digests:
-        _check_field_size(30, "symbol digest", digest, DIGEST_BYTES)
+        _check_field_size(28, "symbol digest", digest, DIGEST_BYTES)
 
 
 def check_version(version: FormatVersion) -> None:
@@ -109,8 +97,8 @@ def check_version(version: FormatVersion) -> None:
         )
     if version.major < CURRENT_VERSION.major or not 0 <= version.minor <= 255:
         raise BitstreamError(
-            f"header at byte 8: there is no format version {version.major}.{version.minor}; "
-            "the file is damaged, copy or encode it again."
+            f"header at byte 8: format version {version.major}.{version.minor} was never released, this program reads "
+            f"{CURRENT_VERSION.major}.x; encode the photographs again."
         )
 
 
@@ -120,20 +108,6 @@ def check_stages(num_stages: int) -> None:
         raise BitstreamError(
             f"header at byte 19: the number of stages is {num_stages}, allowed are 1 to {MAX_STAGES}; "
             "the file is damaged, copy or encode it again."
-        )
-
-
-def _check_stage_2_views(header: Header) -> None:
-    views = header.stage_2_views
-    if list(views) != [view for view in range(header.num_views) if view in views]:
-        raise BitstreamError(
-            f"header at byte 28: stage 2 codes the views {list(views)} of {header.num_views}, they must be distinct, "
-            "ascending and among those there are; the program that wrote it is at fault, encode the scene again."
-        )
-    if (len(views) > 0) != (header.num_stages == 2):
-        raise BitstreamError(
-            f"header at byte 28: stage 2 codes {len(views)} views in a stream of {header.num_stages} stages, it must "
-            "code some exactly if there is one; the program that wrote it is at fault, encode the scene again."
         )
 
 

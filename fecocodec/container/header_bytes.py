@@ -16,7 +16,7 @@ from fecocodec.errors import BitstreamError
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
 
-_FIXED = struct.Struct("<8sBB8sBBHHHBBH")
+_FIXED = struct.Struct("<8sBB8sBBHHHBB")
 _CRC = struct.Struct("<I")
 
 
@@ -42,7 +42,6 @@ def write_header(header: Header, num_sections: int) -> bytes:
         header.lambda_q,
         num_sections,
         header.first_stage_excess,
-        sum(1 << view for view in header.stage_2_views),
     )
     content = fixed + b"".join(header.symbol_digests)
     return content + _CRC.pack(zlib.crc32(content))
@@ -54,18 +53,15 @@ def read_header(data: bytes) -> ParsedHeader:
     if len(data) >= len(SIGNATURE) + 2:
         check_version(FormatVersion(data[8], data[9]))
     _check_length(data, _FIXED.size)
-    _, major, minor, model_id, views, stages, height, width, lambda_q, num_sections, excess, mask = _FIXED.unpack_from(
-        data
-    )
+    _, major, minor, model_id, views, stages, height, width, lambda_q, num_sections, excess = _FIXED.unpack_from(data)
     check_stages(stages)
     digests_end = _FIXED.size + DIGEST_BYTES * stages
     end = digests_end + _CRC.size
     _check_length(data, end)
     _check_crc(data, digests_end)
     digests = tuple(data[start : start + DIGEST_BYTES] for start in range(_FIXED.size, digests_end, DIGEST_BYTES))
-    stage_2_views = tuple(view for view in range(16) if mask >> view & 1)
     version = FormatVersion(major, minor)
-    header = Header(model_id, views, height, width, lambda_q, digests, stage_2_views, excess, version)
+    header = Header(model_id, views, height, width, lambda_q, digests, excess, version)
     check_header(header, num_sections)
     return ParsedHeader(header, num_sections, end)
 

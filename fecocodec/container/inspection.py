@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 from fecocodec.container.cameras import PackedCameras
+from fecocodec.container.coverage import coverage_grid
 from fecocodec.container.header import Header
 from fecocodec.container.header_bytes import read_header
-from fecocodec.container.keep import Keep
 from fecocodec.container.metadata import Metadata
 from fecocodec.container.sections import SECTION_OVERHEAD, read_payload, read_section_head
-from fecocodec.container.stream import read_packed_cameras, read_stream
+from fecocodec.container.stream import Stream, read_packed_cameras, read_stream
 from fecocodec.errors import BitstreamError
 
 
@@ -33,7 +33,9 @@ class StreamSummary:
 
     header_bytes: header alone. overhead_bytes: header and the heads of all sections found. bits_per_pixel: of all
     views. damage: None for a stream that keeps every rule, else the sentence that says which rule it breaks.
-    near, far, keep and metadata are None where damage hides them (the latter two also where there is none).
+    covered: share of the cells that the coverage section marks as covered, in [0, 1].
+    near, far, covered and metadata are None where damage hides them (the latter two also where there is no such
+    section).
     """
 
     header: Header
@@ -44,7 +46,7 @@ class StreamSummary:
     sections: tuple[SectionSummary, ...]
     near: float | None
     far: float | None
-    keep: Keep | None
+    covered: float | None
     metadata: Metadata | None
     damage: str | None
 
@@ -68,7 +70,7 @@ def inspect(data: bytes) -> StreamSummary:
         sections=sections,
         near=cameras.near if cameras else None,
         far=cameras.far if cameras else None,
-        keep=stream.keep if stream else None,
+        covered=_covered(stream) if stream else None,
         metadata=stream.metadata if stream else None,
         damage=damage,
     )
@@ -90,6 +92,13 @@ def list_sections(data: bytes) -> tuple[SectionSummary, ...]:
         sections.append(SectionSummary(head.name, offset, head.length, _is_intact(data, offset)))
         offset = head.end
     return tuple(sections)
+
+
+def _covered(stream: Stream) -> float | None:
+    if stream.coverage is None:
+        return None
+    views, rows, columns = coverage_grid(stream.header)
+    return int.from_bytes(stream.coverage, "big").bit_count() / (views * rows * columns)
 
 
 def _intact_cameras(data: bytes) -> PackedCameras | None:

@@ -21,24 +21,24 @@ class SectionKind(IntEnum):
     """Kinds this version knows; sections stand in ascending order of the kind without its critical bit."""
 
     CAMERAS = CRITICAL | 0x10
+    COVERAGE = CRITICAL | 0x18
     STAGE_1 = CRITICAL | 0x20
     STAGE_2 = CRITICAL | 0x30
-    KEEP = 0x38
     METADATA = 0x40
 
 
 STAGE_KINDS = (SectionKind.STAGE_1, SectionKind.STAGE_2)
 _NAMES: dict[int, str] = {
     SectionKind.CAMERAS: "cameras",
+    SectionKind.COVERAGE: "coverage",
     SectionKind.STAGE_1: "B1",
     SectionKind.STAGE_2: "B2",
-    SectionKind.KEEP: "keep",
     SectionKind.METADATA: "metadata",
 }
 KNOWN_KINDS = frozenset(SectionKind)
 _MAX_PAYLOADS: dict[int, int] = {
     SectionKind.CAMERAS: 1 << 11,
-    SectionKind.KEEP: 1 << 16,
+    SectionKind.COVERAGE: 1 << 18,
     SectionKind.METADATA: 1 << 16,
 }
 

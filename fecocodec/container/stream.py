@@ -1,4 +1,4 @@
-"""A whole `.fcs` stream: header, cameras, one payload per stage, what to keep, metadata (FORMAT.md, section 3)."""
+"""A whole `.fcs` stream: header, cameras, coverage, one payload per stage, metadata (FORMAT.md, section 3)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from fecocodec.container.camera_rules import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
+from fecocodec.container.coverage import pack_coverage, unpack_coverage
 from fecocodec.container.header import MAX_SECTIONS, Header
 from fecocodec.container.header_bytes import ParsedHeader, read_header, write_header
-from fecocodec.container.keep import Keep, pack_keep, unpack_keep
 from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadata
 from fecocodec.container.sections import (
     KNOWN_KINDS,
@@ -34,15 +34,16 @@ _BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 class Stream:
     """The fields of a stream.
 
-    payloads: B1 and B2; fewer than `header.num_stages` after reading a prefix. keep, metadata: None where there is
-    none, and always after reading a prefix.
+    payloads: B1 and B2; fewer than `header.num_stages` after reading a prefix. metadata: None where there is none, and
+    always after reading a prefix. coverage: one bit for each cell of 4x4 pixels of the views' coding grids, see
+    `coverage_grid` and `pack_coverage`; Gaussians of cells with bit 0 are dropped. None: all cells are covered.
     """
 
     header: Header
     cameras: PackedCameras
     payloads: tuple[bytes, ...]
     metadata: Metadata | None = None
-    keep: Keep | None = None
+    coverage: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,9 @@ def write_stream(stream: Stream) -> bytes:
         )
     check_cameras(cameras, "section cameras")
     sections = [section_bytes(SectionKind.CAMERAS, pack_cameras(cameras))]
+    if stream.coverage is not None:
+        sections.append(section_bytes(SectionKind.COVERAGE, pack_coverage(stream.coverage, header)))
     sections += [section_bytes(kind, payload) for kind, payload in zip(STAGE_KINDS, stream.payloads, strict=False)]
-    if stream.keep is not None:
-        sections.append(section_bytes(SectionKind.KEEP, pack_keep(stream.keep, header)))
     if stream.metadata is not None:
         sections.append(section_bytes(SectionKind.METADATA, pack_metadata(stream.metadata)))
     return write_header(header, len(sections)) + b"".join(sections)
@@ -90,12 +91,9 @@ def read_stream(data: bytes) -> Stream:
             "joined with another, copy or encode it again."
         )
     stream = _assemble(parsed.header, sections, parsed.header.num_stages)
-    found = {section.head.kind: section for section in sections}
-    keep, metadata = found.get(SectionKind.KEEP), found.get(SectionKind.METADATA)
+    metadata = next((section for section in sections if section.head.kind == SectionKind.METADATA), None)
     return replace(
-        stream,
-        keep=unpack_keep(keep.payload, parsed.header, keep.head.place) if keep else None,
-        metadata=unpack_metadata(metadata.payload, metadata.head.place) if metadata else None,
+        stream, metadata=unpack_metadata(metadata.payload, metadata.head.place) if metadata is not None else None
     )
 
 
@@ -157,7 +155,7 @@ def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[_Section]:
 
 
 def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stream:
-    """A stream of these sections, without those that decoding does not need."""
+    """Return a stream of these sections, without metadata, which decoding does not need."""
     found = {section.head.kind: section for section in sections}
     stage_kinds = STAGE_KINDS[:num_stages]
     for kind in (SectionKind.CAMERAS, *stage_kinds):
@@ -166,4 +164,10 @@ def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stre
     head, payload = found[SectionKind.CAMERAS]
     cameras = unpack_cameras(payload, header.num_views, head.place)
     check_cameras(cameras, head.place)
-    return Stream(header, cameras, tuple(found[kind].payload for kind in stage_kinds))
+    coverage = found.get(SectionKind.COVERAGE)
+    return Stream(
+        header,
+        cameras,
+        payloads=tuple(found[kind].payload for kind in stage_kinds),
+        coverage=unpack_coverage(coverage.payload, header, coverage.head.place) if coverage is not None else None,
+    )

@@ -21,7 +21,7 @@ from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.formats.images import write_image
 from fecocodec.geometry.views import Views
-from fecocodec.sender.encode import load_profile
+from fecocodec.sender.codec import load_codec
 
 RECORDS = "measurements.jsonl"
 STRIP_LAMBDA = 1e-3  # strips are drawn at the lambda nearest to it
@@ -50,7 +50,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Report:
-    """What an evaluation found. failures: the measurements that carry an error."""
+    """Results of an evaluation. failures: the measurements with an error."""
 
     averages: tuple[Average, ...]
     comparisons: tuple[Comparison, ...]
@@ -64,8 +64,8 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
     """
     entries = choose_entries(read_index(plan.index), plan.num_context, plan.most, plan.index)
     read = open_scenes(plan.root, plan.size)
-    profile = load_profile(plan.model, "cpu")
-    systems = systems_of(plan.groups, profile, plan.lambdas)
+    codec = load_codec(plan.model, "cpu")
+    systems = systems_of(plan.groups, codec, plan.lambdas)
     make_folder(plan.output)
     records = RecordFile(plan.output / RECORDS)
     draw = _drawing(plan) if plan.with_strips else draw_nothing

@@ -1,4 +1,4 @@
-"""The most memory this process has held, where the system tells (Linux)."""
+"""Peak resident memory of this process (Linux)."""
 
 import ctypes
 import gc
@@ -9,7 +9,7 @@ _PROCESS = Path("/proc/self")
 
 
 def give_back_freed_memory() -> None:
-    """Let the system have what was freed and kept for later, so that it counts in no peak; only with glibc."""
+    """Return freed heap memory to the operating system, so that it counts in no peak; glibc only."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
@@ -17,13 +17,13 @@ def give_back_freed_memory() -> None:
 
 
 def forget_peak() -> None:
-    """Let the peak begin anew at what is held now; does nothing where the system cannot."""
+    """Reset the peak to the memory held now; no effect where the system has no such counter."""
     with suppress(OSError):
         (_PROCESS / "clear_refs").write_text("5")
 
 
 def peak_mib() -> float | None:
-    """Peak resident memory in MiB since `forget_peak`, None where the system does not tell."""
+    """Peak resident memory in MiB since `forget_peak`, None where the system does not report it."""
     with suppress(OSError):
         for line in (_PROCESS / "status").read_text().splitlines():
             if line.startswith("VmHWM:"):

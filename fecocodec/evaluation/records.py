@@ -1,4 +1,4 @@
-"""What was measured, one line of JSON each: written as soon as it is known, so that an interrupted run can go on."""
+"""Measurements as lines of JSON, each appended at once, so that an interrupted run can be resumed."""
 
 import json
 from collections.abc import Callable
@@ -13,7 +13,7 @@ class Measurement:
     """One entry through one system. Metrics are means over views: of the target views, `context_psnr` of the context.
 
     bits_per_pixel: of a context view. peak_mib: resident memory of the process while it was measured, None where the
-    system does not tell. error: why there are no other values, else empty.
+    system does not report it. error: why there are no other values, else empty.
     """
 
     entry: str

@@ -1,4 +1,4 @@
-"""Every entry through every system: measured, recorded, and where asked for drawn."""
+"""Measure and record every entry with every system; optionally draw strips."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -27,7 +27,7 @@ def measure_all(
     model: str,
     draw: Draw = draw_nothing,
 ) -> Iterator[Measurement]:
-    """Measure what `records` does not hold yet; yields every measurement, known ones too.
+    """Measure everything that `records` does not hold yet; yields all measurements.
 
     model: id of the weights, part of what makes a measurement known. An entry or system that fails is recorded with
     its error and loses nothing else.

@@ -5,12 +5,13 @@ from time import perf_counter
 
 import numpy as np
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.memory import forget_peak, give_back_freed_memory, peak_mib
 from fecocodec.evaluation.stress.box_room import Room, painted, photograph
 from fecocodec.evaluation.stress.camera_paths import along_a_line
-from fecocodec.receiver.decode import decode_stream
-from fecocodec.sender.encode import Profile, encode_with
+from fecocodec.receiver.decode import decode_with
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.encode import encode_with
 
 LAMBDA = 1e-3
 REPEAT_BELOW = 2**18  # pixels of all views: shorter measurements are repeated, the fastest counts
@@ -30,7 +31,7 @@ class Load:
     num_bytes: int
 
 
-def measure_load(profile: Profile, num_views: int, side: int) -> Load:
+def measure_load(codec: Codec, num_views: int, side: int) -> Load:
     """Encode and decode so many square views of the painted room."""
     poses = along_a_line(num_views)[:num_views]
     views = photograph(Room(painted), poses, (side, side))
@@ -40,9 +41,9 @@ def measure_load(profile: Profile, num_views: int, side: int) -> Load:
     encode_seconds, decode_seconds = [], []
     for _ in range(REPEATS if pixels < REPEAT_BELOW else 1):
         begin = perf_counter()
-        data = encode_with(profile, views, lambda_q, 2)
+        data = encode_with(codec, views, lambda_q)
         encoded = perf_counter()
-        decode_stream(read_stream(data), profile.receiver)
+        decode_with(codec.receiver, data)
         encode_seconds.append(encoded - begin)
         decode_seconds.append(perf_counter() - encoded)
     return Load(num_views, side, pixels, min(encode_seconds), min(decode_seconds), peak_mib(), len(data))

@@ -1,4 +1,4 @@
-"""Where the time of a call goes, told by its own messages of progress."""
+"""Seconds of each step of a call, from its progress messages."""
 
 from time import perf_counter
 

@@ -47,7 +47,7 @@ def in_colour(values: Float[Tensor, "height width"]) -> Float[Tensor, "3 height 
 
 
 def _relative_disparity(depth: Float[Tensor, "height width"], views: Views) -> Float[Tensor, "height width"]:
-    """0 at far (and where nothing is seen), 1 at near."""
+    """0 at far and where nothing was rendered, 1 at near."""
     near, far = 1 / views.cameras.near, 1 / views.cameras.far
     disparity = torch.where(depth > 0, 1 / depth.clamp_min(1e-12), far)
     return (disparity - far) / (near - far)

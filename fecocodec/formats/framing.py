@@ -10,9 +10,8 @@ from torch import Tensor
 
 from fecocodec.errors import InputError
 from fecocodec.formats.lens import Lens
+from fecocodec.limits import MAX_SIDE, MIN_SIDE
 
-MIN_SIDE = 64  # pixels; what the codec accepts
-MAX_SIDE = 1024
 MIN_KEPT_AREA = 0.5  # a crop nobody asked for must leave at least this share of each photograph
 
 

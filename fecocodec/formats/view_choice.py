@@ -6,8 +6,7 @@ import numpy as np
 
 from fecocodec.errors import InputError
 from fecocodec.formats.posed_photographs import PosedPhotograph
-
-MAX_VIEWS = 16
+from fecocodec.limits import MAX_VIEWS
 
 
 def subsample(num_available: int, count: int) -> tuple[int, ...]:

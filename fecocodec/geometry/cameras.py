@@ -1,11 +1,27 @@
 """Pinhole cameras: extrinsics are camera-to-world in OpenCV axes, intrinsics are normalised by width and height."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import torch
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
+
+LEAST_DEPTH = 1e-6  # of a visible point, in units of near
+
+
+class Projection(NamedTuple):
+    """Points as seen by every camera of a scene.
+
+    uv: image positions divided by image width and height, inside the image in [0, 1]; arbitrary behind the camera.
+    depth: along the optical axis, in scene units, negative behind the camera.
+    is_visible: whether the point lies in front of the camera and inside its image; occlusion is not considered.
+    """
+
+    uv: Float[Tensor, "view *grid 2"]
+    depth: Float[Tensor, "view *grid"]
+    is_visible: Bool[Tensor, "view *grid"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +50,21 @@ class Cameras:
         translation = -rotation @ self.extrinsics[..., :3, 3:]
         last_row = self.extrinsics[..., 3:, :]
         return torch.cat((torch.cat((rotation, translation), dim=-1), last_row), dim=-2)
+
+    def project(self, points: Float[Tensor, "*grid 3"]) -> Projection:
+        """Project points of the world into all cameras of one scene (no batch dimension)."""
+        local = self._from_world(points)
+        depth = local[..., 2]
+        is_in_front = depth > LEAST_DEPTH * self.near
+        image = torch.einsum("vij,v...j->v...i", self.intrinsics, local)
+        uv = image[..., :2] / torch.where(is_in_front, depth, 1.0)[..., None]
+        return Projection(uv, depth, is_in_front & ((uv >= 0) & (uv <= 1)).all(dim=-1))
+
+    def _from_world(self, points: Float[Tensor, "*grid 3"]) -> Float[Tensor, "view *grid 3"]:
+        """Points in the axes of each camera."""
+        rotated = torch.einsum("vij,...j->v...i", self.world_to_camera[:, :3, :3], points)
+        ones = (1,) * (points.dim() - 1)
+        return rotated + self.world_to_camera[:, :3, 3].view(-1, *ones, 3)
 
     def intrinsics_px(self, height: int, width: int) -> Float[Tensor, "*batch view 3 3"]:
         """Intrinsics in pixels of an image of that size, pixel centres at i + 0.5."""

@@ -1,7 +1,8 @@
 """Nearest neighbours of 3D points."""
 
+import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int, Int64
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -12,10 +13,10 @@ LARGEST_DISTANCES = 2**26  # entries of the distance matrix held at once on a GP
 def nearest_neighbours(
     points: Float[Tensor, "n 3"], count: int, queries: Float[Tensor, "m 3"] | None = None
 ) -> Int[Tensor, "m count"]:
-    """Indices of the `count` points nearest to each query; repeats the nearest where n < count.
+    """Return the indices of the `count` points nearest to each query; repeats the nearest where n < count.
 
-    queries: the points themselves where none are given, each of which is then among its own neighbours. On the CPU from
-    a k-d tree, on a GPU from distances in chunks.
+    queries: None stands for the points themselves, each of which is then among its own neighbours unless more than
+    `count` points coincide with it. On the CPU from a k-d tree, on a GPU from distances in chunks.
     """
     available = min(count, points.shape[0])
     queries = points if queries is None else queries
@@ -28,22 +29,68 @@ def nearest_neighbours(
 def neighbours_by_tree(
     points: Float[Tensor, "n 3"], count: int, queries: Float[Tensor, "m 3"]
 ) -> Int[Tensor, "m count"]:
-    """What `nearest_neighbours` does on the CPU; count <= n. Balancing the tree would cost more than it saves."""
-    positions, asked = points.detach().float().numpy(), queries.detach().float().numpy()
+    """Search on the CPU; count <= n. Of points that coincide those of lower index come first.
+
+    The tree holds every position once: a leaf of many equal points would be scanned by every query, in quadratic time.
+    Points that are not finite count as the origin. An unbalanced tree is faster here, building included.
+    """
+    positions, asked = _finite(points), _finite(queries)
+    groups = _coinciding(positions)
+    if groups is not None:
+        positions = positions[groups.first]
     tree = cKDTree(positions, leafsize=12, balanced_tree=False, compact_nodes=False)
-    _, index = tree.query(asked, k=count, workers=torch.get_num_threads())
-    return torch.from_numpy(index.reshape(-1, count))
+    width = min(count, len(positions))
+    _, index = tree.query(asked, k=width, workers=torch.get_num_threads())
+    index = np.asarray(index, dtype=np.int64).reshape(-1, width)
+    return torch.from_numpy(index if groups is None else groups.members(index, count))
 
 
 def neighbours_by_distance(
     points: Float[Tensor, "n 3"], count: int, queries: Float[Tensor, "m 3"]
 ) -> Int[Tensor, "m count"]:
-    """What `nearest_neighbours` does on a GPU; count <= n.
+    """Search on a GPU; count <= n.
 
-    Distances come from differences: from a matrix product, |a|^2 + |b|^2 - 2ab, rounding would drown them.
+    Distances come from differences: from a matrix product, |a|^2 + |b|^2 - 2ab, rounding errors would exceed them.
     """
     rows = max(1, LARGEST_DISTANCES // len(points))
     distances = (
         torch.cdist(chunk, points, compute_mode="donot_use_mm_for_euclid_dist") for chunk in queries.split(rows)
     )
     return torch.cat([chunk.topk(count, dim=1, largest=False).indices for chunk in distances])
+
+
+class _Groups:
+    """Points grouped by position. first: index of the first point of each group, the groups in any order."""
+
+    def __init__(self, group_of_point: Int64[np.ndarray, " n"], num_groups: int) -> None:
+        self._size = np.bincount(group_of_point, minlength=num_groups)
+        self._start = np.cumsum(self._size) - self._size
+        self._points = np.argsort(group_of_point, kind="stable")  # by group, then by index
+        self.first = self._points[self._start]
+
+    def members(self, groups: Int64[np.ndarray, "m width"], count: int) -> Int64[np.ndarray, "m count"]:
+        """Return the first `count` points of the groups in each row, group after group."""
+        end = np.cumsum(self._size[groups], axis=1)
+        found = np.empty((len(groups), count), np.int64)
+        rows = np.arange(len(groups))
+        for slot in range(count):
+            column = (end <= slot).sum(axis=1)
+            group = groups[rows, column]
+            found[:, slot] = self._points[self._start[group] + slot - (end[rows, column] - self._size[group])]
+        return found
+
+
+def _coinciding(positions: Float32[np.ndarray, "n 3"]) -> _Groups | None:
+    """Group points of equal position; None where no two coincide, which is the rule and found by one sort of hashes."""
+    words = positions.view(np.uint32).astype(np.uint64)
+    hashes = words @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+    if len(np.unique(hashes)) == len(positions):
+        return None
+    unique, group_of_point = np.unique(positions, axis=0, return_inverse=True)
+    return _Groups(group_of_point.reshape(-1).astype(np.int64), len(unique))
+
+
+def _finite(points: Float[Tensor, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+    """Return positions as float32, with zeros of one sign."""
+    values = points.detach().float()
+    return np.ascontiguousarray(torch.where(values.isfinite(), values, 0.0).numpy() + np.float32(0.0))

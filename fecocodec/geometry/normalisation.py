@@ -1,5 +1,10 @@
-"""The frame every network works in: origin at the mean camera centre, unit of length = the near bound."""
+"""The normalised frame, in which all networks work: origin at the mean camera centre, unit of length = near.
 
+Camera centres and far are rounded to a grid in this frame (FORMAT.md, section 6.4). Cameras in another unit of length
+differ by rounding errors of float32, which the grid removes: the networks see the same numbers and code the same bits.
+"""
+
+import math
 from dataclasses import dataclass
 
 import torch
@@ -9,30 +14,46 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 
+CENTRE_STEPS = 2**13  # grid steps of a camera centre per near: rounding moves images by under 0.05 pixels
+RATIO_BITS = 11  # significant bits of far / near
+
 
 @dataclass(frozen=True)
 class SceneFrame:
-    """How to come back from the normalised scene: `world = scale * normalised + origin`."""
+    """The way back from the normalised frame: `world = scale * normalised + origin`."""
 
-    origin: Float[Tensor, "3"]  # float64
-    scale: float  # scene units
+    origin: Float[Tensor, "3"]  # float64, in scene units
+    scale: float  # near, in scene units
 
 
 def normalise_scene(cameras: Cameras) -> tuple[Cameras, SceneFrame]:
-    """Cameras of the same scene with near = 1 and centres around the origin, so that neither the unit of length nor a
-    far-away origin costs precision or changes what a network sees. One scene, no batch dimension."""
-    centres = cameras.extrinsics[:, :3, 3].double()
-    frame = SceneFrame(origin=centres.mean(dim=0), scale=float(cameras.near))
+    """Return the cameras of one scene (no batch dimension) in the normalised frame, rounded, and the way back."""
+    centres = cameras.extrinsics[:, :3, 3].double().cpu()
+    near, far = float(cameras.near), float(cameras.far)
+    origin = sum(centres[1:], start=centres[0]) / len(centres)
     extrinsics = cameras.extrinsics.clone()
-    extrinsics[:, :3, 3] = ((centres - frame.origin) / frame.scale).float()
-    near = torch.ones_like(cameras.near)
-    far = (cameras.far.double() / frame.scale).float()
-    return Cameras(extrinsics, cameras.intrinsics, near, far), frame
+    extrinsics[:, :3, 3] = _round((centres - origin) / near).to(extrinsics)
+    ratio = _round_ratio(far / near)
+    normalised = Cameras(
+        extrinsics, cameras.intrinsics, torch.ones_like(cameras.near), torch.full_like(cameras.far, ratio)
+    )
+    return normalised, SceneFrame(origin, near)
 
 
 def denormalise_gaussians(gaussians: Gaussians, frame: SceneFrame) -> Gaussians:
-    """Gaussians of the normalised scene in the world frame and unit of length of the original cameras."""
+    """Return Gaussians of the normalised frame in the world frame and unit of length of the original cameras."""
     means = (gaussians.means.double() * frame.scale + frame.origin.to(gaussians.means.device)).float()
     return Gaussians(
         means, gaussians.scales * frame.scale, gaussians.rotations, gaussians.opacities, gaussians.harmonics
     )
+
+
+def _round(coordinates: Float[Tensor, "view 3"]) -> Float[Tensor, "view 3"]:
+    """Round to the nearest grid point, half way upwards."""
+    return (CENTRE_STEPS * coordinates + 0.5).floor() / CENTRE_STEPS
+
+
+def _round_ratio(ratio: float) -> float:
+    """Round to `RATIO_BITS` significant bits, half way upwards."""
+    mantissa, exponent = math.frexp(ratio)  # mantissa in [0.5, 1)
+    return math.ldexp(math.floor(mantissa * 2**RATIO_BITS + 0.5), exponent - RATIO_BITS)

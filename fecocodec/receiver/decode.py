@@ -1,126 +1,154 @@
 """`decode`: stream -> Gaussians, with the receiver's networks alone."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import torch
 
-from fecocodec.checkpoint import SHIPPED, find_receiver
+from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.camera_packing import unpack
-from fecocodec.coding.kept_cells import is_in_kept_cell
+from fecocodec.coding.coverage_cells import is_in_covered_cell
 from fecocodec.coding.payload import decode_latents
-from fecocodec.container import Header, Keep, Stream, read_prefix, read_stream
+from fecocodec.container import Header, IntactPart, Stream, read_intact, read_prefix, read_stream
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
-from fecocodec.geometry.padding import inside_unpadded, pad_cameras, padded_size
 from fecocodec.layers.placement import place
+from fecocodec.limits import DEFAULT_MAX_PIXELS
+from fecocodec.receiver.emission import emit
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.view_states import ViewStates, select_context, update_views
+from fecocodec.receiver.state import State
 
-OnProgress = Callable[[str, float], None]  # (what is being done, fraction done)
-LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians; they are not emitted
+OnProgress = Callable[[str, float], None]  # (current task, fraction done)
+Stages = int | Literal["all", "intact"]
 LATENT_FACTOR = 8
 MAX_SH_DEGREE = 1
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """The scene that a stream holds.
+
+    gaussians: in the world frame and unit of length of the cameras, on the CPU. cameras: of the context views.
+    image_size: (height, width) of the context views in pixels. stages: number of stages decoded, 1 or 2.
+    damage: the sentence that says what is wrong with the rest of the stream, None for an intact stream.
+    """
+
+    gaussians: Gaussians
+    cameras: Cameras
+    image_size: tuple[int, int]
+    stages: int
+    damage: str | None
 
 
 def decode(
     data: bytes,
     *,
-    num_stages: int | None = None,
+    stages: Stages = "all",
     sh_degree: int = MAX_SH_DEGREE,
     device: str = "cpu",
-    weights: Path = SHIPPED,
+    model: Path | str | None = None,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
     on_progress: OnProgress = lambda _task, _fraction: None,
-) -> Gaussians:
-    """Gaussians of a `.fcs` stream in the world frame and unit of length of the photographs' cameras, on the CPU.
+) -> Decoded:
+    """Decode a `.fcs` stream.
 
-    num_stages: decode only so many stages; what follows them in the stream may then be missing or damaged.
-    sh_degree: 1 for colours that depend on the direction, 0 for colours that do not, which take less room. device:
-    where the networks run. weights: folder of the model, or of several.
+    stages: "all" decodes the whole stream and refuses a damaged one. 1 or 2 decodes so many stages and ignores what
+    follows them in the stream, missing or damaged. "intact" decodes the stages before the first damage, which
+    `Decoded.damage` then describes.
+    sh_degree: 1 for view-dependent colours (spherical harmonics of degree 1), 0 for constant colours.
+    device: where the networks run. model: folder of the model; None for the shipped model that the stream names.
+    max_pixels: largest number of pixels of all views; time and memory are proportional to it.
 
-    Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage it does not have and for
-    another sh_degree, ModelError where its weights are not found.
+    Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage that the stream does not
+    have, for more pixels and for another sh_degree, ModelError where the model's weights are not found.
     """
-    stream = read_stream(data) if num_stages is None else read_prefix(data, num_stages)
-    receiver = receiver_of(stream.header.model_id, weights, device)
-    return decode_stream(stream, receiver, on_progress, sh_degree)
+    part = _read(data, stages)
+    if part.stream.header.num_pixels > max_pixels:
+        raise InputError(
+            f"the views have {part.stream.header.num_pixels} pixels in all, more than the {max_pixels} that are "
+            "allowed; if you trust the file, raise max_pixels (--max-pixels)."
+        )
+    receiver = receiver_of(part.stream.header.model_id, None if model is None else Path(model).absolute(), device)
+    return _decode_part(receiver, part, stages, sh_degree, on_progress)
 
 
-def read_cameras(data: bytes) -> tuple[Cameras, tuple[int, int]]:
-    """The context views' cameras that a stream carries, and their image size (height, width)."""
-    stream = read_prefix(data, 1)
-    return unpack(stream.cameras), (stream.header.height, stream.header.width)
-
-
-def decode_stream(
-    stream: Stream,
+def decode_with(
     receiver: Receiver,
+    data: bytes,
+    *,
+    stages: Stages = "all",
+    sh_degree: int = MAX_SH_DEGREE,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    sh_degree: int = MAX_SH_DEGREE,
-) -> Gaussians:
-    """Walk the stages of a stream that has been read, then predict; no rendering, no stage-1 Gaussians."""
-    if sh_degree not in range(MAX_SH_DEGREE + 1):
-        raise InputError(f"spherical harmonics of degree {sh_degree} were asked for; choose 0 or {MAX_SH_DEGREE}.")
-    gaussians = _walk_and_predict(stream, receiver, on_progress, sh_degree)
-    # A copy made outside inference mode is an ordinary tensor, which a caller may go on to refine.
-    return Gaussians(*(field.clone() for field in gaussians.fields()))
-
-
-@torch.inference_mode()
-def _walk_and_predict(stream: Stream, receiver: Receiver, on_progress: OnProgress, sh_degree: int) -> Gaussians:
-    header = stream.header
-    device = next(receiver.parameters()).device
-    height, width = padded_size(header.height, header.width)
-    states: ViewStates | None = None
-    context = None
-    for stage, payload in enumerate(stream.payloads, start=1):
-        on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
-        views, lambda_q = header.views_of_stage(stage), header.lambda_q_of_stage(stage)
-        size_8 = (len(views), height // LATENT_FACTOR, width // LATENT_FACTOR)
-        coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, select_context(context, views))
-        _check_digest(header, stage, coded.digest())
-        lambdas = torch.full((header.num_views,), lambda_q, device=device)
-        states, context = update_views(receiver, states, coded.y_hat, lambdas, stage, views), coded.y_hat
-    assert states is not None  # a stream has a stage
-    on_progress("predicting Gaussians", 0.8)
-    return predict_scene(receiver, states, unpack(stream.cameras), header, stream.keep, sh_degree)
-
-
-def predict_scene(
-    receiver: Receiver,
-    states: ViewStates,
-    cameras: Cameras,
-    header: Header,
-    keep: Keep | None,
-    sh_degree: int = MAX_SH_DEGREE,
-) -> Gaussians:
-    """The Gaussians that the states stand for, without those of the padding, those too faint to be drawn, and those
-    that `keep` leaves out; on the CPU.
-    """
-    normalised, frame = normalise_scene(cameras)
-    padded = pad_cameras(normalised, header.height, header.width).to(states.state.device)
-    prediction = receiver.predict(states.state, padded.as_batch(), states.condition)
-    gaussians = (receiver.appearance(prediction, padded) if sh_degree else prediction.gaussians.scene(0)).to("cpu")
-    is_drawable = (gaussians.opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
-    is_needed = inside_unpadded(header.num_views, header.height, header.width) & is_drawable
-    if keep is not None:
-        is_needed &= (gaussians.opacities >= keep.opacity_threshold / 255.0) & is_in_kept_cell(keep, header)
-    return denormalise_gaussians(gaussians.keep(is_needed), frame)
+) -> Decoded:
+    """Decode with a receiver that is loaded; the caller ensures that it is the one the stream was made for."""
+    return _decode_part(receiver, _read(data, stages), stages, sh_degree, on_progress)
 
 
 @lru_cache(maxsize=2)
-def receiver_of(model_id: bytes, weights: Path, device: str) -> Receiver:
-    """The receiver of that id, found among `weights`; raises ModelError where it is not there.
+def receiver_of(model_id: bytes, model: Path | None, device: str) -> Receiver:
+    """Return the receiver with that id, from the folder `model` or among the shipped ones; raises ModelError.
 
-    It is kept by model id, not by path: a file that was replaced is another model, and warm calls hash no weights.
+    The cache is keyed by the model id, not by the path alone: a replaced file has another id.
     """
-    receiver, _ = load_receiver(find_receiver(model_id, weights))
+    receiver, _ = load_receiver(find_receiver(model_id, model))
     place(receiver, device)
     return receiver
+
+
+def _read(data: bytes, stages: Stages) -> IntactPart:
+    """Parse the part of the stream that `stages` asks for."""
+    if stages == "intact":
+        return read_intact(data)
+    return IntactPart(read_stream(data) if stages == "all" else read_prefix(data, stages), damage=None)
+
+
+def _decode_part(
+    receiver: Receiver, part: IntactPart, stages: Stages, sh_degree: int, on_progress: OnProgress
+) -> Decoded:
+    """Decode the stages one after another, then predict the Gaussians once, from the last state."""
+    if sh_degree not in range(MAX_SH_DEGREE + 1):
+        raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}.")
+    stream, header, damage = part.stream, part.stream.header, part.damage
+    cameras = unpack(stream.cameras)
+    with torch.inference_mode():
+        state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
+        on_progress("predicting Gaussians", 0.8)
+        is_covered = None if stream.coverage is None else is_in_covered_cell(stream.coverage, header)
+        gaussians = emit(receiver, state, cameras, is_covered, sh_degree)
+    # A copy made outside inference mode is an ordinary tensor, which a caller can optimise further.
+    gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
+    return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)
+
+
+def _decode_stages(
+    receiver: Receiver, stream: Stream, stages: Stages, on_progress: OnProgress
+) -> tuple[State, int, str | None]:
+    """Return the last state, the number of stages decoded, and the damage that "intact" skipped."""
+    header = stream.header
+    device = next(receiver.parameters()).device
+    height, width = header.grid_size
+    size_8 = (header.num_views, height // LATENT_FACTOR, width // LATENT_FACTOR)
+    state: State | None = None
+    y_hat = None
+    for stage, payload in enumerate(stream.payloads, start=1):
+        on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
+        lambda_q = header.lambda_q_of_stage(stage)
+        try:
+            coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, y_hat)
+            _check_digest(header, stage, coded.digest())
+        except BitstreamError as error:
+            if state is None or stages != "intact":
+                raise
+            return state, stage - 1, str(error)
+        y_hat = coded.y_hat
+        state = receiver.advance(state, y_hat, torch.full((header.num_views,), lambda_q, device=device), stage)
+    assert state is not None  # a stream has at least one stage
+    return state, len(stream.payloads), None
 
 
 def _check_digest(header: Header, stage: int, found: bytes) -> None:

@@ -10,7 +10,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition, RateEmbedding
 from fecocodec.receiver.predictor import Prediction, Predictor
-from fecocodec.receiver.state import StateUpdate
+from fecocodec.receiver.state import State, StateUpdate
 from fecocodec.receiver.synthesis import Synthesis
 from fecocodec.receiver.view_dependence import view_dependent
 
@@ -39,6 +39,18 @@ class Receiver(nn.Module):
     ) -> Float[Tensor, "item channel h4 w4"]:
         """S_k = U(concat(S_{k-1}, g_s(y_hat_k))) (paper, stage I and stage II)."""
         return self.update(state, self.synthesis(y_hat, condition), condition)
+
+    def advance(
+        self,
+        before: State | None,
+        y_hat: Float[Tensor, "view latent h8 w8"],
+        lambda_q: Int[Tensor, " view"],
+        stage: int,
+    ) -> State:
+        """Return the state of all views after stage 1 or 2; before: the state after stage 1, None in stage 1."""
+        condition = self.condition(lambda_q, stage)
+        state = self.update.start(len(lambda_q), 1, 1) if before is None else before.state
+        return State(self.next_state(state, y_hat, condition), condition)
 
     def predict(
         self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition

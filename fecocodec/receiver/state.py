@@ -1,4 +1,6 @@
-"""State update U: implicit Gaussian state and decoded features -> next state."""
+"""State S and its update U: implicit Gaussian state and decoded features -> next state."""
+
+from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
@@ -7,6 +9,14 @@ from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.layers.blocks import Block2d, RateCondition
+
+
+@dataclass(frozen=True)
+class State:
+    """Implicit Gaussian state of all views after a stage, and the condition of that stage, for the predictor."""
+
+    state: Float[Tensor, "view channel h4 w4"]
+    condition: RateCondition
 
 
 class StateUpdate(nn.Module):

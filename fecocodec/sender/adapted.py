@@ -1,4 +1,4 @@
-"""Senders whose extractor is somebody else's: putting them together, and loading them from their weights file.
+"""Senders with a third-party extractor: construction, and loading from their weights file.
 
 The file (`serialise_sender`) holds the adapter and the sender's half of the codec, and the fingerprint of the
 extractor they were trained with.

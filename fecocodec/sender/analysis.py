@@ -1,4 +1,4 @@
-"""Analysis transform g_a and hyper-analysis h_a: what the sender computes to fill the latents."""
+"""Analysis transform g_a (F, S -> y) and hyper-analysis h_a (y -> z)."""
 
 import torch
 import torch.nn.functional as F

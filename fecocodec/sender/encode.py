@@ -1,150 +1,82 @@
 """`encode`: posed photographs -> stream."""
 
-from functools import lru_cache
 from pathlib import Path
 
 import torch
 
-from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
-from fecocodec.container import EXCESS_UNIT, Header, Keep, Stream, quantise_lambda, write_stream
-from fecocodec.container.header import MAX_STAGES, MAX_VIEWS
+from fecocodec.checkpoint import model_folder
+from fecocodec.container import EXCESS_UNIT, Header, Stream, quantise_lambda, write_stream
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
-from fecocodec.layers.placement import place
+from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.receiver.decode import OnProgress
-from fecocodec.receiver.load import load_receiver
-from fecocodec.sender.load import load_sender
-from fecocodec.sender.refinement import refine_stage, refined_first_latents, steps_of_first, suitable_steps
-from fecocodec.sender.steps import (
-    CodedStage,
-    MatchedViews,
-    PreparedScene,
-    Profile,
-    analyse,
-    code_stage,
-    feedback_features,
-    first_stage_lambda_q,
-    match_views,
-    prepare,
-    stage_rendering,
-)
-
-__all__ = ["Profile", "assemble", "check_views", "code_stages", "encode", "encode_with", "header_of", "load_profile"]
-
-MIN_SIDE, MAX_SIDE = 64, 1024
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
+from fecocodec.sender.latent_optimisation import optimiser
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
+from fecocodec.sender.scene import Scene, prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder, Stage
 
 
 def encode(
     views: Views,
     *,
     lmbda: float = 1e-3,
+    effort: str | OptimisationConfig = "default",
     num_stages: int = 2,
-    refinement_steps: int | None = None,
     device: str = "cpu",
-    model: str = DEFAULT_MODEL,
-    weights: Path = SHIPPED,
+    model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
-    """Bytes of a `.fcs` stream that `decode` turns into the Gaussians of these views.
+    """Encode views to the bytes of a `.fcs` stream.
 
-    lmbda: price of a bit a pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. num_stages: 1
-    leaves the feedback stage out. refinement_steps: of the last stage's latents (see `refinement`; a first stage that
-    is not the last gets half as many and one), None for what suits the size; two take about as long as all the rest.
-    model, weights: `<weights>/<model>/` holds the weights of both ends.
+    lmbda: price of a bit per pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. effort: "fast",
+    "default" or "best", from the fastest encoding to the least bytes at equal quality, or a configuration of one's own.
+    num_stages: 1 leaves the feedback stage out. model: folder of the weights of both ends, None for the default shipped
+    model.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
-    lambda_q = quantise_lambda(lmbda)
+    lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort)
     check_views(views, num_stages)
-    profile = load_profile(weights / model, device)
-    return encode_with(profile, views, lambda_q, num_stages, on_progress, refinement_steps)
+    return encode_with(load_codec(model_folder(model), device), views, lambda_q, num_stages, config, on_progress)
 
 
-@lru_cache(maxsize=2)
-@torch.inference_mode(False)
-def load_profile(folder: Path, device: str) -> Profile:
-    """Both ends' networks from a model's folder; raises ModelError where its files are missing, damaged or foreign."""
-    receiver, model_id = load_receiver(folder / RECEIVER_FILE)
-    sender = load_sender(folder / SENDER_FILE, receiver.config, model_id)
-    for network in (sender, receiver):
-        place(network, device)
-    return Profile(sender, receiver, model_id)
-
-
-@torch.inference_mode(False)  # a caller's: what is made in it can have no gradients, which refinement needs
+@torch.inference_mode(False)  # tensors made in a caller's inference mode have no gradients, which optimisation needs
 @torch.no_grad()
 def encode_with(
-    profile: Profile,
+    codec: Codec,
     views: Views,
     lambda_q: int,
-    num_stages: int,
+    num_stages: int = 2,
+    config: OptimisationConfig = DEFAULT,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    refinement_steps: int | None = None,
 ) -> bytes:
-    """Encode with networks that are loaded; the sender works from the cameras that the receiver will see.
-
-    Raises InputError for cameras that a stream cannot hold.
-    """
-    scene = prepare(profile, views)
-    on_progress("matching views", 0.1)
-    matched = match_views(profile, scene)
-    stages = code_stages(profile, scene, matched, lambda_q, num_stages, on_progress, refinement_steps=refinement_steps)
-    return assemble(profile, scene, stages)
+    """Encode with networks that are loaded. Raises InputError for cameras that a stream cannot hold."""
+    scene = prepare_scene(views, codec.device)
+    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    return assemble(codec, scene, write_stages(encoder, lambda_q, num_stages, config, on_progress))
 
 
-def code_stages(
-    profile: Profile,
-    scene: PreparedScene,
-    matched: MatchedViews,
+def write_stages(
+    encoder: SceneEncoder,
     lambda_q: int,
     num_stages: int,
+    config: OptimisationConfig,
     on_progress: OnProgress = lambda _task, _fraction: None,
-    stage_2_views: tuple[int, ...] | None = None,
-    refinement_steps: int | None = None,
-) -> tuple[CodedStage, ...]:
-    """Stage 1 from what matching found, stage 2 from what stage 1's Gaussians make of the views.
-
-    stage_2_views: the views that stage 2 codes, ascending from 0; None: all. refinement_steps: of all views' latents of
-    the last stage, before some views are chosen; None: what suits the size.
-    """
-    num_steps = suitable_steps(scene, lambda_q) if refinement_steps is None else refinement_steps
-    on_progress("coding stage 1", 0.3)
-    is_last = num_stages == 1
-    first_lambda_q = lambda_q if is_last else first_stage_lambda_q(lambda_q)
-    steps = num_steps if is_last else steps_of_first(num_steps)
-    latents = refined_first_latents(profile, scene, matched, first_lambda_q, steps)
-    first = code_stage(profile, scene, latents, first_lambda_q, tuple(range(scene.num_views)), None)
-    if is_last:
-        return (first,)
-    on_progress("rendering feedback", 0.5)
-    rendering = stage_rendering(profile, scene, first.after)
-    feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
-    latents = analyse(profile, feedback, first.state, lambda_q, 2)
-    on_progress("refining stage 2", 0.55)
-    latents = refine_stage(profile, scene, latents, first, lambda_q, num_steps)
-    on_progress("coding stage 2", 0.9)
-    views = first.views if stage_2_views is None else stage_2_views
-    return first, code_stage(profile, scene, latents.of_views(views), lambda_q, views, first)
+) -> tuple[Stage[WrittenLatent], ...]:
+    """Optimise the latents of each stage of one scene and code them to bytes."""
+    optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
+    return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, on_progress)
 
 
-def assemble(
-    profile: Profile,
-    scene: PreparedScene,
-    stages: tuple[CodedStage, ...],
-    keep: Keep | None = None,
-) -> bytes:
-    """The stream of these stages. keep: which Gaussians a receiver emits, None for all that can be seen."""
-    header = header_of(profile, scene, stages)
-    return write_stream(Stream(header, scene.packed, tuple(stage.payload for stage in stages), keep=keep))
-
-
-def header_of(profile: Profile, scene: PreparedScene, stages: tuple[CodedStage, ...]) -> Header:
-    """The header of a stream of these stages."""
-    digests = tuple(stage.latents.digest() for stage in stages)
-    views = stages[1].views if len(stages) == 2 else ()
-    first, last = stages[0].lambda_q, stages[-1].lambda_q
+def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...]) -> bytes:
+    """The stream of these stages."""
+    digests = tuple(stage.coded.digest for stage in stages)
+    first, last = (int(stage.inputs.lambda_q[0]) for stage in (stages[0], stages[-1]))
     excess = (first - last) // EXCESS_UNIT
-    return Header(profile.model_id, scene.num_views, *scene.image_size, last, digests, views, excess)
+    header = Header(codec.model_id, scene.num_views, *scene.image_size, last, digests, excess)
+    return write_stream(Stream(header, scene.packed, tuple(stage.coded.payload for stage in stages)))
 
 
 def check_views(views: Views, num_stages: int) -> None:

@@ -1,4 +1,4 @@
-"""Feedback extractor E_fb: photographs, the rendering of stage 1 and its depth -> what is missing."""
+"""Feedback extractor E_fb: photographs, the rendering of stage 1 and its depth errors -> F2."""
 
 import torch
 import torch.nn.functional as F
@@ -12,8 +12,8 @@ from fecocodec.layers.blocks import BlockChain, RateCondition
 class FeedbackExtractor(nn.Module):
     """concat(I, I - I1_hat) -> pixel unshuffle 4 -> with errors of depth -> 1x1 conv -> 2D blocks at 1/4 -> F2.
 
-    The paper concatenates I and I1_hat; the difference carries the same information, and is what the stage is about.
-    It compares colours alone; see `depth_feedback` for what is added.
+    The paper concatenates I and I1_hat; the difference carries the same information at a better scale.
+    Depth errors are added to it, see `depth_feedback`.
     """
 
     def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:

@@ -1,4 +1,4 @@
-"""What matching found of depth, and where the receiver's depth differs from it."""
+"""Matched depth, and its difference to the receiver's depth as feedback."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ DIFFERENCE_SCALE = 10.0  # differences of relative disparity are a few hundredth
 
 @dataclass(frozen=True)
 class MatchedDepth:
-    """Depth that an extractor read off the photographs before fusion; item = (batch view), no gradient.
+    """Depth from matching, before fusion; item = (batch view), no gradient.
 
-    agreement: in [0, 1], of other views with it; 0 where nothing confirms it.
+    agreement: cross-view consistency in [0, 1]; 0 where no other view confirms the depth.
     """
 
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
@@ -21,9 +21,9 @@ class MatchedDepth:
 
 
 def depth_feedback(matched: MatchedDepth, decoded: Float[Tensor, "item 1 h4 w4"]) -> Float[Tensor, "item 2 h4 w4"]:
-    """What E_fb is told of depth: where views agree, its difference to the decoded relative disparity; the agreement.
+    """Input of E_fb: matched minus decoded relative disparity, weighted by the agreement; the agreement.
 
-    A view's own Gaussians look right from where it stands whatever their depth, so that renderings say little of it.
+    A view's own Gaussians look right at its own camera at any depth, so that renderings hardly show depth errors.
     """
     difference = DIFFERENCE_SCALE * (matched.relative_disparity - decoded)
     return torch.cat((matched.agreement * difference, matched.agreement), dim=1).detach()

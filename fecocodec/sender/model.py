@@ -1,4 +1,4 @@
-"""The sender's own networks; it also needs the receiver's, because it must know S1 and G1."""
+"""The sender's own networks; encoding also needs the receiver's, for S1 and G1."""
 
 from typing import Any
 
@@ -14,12 +14,12 @@ from fecocodec.sender.feedback import FeedbackExtractor
 
 
 class Sender(nn.Module):
-    """E_mv, E_fb, g_a and h_a; g_a and h_a are shared by the two stages, and E_mv is what profiles differ in."""
+    """E_mv, E_fb, g_a and h_a; g_a and h_a are shared by the two stages, E_mv depends on the profile."""
 
     def __init__(
         self, config: CodecConfig, receiver: ReceiverConfig, extractor: AdaptedExtractor | None = None
     ) -> None:
-        """extractor: one that `adapted_sender` puts together; without it the one that the configuration describes."""
+        """extractor: made by `adapted_sender`; None for the one that the configuration describes."""
         super().__init__()
         self.config = config
         # CompactExtractor, DepthSplatSmall or AdaptedExtractor: each has `match`, `fuse` and, of both, `forward`.

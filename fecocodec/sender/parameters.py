@@ -1,4 +1,4 @@
-"""How many parameters each module has, and which side needs it."""
+"""Number of parameters of each module, and the side that needs it."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from fecocodec.sender.model import Sender
 class ParameterRow:
     """Size of a module.
 
-    side: "receiver" for what `decode` loads (the sender needs it too), "sender" for what only `encode` loads, "sum".
+    side: "receiver" for modules that `decode` loads (the sender needs them too), "sender" for the others, "sum".
     """
 
     module: str

@@ -1,4 +1,4 @@
-"""Networks in bfloat16 while everything that measures space, light or bits stays float32."""
+"""Run convolutions and attention in bfloat16; geometry, colours and rates stay in float32."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -15,9 +15,9 @@ from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
 
-# Their own forward passes compute cameras, depths or correlations; of these, the parts are converted one by one.
-_TAKEN_APART = (nn.ModuleDict, nn.ModuleList, Sender, Receiver, CompactExtractor, DepthSplatSmall, Predictor)
-# Integers, positions in space, and what conditions everything.
+# Their forward passes compute cameras, depths or correlations, so that only their parts are converted.
+_CONVERTED_BY_PART = (nn.ModuleDict, nn.ModuleList, Sender, Receiver, CompactExtractor, DepthSplatSmall, Predictor)
+# Integers, 3D positions, and the conditioning of all blocks.
 _KEPT = (LatentPrior, NeighbourAttention, RateEmbedding)
 _KEPT_HEADS = ("depth_head", "matching_head")  # depth, and the features whose products are matched
 
@@ -25,7 +25,7 @@ _KEPT_HEADS = ("depth_head", "matching_head")  # depth, and the features whose p
 def run_in_bfloat16(networks: nn.Module, device: str) -> None:
     """Let the convolutional and attention parts of both ends compute in bfloat16; parameters stay float32.
 
-    What passes between the parts, and so cameras, depth, Gaussians, rendering, rate and loss, is float32.
+    Values between the parts are float32, and so are cameras, depth, Gaussians, rendering, rate and loss.
     """
     for part in _convertible(networks):
         part.forward = _in_bfloat16(part.forward, torch.device(device).type)
@@ -35,7 +35,7 @@ def _convertible(module: nn.Module) -> Iterator[nn.Module]:
     for name, child in module.named_children():
         if isinstance(child, _KEPT) or name in _KEPT_HEADS:
             continue
-        if type(child) in _TAKEN_APART:
+        if type(child) in _CONVERTED_BY_PART:
             yield from _convertible(child)
         else:
             yield child

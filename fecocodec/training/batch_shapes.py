@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import torch
 
-from fecocodec.container.header import MAX_VIEWS
 from fecocodec.errors import InputError
-
-SIDE_STEP, LEAST_SIDE, LARGEST_SIDE = 32, 64, 1024  # pixels; networks work down to 1/32
+from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE, SIDE_MULTIPLE
 
 
 @dataclass(frozen=True)
@@ -89,8 +87,8 @@ class BatchShapes:
 
 
 def _check_side(side: int) -> None:
-    if side % SIDE_STEP or not LEAST_SIDE <= side <= LARGEST_SIDE:
+    if side % SIDE_MULTIPLE or not MIN_SIDE <= side <= MAX_SIDE:
         raise InputError(
             f"A training image side of {side} pixels cannot be used; "
-            f"choose a multiple of {SIDE_STEP} from {LEAST_SIDE} to {LARGEST_SIDE}."
+            f"choose a multiple of {SIDE_MULTIPLE} from {MIN_SIDE} to {MAX_SIDE}."
         )

@@ -1,8 +1,8 @@
-"""The last phase: the entropy model alone, on latents that the finished networks make.
+"""The last phase of training: the entropy model alone, on latents of the finished networks.
 
-A step of the whole codec takes seconds, one of the entropy model a tenth of a second: here it gets a hundred times as
-many. What a receiver makes of latents stays as it was. Which symbols are sent hangs on what they cost, and so files of
-one lambda change in bytes and in quality; at equal quality they become smaller.
+A step of the whole codec takes seconds, one of the entropy model a tenth of a second, so that it can take a hundred
+times as many. The other networks stay as they are. The choice of symbols depends on their cost, so that files of one
+lambda change in bytes and in quality; at equal quality they become smaller.
 """
 
 import math
@@ -16,21 +16,16 @@ from torch import Tensor, nn
 
 from fecocodec.coding.rate import estimate_latents, uniform_noise
 from fecocodec.geometry.views import Views
-from fecocodec.sender.refinement import refine_stage, refined_first_latents, steps_of_first, suitable_steps
-from fecocodec.sender.steps import (
-    Profile,
-    analyse,
-    code_stage,
-    feedback_features,
-    first_stage_lambda_q,
-    match_views,
-    prepare,
-    stage_rendering,
-)
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.encode import write_stages
+from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
 from fecocodec.training.loop import ALONE_EVERY, Trainer
-from fecocodec.training.objective import lambda_of, stage_lambdas
+from fecocodec.training.objective import lambda_of
 from fecocodec.training.optimisation import follow_gradients, warmed_cosine
 
 LAMBDAS_OF_A_SCENE = 2  # matching, which takes longest, is the same for all
@@ -94,7 +89,7 @@ def draw_latents(trainer: Trainer, num_scenes: int) -> list[SceneLatents]:
     configuration, generator = trainer.settings.configuration, trainer.generator
     share = configuration.schedule.photograph_share[1]
     lowest, highest = configuration.lambda_q_range
-    profile = Profile(trainer.sender, trainer.receiver, model_id=b"")
+    codec = Codec(trainer.sender, trainer.receiver, model_id=b"")
     found: list[SceneLatents] = []
     for number in range(1, num_scenes + 1):
         shape = configuration.shapes.draw(generator)
@@ -102,29 +97,21 @@ def draw_latents(trainer: Trainer, num_scenes: int) -> list[SceneLatents]:
         drawn = torch.randint(lowest, highest + 1, (LAMBDAS_OF_A_SCENE,), generator=generator)
         context = sample.views.select(list(range(sample.num_context)))
         num_alone = 1 if number % ALONE_EVERY == 0 else 0
-        found += latents_of(profile, context, drawn.tolist(), num_alone)
+        found += latents_of(codec, context, drawn.tolist(), num_alone)
     return found
 
 
 @torch.no_grad()
-def latents_of(profile: Profile, views: Views, lambdas_q: Sequence[int], num_alone: int = 0) -> list[SceneLatents]:
-    """The latents that the sender codes for these views, as its own steps make them; at the last `num_alone` of these
-    lambdas, those of a single stage."""
-    scene = prepare(profile, views)
-    matched = match_views(profile, scene)
+def latents_of(codec: Codec, views: Views, lambdas_q: Sequence[int], num_alone: int = 0) -> list[SceneLatents]:
+    """The latents that the sender codes for these views; at the last `num_alone` lambdas, those of a single stage."""
+    scene = prepare_scene(views, codec.device)
+    encoder = SceneEncoder(codec, scene.images, scene.cameras)
     found = []
-    for lambda_q in lambdas_q[: len(lambdas_q) - num_alone]:
-        num_steps, first_lambda_q = suitable_steps(scene, lambda_q), first_stage_lambda_q(lambda_q)
-        y1 = refined_first_latents(profile, scene, matched, first_lambda_q, steps_of_first(num_steps))
-        first = code_stage(profile, scene, y1, first_lambda_q, tuple(range(scene.num_views)), None)
-        rendering = stage_rendering(profile, scene, first.after)
-        feedback = feedback_features(profile, scene, matched.depth, rendering, lambda_q)
-        y2 = analyse(profile, feedback, first.state, lambda_q, 2)
-        y2 = refine_stage(profile, scene, y2, first, lambda_q, num_steps)
-        found.append(SceneLatents(lambda_q, (y1.y, y2.y), first.latents.y_hat))
-    for lambda_q in lambdas_q[len(lambdas_q) - num_alone :]:
-        y1 = refined_first_latents(profile, scene, matched, lambda_q, suitable_steps(scene, lambda_q))
-        found.append(SceneLatents(lambda_q, (y1.y,)))
+    for position, lambda_q in enumerate(lambdas_q):
+        num_stages = 2 if position < len(lambdas_q) - num_alone else 1
+        stages = write_stages(encoder, lambda_q, num_stages, DEFAULT)
+        y1_hat = stages[0].coded.y_hat if num_stages == 2 else None
+        found.append(SceneLatents(lambda_q, tuple(stage.y for stage in stages), y1_hat))
     return found
 
 

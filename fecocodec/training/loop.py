@@ -14,6 +14,7 @@ from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder
 from fecocodec.layers.placement import place
 from fecocodec.receiver.model import Receiver
+from fecocodec.sender.distortion import Distortion, MseDistortion
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
 from fecocodec.sender.model import Sender
@@ -37,7 +38,7 @@ ALONE_EVERY = 8  # steps: the last of them codes one stage where there could be 
 class RunSettings:
     """What is trained, where a run keeps its files, and when it stops, saves and draws pictures (minutes).
 
-    device: where the networks run, `cpu` or `cuda:N`; batches are drawn on the CPU.
+    device: where the networks run, `cpu` or `cuda:N`; batches are drawn on the CPU. distortion: D of the loss.
     """
 
     folder: Path
@@ -48,6 +49,7 @@ class RunSettings:
     log_every: int = 50
     save_every_minutes: float = 5.0
     samples_every_minutes: float = 15.0
+    distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
 
 
 class Trainer:
@@ -146,7 +148,8 @@ class Trainer:
         schedule = self.settings.configuration.schedule
         batch, num_stages = self._draw_batch()
         outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages)
-        loss, parts = loss_of(batch, outcomes, matched, schedule.disparity_weight_at(self.step))
+        weight = schedule.disparity_weight_at(self.step)
+        loss, parts = loss_of(batch, outcomes, matched, weight, self.settings.distortion)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         norm = follow_gradients(self.optimiser, self.networks, schedule.learning_rate_at(self.step))

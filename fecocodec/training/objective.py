@@ -1,7 +1,7 @@
 """One training pass: both stages of the codec on a batch, and the loss of the paper's section 3.4 plus depth's."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -15,14 +15,14 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import relative_disparity_from_depth
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.predictor import Prediction
-from fecocodec.rendering.metrics import ssim
 from fecocodec.rendering.rasterizer import Rendering, render
-from fecocodec.sender.matched_depth import depth_feedback
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.distortion import Distortion, MseDistortion
+from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
-from fecocodec.sender.steps import first_stage_lambda_q
+from fecocodec.sender.scene_encoder import LatentCoder, SceneEncoder, Stage, StageInputs, StageRendering
+from fecocodec.sender.stage_lambdas import stage_lambdas
 
-SSIM_WEIGHT = 0.03
-TARGET_WEIGHT = 2.0  # of a target view, against 1 for a context view
 MATCHING_WEIGHT = 0.5
 DISPARITY_WEIGHT = 0.5
 AGREED = 0.7  # agreement of views from which matched depth of photographs is believed
@@ -52,7 +52,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class MatchedDisparity:
-    """What matching says of relative disparity at 1/4: learned, for the loss to judge, and settled, with agreement."""
+    """Relative disparity at 1/4: trainable, aggregated by matching, and the cross-view consistency of the latter."""
 
     learned: Float[Tensor, "batch view h4 w4"]
     settled: Float[Tensor, "batch view h4 w4"]
@@ -64,85 +64,94 @@ class StageOutcome:
     """What one stage of a training pass produced. lambda_q: what it was coded at."""
 
     prediction: Prediction
-    renderings: list[Rendering]  # one per scene, all its views
+    renderings: tuple[Rendering, ...]  # one per scene, all its views
     estimated_bits: Float[Tensor, " batch"]
     lambda_q: Int[Tensor, " batch"]
 
 
-Coding = Callable[[Tensor, Tensor, int, Tensor | None], tuple[Tensor, Tensor]]
-"""(y, lambda_q, stage, y_hat of the stage before or None) -> y_hat, estimated bits per item."""
+Coding = LatentCoder[EstimatedLatent]
 
 
 def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
     """The coding of the rate-distortion phases: rounding with straight-through gradients and an estimated rate.
 
-    Gradients of the bits with respect to latents are lambda / ENTROPY_PRICE of what they are: see `loss_of`.
+    Gradients of the bits with respect to latents are scaled by lambda / ENTROPY_PRICE: see `loss_of`.
     """
 
-    def code(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | None) -> tuple[Tensor, Tensor]:
-        share = (lambda_of(lambda_q) / ENTROPY_PRICE)[:, None, None, None]
+    def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
+        share = (lambda_of(inputs.lambda_q) / ENTROPY_PRICE)[:, None, None, None]
         priced = _scale_gradient(y, share)
-        known = None if context is None else _scale_gradient(context, share)
+        context = None if inputs.y_hat is None else _scale_gradient(inputs.y_hat, share)
         z = sender.hyper_analysis(priced)
-        estimate = estimate_latents(receiver.prior, priced, z, lambda_q, stage, known, uniform_noise())
-        y_hat = estimate.y_hat.detach() + (y - y.detach())
-        return y_hat, estimate.bits_y + estimate.bits_z
+        noise = uniform_noise()
+        estimate = estimate_latents(receiver.prior, priced, z, inputs.lambda_q, inputs.stage, context, noise)
+        return EstimatedLatent(estimate.y_hat.detach() + (y - y.detach()), estimate.bits_y + estimate.bits_z)
 
     return code
 
 
+def bypass_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
+    """The warm-up: latents get the noise of rounding, nothing is coded."""
+    return EstimatedLatent(y + torch.rand_like(y) - 0.5, y.new_zeros(y.shape[0]))
+
+
 def lambda_of(lambda_q: Int[Tensor, " item"]) -> Float[Tensor, " item"]:
-    """The price of a bit a pixel from the container's fixed point."""
+    """Lambda from the container's fixed point."""
     return LAMBDA_MIN * torch.exp(lambda_q / STEPS_PER_E)
-
-
-def stage_lambdas(lambda_q: Int[Tensor, " item"], num_stages: int) -> list[Int[Tensor, " item"]]:
-    """What each stage is coded at, as the sender has it: the first more coarsely, if another follows."""
-    if num_stages == 1:
-        return [lambda_q]
-    return [lambda_q + first_stage_lambda_q(0)] + [lambda_q] * (num_stages - 1)
 
 
 def _scale_gradient(x: Tensor, factor: Tensor) -> Tensor:
     return x.detach() + factor * (x - x.detach())
 
 
-def bypass_coding(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | None) -> tuple[Tensor, Tensor]:
-    """The warm-up: latents get the noise of rounding, nothing is coded."""
-    return y + torch.rand_like(y) - 0.5, y.new_zeros(y.shape[0])
+class BatchEncoder(SceneEncoder):
+    """The pass over the stages for a training batch: it also renders target views, with one colour per Gaussian."""
+
+    def __init__(self, sender: Sender, receiver: Receiver, batch: Batch) -> None:
+        context = list(range(batch.num_context))
+        super().__init__(Codec(sender, receiver, b""), batch.images[:, context], batch.cameras.select(context))
+        self.batch = batch
+
+    def render(self, stage: Stage[Any]) -> StageRendering:
+        """The context views, which feedback needs, and one target view."""
+        return self.render_views(stage, self.num_views + 1)
+
+    def render_views(self, stage: Stage[Any], num_views: int) -> StageRendering:
+        """The first so many views of every scene."""
+        prediction = self.predict(stage.state, stage.inputs.condition)
+        cameras = self.batch.cameras.select(list(range(num_views)))
+        scenes = (
+            render(prediction.gaussians.scene(scene), cameras.scene(scene), self.size)
+            for scene in range(len(self.images))
+        )
+        return StageRendering(prediction, tuple(scenes))
 
 
 def run_stages(
     sender: Sender, receiver: Receiver, batch: Batch, coding: Coding, num_stages: int
 ) -> tuple[list[StageOutcome], MatchedDisparity]:
-    """Code, decode and render a batch; also returns what the extractor's matching found.
+    """Code, decode and render a batch; also returns the disparity that matching found.
 
-    A third stage and later ones, which streams cannot hold, work as the second does.
+    The last stage is judged on all views, those before it on the context views and one target.
     """
-    views = batch.num_context
-    images, cameras = batch.images[:, :views], batch.cameras.select(list(range(views)))
-    matching = sender.extractor.match(images, cameras)
-    features = sender.extractor.fuse(images, matching)
-    state = receiver.update.start(features.shape[0], *features.shape[-2:])
-    outcomes: list[StageOutcome] = []
-    context = None
-    for stage, lambda_q_of_scene in enumerate(stage_lambdas(batch.lambda_q, num_stages), start=1):
-        kind, lambda_q = min(stage, 2), lambda_q_of_scene.repeat_interleave(views)
-        condition = receiver.condition(lambda_q, kind)
-        if kind == 2:
-            rendered = torch.stack([rendering.color[:views] for rendering in outcomes[-1].renderings]).detach()
-            decoded = outcomes[-1].prediction.relative_disparity.flatten(0, 1)[:, None]
-            errors = depth_feedback(matching.depth, decoded)
-            features = sender.feedback(_flat(images), _flat(rendered), errors, condition)
-        y = sender.analysis(features, state, condition)
-        y_hat, bits = coding(y, lambda_q, kind, context)
-        state, context = receiver.next_state(state, y_hat, condition), y_hat
-        prediction = receiver.predict(state, cameras, condition)
-        renderings = _render(batch, prediction, is_last=stage == num_stages)
-        bits_of_scene = rearrange(bits, "(b v) -> b v", v=views).sum(dim=1)
-        outcomes.append(StageOutcome(prediction, renderings, bits_of_scene, lambda_q_of_scene))
-    found = (matching.relative_disparity, matching.depth.relative_disparity, matching.depth.agreement)
-    matched = MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=views) for item in found))
+    encoder = BatchEncoder(sender, receiver, batch)
+    stages = encoder.run(batch.lambda_q, num_stages, coding)
+    renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None]
+    renderings.append(encoder.render_views(stages[-1], batch.images.shape[1]))
+    outcomes = [
+        StageOutcome(
+            rendering.prediction,
+            rendering.scenes,
+            rearrange(stage.coded.bits, "(b v) -> b v", v=encoder.num_views).sum(dim=1),
+            lambda_q,
+        )
+        for stage, rendering, lambda_q in zip(
+            stages, renderings, stage_lambdas(batch.lambda_q, num_stages), strict=True
+        )
+    ]
+    matching = encoder.matching
+    maps = (matching.relative_disparity, matching.depth.relative_disparity, matching.depth.agreement)
+    matched = MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=encoder.num_views) for item in maps))
     return outcomes, with_targets(sender, batch, matched)
 
 
@@ -164,22 +173,18 @@ def with_targets(sender: Sender, batch: Batch, matched: MatchedDisparity) -> Mat
     )
 
 
-def _render(batch: Batch, prediction: Prediction, is_last: bool) -> list[Rendering]:
-    """Stage 1 is judged on the context views, which feedback needs anyway, and one target; the last stage on all."""
-    cameras = batch.cameras if is_last else batch.cameras.select(list(range(batch.num_context + 1)))
-    size = (batch.images.shape[-2], batch.images.shape[-1])
-    return [render(prediction.gaussians.scene(scene), cameras.scene(scene), size) for scene in range(len(batch.images))]
-
-
 def loss_of(
-    batch: Batch, outcomes: list[StageOutcome], matched: MatchedDisparity, disparity_weight: float
+    batch: Batch,
+    outcomes: list[StageOutcome],
+    matched: MatchedDisparity,
+    disparity_weight: float,
+    distortion: Distortion = MseDistortion(),  # noqa: B008 - frozen
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
-    """Sum over stages of lambda * R + L_render (paper, training strategy), each at its lambda, plus L1 on relative
-    disparity.
+    """Sum over stages of D + lambda R (paper, training strategy), each at its lambda, plus L1 on relative disparity.
 
-    R is in bits per context pixel; disparity counts where depth is known, or views agree on it. The gradient of R is at
-    ENTROPY_PRICE, which `code_with_noise` turns into lambda for all but the entropy model. Returns the loss and its
-    parts for the log.
+    D: mean over views of `distortion`, target views weighted. R: bits per context pixel. Disparity counts where depth
+    is known or views agree on it. The gradient of R is at ENTROPY_PRICE, which `code_with_noise` turns into lambda for
+    all but the entropy model. Returns the loss and its parts for the log.
     """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
     truth = _best_known_disparity(batch, matched)
@@ -188,13 +193,12 @@ def loss_of(
     for stage, outcome in enumerate(outcomes, start=1):
         rendered = torch.stack([rendering.color for rendering in outcome.renderings])
         images = batch.images[:, : rendered.shape[1]]
-        squared = (rendered - images).square().mean(dim=(0, 2, 3, 4))
-        structure = 1.0 - ssim(rendered, images).mean(dim=0)
-        weight = _view_weights(batch.num_context, images.shape[1]).to(squared)
+        squared = (rendered.detach() - images).square().mean(dim=(0, 2, 3, 4))
+        weight = _view_weights(batch.num_context, images.shape[1], distortion.target_weight).to(squared)
         rate = outcome.estimated_bits / pixels
         disparity = _masked_l1(outcome.prediction.relative_disparity, truth)
         priced = ENTROPY_PRICE * (rate - rate.detach()) + lambda_of(outcome.lambda_q) * rate.detach()
-        total = total + ((squared + SSIM_WEIGHT * structure) * weight).mean() + priced.mean()
+        total = total + (distortion(rendered, images).mean(dim=0) * weight).mean() + priced.mean()
         total = total + disparity_weight * DISPARITY_WEIGHT * disparity
         parts |= {
             f"mse{stage}": squared[batch.num_context :].mean(),
@@ -205,10 +209,10 @@ def loss_of(
     return total, {name: float(value.detach()) for name, value in parts.items()}
 
 
-def _view_weights(num_context: int, num_views: int) -> Float[Tensor, " view"]:
+def _view_weights(num_context: int, num_views: int, target_weight: float) -> Float[Tensor, " view"]:
     """Targets count more than context views, which are easy to fit without getting depth right; the mean is 1."""
     weights = torch.ones(num_views)
-    weights[num_context:] = TARGET_WEIGHT
+    weights[num_context:] = target_weight
     return weights / weights.mean()
 
 
@@ -234,7 +238,3 @@ def _masked_l1(found: Tensor, truth: Tensor) -> Float[Tensor, ""]:
     known = torch.isfinite(truth)
     difference = (found - torch.where(known, truth.clamp(-0.05, 1.05), found.detach())).abs()
     return difference.mean()
-
-
-def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
-    return rearrange(x, "b v c h w -> (b v) c h w")

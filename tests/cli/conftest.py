@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ import torch.nn.functional as functional
 from fecosplat_cli.main import run
 
 import fecocodec
+from fecocodec import checkpoint
 from fecocodec.container import Header, PackedCameras, Stream, write_stream
 from fecocodec.formats.images import write_image
 from tests.example_scenes import MODEL
@@ -52,7 +52,6 @@ def stream_bytes() -> bytes:
         width=448,
         lambda_q=1179,
         symbol_digests=(b"digest 1", b"digest 2"),
-        stage_2_views=(0, 1),
         first_stage_excess=229,
     )
     cameras = PackedCameras((IDENTITY_POSE, SHIFTED_POSE), ((1.0, 1.75, 0.5, 0.5),) * 2, near=1.0, far=10.0)
@@ -95,18 +94,15 @@ def coded_scene(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 @pytest.fixture
 def networks(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands work with untrained networks instead of the shipped ones."""
-    monkeypatch.setattr(fecocodec, "encode", partial(fecocodec.encode, model=MODEL, weights=random_weights))
-    adaptively = partial(fecocodec.encode_adaptively, model=MODEL, weights=random_weights)
-    monkeypatch.setattr(fecocodec, "encode_adaptively", adaptively)
-    monkeypatch.setattr(fecocodec, "decode", partial(fecocodec.decode, weights=random_weights))
-    monkeypatch.setattr(fecocodec, "decode_intact", partial(fecocodec.decode_intact, weights=random_weights))
+    monkeypatch.setattr(checkpoint, "SHIPPED", random_weights)
+    monkeypatch.setattr(checkpoint, "DEFAULT_MODEL", MODEL)
 
 
 @pytest.fixture(scope="session")
 def wall(photographs: Path, random_weights: Path) -> bytes:
     """A stream of two photographs, coded by the untrained networks."""
     views = fecocodec.read_views(photographs, views=(0, 1))
-    return fecocodec.encode(views, model=MODEL, weights=random_weights)
+    return fecocodec.encode(views, model=random_weights / MODEL)
 
 
 @pytest.fixture

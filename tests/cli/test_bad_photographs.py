@@ -3,7 +3,6 @@
 import json
 import shutil
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ import pytest
 from PIL import Image
 from refusals import assert_refused
 
-import fecocodec
 from fecocodec.checkpoint import RECEIVER_FILE
 from tests.example_scenes import MODEL
 
@@ -141,12 +139,9 @@ def test_bad_options(fecosplat, photographs: Path, output: Path, options: tuple[
     assert_refused(result, output, sentence.replace("{folder}", str(photographs)))
 
 
-def test_damaged_weights(
-    fecosplat, photographs: Path, tmp_path: Path, output: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_damaged_weights(fecosplat, photographs: Path, tmp_path: Path, output: Path) -> None:
     weights = tmp_path / "weights" / MODEL / RECEIVER_FILE
     weights.parent.mkdir(parents=True)
     weights.write_text("no weights")
-    monkeypatch.setattr(fecocodec, "encode", partial(fecocodec.encode, model=MODEL, weights=tmp_path / "weights"))
-    result = fecosplat("encode", photographs, "-o", output / "a.fcs")
+    result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--model", weights.parent)
     assert_refused(result, output, f"{weights}: not a weights file of this codec, or damaged; reinstall the package.")

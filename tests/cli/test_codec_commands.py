@@ -79,7 +79,7 @@ def test_decode_writes_what_the_library_returns(fecosplat, coded_scene: Path, tm
     output = tmp_path / "wall.ply"
     result = fecosplat("decode", coded_scene, "-o", output, "--json")
     fields = json.loads(result.out)
-    written, expected = fecocodec.read_ply(output), fecocodec.decode(coded_scene.read_bytes())
+    written, expected = fecocodec.read_ply(output), fecocodec.decode(coded_scene.read_bytes()).gaussians
     assert (result.code, result.err) == (0, "")
     assert fields["gaussians"] == written.count == expected.count > 0
     torch.testing.assert_close(written.means, expected.means, rtol=0, atol=1e-5)
@@ -212,7 +212,7 @@ def test_render_into_a_file_that_is_no_image_is_refused(fecosplat, stream_file: 
 
 
 def test_model_table_adds_up(fecosplat) -> None:
-    result = fecosplat("info", "--model", "--json")
+    result = fecosplat("info", "--parameters", "--json")
     rows = json.loads(result.out)
     receiver = sum(row["parameters"] for row in rows if row["side"] == "receiver")
     sender = sum(row["parameters"] for row in rows if row["side"] == "sender")

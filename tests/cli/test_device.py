@@ -40,7 +40,7 @@ def test_what_renders_there_is_refused(
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("encode", "missing", "-o", "a.fcs", "--stages", "1", "--refine", "0"),
+        ("encode", "missing", "-o", "a.fcs", "--stages", "1", "--effort", "fast"),
         ("decode", "missing", "-o", "a.ply"),
         ("render", "missing", "-o", "images"),
     ],

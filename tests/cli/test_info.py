@@ -3,9 +3,12 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from fecocodec.container import read_stream, write_stream
 
 
 def test_json_describes_the_stream(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
@@ -55,16 +58,33 @@ def test_file_cut_in_the_header_is_one_sentence(fecosplat, stream_file: Path, st
     result = fecosplat("info", stream_file)
     assert (result.code, result.out) == (1, "")
     assert result.err == (
-        f"fecosplat: {stream_file}: header at byte 0: the file ends after 20 bytes, the header needs 30; "
+        f"fecosplat: {stream_file}: header at byte 0: the file ends after 20 bytes, the header needs 28; "
         "copy or download it again.\n"
     )
 
 
-@pytest.mark.parametrize("arguments", [(), ("scene.fcs", "--model")])
+@pytest.mark.parametrize("arguments", [(), ("scene.fcs", "--parameters")])
 def test_needs_a_file_or_the_model(fecosplat, arguments: tuple[str, ...]) -> None:
     result = fecosplat("info", *arguments)
     assert result.code == 2
-    assert "Give either a .fcs file or --model." in result.err
+    assert "Give either a .fcs file or --parameters." in result.err
+
+
+def test_control_characters_never_reach_the_terminal(fecosplat, tmp_path: Path, stream_bytes: bytes) -> None:
+    metadata = {"name": "\x1b[31mred\x07"}
+    named = write_stream(replace(read_stream(stream_bytes), metadata=metadata))
+    for data in (named, named[:-1]):
+        file = tmp_path / "evil\x1b]0;title\x07.fcs"
+        file.write_bytes(data)
+        for options in ((), ("--json",)):
+            result = fecosplat("info", file, *options)
+            assert all(c.isprintable() or c == "\n" for c in result.out + result.err)
+
+
+def test_what_decoding_takes_is_shown(fecosplat, stream_file: Path) -> None:
+    assert "229,376 pixels in all, about 0.5 GiB of memory" in fecosplat("info", stream_file).out
+    decoding = json.loads(fecosplat("info", stream_file, "--json").out)["decoding"]
+    assert decoding["pixels"] == 2 * 256 * 448
 
 
 def test_loads_neither_torch_nor_numpy(stream_file: Path) -> None:

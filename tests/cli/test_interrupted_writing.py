@@ -15,13 +15,11 @@ from fecocodec.formats.ply import read_ply
 # Encodes or decodes until it writes, says so, and waits there to be killed: half of the output is on the disk then.
 CHILD = """
 import sys, time
-from functools import partial
 from pathlib import Path
-import fecocodec
+from fecocodec import checkpoint
 from fecocodec.formats import atomic
 model, weights, *arguments = sys.argv[1:]
-fecocodec.encode = partial(fecocodec.encode, model=model, weights=Path(weights))
-fecocodec.decode = partial(fecocodec.decode, weights=Path(weights))
+checkpoint.SHIPPED, checkpoint.DEFAULT_MODEL = Path(weights), model
 
 def stall(source, target):
     data = source.read_bytes()

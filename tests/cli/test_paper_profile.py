@@ -1,4 +1,4 @@
-"""`fecosplat info --model paper`: the paper's profile at the paper's size."""
+"""`fecosplat info --parameters paper`: the paper's profile at the paper's size."""
 
 import json
 
@@ -16,7 +16,7 @@ EXTRACTOR = {
 
 
 def test_sums_are_the_papers_within_one_percent(fecosplat: CommandLine) -> None:
-    rows = json.loads(fecosplat("info", "--model", "paper", "--json").out)
+    rows = json.loads(fecosplat("info", "--parameters", "paper", "--json").out)
     counts = {row["module"]: row["parameters"] for row in rows if row["side"] != "sum"}
     assert {name: count for name, count in counts.items() if name.startswith("extractor")} == EXTRACTOR
     receiver, sender = (row for row in rows if row["side"] == "sum")
@@ -27,6 +27,6 @@ def test_sums_are_the_papers_within_one_percent(fecosplat: CommandLine) -> None:
 
 
 def test_the_table_shows_the_papers_table_1_beside_ours(fecosplat: CommandLine) -> None:
-    lines = fecosplat("info", "--model", "paper").out.splitlines()
+    lines = fecosplat("info", "--parameters", "paper").out.splitlines()
     assert lines[0].endswith("paper's Table 1")
     assert "3.45 M (+" in lines[-2] and "37.28 M (+" in lines[-1]

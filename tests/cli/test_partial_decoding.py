@@ -8,15 +8,15 @@ import pytest
 from refusals import assert_refused
 
 from fecocodec import read_ply
-from fecocodec.container import Keep, list_sections, read_stream, write_stream
+from fecocodec.container import list_sections, read_stream, write_stream
 
 pytestmark = pytest.mark.usefixtures("networks")
 
 
 @pytest.fixture(scope="module")
 def whole(wall: bytes) -> bytes:
-    """Two stages, keep and metadata: every kind of section there is."""
-    return write_stream(replace(read_stream(wall), keep=Keep(2), metadata={"name": "wall"}))
+    """Two stages and metadata."""
+    return write_stream(replace(read_stream(wall), metadata={"name": "wall"}))
 
 
 def end_of(data: bytes, name: str) -> int:
@@ -26,7 +26,7 @@ def end_of(data: bytes, name: str) -> int:
 
 def cuts(whole: bytes) -> dict[str, int]:
     """Every boundary of sections behind B1, and places within the sections."""
-    ends = {name: end_of(whole, name) for name in ("B1", "B2", "keep")}
+    ends = {name: end_of(whole, name) for name in ("B1", "B2")}
     return ends | {
         "head of B2": ends["B1"] + 4,
         "half of B2": (ends["B1"] + ends["B2"]) // 2,
@@ -36,7 +36,7 @@ def cuts(whole: bytes) -> dict[str, int]:
 
 @pytest.mark.parametrize(
     ("place", "stages"),
-    [("B1", 1), ("head of B2", 1), ("half of B2", 1), ("B2", 2), ("keep", 2), ("last byte", 2)],
+    [("B1", 1), ("head of B2", 1), ("half of B2", 1), ("B2", 2), ("last byte", 2)],
 )
 def test_a_cut_file_gives_what_is_intact(
     fecosplat, whole: bytes, tmp_path: Path, output: Path, place: str, stages: int

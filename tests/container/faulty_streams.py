@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import zstandard
 
-from fecocodec.container import PackedCameras, Stream, num_cells, write_stream
+from fecocodec.container import PackedCameras, Stream, coverage_grid, write_stream
 from fecocodec.container.cameras import pack_cameras
 from fecocodec.container.metadata import pack_metadata
 from tests.container.example_streams import (
     B1,
     B2,
     CAMERAS,
-    KEEP,
+    COVERAGE,
     METADATA,
     TURNED,
     example_stream,
@@ -60,7 +60,7 @@ class Parts:
 
     @property
     def b1_offset(self) -> int:
-        return 50 + len(self.cameras)
+        return 48 + len(self.cameras)
 
     @property
     def b2_offset(self) -> int:
@@ -91,28 +91,23 @@ def signature_faults(parts: Parts) -> list[Fault]:
 
 def header_faults(parts: Parts) -> list[Fault]:
     cut = "the whole header is there"
-    with_or_without = "stage-2 views exactly if there is a stage 2"
     faults = [
         (cut, b"", 0, "the file ends after 0 bytes"),
-        (cut, parts.good[:20], 0, "the file ends after 20 bytes, the header needs 30"),
-        (cut, parts.good[:49], 0, "the file ends after 49 bytes, the header needs 50"),
-        ("major version is not above 1", parts.header(major=2), 8, "version 2.0 is newer than 1.x"),
-        ("major version is not below 1", parts.header(major=0), 8, "there is no format version 0"),
+        (cut, parts.good[:20], 0, "the file ends after 20 bytes, the header needs 28"),
+        (cut, parts.good[:47], 0, "the file ends after 47 bytes, the header needs 48"),
+        ("major version is not above 2", parts.header(major=3), 8, "version 3.0 is newer than 2.x"),
+        ("major version is not below 2", parts.header(major=1), 8, "format version 1.0 was never released"),
         ("number of stages", parts.header(stages=0), 19, "the number of stages is 0"),
         ("number of stages", parts.header(stages=3), 19, "the number of stages is 3"),
         ("header CRC-32", parts.good[:10] + b"M" + parts.good[11:], 0, "CRC-32 is 0x"),
         ("number of views", parts.header(views=0), 18, "the number of views is 0"),
         ("number of views", parts.header(views=17), 18, "the number of views is 17"),
-        ("height", parts.header(height=15), 20, "the height is 15, allowed are 16 to 4096"),
-        ("width", parts.header(width=4097), 22, "the width is 4097, allowed are 16 to 4096"),
+        ("height", parts.header(height=63), 20, "the height is 63, allowed are 64 to 1024"),
+        ("width", parts.header(width=1025), 22, "the width is 1025, allowed are 64 to 1024"),
         ("lambda_q", parts.header(lambda_q=1769), 24, "the quantised lambda is 1769, allowed are 0 to 1768"),
         ("number of sections", parts.header(sections=2), 26, "the number of sections is 2, allowed are 3 to 16"),
         ("number of sections", parts.header(sections=17), 26, "the number of sections is 17, allowed are 3 to 16"),
         ("excess of stage 1", parts.header(stages=1, sections=2, excess=1), 27, "is 1, allowed are 0 to 0"),
-        ("stage-2 views are among the views", parts.header(stage_2_views=4), 28, "codes the views [2] of 2"),
-        (with_or_without, parts.header(stage_2_views=0), 28, "codes 0 views in a stream of 2 stages"),
-        (with_or_without, parts.header(stages=1, stage_2_views=1), 28, "codes 1 views in a stream of 1 stages"),
-        ("padded pixels", parts.header(views=16, height=1025, width=1024), 18, "17301504 pixels after padding"),
     ]
     return [Fault(rule, data, f"header at byte {offset}: ", cause) for rule, data, offset, cause in faults]
 
@@ -120,12 +115,12 @@ def header_faults(parts: Parts) -> list[Fault]:
 def cut_and_changed_section_faults(parts: Parts) -> list[Fault]:
     good, b1, b2, end = parts.good, parts.b1_offset, parts.b2_offset, parts.end
     last = end - 1
-    too_long = good[:51] + (2049).to_bytes(4, "little") + good[55:]
+    too_long = good[:49] + (2049).to_bytes(4, "little") + good[53:]
     changed_kind = good[:b1] + b"\xa1" + good[b1 + 1 :]
     faults = [
         ("every section head is there", good[:end], "", end, "inside or before the head"),
         ("every section head is there", good[: b1 + 8], "", b1, "inside or before the head"),
-        ("length within the limit", too_long, "cameras ", 50, "its length is 2049, at most 2048"),
+        ("length within the limit", too_long, "cameras ", 48, "its length is 2049, at most 2048"),
         ("the whole payload is there", good[:last], "B2 ", b2, f"after {last} bytes, the section needs {end}"),
         ("section CRC-32", changed_kind, "0xa1 ", b1, "CRC-32 is 0x"),
         ("section CRC-32", good[: b2 - 1] + bytes([good[b2 - 1] ^ 1]) + good[b2:], "B1 ", b1, "CRC-32 is 0x"),
@@ -151,7 +146,7 @@ def section_order_faults(parts: Parts) -> list[Fault]:
         ),
         ("unknown kinds are not critical", unknown, f"0x95 at byte {parts.b1_offset}", "unknown and marked as needed"),
         ("no kind twice", parts.stream_of(cameras, b1, b1, b2), f"B1 at byte {parts.b2_offset}", "it appears twice"),
-        ("ascending order", parts.stream_of(b1, cameras, b2), f"cameras at byte {50 + len(b1)}", "before section B1"),
+        ("ascending order", parts.stream_of(b1, cameras, b2), f"cameras at byte {48 + len(b1)}", "before section B1"),
         ("B2 only with two stages", one_stage, f"B2 at byte {parts.b2_offset - 8}", "the header announces 1 stage"),
         (missing, parts.stream_of(b1, b2, metadata), "cameras", "it is missing"),
         (missing, parts.stream_of(cameras, b2, metadata), "B1", "it is missing"),
@@ -178,7 +173,7 @@ def camera_payload_faults(parts: Parts) -> list[Fault]:
     }
     return [
         Fault(
-            rule, parts.stream_of(sealed_section(CAMERAS, bad), parts.b1, parts.b2), "section cameras at byte 50", cause
+            rule, parts.stream_of(sealed_section(CAMERAS, bad), parts.b1, parts.b2), "section cameras at byte 48", cause
         )
         for rule, (bad, cause) in faults.items()
     ]
@@ -200,10 +195,11 @@ def camera_value_faults(parts: Parts) -> list[Fault]:
     faults = [
         ("finite near, far", replace(good, near=nan), "", "near is nan, it must be a finite float32 value"),
         ("finite near, far", replace(good, far=infinity), "", "far is inf, it must be a finite float32 value"),
-        ("near < far", replace(good, near=100.0), "", "near must be less than far"),
-        ("near positive", replace(good, near=0.0), "", "near is 0.0, it must be positive"),
-        ("near positive", replace(good, near=-1.0), "", "near is -1.0, it must be positive"),
-        ("far not too large", replace(good, far=2.0**61), "", "it must be at most 2^60"),
+        ("near within its bounds", replace(good, near=0.0), "", "near is 0.0, it must be 2^-40 to 2^40"),
+        ("near within its bounds", replace(good, near=-1.0), "", "near is -1.0, it must be 2^-40 to 2^40"),
+        ("near within its bounds", replace(good, near=2.0**41, far=2.0**42), "", "it must be 2^-40 to 2^40"),
+        ("far / near within its bounds", replace(good, near=100.0), "", "far must be 1.002 to 16384 times near"),
+        ("far / near within its bounds", replace(good, far=8193.0), "", "far must be 1.002 to 16384 times near"),
         ("finite camera values", with_pose(pose(TURNED, (0.0, nan, 0.0))), "camera 2 of 2", "ty is nan"),
         ("finite camera values", with_pose(pose((infinity, *TURNED[1:]), here)), "camera 2 of 2", "r00 is inf"),
         ("finite camera values", with_lens(1.0, 1.0, nan, 0.5), "camera 2 of 2", "cx is nan"),
@@ -217,47 +213,47 @@ def camera_value_faults(parts: Parts) -> list[Fault]:
         ),
         ("not mirrored", with_pose(pose(mirrored, here)), "camera 2 of 2", "its pose is mirrored"),
         ("centre not too far", with_pose(pose(TURNED, (2.0**61, 0.0, 0.0))), "camera 2 of 2", "more than 2^60"),
+        (
+            "centre not too far from the mean",
+            with_pose(pose(TURNED, (0.0, 2.0**14 + 1.0, 0.0))),
+            "camera 1 of 2",
+            "more than 16384 near from the mean position",
+        ),
         ("focal lengths", with_lens(0.0, 1.0, 0.5, 0.5), "camera 2 of 2", "focal length fx is 0.0"),
         ("focal lengths", with_lens(1.0, -1.0, 0.5, 0.5), "camera 2 of 2", "focal length fy is -1.0"),
-        ("principal point", with_lens(1.0, 1.0, 0.5, 1025.0), "camera 2 of 2", "principal point cy is 1025.0"),
+        ("principal point", with_lens(1.0, 1.0, 0.5, 257.0), "camera 2 of 2", "principal point cy is 257.0"),
     ]
     return [
         Fault(
             rule,
             parts.stream_of(sealed_section(CAMERAS, pack_cameras(cameras)), parts.b1, parts.b2),
-            f"section cameras at byte 50: {camera}",
+            f"section cameras at byte 48: {camera}",
             cause,
         )
         for rule, cameras, camera, cause in faults
     ]
 
 
-def keep_faults(parts: Parts) -> list[Fault]:
-    """Two views of 24x24 pixels have 18 cells, with 6 bits to spare."""
-    cells = num_cells(parts.stream.header)
-    size = -(-cells // 8)
+def coverage_faults(parts: Parts) -> list[Fault]:
+    views, rows, columns = coverage_grid(parts.stream.header)
+    size = views * rows * columns // 8
     whole = deflated(bytes(size))
     faults = [
-        ("Deflate data valid", b"\2" + b"\xff" * 40, "no valid Deflate data"),
-        ("Deflate data not too long", b"\2" + deflated(bytes(20_000_000)), f"inflates to more than the {size} bytes"),
-        ("Deflate data has an end", b"\2" + whole[:-1], "its Deflate data has no end"),
-        ("nothing after the Deflate data", b"\2" + whole + b"\0", "1 bytes follow its Deflate data"),
-        ("keep is not empty", b"", "it is empty, it must begin with an opacity threshold"),
-        (
-            "cells of keep have their size",
-            b"\2" + deflated(bytes(size - 1)),
-            f"{size - 1} bytes, {cells} cells need {size}",
-        ),
+        ("Deflate data valid", b"\xff" * 40, "no valid Deflate data"),
+        ("Deflate data not too long", deflated(bytes(20_000_000)), f"inflates to more than the {size} bytes"),
+        ("Deflate data has an end", whole[:-1], "its Deflate data has no end"),
+        ("nothing after the Deflate data", whole + b"\0", "1 bytes follow its Deflate data"),
+        ("cells of coverage have their size", deflated(bytes(size - 1)), f"{size - 1} bytes, the views need {size}"),
     ]
-    sections = (parts.cameras, parts.b1, parts.b2)
-    place = f"section keep at byte {parts.end}"
-    spare = sealed_section(KEEP, b"\2" + deflated(b"\xff\xff\xc1"))
-    bad = [
-        Fault(rule, parts.stream_of(*sections, sealed_section(KEEP, data)), place, cause)
+    return [
+        Fault(
+            rule,
+            parts.stream_of(parts.cameras, sealed_section(COVERAGE, data), parts.b1, parts.b2),
+            f"section coverage at byte {parts.b1_offset}",
+            cause,
+        )
         for rule, data, cause in faults
     ]
-    small = parts.header(height=24, width=24) + b"".join((*sections, spare))
-    return [*bad, Fault("spare bits of keep are 0", small, place, "a bit after the last cell's is not 0")]
 
 
 def zstd_frame(window: int, content: bytes) -> bytes:
@@ -305,7 +301,7 @@ def faults_of(stream: Stream) -> tuple[Fault, ...]:
         *section_order_faults(parts),
         *camera_payload_faults(parts),
         *camera_value_faults(parts),
-        *keep_faults(parts),
+        *coverage_faults(parts),
         *metadata_faults(parts),
     )
 

@@ -15,7 +15,7 @@ def test_a_whole_stream_is_described() -> None:
     assert summary.metadata == example_stream().metadata
     assert (summary.near, summary.far) == (0.5, 100.0)
     assert [section.name for section in summary.sections] == ["cameras", "B1", "B2", "metadata"]
-    assert [section.offset for section in summary.sections] == [50, EXAMPLE.b1_offset, EXAMPLE.b2_offset, EXAMPLE.end]
+    assert [section.offset for section in summary.sections] == [48, EXAMPLE.b1_offset, EXAMPLE.b2_offset, EXAMPLE.end]
     assert all(section.is_intact for section in summary.sections)
     assert summary.total_bytes == summary.overhead_bytes + sum(section.length for section in summary.sections)
     assert summary.overhead_bytes == summary.header_bytes + 4 * 9
@@ -33,11 +33,11 @@ def test_sections_behind_a_damaged_one_are_found() -> None:
 def test_damaged_cameras_tell_no_depth_range() -> None:
     damaged = GOOD[:60] + bytes([GOOD[60] ^ 1]) + GOOD[61:]
     summary = inspect(damaged)
-    assert summary.damage is not None and summary.damage.startswith("section cameras at byte 50: CRC-32")
+    assert summary.damage is not None and summary.damage.startswith("section cameras at byte 48: CRC-32")
     assert (summary.near, summary.far) == (None, None)
 
 
-@pytest.mark.parametrize("length", range(50, len(GOOD)))
+@pytest.mark.parametrize("length", range(48, len(GOOD)))
 def test_a_cut_stream_is_described_as_far_as_it_goes(length: int) -> None:
     summary = inspect(GOOD[:length])
     assert summary.damage is not None and f"the file ends after {length} bytes" in summary.damage
@@ -47,5 +47,5 @@ def test_a_cut_stream_is_described_as_far_as_it_goes(length: int) -> None:
 
 
 def test_without_a_header_there_is_nothing_to_describe() -> None:
-    with pytest.raises(BitstreamError, match="the header needs 50"):
-        inspect(GOOD[:49])
+    with pytest.raises(BitstreamError, match="the header needs 48"):
+        inspect(GOOD[:47])

@@ -23,7 +23,7 @@ def plan(tmp_path: Path, random_weights: Path) -> Plan:
     index = tmp_path / "evaluation.json"
     index.write_text(json.dumps(INDEX))
     size = (64, 96)
-    return Plan(root, index, random_weights / MODEL, tmp_path / "out", ("codec", "floor"), (1e-2,), size)
+    return Plan(root, index, random_weights / MODEL, tmp_path / "out", ("codec", "trivial"), (1e-2,), size)
 
 
 def test_one_broken_scene_loses_nothing_else_and_a_second_run_measures_nothing_again(plan: Plan) -> None:
@@ -71,7 +71,7 @@ def test_variants_are_compared_at_the_lambdas_they_share() -> None:
     psnr = (20.0, 22.5, 23.0, 23.1, 24.0)
     found = [
         measurement("a", system, f"lambda {step}", 1024 * 2**step, psnr[step])
-        for system, steps in (("fecosplat", range(5)), ("adaptive", (0, 2, 4)))
+        for system, steps in (("fecosplat", range(5)), ("stage 1 alone", (0, 2, 4)))
         for step in steps
     ]
     (comparison,) = compare(averages(found))

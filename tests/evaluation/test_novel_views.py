@@ -7,18 +7,20 @@ import torch
 
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.novel_views import render_views, score
+from fecocodec.evaluation.systems.codec import codec_system
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.metrics import psnr
-from fecocodec.sender.encode import encode_with, load_profile
+from fecocodec.sender.codec import load_codec
+from fecocodec.sender.encode import encode_with
 from tests.example_scenes import MODEL, example_views
 
 
 def test_a_score_is_that_of_the_bytes(random_weights: Path) -> None:
-    profile, views = load_profile(random_weights / MODEL, "cpu"), example_views(3)
+    codec, views = load_codec(random_weights / MODEL, "cpu"), example_views(3)
     lambda_q = quantise_lambda(1e-3)
-    found = score(profile, "scene/label", views, 2, lambda_q, 2)
-    data = encode_with(profile, views.select([0, 1]), lambda_q, 2)
-    gaussians = decode(data, weights=random_weights)
+    found = score(codec_system(codec, 1e-3), "scene/label", views, 2)
+    data = encode_with(codec, views.select([0, 1]), lambda_q, 2)
+    gaussians = decode(data, model=random_weights / MODEL).gaussians
     assert found.num_bytes == len(data)
     assert found.num_gaussians == gaussians.count
     rendered = render_views(gaussians, views)

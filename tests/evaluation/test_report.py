@@ -10,8 +10,8 @@ import pytest
 from fecocodec.errors import InputError
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
-from fecocodec.evaluation.report.adaptive_section import adaptive_section
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
+from fecocodec.evaluation.report.complexity_section import complexity_section
 from fecocodec.evaluation.report.page import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.results import ResultFile
@@ -22,7 +22,6 @@ from fecocodec.evaluation.report.studies import Studies
 from fecocodec.evaluation.scaling import Load, exponent
 from fecocodec.evaluation.stress.complexity import Need
 from fecocodec.evaluation.stress.suite import Verdict
-from fecocodec.evaluation.systems.codec import THOROUGH
 
 ENTRIES = ("a", "b", "c")
 SETTINGS = ("lambda 0.01", "lambda 0.001", "lambda 0.0001")
@@ -62,24 +61,23 @@ def studies() -> Studies:
     rate = [
         *curve("fecosplat", 2.0, 20.0),
         *curve("stage 1 alone", 1.5, 19.0),
-        *curve("adaptive", 1.0, 20.0, gaussians=750),
-        *curve("adaptive, all Gaussians", 1.0, 20.01),
+        *curve("fecosplat, pruned", 2.0, 19.99, gaussians=750),
         *photographs(),
         replace(curve("nearest view", 1.0, 15.0)[0], num_bytes=0),
     ]
     rate += [replace(rate[-1], entry=entry) for entry in ENTRIES[1:]]
     speed = [
         *curve("fecosplat", 2.0, 20.0),
-        *curve("no refinement", 2.0, 19.0, 0.05),
+        *curve("fecosplat, effort fast", 2.0, 19.0, 0.05),
         *curve("one thread", 2.0, 20.0, 2.0),
     ]
     steps = {"encode": {"start": 0.01, "coding stage 1": 0.03}, "decode": {"predicting": 0.02}}
     loads = tuple(Load(2, side, 2 * side**2, side**2 / 1e5, side / 1e4, 100.0, side**2) for side in (64, 128))
-    needs = (Need(0, 1.0, 1.0, 0.1, 1), Need(24, 9.0, 8.0, 0.2, 2))
+    needs = (Need(0, 1.0, 1.0, 0.1), Need(24, 9.0, 8.0, 0.2))
     verdicts = (Verdict("wall: easy", "finite", 20.0, 0.0, 21.0, 0.0, 3.5, 0, "a Gaussian is not finite"),)
-    savings = [m for m in rate if m.system in ("fecosplat", "adaptive")]
+    pairs = [m for m in rate if m.system == "fecosplat"]
     complexity = {entry: 4.0 * 2**at for at, entry in enumerate(ENTRIES)}
-    return Studies(tuple(rate), tuple(speed), tuple(savings), complexity, (), steps, loads, needs, verdicts)
+    return Studies(tuple(rate), tuple(speed), tuple(pairs), complexity, (), steps, loads, needs, verdicts)
 
 
 def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,19 +105,13 @@ def test_failures_are_told(studies: Studies, tmp_path: Path, monkeypatch: pytest
     assert make.make_report(plan, lambda _study: None) == ("d, fecosplat, lambda 0.01: is gone",)
 
 
-def test_savings_are_judged_by_what_was_asked(studies: Studies) -> None:
-    text = adaptive_section(studies.rate, studies.savings, studies.complexity, studies.needs).text
-    assert "| sender, keep section | 25.0 | 0.010 | 0.010 | 0.010 | met |" in text
-    assert "| simplest third | 1 | plain | -50.0 |" in text and "| met |" in text.split("simplest third")[1]
-    assert "| as many steps |" not in text  # those were not measured
-    many = [replace(m, system=THOROUGH) for m in curve("adaptive", 1.0, 20.0) if m.entry != ENTRIES[-1]]
-    text = adaptive_section([*studies.rate, *many], studies.savings, studies.complexity, studies.needs).text
-    assert f"| all | {len(ENTRIES)} | plain |" in text and f"| all | {len(ENTRIES) - 1} | as many steps | 0.0 |" in text
-    costly = [replace(m, psnr=m.psnr - 1.0) if m.system == "adaptive" else m for m in studies.rate]
-    assert (
-        "| sender, keep section | 25.0 | 1.010 | 1.010 | 0.010 | missed |"
-        in adaptive_section(costly, studies.savings, studies.complexity, studies.needs).text
-    )
+def test_pruning_is_judged_by_what_was_asked(studies: Studies) -> None:
+    def text(rate: list[Measurement]) -> str:
+        return complexity_section(rate, studies.photographs, studies.complexity, studies.needs).text
+
+    assert "| 25.0 | 0.010 | 0.010 | 0.010 | met |" in text(list(studies.rate))
+    costly = [replace(m, psnr=m.psnr - 1.0) if m.system == "fecosplat, pruned" else m for m in studies.rate]
+    assert "| 25.0 | 1.010 | 1.010 | 0.010 | missed |" in text(costly)
 
 
 def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:
@@ -127,7 +119,7 @@ def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:
     assert pareto_front(marks) == (marks[0], marks[2])
     sender = speed_section(studies.rate, studies.speed, studies.steps, 64).charts[0]
     names = {series.name for series in sender.series for mark in series.marks if mark in sender.front}
-    assert "no refinement" in names and "one thread" not in names
+    assert "fecosplat, effort fast" in names and "one thread" not in names
 
 
 def test_growth(studies: Studies) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 
 VECTORS = Path(__file__).resolve().parents[2] / "bitstream_spec" / "vectors"
-FIELD_OFFSETS = (8, 9, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29)
+FIELD_OFFSETS = (8, 9, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27)
 TELLING_BYTES = (0, 1, 2, 3, 15, 16, 17, 32, 64, 127, 128, 254, 255)
 
 
@@ -151,7 +151,7 @@ def sealed(data: bytearray) -> bytes:
 
 
 def header_end(data: bytes | bytearray) -> int | None:
-    end = 34 + 8 * min(data[19], 2) if len(data) > 19 else len(data) + 1
+    end = 32 + 8 * min(data[19], 2) if len(data) > 19 else len(data) + 1
     return end if end <= len(data) else None
 
 

@@ -1,11 +1,10 @@
-"""Cameras: inverses, rays and padding."""
+"""Cameras: inverses, rays, projection and depth."""
 
 import pytest
 import torch
 
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity, relative_disparity_from_depth
-from fecocodec.geometry.padding import inside_unpadded, pad_cameras, pad_images, padded_size
 from tests.example_scenes import example_cameras
 
 
@@ -20,13 +19,26 @@ def test_points_along_pixel_rays_project_back_to_pixel_centres(height: int, widt
     cameras = example_cameras(3)
     depth = 1.0 + torch.rand(3, height, width, generator=torch.Generator().manual_seed(1)) * 10
     points = camera_to_world_points(cameras, pixel_rays(cameras, height, width) * depth[..., None])
-    to_camera = cameras.world_to_camera[:, None, None]
-    seen = (to_camera[..., :3, :3] @ points[..., None])[..., 0] + to_camera[..., :3, 3]
-    torch.testing.assert_close(seen[..., 2], depth, atol=1e-4, rtol=1e-5)
-    projected = (cameras.intrinsics_px(height, width)[:, None, None] @ (seen / seen[..., 2:])[..., None])[..., 0]
     row, column = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    torch.testing.assert_close(projected[..., 0], column.expand(3, -1, -1), atol=1e-3, rtol=0)
-    torch.testing.assert_close(projected[..., 1], row.expand(3, -1, -1), atol=1e-3, rtol=0)
+    for view in range(3):
+        uv, found, is_visible = (field[0] for field in cameras.select([view]).project(points[view]))
+        torch.testing.assert_close(found, depth[view], atol=1e-4, rtol=1e-5)
+        torch.testing.assert_close(
+            uv * torch.tensor([width, height]), torch.stack((column, row), -1), atol=1e-3, rtol=0
+        )
+        assert bool(is_visible.all())
+
+
+def test_points_behind_a_camera_or_beside_its_image_are_not_visible() -> None:
+    cameras = example_cameras(2)
+    intrinsics = cameras.intrinsics[0]
+    corner = torch.tensor([(1.01 - intrinsics[0, 2]) / intrinsics[0, 0], 0.0, 1.0])
+    local = torch.stack((torch.tensor([0.0, 0.0, 3.0]), torch.tensor([0.0, 0.0, -3.0]), 5.0 * corner))
+    world = local @ cameras.extrinsics[0, :3, :3].T + cameras.extrinsics[0, :3, 3]
+    projection = cameras.project(world)
+    assert projection.is_visible[0].tolist() == [True, False, False]
+    torch.testing.assert_close(projection.depth[0], torch.tensor([3.0, -3.0, 5.0]))
+    assert projection.uv.shape == (2, 3, 2) and bool(projection.uv.isfinite().all())
 
 
 def test_select_as_batch_and_scene_keep_the_cameras() -> None:
@@ -36,26 +48,6 @@ def test_select_as_batch_and_scene_keep_the_cameras() -> None:
     assert torch.equal(chosen.extrinsics[0], cameras.extrinsics[2])
     back = chosen.as_batch().scene(0)
     assert all(torch.equal(one, other) for one, other in zip(back.fields(), chosen.fields(), strict=True))
-
-
-@pytest.mark.parametrize(("height", "width"), [(64, 64), (70, 101), (65, 96)])
-def test_padding_keeps_pixels_and_their_rays(height: int, width: int) -> None:
-    cameras = example_cameras(2)
-    padded_height, padded_width = padded_size(height, width)
-    assert padded_height % 32 == padded_width % 32 == 0
-    assert height <= padded_height < height + 32 and width <= padded_width < width + 32
-    images = torch.rand(2, 3, height, width)
-    padded = pad_images(images)
-    assert padded.shape == (2, 3, padded_height, padded_width)
-    assert torch.equal(padded[..., :height, :width], images)
-    rays = pixel_rays(pad_cameras(cameras, height, width), padded_height, padded_width)
-    torch.testing.assert_close(rays[:, :height, :width], pixel_rays(cameras, height, width), atol=1e-6, rtol=1e-6)
-
-
-def test_a_gaussian_is_kept_when_its_2x2_pixels_touch_the_image() -> None:
-    is_inside = inside_unpadded(3, 65, 64).view(3, 48, 32)
-    assert torch.equal(is_inside.sum(dim=(1, 2)), torch.full((3,), 33 * 32))
-    assert bool(is_inside[:, 32].all()) and not bool(is_inside[:, 33:].any())
 
 
 def test_relative_disparity_runs_from_far_to_near_and_back() -> None:

@@ -1,6 +1,7 @@
 """Nearest neighbours against brute force, by both searches."""
 
 from collections.abc import Callable
+from time import perf_counter
 
 import pytest
 import torch
@@ -38,3 +39,29 @@ def test_too_few_points_repeat_the_nearest(num_points: int) -> None:
 def test_queries_may_be_other_points(search: Search) -> None:
     points, queries = torch.tensor([[0.0, 0, 0], [1, 0, 0], [5, 0, 0]]), torch.tensor([[4.0, 0, 0], [0.9, 0, 0]])
     assert search(points, 2, queries).tolist() == [[2, 1], [1, 0]]
+
+
+def test_coinciding_points_come_by_index_and_take_little_time() -> None:
+    """One leaf of a k-d tree would hold all of them, and every query would scan it."""
+    points = torch.zeros(50_000, 3)
+    points[25_000:] = torch.tensor([1.0, -0.0, 0.0])
+    begin = perf_counter()
+    found = nearest_neighbours(points, 25)
+    assert perf_counter() - begin < 20.0
+    assert torch.equal(found[:25_000], torch.arange(25).expand(25_000, -1))
+    assert torch.equal(found[25_000:], (25_000 + torch.arange(25)).expand(25_000, -1))
+
+
+def test_few_coinciding_points_are_all_found_before_farther_ones() -> None:
+    generator = torch.Generator().manual_seed(0)
+    single = torch.randn(200, 3, generator=generator)
+    points = torch.cat((single, single[:50], single[:20]))[torch.randperm(270, generator=generator)]
+    distances = torch.cdist(points.double(), points.double(), compute_mode="donot_use_mm_for_euclid_dist")
+    found = nearest_neighbours(points, 9)
+    assert all(len(set(row)) == 9 for row in found.tolist())
+    torch.testing.assert_close(distances.gather(1, found), distances.topk(9, largest=False).values, atol=1e-6, rtol=0)
+
+
+def test_points_that_are_not_finite_count_as_the_origin() -> None:
+    points = torch.tensor([[0.1, 0.0, 0.0], [float("nan"), 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, float("inf"), 0.0]])
+    assert nearest_neighbours(points, 2).tolist() == [[0, 1], [1, 3], [2, 0], [1, 3]]

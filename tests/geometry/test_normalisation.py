@@ -27,8 +27,8 @@ def test_near_becomes_one_and_centres_lie_around_the_origin() -> None:
     cameras = example_cameras(4)
     normalised, _ = normalise_scene(cameras)
     assert float(normalised.near) == 1.0
-    torch.testing.assert_close(normalised.far, cameras.far / cameras.near)
-    torch.testing.assert_close(normalised.extrinsics[:, :3, 3].mean(dim=0), torch.zeros(3), atol=1e-6, rtol=0)
+    torch.testing.assert_close(normalised.far, cameras.far / cameras.near, atol=0, rtol=2.0**-11)
+    torch.testing.assert_close(normalised.extrinsics[:, :3, 3].mean(dim=0), torch.zeros(3), atol=2.0**-14, rtol=0)
     assert torch.equal(normalised.extrinsics[:, :3, :3], cameras.extrinsics[:, :3, :3])
 
 
@@ -36,7 +36,7 @@ def test_near_becomes_one_and_centres_lie_around_the_origin() -> None:
 def test_the_unit_of_length_does_not_matter(unit: float) -> None:
     metres, others = normalise_scene(example_cameras(4)), normalise_scene(in_unit(example_cameras(4), unit))
     for one, other in zip(metres[0].fields(), others[0].fields(), strict=True):
-        torch.testing.assert_close(one, other, atol=1e-6, rtol=1e-6)
+        assert torch.equal(one, other)
     assert others[1].scale == pytest.approx(metres[1].scale * unit)
 
 
@@ -47,7 +47,16 @@ def test_a_far_off_origin_costs_no_precision() -> None:
     here, far_off = replace(cameras, extrinsics=extrinsics), replace(cameras, extrinsics=extrinsics.clone())
     far_off.extrinsics[:, :3, 3] += 1e6
     for one, other in zip(normalise_scene(here)[0].fields(), normalise_scene(far_off)[0].fields(), strict=True):
-        torch.testing.assert_close(one, other, atol=1e-6, rtol=0)
+        assert torch.equal(one, other)
+
+
+def test_centres_and_far_lie_on_the_grid_of_the_specification() -> None:
+    cameras = example_cameras(4)
+    normalised, _ = normalise_scene(cameras)
+    centres = 2.0**13 * normalised.extrinsics[:, :3, 3]
+    assert torch.equal(centres, centres.round())
+    mantissa, _ = torch.frexp(normalised.far)
+    assert float(2.0**11 * mantissa) == round(float(2.0**11 * mantissa))
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
@@ -55,5 +64,5 @@ def test_denormalising_is_the_way_back(unit: float) -> None:
     cameras = in_unit(example_cameras(4), unit)
     normalised, frame = normalise_scene(cameras)
     back = denormalise_gaussians(gaussians_at(normalised.extrinsics[:, :3, 3]), frame)
-    torch.testing.assert_close(back.means, cameras.extrinsics[:, :3, 3], atol=1e-6 * unit, rtol=1e-6)
+    torch.testing.assert_close(back.means, cameras.extrinsics[:, :3, 3], atol=1.5 * 2.0**-14 * unit, rtol=1e-6)
     torch.testing.assert_close(back.scales, torch.full((4, 3), 0.25 * float(cameras.near)))

@@ -47,8 +47,7 @@ def test_gaussians_are_finite_and_bounded_for_any_state(receiver: Receiver, fact
     torch.testing.assert_close(gaussians.rotations.norm(dim=-1), torch.ones(gaussians.count), atol=1e-5, rtol=0)
     assert float(gaussians.opacities.min()) >= 0.0 and float(gaussians.opacities.max()) <= 1.0
     assert float(gaussians.scales.min()) > 0.0
-    to_first = cameras.world_to_camera[0]
-    depth = (gaussians.means[: gaussians.count // 2] @ to_first[:3, :3].T + to_first[:3, 3])[:, 2]
+    depth = cameras.select([0]).project(gaussians.means[: gaussians.count // 2]).depth
     assert float(depth.min()) > 0.8 * 0.5 and float(depth.max()) < 1.01 * 2 * 50.0
     colours = 0.5 + 0.28209479 * gaussians.harmonics
     assert float(colours.min()) >= -1e-4 and float(colours.max()) <= 1.0001
@@ -57,9 +56,7 @@ def test_gaussians_are_finite_and_bounded_for_any_state(receiver: Receiver, fact
 def test_gaussians_project_near_the_cell_that_made_them(receiver: Receiver) -> None:
     cameras, size = example_cameras(2), 32
     means = predict(receiver, state_of(2), cameras).means.view(2, size, size, 3)
-    to_camera = cameras.world_to_camera[:, None, None]
-    seen = (to_camera[..., :3, :3] @ means[..., None])[..., 0] + to_camera[..., :3, 3]
-    position = (cameras.intrinsics_px(size, size)[:, None, None] @ (seen / seen[..., 2:])[..., None])[..., 0]
+    position = size * torch.stack([cameras.select([view]).project(means[view]).uv[0] for view in range(2)])
     row, column = torch.meshgrid(torch.arange(size) + 0.5, torch.arange(size) + 0.5, indexing="ij")
     assert float((position[..., 0] - column).abs().max()) <= 1.001
     assert float((position[..., 1] - row).abs().max()) <= 1.001

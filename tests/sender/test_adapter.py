@@ -17,7 +17,8 @@ from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.adapted import adapted_sender, adopt_codec, load_adapted_sender
-from fecocodec.sender.encode import Profile, encode_with
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.encode import encode_with
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, LargeExtractor
 from fecocodec.sender.load import load_sender, serialise_sender
 from tests.chunk_files import write_wall_chunks
@@ -69,8 +70,8 @@ def test_an_adapted_sender_adopts_a_trained_codec_and_its_files_decode_with_that
 
     (tmp_path / SENDER_FILE).write_bytes(serialise_sender(sender, model_id))
     loaded = load_adapted_sender(tmp_path / SENDER_FILE, Ramps(), receiver.config, model_id)
-    data = encode_with(Profile(loaded, receiver, model_id), example_views(2), quantise_lambda(1e-3), 2)
-    assert fecocodec.decode(data, weights=random_weights).count > 0
+    data = encode_with(Codec(loaded, receiver, model_id), example_views(2), quantise_lambda(1e-3), 2)
+    assert fecocodec.decode(data, model=random_weights / MODEL).gaussians.count > 0
 
 
 def test_refusals(random_weights: Path, tmp_path: Path) -> None:
@@ -105,8 +106,8 @@ def test_the_worked_example_fits(random_weights: Path) -> None:
     assert isinstance(disk, LargeExtractor) and disk.fingerprint() == disk.fingerprint() and disk.num_channels() == 128
     receiver, model_id = load_receiver(random_weights / MODEL / RECEIVER_FILE)
     sender = adapted_sender(disk, receiver.config).eval()
-    data = encode_with(Profile(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3), 1)
-    assert fecocodec.decode(data, weights=random_weights).count > 0
+    data = encode_with(Codec(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3), 1)
+    assert fecocodec.decode(data, model=random_weights / MODEL).gaussians.count > 0
 
 
 @pytest.mark.slow
@@ -121,5 +122,5 @@ def test_the_worked_example_trains_a_sender_for_the_receiver_there_is(random_wei
     assert (tmp_path / "out" / RECEIVER_FILE).read_bytes() == (model / RECEIVER_FILE).read_bytes()
     receiver, model_id = load_receiver(model / RECEIVER_FILE)
     sender = load_adapted_sender(tmp_path / "out" / SENDER_FILE, disk, receiver.config, model_id)
-    data = encode_with(Profile(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3), 1)
-    assert fecocodec.decode(data, weights=random_weights).count > 0
+    data = encode_with(Codec(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3), 1)
+    assert fecocodec.decode(data, model=random_weights / MODEL).gaussians.count > 0

@@ -46,21 +46,21 @@ def with_skew(views: Views) -> Views:
 )
 def test_views_that_cannot_be_coded_are_named(random_weights: Path, views: Views, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        encode(views, model=MODEL, weights=random_weights)
+        encode(views, model=random_weights / MODEL)
 
 
 @pytest.mark.parametrize("lmbda", [0.0, 9e-6, 1.1e-2, float("nan")])
 def test_lambda_outside_its_range_is_refused(random_weights: Path, lmbda: float) -> None:
     with pytest.raises(InputError, match="lambda"):
-        encode(example_views(1), lmbda=lmbda, model=MODEL, weights=random_weights)
+        encode(example_views(1), lmbda=lmbda, model=random_weights / MODEL)
 
 
 @pytest.mark.parametrize("num_stages", [0, 3])
 def test_there_are_one_or_two_stages(random_weights: Path, num_stages: int) -> None:
     with pytest.raises(InputError, match="choose 1 or 2"):
-        encode(example_views(1), num_stages=num_stages, model=MODEL, weights=random_weights)
+        encode(example_views(1), num_stages=num_stages, model=random_weights / MODEL)
 
 
 def test_a_model_that_is_not_there_is_named(random_weights: Path) -> None:
     with pytest.raises(ModelError, match=r"another.receiver\.safetensors: the weights cannot be read"):
-        encode(example_views(1), model="another", weights=random_weights)
+        encode(example_views(1), model=random_weights / "another")

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from fecocodec.coding.payload import encode_latents
-from fecocodec.sender.encode import load_profile
-from fecocodec.sender.steps import Profile
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint
 from fecocodec.training.configurations import Configuration
@@ -15,7 +15,6 @@ from fecocodec.training.dataset import Sources
 from fecocodec.training.entropy_phase import EntropyPhase, SceneLatents, draw_latents, latents_of, train_entropy_model
 from fecocodec.training.export import export_model
 from fecocodec.training.loop import RunSettings, Trainer
-from fecocodec.training.objective import stage_lambdas
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.schedule import Schedule
@@ -60,7 +59,7 @@ def test_the_phase_saves_bytes_on_other_scenes_and_leaves_the_other_networks_alo
     saved = load_checkpoint(trainer.checkpoint)["average"]
     assert all(torch.equal(saved[name], value) for name, value in trainer.average.items())
     export_model(trainer.checkpoint, tmp_path / "model", trainer.settings.configuration)
-    load_profile(tmp_path / "model", "cpu")
+    load_codec(tmp_path / "model", "cpu")
 
 
 def test_latents_are_those_of_the_sender_at_every_lambda(tmp_path: Path) -> None:
@@ -68,8 +67,8 @@ def test_latents_are_those_of_the_sender_at_every_lambda(tmp_path: Path) -> None
     views = trainer.sources.world.sample(
         torch.Generator().manual_seed(3), num_context=2, num_target=1, size=(64, 64)
     ).views.select([0, 1])
-    profile = Profile(trainer.sender, trainer.receiver, b"")
-    fine, coarse, alone = latents_of(profile, views, (200, 1700, 200), num_alone=1)
+    codec = Codec(trainer.sender, trainer.receiver, b"")
+    fine, coarse, alone = latents_of(codec, views, (200, 1700, 200), num_alone=1)
     assert fine.y[0].shape == fine.y[1].shape == fine.y1_hat.shape == (2, 32, 8, 8)
     assert float(fine.y[0].std()) > 3 * float(coarse.y[0].std())  # finer steps at lower lambda
     assert not fine.y[0].requires_grad

@@ -11,7 +11,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.config import CodecConfig, PaperSenderConfig, SenderConfig
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.sender.encode import load_profile
+from fecocodec.sender.codec import load_codec
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import save_checkpoint
 from fecocodec.training.chunk_scenes import ChunkScenes
@@ -49,7 +49,7 @@ def exported(it: Trainer, folder: Path) -> Path:
 
 
 def decoded_by(model: Path, data: bytes) -> Gaussians:
-    return fecocodec.decode(data, weights=model.parent)
+    return fecocodec.decode(data, model=model).gaussians
 
 
 def test_files_of_both_senders_decode_with_the_receiver_that_was_frozen(
@@ -65,12 +65,10 @@ def test_files_of_both_senders_decode_with_the_receiver_that_was_frozen(
 
     paper = exported(it, tmp_path / "weights" / "paper")
     assert (paper / RECEIVER_FILE).read_bytes() == (compact / RECEIVER_FILE).read_bytes()
-    assert load_profile(paper, "cpu").model_id == load_profile(compact, "cpu").model_id
-    assert load_profile(paper, "cpu").sender.config == PaperSenderConfig()
+    assert load_codec(paper, "cpu").model_id == load_codec(compact, "cpu").model_id
+    assert load_codec(paper, "cpu").sender.config == PaperSenderConfig()
     views = example_views(2)
-    by_compact, by_paper = (
-        fecocodec.encode(views, model=model.name, weights=model.parent) for model in (compact, paper)
-    )
+    by_compact, by_paper = (fecocodec.encode(views, model=model) for model in (compact, paper))
     assert by_compact != by_paper
     for data in (by_compact, by_paper):
         first, second = decoded_by(compact, data), decoded_by(paper, data)
@@ -85,7 +83,7 @@ def test_back_to_the_compact_extractor(sources: Sources, random_weights: Path, t
     forth.train_step()
     assert all(torch.equal(value, untouched[name]) for name, value in forth.sender.extractor.state_dict().items())
     paper = exported(forth, tmp_path / "weights" / "paper")
-    assert load_profile(paper, "cpu").model_id != load_profile(random_weights / MODEL, "cpu").model_id
+    assert load_codec(paper, "cpu").model_id != load_codec(random_weights / MODEL, "cpu").model_id
 
     back = trainer(tmp_path / "back", sources, SenderConfig(), frozen=("receiver",))
     back.start_from(paper)
@@ -93,9 +91,9 @@ def test_back_to_the_compact_extractor(sources: Sources, random_weights: Path, t
     assert report.missing == () and len(report.used) == len(back.sender.extractor.state_dict())
     back.train_step()
     again = exported(back, tmp_path / "weights" / "compact")
-    assert load_profile(again, "cpu").model_id == load_profile(paper, "cpu").model_id
+    assert load_codec(again, "cpu").model_id == load_codec(paper, "cpu").model_id
     for model in (paper, again):
-        data = fecocodec.encode(example_views(2), model=model.name, weights=model.parent)
+        data = fecocodec.encode(example_views(2), model=model)
         first, second = decoded_by(paper, data), decoded_by(again, data)
         assert first.count > 0 and torch.equal(first.means, second.means)
 
@@ -120,4 +118,4 @@ def test_a_paper_sender_is_not_taken_for_a_compact_one(random_weights: Path, tmp
         data.replace(b'\\"extractor\\": \\"compact\\"', b'\\"extractor\\": \\"unknown\\"')
     )
     with pytest.raises(ModelError, match="its extractor 'unknown' is not known to this version"):
-        load_profile(tmp_path, "cpu")
+        load_codec(tmp_path, "cpu")

@@ -11,7 +11,7 @@ import torch.distributed as dist
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import ModelError, OutputError
-from fecocodec.sender.encode import load_profile
+from fecocodec.sender.codec import load_codec
 from fecocodec.training import loop
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
@@ -97,11 +97,11 @@ def test_a_group_of_one_trains_exactly_like_a_process_on_its_own(tmp_path: Path)
 
 def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_path: Path) -> None:
     export_model(finished.checkpoint, tmp_path / "model", finished.settings.configuration)
-    profile = load_profile(tmp_path / "model", "cpu")
+    codec = load_codec(tmp_path / "model", "cpu")
     average = finished.average["receiver.predictor.depth_head.weight"]
-    torch.testing.assert_close(profile.receiver.predictor.depth_head.weight, average, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(codec.receiver.predictor.depth_head.weight, average, atol=1e-3, rtol=1e-3)
     prior = finished.average["receiver.prior.hyper_prior.weight"]
-    torch.testing.assert_close(profile.receiver.prior.hyper_prior.weight, prior, atol=2.0**-12, rtol=0)
+    torch.testing.assert_close(codec.receiver.prior.hyper_prior.weight, prior, atol=2.0**-12, rtol=0)
 
 
 def test_a_step_without_finite_gradients_changes_nothing(tmp_path: Path) -> None:

@@ -10,9 +10,12 @@ from torch import nn
 from fecocodec.coding.symbol_choice import PRICES
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.model import Receiver
+from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
+from fecocodec.sender.scene_encoder import StageInputs
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.objective import (
@@ -42,13 +45,20 @@ def latent() -> torch.Tensor:
     return 3.0 * torch.randn(2, 32, 8, 8, generator=torch.Generator().manual_seed(1))
 
 
+def inputs(lambda_q: torch.Tensor, stage: int, y_hat: torch.Tensor | None) -> StageInputs:
+    """What coding needs of a stage."""
+    condition = RateCondition(torch.zeros(2, 64), torch.ones(2, 1, 1, 1))
+    return StageInputs(stage, stage == 2, lambda_q, condition, torch.zeros(2, 128, 1, 1), y_hat)
+
+
 @pytest.mark.parametrize(("price", "most_off"), [(0.0, 0.5), (0.2, 1.5)])
 def test_latents_pass_through_with_the_gradient_of_what_they_were(
     networks: nn.ModuleDict, latent: torch.Tensor, price: float, most_off: float, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setitem(PRICES, 1, (price, price))
     y = latent.clone().requires_grad_()
-    y_hat, _ = code_with_noise(networks["receiver"], networks["sender"])(y, torch.tensor([100, 1700]), 1, None)
+    code = code_with_noise(networks["receiver"], networks["sender"])
+    y_hat = code(y, inputs(torch.tensor([100, 1700]), 1, None)).y_hat
     assert 0.0 < float((y_hat - y).detach().abs().max()) <= most_off + 1e-3
     y_hat.sum().backward()
     assert torch.equal(y.grad, torch.ones_like(y))
@@ -64,7 +74,7 @@ def test_a_bit_costs_a_latent_lambda_and_the_entropy_model_one_price(
         networks.zero_grad()
         y, context = latent.clone().requires_grad_(), latent.clone().requires_grad_()
         torch.manual_seed(2)
-        _, bits = code_with_noise(networks["receiver"], networks["sender"])(y, lambda_q, 2, context)
+        bits = code_with_noise(networks["receiver"], networks["sender"])(y, inputs(lambda_q, 2, context)).bits
         (price * bits).sum().backward()
         slopes.append((y.grad, context.grad))
         entropy_slopes.append(networks["receiver"].prior.enter.weight.grad.clone())
@@ -128,10 +138,10 @@ def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.Mod
     kinds: list[int] = []
     contexts: list[torch.Tensor | None] = []
 
-    def code(y: torch.Tensor, lambda_q: torch.Tensor, stage: int, context: torch.Tensor | None):
-        kinds.append(stage)
-        contexts.append(context)
-        return y + len(kinds), y.abs().flatten(1).sum(dim=1)
+    def code(y: torch.Tensor, inputs: StageInputs) -> EstimatedLatent:
+        kinds.append(inputs.stage)
+        contexts.append(inputs.y_hat)
+        return EstimatedLatent(y + len(kinds), y.abs().flatten(1).sum(dim=1))
 
     with torch.no_grad():
         outcomes, _ = run_stages(networks["sender"], networks["receiver"], batch, code, 3)

@@ -7,12 +7,11 @@ from random import Random
 import numpy as np
 
 from fecocodec.coding.payload import CodedLatents, code_latents
-from fecocodec.container import Header, Keep, PackedCameras, Stream, num_cells
+from fecocodec.container import Header, PackedCameras, Stream, coverage_grid
 from fecocodec.container.metadata import Metadata
 from fecocodec.entropy.ports import SymbolWriter
 from fecocodec.entropy.tables import load_tables
-from fecocodec.geometry.padding import padded_size
-from fecocodec.receiver.view_states import select_context
+from fecocodec.geometry.coding_grid import grid_size
 from tests.container.example_streams import TURNED, float32, pose
 from tests.vectors.tiny_model import tiny_model_id, tiny_prior
 
@@ -66,15 +65,15 @@ def cameras_of(num_views: int, shares_lens: bool = True) -> PackedCameras:
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a stream of the tiny model is made of. stage_2_views: empty for a stream of one stage."""
+    """What a stream of the tiny model is made of. covers: one of so many cells; None: no coverage section."""
 
-    height: int = 40
-    width: int = 56
+    height: int = 72
+    width: int = 70
     lambda_q: int = 1179
     cameras: PackedCameras = field(default_factory=lambda: cameras_of(2))
-    stage_2_views: tuple[int, ...] = (0, 1)
+    num_stages: int = 2
     choose: Choice = usual
-    keep: Keep | None = None
+    covers: int | None = None
     metadata: Metadata | None = None
     excess: int = 0
     seed: int = 1
@@ -82,30 +81,27 @@ class Recipe:
 
 def stream_of_recipe(recipe: Recipe) -> Stream:
     """The recipe's stream, its digests those of its symbols."""
-    num_views, padded = recipe.cameras.num_views, padded_size(recipe.height, recipe.width)
+    num_views, grid = recipe.cameras.num_views, grid_size(recipe.height, recipe.width)
+    size = (num_views, grid[0] // 32, grid[1] // 32)
     payloads: list[bytes] = []
     coded: list[CodedLatents] = []
-    for stage, views in enumerate((tuple(range(num_views)), recipe.stage_2_views), start=1):
-        if not views:
-            break
+    for stage in range(1, recipe.num_stages + 1):
         writer = ChosenWriter(recipe.choose, 100 * recipe.seed + stage)
-        context = select_context(coded[0].y_hat, views) if coded else None
-        size = (len(views), padded[0] // 32, padded[1] // 32)
+        context = coded[0].y_hat if coded else None
         lambda_q = recipe.lambda_q + (2 * recipe.excess if stage == 1 else 0)
         coded.append(code_latents(tiny_prior(), writer, lambda_q, stage, context, size, None))
         payloads.append(writer.finish())
     header = Header(
         *(tiny_model_id(), num_views, recipe.height, recipe.width, recipe.lambda_q),
         symbol_digests=tuple(latents.digest() for latents in coded),
-        stage_2_views=recipe.stage_2_views,
         first_stage_excess=recipe.excess,
     )
-    return Stream(header, recipe.cameras, tuple(payloads), recipe.metadata, recipe.keep)
+    coverage = None if recipe.covers is None else cells_covered(header, recipe.covers)
+    return Stream(header, recipe.cameras, tuple(payloads), recipe.metadata, coverage)
 
 
-def cells_kept(stream_of: Recipe, every: int) -> bytes:
-    """A bitmap that keeps every so-manieth cell."""
-    header = Header(tiny_model_id(), stream_of.cameras.num_views, stream_of.height, stream_of.width, 0, (), ())
-    count = num_cells(header)
-    bits = [1 if cell % every == 0 else 0 for cell in range(count)]
+def cells_covered(header: Header, every: int) -> bytes:
+    """A bitmap that covers the first of every so many cells; 0: none."""
+    views, rows, columns = coverage_grid(header)
+    bits = [every > 0 and cell % every == 0 for cell in range(views * rows * columns)]
     return np.packbits(np.array(bits, dtype=np.uint8)).tobytes()

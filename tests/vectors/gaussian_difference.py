@@ -11,8 +11,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from fecocodec.coding.camera_packing import unpack
+from fecocodec.container import read_stream
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
-from fecocodec.receiver.decode import read_cameras
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from tests.vectors.gaussian_samples import nearest_depth
@@ -131,14 +132,15 @@ def _most_alike(
 
 def _colours(data: bytes, rows: Float[Tensor, "n 23"]) -> Float[Tensor, "n view 3"]:
     """Colour of each Gaussian as the context cameras see it."""
-    centres = read_cameras(data)[0].extrinsics[:, :3, 3]
+    centres = unpack(read_stream(data).cameras).extrinsics[:, :3, 3]
     x, y, z = normalize(rows[:, None, :3].double() - centres.double(), dim=-1).unbind(dim=-1)
     basis = torch.stack((torch.full_like(x, SH_DEGREE_0), -SH_DEGREE_1 * y, SH_DEGREE_1 * z, -SH_DEGREE_1 * x), dim=-1)
     return basis @ rows[:, 11:].double().unflatten(1, (4, 3))
 
 
 def _render_psnr(data: bytes, one: Tensor, other: Tensor) -> float:
-    cameras, size = read_cameras(data)
+    stream = read_stream(data)
+    cameras, size = unpack(stream.cameras), (stream.header.height, stream.header.width)
     with torch.no_grad():
         images = [render(to_gaussians(rows), cameras, size).color.clamp(0, 1) for rows in (one, other)]
     return float(psnr(*images).min())

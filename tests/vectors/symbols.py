@@ -10,14 +10,12 @@ import torch
 from jaxtyping import Int64
 from torch import Tensor
 
-from fecocodec.checkpoint import SHIPPED, find_receiver
+from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.payload import CodedLatents, decode_latents
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.container import PackedCameras, Stream
 from fecocodec.errors import BitstreamError
-from fecocodec.geometry.padding import padded_size
 from fecocodec.receiver.load import load_receiver
-from fecocodec.receiver.view_states import select_context
 from tests.vectors.tiny_model import tiny_model_id, tiny_prior
 
 
@@ -35,18 +33,17 @@ def prior_of(model_id: bytes) -> LatentPrior:
     """The entropy model of that id; raises ModelError where there is none."""
     if model_id == tiny_model_id():
         return tiny_prior()
-    return load_receiver(find_receiver(model_id, SHIPPED))[0].prior
+    return load_receiver(find_receiver(model_id))[0].prior
 
 
 def decode_symbols(stream: Stream) -> list[StageValues]:
     """Every stage; raises BitstreamError for a digest that does not hold."""
     header, found = stream.header, list[CodedLatents]()
     prior = prior_of(header.model_id)
-    height, width = padded_size(header.height, header.width)
+    height, width = header.grid_size
+    size = (header.num_views, height // 8, width // 8)
     for stage, payload in enumerate(stream.payloads, start=1):
-        views = header.views_of_stage(stage)
-        context = select_context(found[0].y_hat, views) if found else None
-        size = (len(views), height // 8, width // 8)
+        context = found[0].y_hat if found else None
         found.append(decode_latents(prior, payload, size, header.lambda_q_of_stage(stage), stage, context))
         if found[-1].digest() != header.symbol_digests[stage - 1]:
             raise BitstreamError(f"stage {stage}: the decoded symbols have another digest; the file is damaged.")

@@ -28,7 +28,7 @@ def read(name: str) -> bytes:
 
 @cache
 def weights_of(model_id: bytes) -> bytes:
-    return (TINY_MODEL if model_id == tiny_model_id() else find_receiver(model_id, SHIPPED)).read_bytes()
+    return (TINY_MODEL if model_id == tiny_model_id() else find_receiver(model_id)).read_bytes()
 
 
 def test_no_vector_is_missing_and_none_is_unknown() -> None:

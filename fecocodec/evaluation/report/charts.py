@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Mark:
-    """One point. note: what it is, shown beside the pointer."""
+    """One point. note: shown beside the pointer."""
 
     x: float
     y: float

@@ -2,7 +2,7 @@
 
 from fecocodec.evaluation.evaluation import weights_label
 from fecocodec.evaluation.machine import describe_machine
-from fecocodec.evaluation.report.adaptive_section import adaptive_section
+from fecocodec.evaluation.report.complexity_section import complexity_section
 from fecocodec.evaluation.report.page import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.png import write_png
@@ -18,19 +18,19 @@ HEAD = """\
 # Report: rate, quality, speed, stability
 
 Made by `make report`; do not edit. {machine}. Weights `{model}` ({label}). The charts are also on
-[one page](report/charts.html) whose marks tell what they are under the pointer.
+[one page](report/charts.html) whose marks are labelled under the pointer.
 """
 
 
 def make_report(plan: ReportPlan, on_study: OnStudy) -> tuple[str, ...]:
-    """Measure what is missing and write the files; returns a sentence for every measurement that failed.
+    """Measure everything that is missing and write the files; returns a sentence per failed measurement.
 
     Raises FecoError where nothing can be measured or written.
     """
     studies = measure_studies(plan, on_study)
     on_study("writing")
     _write(plan, _sections(plan, studies))
-    measurements = (*studies.rate, *studies.speed, *studies.savings, *studies.more_views)
+    measurements = (*studies.rate, *studies.speed, *studies.photographs, *studies.more_views)
     return tuple(dict.fromkeys(f"{m.entry}, {m.system}, {m.setting}: {m.error}" for m in measurements if m.error))
 
 
@@ -39,7 +39,7 @@ def _sections(plan: ReportPlan, studies: Studies) -> tuple[Section, ...]:
         *rate_sections(studies.rate, studies.more_views),
         speed_section(studies.rate, studies.speed, studies.steps, plan.room_side),
         scaling_section(studies.loads, plan.room_side),
-        adaptive_section(studies.rate, studies.savings, studies.complexity, studies.needs),
+        complexity_section(studies.rate, studies.photographs, studies.complexity, studies.needs),
         stress_section(studies.verdicts),
     )
 

@@ -1,4 +1,4 @@
-"""All charts on one page that needs nothing but a browser: marks tell what they are under the pointer."""
+"""All charts on one page without external resources; marks are labelled under the pointer."""
 
 import json
 from dataclasses import asdict

@@ -9,9 +9,9 @@ class ReportPlan:
     """root, index: scenes and evaluation index. model: folder of the weights. work: results, kept for the next time.
 
     output: folder that gets `report.md` and `report/`. entries: pairs for rate and quality; speed_entries: of these for
-    seconds; adaptive_entries: pairs for what the adaptive sender saves, None: all; entries_of_more_views: others, coded
-    at one lambda; stress_scenes: pairs that hard cases are made from, 0: no hard cases.
-    few_lambdas: for what is beside the main curve. sides: of square pictures, view_counts: for how cost grows.
+    seconds; complexity_entries: pairs for bytes against complexity, None: all; entries_of_more_views: others, coded at
+    one lambda; stress_scenes: pairs that stress cases are made from, 0: no stress cases.
+    few_lambdas: for all but the main curve. sides, view_counts: image sizes and numbers of views of the scaling study.
     """
 
     root: Path
@@ -21,7 +21,7 @@ class ReportPlan:
     output: Path
     entries: int = 12
     speed_entries: int = 3
-    adaptive_entries: int | None = None
+    complexity_entries: int | None = None
     entries_of_more_views: int = 4
     stress_scenes: int = 1
     lambdas: tuple[float, ...] = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
@@ -34,12 +34,12 @@ class ReportPlan:
 
 
 def quick(plan: ReportPlan) -> ReportPlan:
-    """The same report from a few small pictures, to see that it can be made: its numbers say little."""
+    """The same report from a few small images: a test that it can be made, without meaningful numbers."""
     return replace(
         plan,
         entries=1,
         speed_entries=1,
-        adaptive_entries=1,
+        complexity_entries=1,
         entries_of_more_views=1,
         stress_scenes=0,
         lambdas=(1e-2, 1e-3),

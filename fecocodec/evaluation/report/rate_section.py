@@ -1,4 +1,4 @@
-"""Rate and quality: ours, what a user would take instead, and ours without some part."""
+"""Rate and quality of the codec, of alternatives, and of ablations."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,23 +7,23 @@ from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages, compare
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
-from fecocodec.evaluation.systems.adaptive_systems import ALL_GAUSSIANS, PRUNED
-from fecocodec.evaluation.systems.codec import THOROUGH
+from fecocodec.evaluation.systems.codec import BEST, FAST
+from fecocodec.evaluation.systems.pruned import PRUNED
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
-from fecocodec.sender.refinement import MANY_STEPS
 
 TEXT = """\
 Bytes are those of whole files, cameras included; quality is that of target views, which no sender sees, rendered from
 decoded files; means over pairs of context views ({entries} of them). Baselines: context photographs as JPEG XL, AVIF,
 WebP or JPEG, from which the receiver makes Gaussians with our networks, uncoded (it then needs the sender's networks,
-too; *refined at the receiver*: it also renders and takes our encoder's gradient steps, towards the photographs it
-got); our uncoded, refined Gaussians as PLY, compressed PLY or SPZ. *nearest view* copies a photograph (not drawn);
-*best plane* warps both by one plane, chosen by looking at the target. *adaptive* is `encode --adaptive`, *{thorough}*
-`encode --refine {steps}`.
+too; *optimised at the receiver*: it also renders and optimises the latents as our encoder does, towards the
+photographs it decoded); our uncoded Gaussians, of optimised latents, as PLY, compressed PLY or SPZ. *nearest view*
+copies a photograph (not drawn);
+*best plane* warps both by one plane, chosen by looking at the target. *{best}* is
+`encode --effort best`.
 
 {chart}
 
-BD figures are ours against each, and those of *{thorough}*: bytes at equal PSNR, and PSNR at
+BD figures are ours against each, and those of *{best}*: bytes at equal PSNR, and PSNR at
 equal bytes. A dash: the curves have no such range in common, or the other is one point. Variants of ours are compared
 at the lambdas that both have.
 
@@ -32,11 +32,10 @@ at the lambdas that both have.
 {averages}
 """
 ABLATION_TEXT = """\
-A part is taken away at inference and nothing is trained again: this is how much the trained networks lean on it.
-*Refinement* is what the encoder does to the latents of each stage before coding them: gradient steps towards the
-photographs.
+A part is removed at inference and nothing is trained again: this is how much the trained networks depend on it. *effort
+fast* leaves out the optimisation of the latents before coding.
 Gaussians at 1/4 or 1/1 of the resolution and three stages are not among them: the weights have four Gaussians a cell,
-and the format has two stages; `benchmarks/ablate_training.py` trains them for a little while (docs/experiments.md).
+and the format has two stages; docs/experiments.md has short training runs of both.
 
 {chart}
 
@@ -48,10 +47,10 @@ HEADS = ("BD-rate, %", "BD-PSNR, dB")
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
     """Rate and distortion, ablations, and entries of more views."""
     rows = averages(found)
-    hidden = (*ABLATION_NAMES, ALL_GAUSSIANS, PRUNED)
+    hidden = (*ABLATION_NAMES, FAST, PRUNED)
     main, ablated = (
         _rows(rows, lambda name: name not in hidden),
-        _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES)),
+        _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES, FAST)),
     )
     drawn = _curves([row for row in main if row.system != NEAREST])  # so far below all others that they would be lines
     chart = Chart("rate_distortion", "Rate and quality", "KiB a scene", "PSNR of target views, dB", drawn, True)
@@ -60,10 +59,9 @@ def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement
     text = TEXT.format(
         entries=entries,
         chart=picture(chart),
-        comparisons=_comparisons(main, THOROUGH),
+        comparisons=_comparisons(main, BEST),
         averages=_averages(main),
-        thorough=THOROUGH,
-        steps=MANY_STEPS,
+        best=BEST,
     )
     without = ABLATION_TEXT.format(chart=picture(parts), comparisons=_comparisons(ablated))
     views = Section("More than two views", _by_views(more_views))
@@ -75,7 +73,7 @@ def _rows(rows: Sequence[Average], is_wanted: Callable[[str], bool]) -> list[Ave
 
 
 def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
-    """One series a system; what sends nothing is a level line."""
+    """One series per system; a system without bytes is a horizontal line."""
     rates = [row.kib for row in rows if row.kib > 0]
     series = []
     for name in dict.fromkeys(row.system for row in rows):

@@ -9,7 +9,7 @@ from fecocodec.errors import InputError, OutputError
 
 
 class ResultFile:
-    """Results by key, of one set of weights; those of other weights in the file are not seen."""
+    """Results by key, of one set of weights; results of other weights in the file are ignored."""
 
     def __init__(self, path: Path, label: str) -> None:
         """label: changes with the weights. Raises InputError where the file holds something else."""
@@ -23,7 +23,7 @@ class ResultFile:
             raise InputError(f"{path}: not results of this version ({error}); give another work folder.") from error
 
     def known(self) -> Mapping[str, dict[str, Any]]:
-        """What is there, in the order it was measured."""
+        """All results in the order of measurement."""
         return self._known
 
     def add(self, key: str, values: dict[str, Any]) -> None:

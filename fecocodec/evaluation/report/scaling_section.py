@@ -9,7 +9,7 @@ from fecocodec.evaluation.scaling import Load, exponent
 TEXT = """\
 Square pictures of a painted room, lambda 1e-3. The exponent e says that cost grows as pixels to the power e: 1 is
 proportional. It is fitted over all measurements of the row's kind; small pictures pull it down, because what a call
-costs whatever its size counts among them, and so do large ones, where the encoder takes one step of refinement (above
+costs whatever its size counts among them, and so do large ones, where the encoder takes one optimisation step (above
 2^19 pixels of all views) or none (above 2^20) in place of four.
 
 {chart}

@@ -9,15 +9,15 @@ from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
-from fecocodec.evaluation.systems.adaptive_systems import ALL_GAUSSIANS, PRUNED
+from fecocodec.evaluation.systems.pruned import PRUNED
 
 TEXT = """\
 Medians over pairs of context views ({entries} of them), warm, in one process; rendering is part of neither end. At
 equal rate: PSNR and seconds of each curve at {kib:.1f} KiB, between its points by the logarithm of bytes; a curve that
-does not reach so far is taken at its nearest end, which its note says. *n refinement steps*, *one thread*, *bfloat16*
+does not reach so far is taken at its nearest end, which its note says. *effort fast*, *one thread*, *bfloat16*
 (convolutions and attention of both ends; no option of the commands), *half the size* (photographs of half the sides are
-coded, the Gaussians drawn at the whole size), *adaptive*: the same codec, so used. Gaussian files and photographs are
-coded by libraries of their own; what their receivers take includes our networks for photographs. Only a CPU was at
+coded, the Gaussians drawn at the whole size): the same codec, so used. Gaussian files and photographs are
+coded by libraries of their own; the receiver's time for photographs includes our networks. Only a CPU was at
 hand, so there is no other device; no weights of the paper's larger extractor are trained.
 
 {sender}
@@ -44,7 +44,7 @@ def speed_section(
 ) -> Section:
     """rate: of all systems; those on the entries of `speed` stand beside it."""
     entries = {m.entry for m in speed}
-    own = {m.system for m in speed} | {ALL_GAUSSIANS, PRUNED} | set(ABLATION_NAMES)
+    own = {m.system for m in speed} | {PRUNED} | set(ABLATION_NAMES)
     others = [m for m in rate if m.entry in entries and m.system not in own and m.num_bytes]
     rows = averages([*speed, *others])
     if not rows:

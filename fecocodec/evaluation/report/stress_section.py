@@ -9,7 +9,7 @@ TITLE = "Where methods fail"
 TEXT = """\
 {held} of {all} cases keep their rule. Each is compared with the easy version of its scene: dB of target views lost by
 us and by the baseline (context views as {baseline}, our networks at the receiver). A negative loss: the case is easier
-to show, as a dark picture is. Rules: *finite*, every value is, and the PLY can be written; *warned*, the sender also
+to reproduce, as a dark image is. Rules: *finite*, every value is, and the PLY can be written; *warned*, the sender also
 says that quality cannot be had; *refused*, an error that says why; *same bytes*, *same picture* (0.05 dB), *same
 quality* (0.5 dB) as the easy version; *bounded*, at most 6 dB lost.
 

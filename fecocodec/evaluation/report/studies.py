@@ -1,9 +1,9 @@
-"""All that a report is made of, measured or taken from an earlier run."""
+"""The measurements of a report, taken from an earlier run where it has them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.records import Measurement, RecordFile
@@ -23,23 +23,24 @@ from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.formats.atomic import make_folder
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
-from fecocodec.sender.encode import Profile, encode_with, load_profile
+from fecocodec.receiver.decode import decode_with
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.encode import encode_with
 
-OnStudy = Callable[[str], None]  # what is measured next
+OnStudy = Callable[[str], None]  # name of the next study
 WARM_UP_SIDE = 64
 WARM_RUNS = 3
 
 
 @dataclass(frozen=True)
 class Studies:
-    """What was measured. rate: pairs through every system; speed: some of them through ways to trade time for quality;
-    savings: more pairs, coded plainly and adaptively; complexity: of those pairs, KiB of the photographs by entry;
-    more_views: entries of more than two views; steps: seconds by step, by what was done."""
+    """All measurements. rate: pairs with every system; speed: some of them at other operating points;
+    photographs: more pairs, at one lambda; complexity: of those pairs, KiB of the photographs by entry; more_views:
+    entries of more than two views; steps: seconds by step of encoding and decoding."""
 
     rate: tuple[Measurement, ...]
     speed: tuple[Measurement, ...]
-    savings: tuple[Measurement, ...]
+    photographs: tuple[Measurement, ...]
     complexity: dict[str, float]
     more_views: tuple[Measurement, ...]
     steps: dict[str, dict[str, float]]
@@ -49,29 +50,27 @@ class Studies:
 
 
 def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
-    """Measure what `plan.work` does not hold yet for these weights. Raises FecoError where nothing can be measured."""
-    profile = load_profile(plan.model, "cpu")
+    """Measure everything that `plan.work` does not hold yet. Raises FecoError where nothing can be measured."""
+    codec = load_codec(plan.model, "cpu")
     make_folder(plan.work)
     label = weights_label(plan.model, plan.size)
     on_study("warming up")
-    _code(profile, _room(WARM_UP_SIDE))
+    _code(codec, _room(WARM_UP_SIDE))
     on_study("growth with views and pixels")
-    loads = _loads(plan, profile, ResultFile(plan.work / "scaling.jsonl", label))
+    loads = _loads(plan, codec, ResultFile(plan.work / "scaling.jsonl", label))
     on_study("time by step")
-    steps = _steps(plan, profile, ResultFile(plan.work / "steps.jsonl", label))
+    steps = _steps(plan, codec, ResultFile(plan.work / "steps.jsonl", label))
     on_study("rooms from bare to crowded")
-    needs = _needs(plan, profile, ResultFile(plan.work / "complexity.jsonl", label))
-    rate, speed, savings, more_views = _measurements(plan, profile, label, on_study)
-    complexity = _complexity(plan, {measurement.entry for measurement in savings if not measurement.error})
-    on_study("hard cases")
-    verdicts = _verdicts(plan, profile, ResultFile(plan.work / "stress.jsonl", label))
-    return Studies(rate, speed, savings, complexity, more_views, steps, loads, needs, verdicts)
+    needs = _needs(plan, codec, ResultFile(plan.work / "complexity.jsonl", label))
+    rate, speed, photographs, more_views = _measurements(plan, codec, label, on_study)
+    complexity = _complexity(plan, {measurement.entry for measurement in photographs if not measurement.error})
+    on_study("stress cases")
+    verdicts = _verdicts(plan, codec, ResultFile(plan.work / "stress.jsonl", label))
+    return Studies(rate, speed, photographs, complexity, more_views, steps, loads, needs, verdicts)
 
 
-def _measurements(
-    plan: ReportPlan, profile: Profile, label: str, on_study: OnStudy
-) -> tuple[tuple[Measurement, ...], ...]:
-    """Of the rate, speed, savings and more-views studies, which share one file: nothing is measured twice."""
+def _measurements(plan: ReportPlan, codec: Codec, label: str, on_study: OnStudy) -> tuple[tuple[Measurement, ...], ...]:
+    """Of the rate, speed, complexity and more-views studies, which share one file: nothing is measured twice."""
     index = read_index(plan.index)
     pairs = choose_entries(index, 2, plan.entries, plan.index)
     few = pairs[:: max(1, len(pairs) // plan.speed_entries)][: plan.speed_entries]
@@ -83,15 +82,15 @@ def _measurements(
         return tuple(measure_all(read, entries, systems, records, label))
 
     on_study("rate and quality")
-    rate = measured(pairs, _rate_systems(plan, profile))
+    rate = measured(pairs, _rate_systems(plan, codec))
     on_study("speed and quality")
-    speed = measured(few, [system for lmbda in plan.few_lambdas for system in speed_systems(profile, lmbda)])
-    on_study("what the adaptive sender saves")
-    many = choose_entries(index, 2, plan.adaptive_entries, plan.index)
-    savings = measured(many, systems_of(["codec", "adaptive"], profile, plan.few_lambdas))
+    speed = measured(few, [system for lmbda in plan.few_lambdas for system in speed_systems(codec, lmbda)])
+    on_study("bytes and complexity")
+    many = choose_entries(index, 2, plan.complexity_entries, plan.index)
+    photographs = measured(many, systems_of(["codec"], codec, [LAMBDA]))
     on_study("more views")
     thinned = choose_entries(more, None, plan.entries_of_more_views, plan.index) if more else ()
-    return rate, speed, savings, measured(thinned, systems_of(["codec"], profile, [LAMBDA]))
+    return rate, speed, photographs, measured(thinned, systems_of(["codec"], codec, [LAMBDA]))
 
 
 def _complexity(plan: ReportPlan, entries: set[str]) -> dict[str, float]:
@@ -101,41 +100,41 @@ def _complexity(plan: ReportPlan, entries: set[str]) -> dict[str, float]:
     return {entry.name: photograph_kib(read(entry).select(list(range(len(entry.context))))) for entry in found}
 
 
-def _rate_systems(plan: ReportPlan, profile: Profile) -> tuple[System, ...]:
+def _rate_systems(plan: ReportPlan, codec: Codec) -> tuple[System, ...]:
     return (
-        *systems_of(["codec"], profile, plan.lambdas),
-        *systems_of(["thorough", "ablations", "adaptive"], profile, plan.few_lambdas),
-        *systems_of(["all-gaussians", "pruned"], profile, [LAMBDA]),
-        *systems_of(["images", "gaussians", "floor"], profile, ()),
+        *systems_of(["codec"], codec, plan.lambdas),
+        *systems_of(["fast", "best", "ablations"], codec, plan.few_lambdas),
+        *systems_of(["pruned"], codec, [LAMBDA]),
+        *systems_of(["images", "gaussians", "trivial"], codec, ()),
     )
 
 
-def _loads(plan: ReportPlan, profile: Profile, results: ResultFile) -> tuple[Load, ...]:
+def _loads(plan: ReportPlan, codec: Codec, results: ResultFile) -> tuple[Load, ...]:
     shapes = [(2, side) for side in plan.sides] + [(count, plan.room_side) for count in plan.view_counts]
     found = []
     for count, side in dict.fromkeys(shapes):
         key = f"{count} views of {side}"
         if key not in results.known():
-            results.add(key, asdict(measure_load(profile, count, side)))
+            results.add(key, asdict(measure_load(codec, count, side)))
         found.append(Load(**results.known()[key]))
     return tuple(found)
 
 
-def _needs(plan: ReportPlan, profile: Profile, results: ResultFile) -> tuple[Need, ...]:
+def _needs(plan: ReportPlan, codec: Codec, results: ResultFile) -> tuple[Need, ...]:
     found = []
     for count in plan.num_waves:
         key = f"{count} patterns on {plan.room_side}"
         if key not in results.known():
-            results.add(key, asdict(measure_need(profile, count, plan.room_side)))
+            results.add(key, asdict(measure_need(codec, count, plan.room_side)))
         found.append(Need(**results.known()[key]))
     return tuple(found)
 
 
-def _steps(plan: ReportPlan, profile: Profile, results: ResultFile) -> dict[str, dict[str, float]]:
+def _steps(plan: ReportPlan, codec: Codec, results: ResultFile) -> dict[str, dict[str, float]]:
     """Of both ends, the last of some runs: warm."""
     key = f"two views of {plan.room_side}"
     if key not in results.known():
-        runs = [_code(profile, _room(plan.room_side)) for _ in range(WARM_RUNS)]
+        runs = [_code(codec, _room(plan.room_side)) for _ in range(WARM_RUNS)]
         results.add(key, runs[-1])
     return dict(results.known()[key])
 
@@ -144,24 +143,24 @@ def _room(side: int) -> Views:
     return photograph(Room(painted), sideways()[:2], (side, side))
 
 
-def _code(profile: Profile, views: Views) -> dict[str, dict[str, float]]:
+def _code(codec: Codec, views: Views) -> dict[str, dict[str, float]]:
     """Seconds by step of both ends."""
     encoding = StepClock()
-    data = encode_with(profile, views, quantise_lambda(LAMBDA), 2, encoding)
+    data = encode_with(codec, views, quantise_lambda(LAMBDA), on_progress=encoding)
     encoding.close()
     decoding = StepClock()
-    decode_stream(read_stream(data), profile.receiver, decoding)
+    decode_with(codec.receiver, data, on_progress=decoding)
     decoding.close()
     return {"encode": encoding.seconds, "decode": decoding.seconds}
 
 
-def _verdicts(plan: ReportPlan, profile: Profile, results: ResultFile) -> tuple[Verdict, ...]:
+def _verdicts(plan: ReportPlan, codec: Codec, results: ResultFile) -> tuple[Verdict, ...]:
     if plan.stress_scenes == 0:
         return ()
     pairs = read_pairs(plan.root, plan.index, plan.stress_scenes)
     known = {key: Verdict(**values) for key, values in results.known().items()}
     verdicts = []
-    for verdict, _ in run_suite(profile, pairs, STRESS_LAMBDA, known):
+    for verdict, _ in run_suite(codec, pairs, STRESS_LAMBDA, known):
         if verdict.case not in known:
             results.add(verdict.case, asdict(verdict))
         verdicts.append(verdict)

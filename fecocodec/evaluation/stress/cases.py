@@ -1,4 +1,4 @@
-"""The named cases of the stability suite: how each is made from an easy scene, and what must hold."""
+"""The stress cases: how each is made from a reference scene, and the rule that it must keep."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Views made worse in one way each: what photographs, cameras and depth bounds may suffer."""
+"""Perturbations of views: photographs, cameras or depth bounds made worse in one way each."""
 
 import math
 from dataclasses import replace
@@ -91,7 +91,7 @@ def with_axes(views: Views, signs: tuple[float, float, float]) -> Views:
 
 
 def resized(views: Views, height: int, width: int) -> Views:
-    """Stretched to that size; normalised intrinsics stay what they are."""
+    """Resize without keeping the aspect ratio; normalised intrinsics do not change."""
     images = F.interpolate(views.images, (height, width), mode="bicubic", antialias=True, align_corners=False)
     return replace(views, images=images.clamp(0, 1))
 

@@ -8,7 +8,7 @@ from fecocodec.evaluation.evaluation import choose_entries
 from fecocodec.evaluation.stress.cases import Trial, cases_of, room_cases
 from fecocodec.evaluation.stress.suite import StressSuite, Verdict
 from fecocodec.formats.evaluation_index import read_index
-from fecocodec.sender.encode import Profile
+from fecocodec.sender.codec import Codec
 
 
 def read_pairs(root: Path, index: Path, most: int) -> dict[str, Trial]:
@@ -19,13 +19,13 @@ def read_pairs(root: Path, index: Path, most: int) -> dict[str, Trial]:
 
 
 def run_suite(
-    profile: Profile, pairs: Mapping[str, Trial], lmbda: float, known: Mapping[str, Verdict] | None = None
+    codec: Codec, pairs: Mapping[str, Trial], lmbda: float, known: Mapping[str, Verdict] | None = None
 ) -> Iterator[tuple[Verdict, float]]:
     """Verdicts with the fraction of all done: cases of every pair, of the room, and repeated coding of the pairs.
 
     known: verdicts of an earlier run by case; they are given back without work.
     """
-    suite, known = StressSuite(profile, lmbda), known or {}
+    suite, known = StressSuite(codec, lmbda), known or {}
     cases = [case for name, pair in pairs.items() for case in cases_of(pair, name)] + list(room_cases())
     total = len(cases) + len(pairs)
     for number, case in enumerate(cases, start=1):

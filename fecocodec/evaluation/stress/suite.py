@@ -1,4 +1,4 @@
-"""The stability suite: every case through the codec and through a baseline, and whether its rule holds."""
+"""The stress suite: code every case with the codec and with a baseline, and check the rule of the case."""
 
 import math
 import tempfile
@@ -14,10 +14,11 @@ from fecocodec.evaluation.stress.cases import StressCase, Trial
 from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.formats.ply import write_ply
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
-from fecocodec.sender.doubts import doubts_about
-from fecocodec.sender.encode import Profile, encode_with
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.encode import encode_with
+from fecocodec.sender.input_warnings import check_input
 
 STRESS_LAMBDA = 1e-3
 BASELINE = ("JPEG XL", "quality 4")
@@ -30,7 +31,7 @@ SAME_PICTURE_DB, SAME_QUALITY_DB = 0.05, 0.5
 class Verdict:
     """One row of the table. psnr of target views in dB, lost: against the easy version; None where nothing came out.
 
-    complaint: what broke the rule, empty where it holds. warnings: what the sender said beforehand.
+    complaint: how the rule is broken, empty where it holds. warnings: number of input warnings.
     """
 
     case: str
@@ -56,19 +57,19 @@ class _Outcome:
 
 
 class StressSuite:
-    """Judges cases one by one; what came out of a scene's easy version is kept for the cases that follow."""
+    """Checks cases one by one; results of a scene's reference are cached for the cases that follow."""
 
-    def __init__(self, profile: Profile, lmbda: float = STRESS_LAMBDA) -> None:
-        self._profile = profile
+    def __init__(self, codec: Codec, lmbda: float = STRESS_LAMBDA) -> None:
+        self._codec = codec
         self._lambda_q = quantise_lambda(lmbda)
-        (self._baseline,) = (s for s in image_systems(profile) if (s.name, s.setting) == BASELINE)
+        (self._baseline,) = (s for s in image_systems(codec) if (s.name, s.setting) == BASELINE)
         self._easy: dict[str, tuple[_Outcome, float]] = {}  # by scene: ours, and the baseline's PSNR
 
     def judge(self, case: StressCase) -> Verdict:
         """The case's verdict. An InputError is a failure unless it is the rule; other errors always are."""
         easy, easy_baseline = self._outcome_of_easy(case)
         trial = case.harder()
-        warnings = doubts_about(trial.views.select(list(range(trial.num_context))))
+        warnings = check_input(trial.views.select(list(range(trial.num_context))))
         try:
             found = self._run(trial)
         except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:
@@ -88,7 +89,7 @@ class StressSuite:
         )
 
     def judge_generations(self, name: str, trial: Trial) -> Verdict:
-        """Renderings of the decoded scene are encoded again, ten times; the photographs stay what is compared with."""
+        """Encode renderings of the decoded scene again, ten times; quality is measured against the photographs."""
         views, context = trial.views, list(range(trial.num_context))
         first = found = self._run(trial)
         for _ in range(GENERATIONS - 1):
@@ -114,7 +115,7 @@ class StressSuite:
 
     @staticmethod
     def name_of_generations(name: str) -> str:
-        """What the verdict on repeated coding of this scene is called."""
+        """Name of the verdict on repeated coding of this scene."""
         return f"{name}: {GENERATIONS} generations"
 
     def _outcome_of_easy(self, case: StressCase) -> tuple[_Outcome, float]:
@@ -125,9 +126,9 @@ class StressSuite:
         return self._easy[scene]
 
     def _run(self, trial: Trial) -> _Outcome:
-        """Coded and decoded; the picture is judged by cameras and images of the trial itself."""
-        data = encode_with(self._profile, trial.views.select(list(range(trial.num_context))), self._lambda_q, 2)
-        gaussians = decode_stream(read_stream(data), self._profile.receiver)
+        """Encode and decode the context views, compare with the trial's own target views."""
+        data = encode_with(self._codec, trial.views.select(list(range(trial.num_context))), self._lambda_q)
+        gaussians = decode_with(self._codec.receiver, data).gaussians
         rendered = render_views(gaussians, trial.views)[trial.num_context :]
         return _Outcome(data, gaussians, float(psnr(rendered, trial.views.images[trial.num_context :]).mean()))
 
@@ -141,7 +142,7 @@ def _verdict(case: StressCase, warnings: tuple[str, ...], complaint: str) -> Ver
 
 
 def _complaint(rule: str, found: _Outcome, easy: _Outcome, warnings: tuple[str, ...]) -> str:
-    """What breaks the rule, or nothing."""
+    """How the rule is broken, or an empty string."""
     if problem := _not_finite(found):
         return problem
     difference = abs(found.psnr - easy.psnr)
@@ -159,7 +160,7 @@ def _complaint(rule: str, found: _Outcome, easy: _Outcome, warnings: tuple[str, 
 
 
 def _not_finite(found: _Outcome) -> str:
-    """What is wrong with the Gaussians themselves, or nothing."""
+    """Which value is not finite, or an empty string."""
     if not all(bool(field.isfinite().all()) for field in found.gaussians.fields()):
         return "a Gaussian is not finite"
     if not math.isfinite(found.psnr):

@@ -6,45 +6,40 @@ from time import perf_counter
 
 import torch
 
-from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.container import quantise_lambda
+from fecocodec.evaluation.summary import OURS
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_stream
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.encode import Profile, encode_with
-from fecocodec.sender.refinement import MANY_STEPS
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.encode import encode_with
+from fecocodec.sender.optimisation_config import config_of_effort
 
 Encoder = Callable[[Views], bytes]
-THOROUGH = f"fecosplat, {MANY_STEPS} refinement steps"
+FAST, BEST = "fecosplat, effort fast", "fecosplat, effort best"
+_NAME_OF_EFFORT = {"fast": FAST, "default": OURS, "best": BEST}
 
 
-def codec_system(profile: Profile, lmbda: float, num_stages: int = 2) -> System:
-    """Encode the context views at this lambda, decode the bytes."""
-    name = "fecosplat" if num_stages == 2 else "stage 1 alone"
-    lambda_q = quantise_lambda(lmbda)
-    return stream_system(
-        profile, name, f"lambda {lmbda:g}", lambda views: encode_with(profile, views, lambda_q, num_stages)
-    )
+def codec_system(codec: Codec, lmbda: float, num_stages: int = 2, effort: str = "default") -> System:
+    """Encode the context views at this lambda, decode the bytes. effort: see `encode`."""
+    name = _NAME_OF_EFFORT[effort] if num_stages == 2 else "stage 1 alone"
+    config, lambda_q = config_of_effort(effort), quantise_lambda(lmbda)
+    encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=num_stages, config=config)
+    return stream_system(codec, name, f"lambda {lmbda:g}", encoder)
 
 
-def thorough_system(profile: Profile, lmbda: float) -> System:
-    """What patience buys: encode with many steps of refinement."""
-    lambda_q = quantise_lambda(lmbda)
-    encoder = partial(encode_with, profile, lambda_q=lambda_q, num_stages=2, refinement_steps=MANY_STEPS)
-    return stream_system(profile, THOROUGH, f"lambda {lmbda:g}", encoder)
-
-
-def stream_system(profile: Profile, name: str, setting: str, encoder: Encoder) -> System:
+def stream_system(codec: Codec, name: str, setting: str, encoder: Encoder) -> System:
     """Any way of making a stream of the context views, decoded by the receiver."""
-    return System(name, setting, partial(_reconstruct, profile, encoder))
+    return System(name, setting, partial(_reconstruct, codec, encoder))
 
 
-def _reconstruct(profile: Profile, encoder: Encoder, views: Views, num_context: int) -> Reconstruction:
+def _reconstruct(codec: Codec, encoder: Encoder, views: Views, num_context: int) -> Reconstruction:
     begin = perf_counter()
     data = encoder(views.select(list(range(num_context))))
     encoded = perf_counter()
-    gaussians = decode_stream(read_stream(data), profile.receiver)
+    gaussians = decode_with(codec.receiver, data).gaussians
     return rendered(gaussians, views, len(data), encoded - begin, perf_counter() - encoded)
 
 

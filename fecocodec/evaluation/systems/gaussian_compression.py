@@ -8,19 +8,19 @@ from fecocodec.evaluation.systems.gaussian_codecs import GAUSSIAN_FORMATS, decod
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.evaluation.systems.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.sender.encode import Profile
-from fecocodec.sender.refinement import MOST_DEFAULT_STEPS
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.optimisation_config import DEFAULT
 
 
-def gaussian_systems(profile: Profile) -> tuple[System, ...]:
-    """One system a format, refined as the encoder refines; PLY loses nothing and is the ceiling of what is coded."""
-    return tuple(System(form, "uncoded networks", partial(_reconstruct, profile, form)) for form in GAUSSIAN_FORMATS)
+def gaussian_systems(codec: Codec) -> tuple[System, ...]:
+    """One system per format, latents optimised as by default; PLY is lossless: the upper bound of the codec."""
+    return tuple(System(form, "uncoded networks", partial(_reconstruct, codec, form)) for form in GAUSSIAN_FORMATS)
 
 
-def _reconstruct(profile: Profile, form: str, views: Views, num_context: int) -> Reconstruction:
+def _reconstruct(codec: Codec, form: str, views: Views, num_context: int) -> Reconstruction:
     begin = perf_counter()
     context = views.select(list(range(num_context)))
-    data = encode_gaussians(uncoded_gaussians(profile, context, MOST_DEFAULT_STEPS), form)
+    data = encode_gaussians(uncoded_gaussians(codec, context, DEFAULT), form)
     encoded = perf_counter()
     gaussians = decode_gaussians(data, form)
     return rendered(gaussians, views, len(data), encoded - begin, perf_counter() - encoded)

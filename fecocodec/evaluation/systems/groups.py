@@ -5,33 +5,32 @@ from functools import partial
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.ablations import ABLATIONS, ablation_system
-from fecocodec.evaluation.systems.adaptive_systems import adaptive_system, all_gaussians_system, pruned_system
-from fecocodec.evaluation.systems.codec import codec_system, thorough_system
+from fecocodec.evaluation.systems.codec import codec_system
 from fecocodec.evaluation.systems.gaussian_compression import gaussian_systems
 from fecocodec.evaluation.systems.image_compression import image_systems
+from fecocodec.evaluation.systems.pruned import pruned_system
 from fecocodec.evaluation.systems.reconstruction import System
-from fecocodec.evaluation.systems.trivial_baselines import floor_systems
-from fecocodec.sender.encode import Profile
+from fecocodec.evaluation.systems.trivial_baselines import trivial_baselines
+from fecocodec.sender.codec import Codec
 
-OF_LAMBDA: dict[str, Callable[[Profile, float], System]] = {
+OF_LAMBDA: dict[str, Callable[[Codec, float], System]] = {
     "codec": codec_system,
-    "thorough": thorough_system,
-    "adaptive": adaptive_system,
-    "all-gaussians": all_gaussians_system,
+    "fast": partial(codec_system, effort="fast"),
+    "best": partial(codec_system, effort="best"),
     "pruned": pruned_system,
     **{part: partial(ablation_system, part) for part in ABLATIONS},
 }
-WHATEVER_LAMBDA: dict[str, Callable[[Profile], tuple[System, ...]]] = {
+WHATEVER_LAMBDA: dict[str, Callable[[Codec], tuple[System, ...]]] = {
     "images": image_systems,
     "gaussians": gaussian_systems,
-    "floor": lambda _profile: floor_systems(),
+    "trivial": lambda _profile: trivial_baselines(),
 }
 ALIASES = {"ablations": ABLATIONS}
 GROUPS = (*OF_LAMBDA, *WHATEVER_LAMBDA)
 LAMBDAS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
 
 
-def systems_of(groups: Sequence[str], profile: Profile, lambdas: Sequence[float]) -> tuple[System, ...]:
+def systems_of(groups: Sequence[str], codec: Codec, lambdas: Sequence[float]) -> tuple[System, ...]:
     """The systems of these groups, in the order of GROUPS; those of OF_LAMBDA once for each lambda.
 
     Raises InputError for a group that does not exist and for a lambda outside the codec's range.
@@ -43,7 +42,7 @@ def systems_of(groups: Sequence[str], profile: Profile, lambdas: Sequence[float]
     systems: list[System] = []
     for group in GROUPS:
         if group in named and group in OF_LAMBDA:
-            systems += map(partial(OF_LAMBDA[group], profile), lambdas)
+            systems += map(partial(OF_LAMBDA[group], codec), lambdas)
         elif group in named:
-            systems += WHATEVER_LAMBDA[group](profile)
+            systems += WHATEVER_LAMBDA[group](codec)
     return tuple(systems)

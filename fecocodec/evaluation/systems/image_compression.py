@@ -1,4 +1,4 @@
-"""The alternative of sending photographs: compressed context views, and our networks, uncoded, at the receiver."""
+"""The alternative of sending photographs: compressed context views, and our networks without coding at the receiver."""
 
 from dataclasses import replace
 from functools import partial
@@ -13,36 +13,37 @@ from fecocodec.evaluation.systems.image_codecs import QUALITY_LADDERS, decode_im
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.evaluation.systems.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.sender.encode import Profile
-from fecocodec.sender.refinement import MOST_DEFAULT_STEPS
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 
-REFINED = "AVIF"  # with the steps that the encoder takes by default for a pair at its smallest lambda
+OPTIMISED = "AVIF"
 
 
-def image_systems(profile: Profile) -> tuple[System, ...]:
-    """One system a codec and quality. Such a receiver needs the sender's networks too; the others do not.
+def image_systems(codec: Codec) -> tuple[System, ...]:
+    """One system per image codec and quality. Such a receiver needs the sender's networks; the others do not.
 
-    A receiver that has all this can also render and refine, towards the photographs as decoded; tried with `REFINED`.
+    A receiver that has both can also render and optimise the latents towards the photographs as it decoded them;
+    measured with `OPTIMISED`.
     """
-    ladders = [(codec, codec, ladder, 0) for codec, ladder in QUALITY_LADDERS.items()]
-    ladders.append((f"{REFINED}, refined at the receiver", REFINED, QUALITY_LADDERS[REFINED], MOST_DEFAULT_STEPS))
+    ladders = [(name, name, ladder, FAST) for name, ladder in QUALITY_LADDERS.items()]
+    ladders.append((f"{OPTIMISED}, optimised at the receiver", OPTIMISED, QUALITY_LADDERS[OPTIMISED], DEFAULT))
     return tuple(
-        System(name, f"quality {quality:g}", partial(_reconstruct, profile, codec, quality, steps))
-        for name, codec, ladder, steps in ladders
+        System(name, f"quality {quality:g}", partial(_reconstruct, codec, image_codec, quality, config))
+        for name, image_codec, ladder, config in ladders
         for quality in ladder
     )
 
 
 def _reconstruct(
-    profile: Profile, codec: str, quality: float, refinement_steps: int, views: Views, num_context: int
+    codec: Codec, image_codec: str, quality: float, config: OptimisationConfig, views: Views, num_context: int
 ) -> Reconstruction:
     context = views.select(list(range(num_context)))
     begin = perf_counter()
-    files = [encode_image(image, codec, quality) for image in context.images]
+    files = [encode_image(image, image_codec, quality) for image in context.images]
     cameras = pack_cameras(pack(context.cameras))
     encoded = perf_counter()
-    received = replace(context, images=torch.stack([decode_image(file, codec) for file in files]))
-    gaussians = uncoded_gaussians(profile, received, refinement_steps)
+    received = replace(context, images=torch.stack([decode_image(file, image_codec) for file in files]))
+    gaussians = uncoded_gaussians(codec, received, config)
     decoded = perf_counter()
     num_bytes = sum(map(len, files)) + len(cameras)
     return rendered(gaussians, views, num_bytes, encoded - begin, decoded - encoded)

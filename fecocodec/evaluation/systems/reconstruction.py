@@ -1,4 +1,4 @@
-"""What is compared: ways from context views to images at every camera of an entry."""
+"""Systems under comparison: from context views to images at every camera of an entry."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from fecocodec.geometry.views import Views
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What a receiver has of a scene.
+    """The output of a receiver.
 
-    num_bytes: all that was sent, cameras included. gaussians: None where the receiver has none. images: what the
-    cameras of all views see, context views first, sRGB in [0, 1]. depth: along the optical axis in scene units, 0 where
+    num_bytes: of everything sent, cameras included. gaussians: None where the receiver has none. images: at
+    the cameras of all views, context views first, sRGB in [0, 1]. depth: along the optical axis in scene units, 0 where
     nothing is seen, None where there is none. Seconds: rendering is part of neither.
     """
 

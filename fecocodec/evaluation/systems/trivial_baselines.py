@@ -1,4 +1,4 @@
-"""What needs no learning: the nearest context view, and both context views warped by one plane."""
+"""Trivial baselines without learning: the nearest context view, and both context views warped by one plane."""
 
 from time import perf_counter
 
@@ -15,8 +15,8 @@ NEAREST = "nearest view"
 NUM_PLANES = 48
 
 
-def floor_systems() -> tuple[System, ...]:
-    """Nothing is coded here: their bytes are 0 and say nothing."""
+def trivial_baselines() -> tuple[System, ...]:
+    """Nothing is coded: their bytes are 0."""
     return (System(NEAREST, "copied", _nearest), System("best plane", "oracle", _best_plane))
 
 
@@ -29,9 +29,9 @@ def _nearest(views: Views, num_context: int) -> Reconstruction:
 
 
 def _best_plane(views: Views, num_context: int) -> Reconstruction:
-    """Each camera shows the mean of the context views, warped by the one plane parallel to its image that suits best.
+    """Each camera shows the mean of the context views, warped by the best plane parallel to its image.
 
-    The plane is chosen by looking at the view itself, so this is the most that a single plane can give.
+    The plane is chosen with the view itself: an upper bound for a single plane.
     """
     begin = perf_counter()
     near, far = float(views.cameras.near), float(views.cameras.far)
@@ -54,20 +54,8 @@ def _warp(views: Views, view: int, num_context: int, depth: float) -> Float[Tens
         cameras.select([view]), depth * pixel_rays(cameras.select([view]), *views.image_size)
     )
     sources = list(range(num_context))
-    uv, is_in_front = _project(points[0], views.select(sources))
-    grid = 2 * uv - 1
+    projection = cameras.select(sources).project(points[0])
+    grid = 2 * projection.uv - 1
     seen = F.grid_sample(views.images[sources], grid, padding_mode="border", align_corners=False)
-    weight = ((grid.abs() <= 1).all(dim=-1) & is_in_front).float()[:, None] + 1e-4
+    weight = projection.is_visible.float()[:, None] + 1e-4
     return (weight * seen).sum(dim=0) / weight.sum(dim=0)
-
-
-def _project(
-    points: Float[Tensor, "height width 3"], views: Views
-) -> tuple[Float[Tensor, "view height width 2"], torch.Tensor]:
-    """Normalised image positions of world points in each view, and whether they lie in front of it."""
-    world_to_camera = views.cameras.world_to_camera
-    rotation, translation = world_to_camera[:, None, None, :3, :3], world_to_camera[:, None, None, :3, 3]
-    local = (rotation @ points[None, ..., None])[..., 0] + translation
-    depth = local[..., 2:]
-    image = (views.cameras.intrinsics[:, None, None] @ (local / depth.clamp_min(1e-6))[..., None])[..., 0]
-    return image[..., :2], depth[..., 0] > 1e-6

@@ -4,50 +4,34 @@ import torch
 from torch import Tensor
 
 from fecocodec.coding.camera_packing import unpack
-from fecocodec.container import Header
-from fecocodec.container.header import DIGEST_BYTES
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import predict_scene
-from fecocodec.receiver.view_states import ViewStates, update_views
-from fecocodec.sender.encode import Profile
-from fecocodec.sender.refinement import descend, distortion_of, step_size, steps_of_first
-from fecocodec.sender.steps import (
-    analyse,
-    feedback_features,
-    first_stage_lambda_q,
-    match_views,
-    prepare,
-    stage_rendering,
-    start_state,
-)
+from fecocodec.receiver.decode import MAX_SH_DEGREE
+from fecocodec.receiver.emission import emit
+from fecocodec.receiver.state import State
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.latent_coding import EstimatedLatent
+from fecocodec.sender.latent_optimisation import optimiser
+from fecocodec.sender.optimisation_config import OptimisationConfig
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder, StageInputs
 
 FINEST_LAMBDA_Q = 0
 
 
 @torch.no_grad()
-def uncoded_gaussians(profile: Profile, views: Views, refinement_steps: int) -> Gaussians:
-    """What the receiver would decode if both latents arrived as they are: the ceiling of the coded system.
+def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) -> Gaussians:
+    """What the receiver would decode if both latents arrived unrounded: the upper bound of the coded system.
 
-    refinement_steps: as the encoder's, towards these views; 0 for what the networks make of them in one pass.
+    config: how latents are optimised towards these views, for D alone.
     """
-    receiver, scene = profile.receiver, prepare(profile, views)
-    every = tuple(range(scene.num_views))
+    scene = prepare_scene(views, codec.device)
+    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    optimise = optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q)
+    last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, optimise)[-1]
+    return emit(codec.receiver, State(last.state, last.inputs.condition), unpack(scene.packed), None, MAX_SH_DEGREE)
 
-    def refined(y: Tensor, before: ViewStates | None, lambda_q: int, stage: int, num_steps: int) -> ViewStates:
-        def states(y: Tensor) -> ViewStates:
-            return update_views(receiver, before, y, scene.lambda_of_views(lambda_q), stage, every)
 
-        length = step_size(profile, lambda_q, stage)
-        return states(descend(y, lambda y: distortion_of(profile, scene, states(y)), num_steps, length))
-
-    matched, lambda_q = match_views(profile, scene), first_stage_lambda_q(FINEST_LAMBDA_Q)
-    y = analyse(profile, matched.features, start_state(profile, scene), lambda_q, 1).y
-    first = refined(y, None, lambda_q, 1, steps_of_first(refinement_steps))
-    rendering = stage_rendering(profile, scene, first)
-    features = feedback_features(profile, scene, matched.depth, rendering, FINEST_LAMBDA_Q)
-    y = analyse(profile, features, first.state, FINEST_LAMBDA_Q, 2).y
-    second = refined(y, first, FINEST_LAMBDA_Q, 2, refinement_steps)
-    digests = (bytes(DIGEST_BYTES),) * 2  # of nothing: this header is never written
-    header = Header(profile.model_id, scene.num_views, *scene.image_size, FINEST_LAMBDA_Q, digests, every)
-    return predict_scene(receiver, second, unpack(scene.packed), header, None)
+def without_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
+    """y itself, for no bits."""
+    return EstimatedLatent(y, y.new_zeros(len(y)))

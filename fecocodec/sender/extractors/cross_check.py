@@ -10,7 +10,6 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth import depth_from_relative_disparity, relative_disparity_from_depth
 
 TOLERANCE = 0.05  # difference of relative disparity at which agreement has fallen to 1/e
-_SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
 
 @torch.no_grad()
@@ -39,14 +38,9 @@ def _agreement_with(
     relative: Float[Tensor, "h w"], points: Float[Tensor, "h w 3"], cameras: Cameras, source: int
 ) -> Float[Tensor, "h w"]:
     """Agreement of world points with one source's relative disparity."""
-    to_source = cameras.world_to_camera[source]
-    local = points @ to_source[:3, :3].T + to_source[:3, 3]
-    depth = local[..., 2]
-    is_in_front = depth > _SMALLEST_DEPTH
-    depth = torch.where(is_in_front, depth, 1.0)
-    uv = (local @ cameras.intrinsics[source].T)[..., :2] / depth[..., None]
-    is_seen = is_in_front & ((uv >= 0) & (uv <= 1)).all(dim=-1)
+    uv, depth, is_visible = (field[0] for field in cameras.select([source]).project(points))
     grid = 2.0 * uv.clamp(-1, 2)[None] - 1.0
     told = F.grid_sample(relative[None, None], grid, padding_mode="border", align_corners=False)[0, 0]
+    depth = torch.where(is_visible, depth, 1.0)
     carried = relative_disparity_from_depth(rearrange(depth, "h w -> 1 h w"), cameras)[0]
-    return torch.where(is_seen, torch.exp(-(carried - told).abs() / TOLERANCE), 0.0)
+    return torch.where(is_visible, torch.exp(-(carried - told).abs() / TOLERANCE), 0.0)

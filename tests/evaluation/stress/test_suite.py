@@ -11,7 +11,7 @@ from fecocodec.evaluation.stress.camera_paths import sideways
 from fecocodec.evaluation.stress.cases import StressCase, Trial, cases_of, room_cases
 from fecocodec.evaluation.stress.run import run_suite
 from fecocodec.evaluation.stress.suite import StressSuite
-from fecocodec.sender.encode import load_profile
+from fecocodec.sender.codec import load_codec
 from tests.example_scenes import MODEL
 
 SCENE = "wall"
@@ -19,7 +19,7 @@ SCENE = "wall"
 
 @pytest.fixture(scope="module")
 def suite(random_weights: Path) -> StressSuite:
-    return StressSuite(load_profile(random_weights / MODEL, "cpu"))
+    return StressSuite(load_codec(random_weights / MODEL, "cpu"))
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +67,8 @@ def test_generations_are_judged(suite: StressSuite, pair: Trial, monkeypatch: py
 def test_known_verdicts_are_given_back(random_weights: Path, suite: StressSuite, pair: Trial) -> None:
     names = [found.name for found in (*cases_of(pair, SCENE), *room_cases())] + [suite.name_of_generations(SCENE)]
     known = {name: stress.Verdict(name, "finite", None, None, None, None, None, 0, "") for name in names}
-    profile = load_profile(random_weights / MODEL, "cpu")
-    found = list(run_suite(profile, {SCENE: pair}, 1e-3, known))
+    codec = load_codec(random_weights / MODEL, "cpu")
+    found = list(run_suite(codec, {SCENE: pair}, 1e-3, known))
     assert [verdict for verdict, _ in found] == list(known.values()) and found[-1][1] == 1.0
 
 

@@ -8,7 +8,7 @@ import torch
 from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.gaussian_codecs import GAUSSIAN_FORMATS, decode_gaussians, encode_gaussians
 from fecocodec.evaluation.systems.image_codecs import QUALITY_LADDERS, decode_image, encode_image
-from fecocodec.evaluation.systems.trivial_baselines import floor_systems
+from fecocodec.evaluation.systems.trivial_baselines import trivial_baselines
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.metrics import psnr
 from tests.example_scenes import example_views
@@ -45,7 +45,7 @@ def test_gaussians_come_back(form: str) -> None:
 def test_floor_of_equal_cameras_is_exact() -> None:
     """Where the target's camera is a context view's, the nearest view and every plane give that view back."""
     views = example_views(2).select([0, 0])
-    for system in floor_systems():
+    for system in trivial_baselines():
         found = system.reconstruct(views, 1)
         torch.testing.assert_close(found.images[1], views.images[0], atol=1e-3, rtol=0)
 

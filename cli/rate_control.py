@@ -1,0 +1,55 @@
+"""Options of `fecosplat encode` for rate control: a file size or a quality instead of a lambda."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from fecocodec.sender.rate_control import Target
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def rate_control_options(function: Function) -> Function:
+    """Add --target-kib and --target-psnr."""
+    options = (
+        click.option(
+            "--target-kib",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="KIB",
+            help="Choose lambda for the best quality in a file of at most this many KiB.",
+        ),
+        click.option(
+            "--target-psnr",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="DB",
+            help="Choose lambda for the smallest file whose decoded context views have at least this PSNR.",
+        ),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def target_of(target_kib: float | None, target_psnr: float | None, stages: int) -> "Target | None":
+    """The target that the options name; None: encode at --lambda.
+
+    Raises UsageError for options that contradict each other.
+    """
+    if target_kib is None and target_psnr is None:
+        return None
+
+    from fecocodec import AtLeastPsnr, AtMostKib
+
+    if target_kib is not None and target_psnr is not None:
+        raise click.UsageError("--target-kib and --target-psnr exclude each other; give one of them.")
+    if stages == 1:
+        raise click.UsageError("--stages 1 has no rate control; leave out --stages or the target.")
+    context = click.get_current_context()
+    if context.get_parameter_source("lmbda") is click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("A target chooses lambda; leave out --lambda or the target.")
+    if target_kib is not None:
+        return AtMostKib(target_kib)
+    assert target_psnr is not None
+    return AtLeastPsnr(target_psnr)

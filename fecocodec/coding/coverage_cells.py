@@ -1,0 +1,30 @@
+"""The cells of a coverage section as a bitmap, and as a mask of Gaussians."""
+
+import numpy as np
+import torch
+from einops import rearrange, repeat
+from jaxtyping import Bool
+from torch import Tensor
+
+from fecocodec.container.coverage import CELL, coverage_grid
+from fecocodec.container.header import Header
+
+GAUSSIANS_PER_SIDE = CELL // 2  # of a cell: one Gaussian stands for 2x2 pixels
+
+
+def cells_to_bits(cells: Bool[Tensor, "view row column"]) -> bytes:
+    """Return the bits of `Stream.coverage`; True: covered. `coverage_grid` says how many cells there must be."""
+    return np.packbits(cells.flatten().cpu().numpy()).tobytes()
+
+
+def bits_to_cells(bits: bytes, header: Header) -> Bool[Tensor, "view row column"]:
+    """Invert `cells_to_bits`."""
+    return torch.from_numpy(np.unpackbits(np.frombuffer(bits, dtype=np.uint8))).bool().view(coverage_grid(header))
+
+
+def is_in_covered_cell(bits: bytes, header: Header) -> Bool[Tensor, " n"]:
+    """Return whether each Gaussian, ordered (view, row, column) on the 1/2 grid, was predicted for a covered cell."""
+    side = GAUSSIANS_PER_SIDE
+    return rearrange(
+        repeat(bits_to_cells(bits, header), "v r c -> v r i c j", i=side, j=side), "v r i c j -> (v r i c j)"
+    )

@@ -1,0 +1,23 @@
+"""The coding grid: the size at which networks see the views, whose sides they can halve five times."""
+
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.limits import grid_side
+
+
+def grid_size(height: int, width: int) -> tuple[int, int]:
+    """Return (height, width) of the coding grid of views of that size in pixels."""
+    return grid_side(height), grid_side(width)
+
+
+def resample_to_grid(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 3 grid_h grid_w"]:
+    """Resample images to their coding grid, bicubic and antialiased.
+
+    The grid covers exactly the image, so that intrinsics, which are normalised by the sides, stay as they are.
+    """
+    size = grid_size(images.shape[-2], images.shape[-1])
+    if size == tuple(images.shape[-2:]):
+        return images
+    return F.interpolate(images, size, mode="bicubic", antialias=True, align_corners=False).clamp(0.0, 1.0)

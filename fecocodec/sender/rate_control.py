@@ -1,0 +1,166 @@
+"""Rate control: choose lambda for a file size or a quality.
+
+Cheap encodings without optimisation find where the target lies on the rate-distortion curve, as bytes and PSNR fall
+with lambda in practice. A few full encodings then correct the difference between the two by the secant method.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from fecocodec.checkpoint import model_folder
+from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.errors import InputError
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import OnProgress
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.distortion import mean_psnr
+from fecocodec.sender.encode import assemble, check_views, write_stages
+from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
+from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig, config_of_effort
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder
+
+FIRST_LAMBDA_Q = 1179  # lambda 1e-3
+NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS = 3, 3
+NEARBY_LAMBDA_Q = 64  # between two lambdas so close the curve is a line
+# What the default number of steps gains at equal lambda, on training scenes: ln(bytes) and dB.
+SIZE_GAIN, PSNR_GAIN = 0.13, 0.7
+
+
+@dataclass(frozen=True)
+class AtMostKib:
+    """The best quality in a file of at most `kib` KiB."""
+
+    kib: float
+
+
+@dataclass(frozen=True)
+class AtLeastPsnr:
+    """The smallest file whose decoded context views have at least this PSNR in dB."""
+
+    psnr: float
+
+
+Target = AtMostKib | AtLeastPsnr
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One encoding. psnr: of the decoded context views, in dB."""
+
+    lambda_q: int
+    data: bytes
+    psnr: float
+
+
+Encoder = Callable[[int, OptimisationConfig], Attempt]
+
+
+def encode_to_target(
+    views: Views,
+    target: Target,
+    *,
+    effort: str | OptimisationConfig = "default",
+    device: str = "cpu",
+    model: Path | str | None = None,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+) -> bytes:
+    """Encode views to a `.fcs` stream of at most this size, or of at least this quality. Options: see `encode`.
+
+    Raises InputError for views that cannot be coded and for a target that no lambda reaches, ModelError where weights
+    are missing.
+    """
+    check_views(views, num_stages=2)
+    config = config_of_effort(effort)
+    return encode_to_target_with(load_codec(model_folder(model), device), views, target, config, on_progress)
+
+
+@torch.inference_mode(False)
+@torch.no_grad()
+def encode_to_target_with(
+    codec: Codec,
+    views: Views,
+    target: Target,
+    config: OptimisationConfig = DEFAULT,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+) -> bytes:
+    """The same with networks that are loaded; the views are matched once."""
+    scene = prepare_scene(views, codec.device)
+    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+
+    def attempt(lambda_q: int, config: OptimisationConfig) -> Attempt:
+        stages = write_stages(encoder, lambda_q, 2, config)
+        rendering = encoder.render(stages[-1]).scenes[0].color
+        return Attempt(lambda_q, assemble(codec, scene, stages), mean_psnr(rendering, scene.images[0]))
+
+    return search(attempt, target, config, on_progress).data
+
+
+def search(encoder: Encoder, target: Target, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
+    """The best of a few encodings that reach the target. Raises InputError where the end of the range does not."""
+    fast: list[Point] = []
+    lambda_q = FIRST_LAMBDA_Q
+    for number in range(NUM_FAST_ENCODINGS):
+        on_progress("estimating lambda", 0.1 * number)
+        fast.append(_expected(_point(encoder(lambda_q, FAST), target), target, config))
+        lambda_q = next_lambda_q(fast)
+        if any(abs(point.lambda_q - lambda_q) <= NEARBY_LAMBDA_Q for point in fast):
+            break
+    full: list[Attempt] = []
+    while not _is_done(full, target):
+        on_progress(f"coding, attempt {len(full) + 1}", min(0.9, 0.3 + 0.2 * len(full)))
+        full.append(encoder(lambda_q, config))
+        lambda_q = next_lambda_q(fast, [_point(attempt, target) for attempt in full])
+    return _best(full, target)
+
+
+def _is_done(full: Sequence[Attempt], target: Target) -> bool:
+    """Whether an attempt is close enough, or several were made and one reaches the target.
+
+    Raises InputError where the attempt that comes closest to reaching it, at an end of the range, does not.
+    """
+    points = [_point(attempt, target) for attempt in full]
+    if any(is_inside(point) for point in points):
+        return True
+    is_reached = any(point.margin >= 0.0 for point in points)
+    if is_reached and len(full) >= NUM_FULL_ENCODINGS:
+        return True
+    end = LAMBDA_Q_MAX if isinstance(target, AtMostKib) else 0
+    at_end = [attempt for attempt in full if attempt.lambda_q == end]
+    if at_end and not is_reached:
+        raise InputError(_unreachable(at_end[-1], target))
+    other_end = LAMBDA_Q_MAX - end
+    return any(attempt.lambda_q == other_end for attempt in full) and is_reached
+
+
+def _best(full: Sequence[Attempt], target: Target) -> Attempt:
+    """Of the attempts that reach the target, the best quality or the fewest bytes."""
+    reached = [attempt for attempt in full if _point(attempt, target).margin >= 0.0]
+    if isinstance(target, AtMostKib):
+        return max(reached, key=lambda attempt: attempt.psnr)
+    return min(reached, key=lambda attempt: len(attempt.data))
+
+
+def _point(attempt: Attempt, target: Target) -> Point:
+    if isinstance(target, AtMostKib):
+        return Point.of_size(attempt.lambda_q, len(attempt.data), 1024 * target.kib)
+    return Point.of_psnr(attempt.lambda_q, attempt.psnr, target.psnr)
+
+
+def _expected(fast: Point, target: Target, config: OptimisationConfig) -> Point:
+    """The point where the full encoding of this lambda is expected."""
+    if config.num_steps == 0:
+        return fast
+    return replace(fast, margin=fast.margin + (SIZE_GAIN if isinstance(target, AtMostKib) else PSNR_GAIN))
+
+
+def _unreachable(attempt: Attempt, target: Target) -> str:
+    if isinstance(target, AtMostKib):
+        return (
+            f"a file of {target.kib:g} KiB cannot be made, the smallest has {len(attempt.data) / 1024:.2f}; "
+            "raise the target, or give fewer or smaller views."
+        )
+    return f"a PSNR of {target.psnr:g} dB cannot be reached, the best is {attempt.psnr:.2f}; lower the target."

@@ -1,0 +1,60 @@
+"""Views that will reconstruct badly get a warning, others do not."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from fecocodec.evaluation.stress.box_room import Room, painted, photograph
+from fecocodec.evaluation.stress.camera_paths import back_to_back, look, sideways, turning
+from fecocodec.geometry.views import Views
+from fecocodec.sender.input_warnings import check_input
+from fecocodec.sender.optimisation_config import BEST
+
+
+def context_of(poses: torch.Tensor) -> Views:
+    return photograph(Room(painted), poses, (64, 64)).select([0, 1])
+
+
+def test_good_views_get_no_warning() -> None:
+    assert check_input(context_of(sideways())) == ()
+
+
+def test_too_many_pixels_for_the_effort_that_is_asked_for() -> None:
+    views, pixels = context_of(sideways()), 2 * 64 * 64
+    (warning,) = check_input(views, replace(BEST, max_pixels=pixels - 1))
+    assert warning.startswith("the views have too many pixels to optimise their latents")
+    assert check_input(views, replace(BEST, max_pixels=pixels)) == check_input(views, "fast") == ()
+
+
+@pytest.mark.parametrize(
+    ("poses", "sentence"),
+    [
+        (sideways(0.002), "the cameras are almost at one position"),
+        (turning(), "the cameras are almost at one position"),
+        (back_to_back(), "views that hardly overlap with any other: 0, 1"),
+    ],
+)
+def test_cameras_that_reconstruct_badly(poses: torch.Tensor, sentence: str) -> None:
+    assert any(warning.startswith(sentence) for warning in check_input(context_of(poses)))
+
+
+def test_cameras_in_the_axes_of_another_convention() -> None:
+    converging = torch.stack([look((-0.4, 0.0, -1.5), 12.0), look((0.4, 0.05, -1.5), -12.0)])
+    views = photograph(Room(painted), converging, (64, 64))
+    assert check_input(views) == ()
+    reversed_axes = views.cameras.extrinsics @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0]))
+    turned = replace(views, cameras=replace(views.cameras, extrinsics=reversed_axes))
+    assert any("y and z axes reversed" in warning for warning in check_input(turned))
+
+
+def test_photographs_and_bounds_that_reconstruct_badly() -> None:
+    views = context_of(sideways())
+    wide = replace(views, cameras=replace(views.cameras, far=views.cameras.near * 5000))
+    assert any("far is 5000 times near" in warning for warning in check_input(wide))
+    dark = replace(views, images=views.images * 0.01)
+    assert any("almost black or white" in warning for warning in check_input(dark))
+    uneven = replace(views, images=views.images * torch.tensor([0.4, 1.0])[:, None, None, None])
+    assert any("differ much in brightness" in warning for warning in check_input(uneven))
+    (warning,) = check_input(views.select([0]))
+    assert warning.startswith("one view has no parallax")

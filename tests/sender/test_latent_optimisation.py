@@ -1,0 +1,190 @@
+"""Optimised latents lower D + lambda R, give the same bytes every time, and are left out where they do not fit."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from fecocodec.container.lagrangian import dequantise_lambda, quantise_lambda
+from fecocodec.errors import InputError
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.distortion import LogDistortion, MseDistortion
+from fecocodec.sender.encode import encode, encode_with, write_stages
+from fecocodec.sender.latent_coding import WrittenLatent
+from fecocodec.sender.latent_optimisation import descend, hold_views_between
+from fecocodec.sender.optimisation_config import (
+    BEST,
+    DEFAULT,
+    FAST,
+    OptimisationConfig,
+    config_of_effort,
+    steps_of_first,
+)
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder, Stage
+from fecocodec.sender.stage_lambdas import stage_lambdas
+from tests.example_scenes import MODEL, example_views
+
+LAMBDA_Q = quantise_lambda(1e-4)
+COARSE_LAMBDA_Q = quantise_lambda(1e-3)
+PIXELS = 2 * 64 * 64
+
+
+@pytest.fixture(scope="module")
+def codec(random_weights: Path) -> Codec:
+    return load_codec(random_weights / MODEL, "cpu")
+
+
+@pytest.fixture(scope="module")
+def encoder(codec: Codec) -> SceneEncoder:
+    with torch.no_grad():
+        scene = prepare_scene(example_views(2), codec.device)
+        return SceneEncoder(codec, scene.images, scene.cameras)
+
+
+@torch.no_grad()
+def coded(
+    encoder: SceneEncoder, config: OptimisationConfig, lambda_q: int = LAMBDA_Q, num_stages: int = 2
+) -> tuple[Stage[WrittenLatent], ...]:
+    return write_stages(encoder, lambda_q, num_stages, config)
+
+
+@torch.no_grad()
+def objective(encoder: SceneEncoder, config: OptimisationConfig) -> float:
+    """D + lambda R of the stream itself."""
+    last = coded(encoder, config)[1]
+    rendering = encoder.render(last).scenes[0].color
+    bits_per_pixel = 8 * len(last.coded.payload) / PIXELS
+    distortion = config.distortion(rendering, encoder.images[0])
+    return float(distortion.mean()) + dequantise_lambda(LAMBDA_Q) * bits_per_pixel
+
+
+def test_more_steps_lower_the_objective(encoder: SceneEncoder) -> None:
+    none, few, many = (objective(encoder, DEFAULT.with_steps(steps)) for steps in (0, 3, 12))
+    assert many < few < none
+
+
+def test_the_log_distortion_is_lowered_where_it_is_asked_for(encoder: SceneEncoder) -> None:
+    none, few = (objective(encoder, replace(DEFAULT.with_steps(s), distortion=LogDistortion())) for s in (0, 4))
+    assert few < none
+
+
+def test_scenes_get_as_many_steps_as_their_size_allows() -> None:
+    small, large, largest = DEFAULT.large_pixels, DEFAULT.max_pixels, DEFAULT.max_pixels + 1
+    sizes = (small, large, largest)
+    assert [DEFAULT.steps_of_last(size, COARSE_LAMBDA_Q) for size in sizes] == [4, 1, 0]
+    assert [DEFAULT.steps_of_last(size, LAMBDA_Q) for size in sizes] == [5, 2, 0]
+    assert [DEFAULT.steps_of_last(size, 0) for size in sizes] == [6, 3, 0]
+    assert [BEST.steps_of_last(size, 0) for size in sizes] == [16, 4, 0]
+    assert [FAST.steps_of_last(size, 0) for size in sizes] == [0, 0, 0]
+    assert [DEFAULT.with_steps(9).steps_of_last(size, 0) for size in sizes] == [9, 9, 0]
+
+
+def test_encoding_optimises_by_default_and_always_alike(codec: Codec) -> None:
+    views = example_views(2)
+    by_default, again = (encode_with(codec, views, COARSE_LAMBDA_Q) for _ in range(2))
+    as_many, none = (encode_with(codec, views, COARSE_LAMBDA_Q, config=DEFAULT.with_steps(steps)) for steps in (4, 0))
+    assert by_default == again == as_many != none
+
+
+def test_efforts_have_names() -> None:
+    assert config_of_effort("best") == BEST and config_of_effort(FAST) is FAST
+    with pytest.raises(InputError, match="no effort 'most'; choose one of fast, default, best"):
+        config_of_effort("most")
+
+
+def test_every_stage_is_optimised_by_its_own_rate_and_distortion(encoder: SceneEncoder) -> None:
+    """Stage 1 of two gets half of the steps and one, at its own lambda; a stage that is alone gets all."""
+    first = coded(encoder, DEFAULT.with_steps(4))[0]
+    lambda_q, steps = stage_lambdas(LAMBDA_Q, 2)[0], steps_of_first(4)
+    (alone,) = coded(encoder, DEFAULT.with_steps(steps), lambda_q, num_stages=1)
+    assert steps == 3 and first.coded.payload == alone.coded.payload
+
+
+def test_many_steps_hold_the_views_between_and_few_do_not(encoder: SceneEncoder) -> None:
+    """How far the view half-way moves from where it was before the first step."""
+
+    @torch.no_grad()
+    def between(config: OptimisationConfig) -> Tensor:
+        (stage,) = coded(encoder, config, num_stages=1)
+        held = hold_views_between(encoder, encoder.predict(stage.state, stage.inputs.condition).gaussians.scene(0))
+        assert held is not None
+        return held.images
+
+    free = replace(DEFAULT, held_weight=0.0)
+    start = between(FAST)
+    moved, moved_freely = ((between(one.with_steps(12)) - start).square().mean() for one in (DEFAULT, free))
+    assert 0.0 < moved < moved_freely
+    assert torch.equal(between(DEFAULT.with_steps(3)), between(free.with_steps(3)))
+
+
+@pytest.mark.parametrize(("most", "is_skipped"), [(2, True), (1, False)])
+def test_gradients_skip_residual_branches_where_views_are_few(
+    encoder: SceneEncoder, most: int, is_skipped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    has_gradient = []
+    predictor = type(encoder.codec.receiver.predictor)
+    attend = predictor._attend
+
+    def watched(*inputs: Any) -> Tensor:
+        has_gradient.append(torch.is_grad_enabled())
+        return attend(*inputs)
+
+    monkeypatch.setattr(predictor, "_attend", watched)
+    config = replace(DEFAULT.with_steps(2), max_views_of_direct_gradients=most)
+    coded(encoder, config, COARSE_LAMBDA_Q, num_stages=1)
+    assert has_gradient == 2 * [not is_skipped]
+
+
+def test_views_without_neighbours_are_optimised_without_held_views(codec: Codec) -> None:
+    alone = example_views(2).select([0])
+    many, none = (encode_with(codec, alone, LAMBDA_Q, config=DEFAULT.with_steps(steps)) for steps in (12, 0))
+    assert many != none
+
+
+def test_callers_may_be_in_inference_mode(random_weights: Path) -> None:
+    plain = encode(example_views(2), model=random_weights / MODEL)
+    load_codec.cache_clear()
+    with torch.inference_mode():
+        views = example_views(2)
+        assert encode(views, model=random_weights / MODEL) == plain
+
+
+def test_a_step_that_raises_the_objective_is_taken_back() -> None:
+    """A steep valley, narrower than the first step: only halved steps get closer to its bottom."""
+    start = torch.full((1, 1, 2, 2), 0.01)
+    end = descend(start, lambda y: y.abs().sum(), 12, 0.12)
+    assert float(end.abs().max()) < 0.01
+
+
+def test_descent_stays_where_there_is_no_gradient() -> None:
+    start = torch.ones(1, 1, 2, 2)
+    for objective in (lambda y: 0.0 * y.sum(), lambda y: torch.nan * y.sum()):
+        assert torch.equal(descend(start, objective, 3, 0.12), start)
+
+
+def test_large_scenes_get_the_bytes_of_no_steps(codec: Codec) -> None:
+    small = replace(DEFAULT.with_steps(3), max_pixels=PIXELS - 1)
+    large, none = (encode_with(codec, example_views(2), LAMBDA_Q, config=config) for config in (small, FAST))
+    assert large == none
+
+
+def test_optimisation_leaves_no_gradients_in_the_networks(codec: Codec) -> None:
+    encode_with(codec, example_views(2), LAMBDA_Q, config=DEFAULT.with_steps(1))
+    networks = (codec.sender, codec.receiver)
+    assert all(parameter.grad is None for network in networks for parameter in network.parameters())
+
+
+def test_distortions_are_as_documented() -> None:
+    images = torch.rand(2, 3, 32, 32, generator=torch.Generator().manual_seed(0))
+    noisy = (images + 0.1).clamp(0, 1)
+    squared = (noisy - images).square().mean(dim=(1, 2, 3))
+    mse, log = MseDistortion(), LogDistortion()
+    same = torch.zeros(2)
+    torch.testing.assert_close(mse(images, images), same, atol=1e-6, rtol=0)
+    torch.testing.assert_close(log(images, images), same + 0.01 * torch.log(torch.tensor(2e-4)), atol=1e-6, rtol=0)
+    structure = (mse(noisy, images) - squared) / 0.03
+    torch.testing.assert_close(log(noisy, images), 0.01 * torch.log(squared + 2e-4) + 0.01 * structure)

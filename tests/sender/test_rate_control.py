@@ -1,0 +1,121 @@
+"""Rate control: targets of size and quality are kept closely in few encodings, unreachable ones are refused."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.container import quantise_lambda
+from fecocodec.errors import InputError
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_with
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.distortion import mean_psnr
+from fecocodec.sender.encode import encode_with
+from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
+from fecocodec.sender.rate_control import (
+    NUM_FAST_ENCODINGS,
+    NUM_FULL_ENCODINGS,
+    AtLeastPsnr,
+    AtMostKib,
+    Attempt,
+    Target,
+    encode_to_target_with,
+    search,
+)
+from tests.example_scenes import MODEL, example_views
+
+CONFIG = DEFAULT.with_steps(2)
+
+
+class Curve:
+    """A codec whose bytes and PSNR follow a curve of lambda, with the noise that optimisation adds."""
+
+    def __init__(self, noise: float) -> None:
+        self.noise, self.calls = noise, {FAST: 0, DEFAULT: 0}
+
+    def __call__(self, lambda_q: int, config: OptimisationConfig) -> Attempt:
+        self.calls[config] += 1
+        wiggle = self.noise * math.sin(1.7 * lambda_q)
+        gain = 0.0 if config is FAST else 1.0
+        num_bytes = 2000 * math.exp(2.8 - 0.0019 * lambda_q + 3e-7 * lambda_q**2 - 0.07 * gain + wiggle)
+        psnr = 31.0 - 4e-6 * lambda_q**2 - 1e-3 * lambda_q + 1.2 * gain + 2.0 * wiggle
+        return Attempt(lambda_q, bytes(round(num_bytes)), psnr)
+
+
+def quiet(_task: str, _fraction: float) -> None: ...
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+@pytest.mark.parametrize("kib", [3.0, 5.0, 8.0, 15.0, 25.0])
+def test_a_size_is_hit_within_three_percent(kib: float, noise: float) -> None:
+    curve = Curve(noise)
+    found = search(curve, AtMostKib(kib), DEFAULT, quiet)
+    assert 0.97 * 1024 * kib <= len(found.data) <= 1024 * kib
+    assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS and curve.calls[FAST] <= NUM_FAST_ENCODINGS
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+@pytest.mark.parametrize("psnr", [20.0, 24.0, 27.0, 30.0])
+def test_a_quality_is_reached_and_hardly_exceeded(psnr: float, noise: float) -> None:
+    curve = Curve(noise)
+    found = search(curve, AtLeastPsnr(psnr), DEFAULT, quiet)
+    assert psnr <= found.psnr <= psnr + 0.1
+    assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS
+
+
+@pytest.mark.parametrize(
+    ("target", "lambda_q"),
+    [(AtMostKib(1000.0), 0), (AtLeastPsnr(5.0), 1768)],
+)
+def test_a_target_that_every_lambda_reaches_gets_the_end_of_the_range(target: Target, lambda_q: int) -> None:
+    assert search(Curve(0.0), target, DEFAULT, quiet).lambda_q == lambda_q
+
+
+@pytest.mark.parametrize(
+    ("target", "sentence"),
+    [
+        (AtMostKib(0.5), r"a file of 0\.5 KiB cannot be made, the smallest has \d"),
+        (AtLeastPsnr(99.0), "a PSNR of 99 dB cannot be reached, the best is 32"),
+    ],
+)
+def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        search(Curve(0.0), target, DEFAULT, quiet)
+
+
+@pytest.fixture(scope="module")
+def codec(random_weights: Path) -> Codec:
+    return load_codec(random_weights / MODEL, "cpu")
+
+
+@pytest.fixture(scope="module")
+def views() -> Views:
+    return example_views(3)
+
+
+@pytest.fixture(scope="module")
+def quality_of(codec: Codec, views: Views) -> Callable[[bytes], float]:
+    def quality_of(data: bytes) -> float:
+        with torch.no_grad():
+            gaussians = decode_with(codec.receiver, data).gaussians
+            return mean_psnr(render(gaussians, views.cameras, views.image_size).color, views.images)
+
+    return quality_of
+
+
+def test_files_keep_a_size(codec: Codec, views: Views) -> None:
+    smallest = encode_with(codec, views, quantise_lambda(1e-2), config=CONFIG)
+    target = 1.5 * len(smallest) / 1024
+    found = encode_to_target_with(codec, views, AtMostKib(target), CONFIG)
+    assert len(found) <= 1024 * target
+
+
+def test_files_keep_a_quality(codec: Codec, views: Views, quality_of: Callable[[bytes], float]) -> None:
+    best = encode_with(codec, views, quantise_lambda(1e-5), config=CONFIG)
+    target = AtLeastPsnr(quality_of(best) - 1.0)
+    found = encode_to_target_with(codec, views, target, CONFIG)
+    assert quality_of(found) > target.psnr - 0.01
