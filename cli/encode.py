@@ -8,6 +8,7 @@ import click
 
 from fecocodec.container import inspect, quantise_lambda
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
+from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
@@ -115,8 +116,11 @@ def command(
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)
+    summary = inspect(data)
+    if summary.header.num_pixels > DEFAULT_MAX_PIXELS:
+        say(f"note: {output}: decode needs --max-pixels {summary.header.num_pixels} for this file.")
     if as_json:
-        print_json({"output": str(output), "seconds": seconds, **summary_fields(inspect(data))})
+        print_json({"output": str(output), "seconds": seconds, **summary_fields(summary)})
     else:
         count = scene.cameras.num_views
         say(f"{output}: {len(data)} bytes for {count} view{'s' if count > 1 else ''} in {seconds:.2f} s")

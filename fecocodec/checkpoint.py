@@ -58,22 +58,27 @@ def _stored(name: str, value: Tensor) -> Tensor:
 
 def read_weights(path: Path) -> Weights:
     """Read a weights file; floats come back as float32. Raises ModelError where it is missing or damaged."""
+    data = _read_bytes(path)
     try:
-        data = path.read_bytes()
         stored = load(data)
         header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
         config = json.loads(header["__metadata__"]["config"])
-    except OSError as error:
-        raise ModelError(
-            f"{path}: the weights cannot be read ({error.strerror}); "
-            "name the folder of a model, or reinstall the package."
-        ) from error
     except (SafetensorError, KeyError, ValueError) as error:
         raise ModelError(f"{path}: not a weights file of this codec, or damaged; reinstall the package.") from error
     if not isinstance(config, dict):
         raise ModelError(f"{path}: its configuration is no JSON object; reinstall the package.")
     tensors = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
     return Weights(tensors, config, model_id_of(data))
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ModelError(
+            f"{path}: the weights cannot be read ({error.strerror}); "
+            "name the folder of a model, or reinstall the package."
+        ) from error
 
 
 def model_folder(model: Path | str | None) -> Path:
@@ -91,7 +96,7 @@ def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
         raise ModelError(f"{folder}: there is no such folder; name the folder of a model.")
     candidates = sorted(folder.glob(f"*/{RECEIVER_FILE}" if model is None else RECEIVER_FILE))
     for path in candidates:
-        if model_id_of(path.read_bytes()) == model_id:
+        if model_id_of(_read_bytes(path)) == model_id:
             return path
     known = ", ".join(path.parent.absolute().name for path in candidates) or "none"
     raise ModelError(
