@@ -39,7 +39,7 @@ from torch import nn
 
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.container import quantise_lambda
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.encode import Profile
 from fecocodec.sender.model import Sender
@@ -107,7 +107,7 @@ def train(
     sender = Sender(SenderConfig(), receiver.config)
     networks = nn.ModuleDict({"receiver": receiver, "sender": sender})
     networks.load_state_dict(saved["average"])
-    place(networks, "cpu")
+    to_channels_last(networks, "cpu")
     optimiser = torch.optim.AdamW(networks.parameters(), lr=peak, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
     optimiser.load_state_dict(saved["optimiser"])
     torch.manual_seed(variant.seed)  # of new parts, then of the noise that stands for rounding

@@ -109,9 +109,9 @@ def command(
 
 def _pruned(decoded: "IntactDecoding", data: bytes) -> "IntactDecoding":
     from fecocodec.receiver.decode import read_cameras
-    from fecocodec.rendering.pruning import pruned
+    from fecocodec.rendering.pruning import prune
 
-    return replace(decoded, gaussians=pruned(decoded.gaussians, *read_cameras(data)))
+    return replace(decoded, gaussians=prune(decoded.gaussians, *read_cameras(data)))
 
 
 def _decode(

@@ -16,7 +16,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
 from fecocodec.geometry.padding import inside_unpadded, pad_cameras, padded_size
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.view_states import ViewStates, select_context, update_views
@@ -119,7 +119,7 @@ def receiver_of(model_id: bytes, weights: Path, device: str) -> Receiver:
     It is kept by model id, not by path: a file that was replaced is another model, and warm calls hash no weights.
     """
     receiver, _ = load_receiver(find_receiver(model_id, weights))
-    place(receiver, device)
+    to_channels_last(receiver, device)
     return receiver
 
 

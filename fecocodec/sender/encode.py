@@ -10,7 +10,7 @@ from fecocodec.container import EXCESS_UNIT, Header, Keep, Stream, quantise_lamb
 from fecocodec.container.header import MAX_STAGES, MAX_VIEWS
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.load import load_sender
@@ -67,7 +67,7 @@ def load_profile(folder: Path, device: str) -> Profile:
     receiver, model_id = load_receiver(folder / RECEIVER_FILE)
     sender = load_sender(folder / SENDER_FILE, receiver.config, model_id)
     for network in (sender, receiver):
-        place(network, device)
+        to_channels_last(network, device)
     return Profile(sender, receiver, model_id)
 
 

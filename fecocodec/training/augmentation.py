@@ -23,7 +23,7 @@ class _Crop:
     size: tuple[int, int]
 
 
-def augmented(
+def augment(
     rng: np.random.Generator, scene: Capture, frames: list[int], num_context: int, size: tuple[int, int]
 ) -> Sample:
     """Crop, resize, perhaps mirror, and tint frames; the cameras follow exactly. size: (height, width) in pixels."""

@@ -12,7 +12,7 @@ from fecocodec.errors import InputError
 from fecocodec.formats.chunk_scene import VIDEO_BOUNDS, ChunkScene
 from fecocodec.formats.chunks import ChunkFolder
 from fecocodec.formats.lens import Lens
-from fecocodec.training.augmentation import augmented
+from fecocodec.training.augmentation import augment
 from fecocodec.training.samples import Sample
 
 VIDEO_GAPS = (45, 192)  # frames between the first and last context view: pixelSplat's bounded sampling
@@ -31,7 +31,7 @@ class ChunkScenes:
         self._names = self._chunks.scene_names
 
     def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
-        """Cropped, mirrored and tinted as `augmented` does; size is (height, width) in pixels.
+        """Cropped, mirrored and tinted as `augment` does; size is (height, width) in pixels.
 
         A stretch with fewer frames than asked for repeats target frames. The same for the same generator state.
         Raises InputError where a chunk is damaged, or no scene has enough frames.
@@ -40,7 +40,7 @@ class ChunkScenes:
         scene = self._scene(rng, num_context)
         gaps = VIDEO_GAPS if scene.bounds == VIDEO_BOUNDS else DL3DV_GAPS
         frames = choose_stretch(rng, len(scene), gaps, num_context, num_target)
-        return augmented(rng, _capture(scene, frames), frames, num_context, size)
+        return augment(rng, _capture(scene, frames), frames, num_context, size)
 
     def _scene(self, rng: np.random.Generator, num_context: int) -> ChunkScene:
         for _ in range(_MOST_TRIES):

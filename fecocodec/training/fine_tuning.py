@@ -21,7 +21,7 @@ from fecocodec.sender.model import Sender
 FREEZABLE = ("receiver", "extractor")
 
 
-def begin_with(sender: Sender, receiver: Receiver, model: Path) -> None:
+def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
     """Copy a model's weights: all of the receiver and of the sender, but for an extractor of another kind.
 
     Raises ModelError where the model is missing or of other sizes.

@@ -28,7 +28,7 @@ def append_row(path: Path, row: dict[str, float]) -> None:
         raise OutputError(f"{path}: the log cannot be written ({error.strerror}); check free space.") from error
 
 
-def forget_rows_after(path: Path, step: int) -> None:
+def remove_rows_after(path: Path, step: int) -> None:
     """Remove what a run logged between its last checkpoint and its end, as it will take those steps again."""
     if not path.exists():
         return

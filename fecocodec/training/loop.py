@@ -12,7 +12,7 @@ from torch import nn
 
 from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
@@ -21,12 +21,12 @@ from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.fine_tuning import begin_with, freeze, load_extractor
+from fecocodec.training.fine_tuning import load_model_weights, freeze, load_extractor
 from fecocodec.training.initialisation import start_as_block_transform
-from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
+from fecocodec.training.log import append_row, remove_rows_after, mean_of_rows
 from fecocodec.training.objective import Batch, Coding, bypass_coding, code_with_noise, loss_of, run_stages
-from fecocodec.training.optimisation import follow_gradients
-from fecocodec.training.processes import gather_states, is_first, process_rank, told_by_first
+from fecocodec.training.optimisation import clipped_step
+from fecocodec.training.processes import gather_states, is_first, process_rank, broadcast_from_first
 from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
 
 AVERAGE_DECAY = 0.998
@@ -63,7 +63,7 @@ class Trainer:
         if isinstance(self.sender.extractor, CompactExtractor):
             start_as_block_transform(self.sender, self.receiver)
         self.networks = nn.ModuleDict({"receiver": self.receiver, "sender": self.sender})
-        place(self.networks, settings.device)
+        to_channels_last(self.networks, settings.device)
         if configuration.precision == "bfloat16":
             run_in_bfloat16(self.networks, settings.device)
         self._begin_average()
@@ -86,8 +86,8 @@ class Trainer:
         return self.settings.folder / "log.csv"
 
     def start_from(self, model: Path) -> None:
-        """Begin with the weights of a model's folder, but for an extractor of another kind; see `begin_with`."""
-        begin_with(self.sender, self.receiver, model)
+        """Begin with the weights of a model's folder, but for an extractor of another kind; see `load_model_weights`."""
+        load_model_weights(self.sender, self.receiver, model)
         self._begin_average()
 
     def start_extractor_from(self, source: Path) -> LoadReport:
@@ -118,7 +118,7 @@ class Trainer:
         if self._is_on_cuda and "cuda_generators" in saved:
             torch.cuda.set_rng_state(saved["cuda_generators"][process_rank()], self.settings.device)
         if is_first():
-            forget_rows_after(self.log, self.step)
+            remove_rows_after(self.log, self.step)
 
     def save(self, path: Path) -> None:
         """Write everything `resume` needs; every process must call it, the first one writes."""
@@ -149,7 +149,7 @@ class Trainer:
         loss, parts = loss_of(batch, outcomes, matched, schedule.disparity_weight_at(self.step))
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        norm = follow_gradients(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
+        norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
         if math.isfinite(norm):
             self._update_average()
         else:
@@ -195,7 +195,7 @@ class Trainer:
             if math.isfinite(parts["gradient"]):
                 window.append(parts)
             now = time.monotonic()
-            is_over = told_by_first(now - start > 60 * settings.max_minutes)
+            is_over = broadcast_from_first(now - start > 60 * settings.max_minutes)
             if is_first() and now - drawn > 60 * settings.samples_every_minutes:
                 self.draw_samples()
                 drawn = now
@@ -206,7 +206,7 @@ class Trainer:
                 if is_first():
                     append_row(self.log, row)
                     yield row
-            is_due = told_by_first(now - saved > 60 * settings.save_every_minutes)
+            is_due = broadcast_from_first(now - saved > 60 * settings.save_every_minutes)
             if is_due or is_over:
                 self.save(self.checkpoint)
                 saved = now

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.training.augmentation import augmented
+from fecocodec.training.augmentation import augment
 from fecocodec.training.frame_choice import choose_frames, context_pairs, relative_baselines
 from fecocodec.training.posed_scene import read_posed_scene
 from fecocodec.training.samples import Sample
@@ -53,4 +53,4 @@ class Photographs:
         index = usable[int(rng.integers(len(usable)))]
         scene = self._scenes[index]
         frames = choose_frames(rng, scene.covisibility, self._pairs[index], num_context, num_target)
-        return augmented(rng, scene, frames, num_context, size)
+        return augment(rng, scene, frames, num_context, size)

@@ -47,7 +47,7 @@ def gather_states(state: UInt8[Tensor, " byte"]) -> list[Tensor]:
     return states
 
 
-def told_by_first(flag: bool) -> bool:
+def broadcast_from_first(flag: bool) -> bool:
     """What the first process says: all must save and stop at the same step."""
     if not dist.is_initialized():
         return flag

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from fecocodec.errors import InputError
-from fecocodec.training.optimisation import warmed_cosine
+from fecocodec.training.optimisation import cosine_with_warm_up
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Schedule:
 
     def learning_rate_at(self, step: int) -> float:
         """Linear warm-up, then cosine to zero."""
-        return warmed_cosine(self.learning_rate, step, self.num_steps, self.warm_up)
+        return cosine_with_warm_up(self.learning_rate, step, self.num_steps, self.warm_up)
 
     def photograph_share_at(self, step: int) -> float:
         return self._between(self.photograph_share, step)

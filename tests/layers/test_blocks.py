@@ -15,7 +15,7 @@ from fecocodec.layers.blocks import (
     downsample,
     upsample,
 )
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 
 
 def test_channel_norm_gives_every_position_mean_zero_and_variance_one() -> None:
@@ -69,6 +69,6 @@ def test_placing_a_network_changes_its_memory_and_not_its_values() -> None:
     torch.manual_seed(0)
     network, x = nn.Sequential(nn.Conv2d(4, 6, 3), nn.ReLU(), nn.Conv2d(6, 2, 1)), torch.randn(1, 4, 9, 9)
     before = network(x)
-    place(network, "cpu")
+    to_channels_last(network, "cpu")
     assert network[0].weight.is_contiguous(memory_format=torch.channels_last)
     torch.testing.assert_close(network(x), before)

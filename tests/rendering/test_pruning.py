@@ -29,7 +29,7 @@ def test_hidden_gaussians_go_and_visible_ones_stay() -> None:
     depths = torch.cat((torch.linspace(2.0, 6.0, 50), torch.linspace(-9.0, -3.0, 50)))
     gaussians = along_first_view(depths, 0.8 * torch.sin(torch.arange(100.0)), torch.zeros(100), 0.5)
     gaussians.harmonics[::2] = -1.0
-    found = pruned(gaussians, example_cameras(2), SIZE)
+    found = prune(gaussians, example_cameras(2), SIZE)
     is_kept = (gaussians.means[:, None] == found.means).all(dim=-1).any(dim=1)
     assert int(is_kept[:50].sum()) >= 40, "those in front are seen"
     assert int(is_kept[50:].sum()) <= 10, "those behind are not"
@@ -45,7 +45,7 @@ def wall() -> Gaussians:
 
 def test_a_wall_of_one_colour_keeps_its_opacity_with_fewer() -> None:
     cameras, whole = example_cameras(2), wall()
-    found = pruned(whole, cameras, SIZE)
+    found = prune(whole, cameras, SIZE)
     assert found.count <= 0.6 * whole.count
     thinner = replace(found, opacities=torch.full((found.count,), OPACITY))
     before, after, without_heirs = (render(gaussians, cameras, SIZE).color for gaussians in (whole, found, thinner))
@@ -57,4 +57,4 @@ def test_a_wall_of_one_colour_keeps_its_opacity_with_fewer() -> None:
 def test_neighbours_of_other_colours_do_not_stand_for_each_other() -> None:
     cameras, plain = example_cameras(2), wall()
     colours = torch.randn(plain.harmonics.shape, generator=torch.Generator().manual_seed(1))
-    assert pruned(replace(plain, harmonics=colours), cameras, SIZE).count > 1.2 * pruned(plain, cameras, SIZE).count
+    assert prune(replace(plain, harmonics=colours), cameras, SIZE).count > 1.2 * prune(plain, cameras, SIZE).count

@@ -9,7 +9,7 @@ import numpy as np
 from fecocodec.coding.payload import CodedLatents, code_latents
 from fecocodec.container import Header, Keep, PackedCameras, Stream, num_cells
 from fecocodec.container.metadata import Metadata
-from fecocodec.entropy.ports import SymbolWriter
+from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import load_tables
 from fecocodec.geometry.padding import padded_size
 from fecocodec.receiver.view_states import select_context

@@ -8,7 +8,7 @@ from fecocodec.container import read_stream, write_stream
 from fecocodec.evaluation.systems.codec import rendered, stream_system
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
-from fecocodec.rendering.pruning import pruned
+from fecocodec.rendering.pruning import prune
 from fecocodec.sender.adaptive import AtLambda, encode_adaptively_with
 from fecocodec.sender.encode import Profile
 
@@ -34,7 +34,7 @@ def _pruned(profile: Profile, lmbda: float, views: Views, num_context: int) -> R
     found = adaptive_system(profile, lmbda).reconstruct(views, num_context)
     assert found.gaussians is not None  # a stream always has some
     begin = perf_counter()
-    kept = pruned(found.gaussians, views.cameras.select(list(range(num_context))), views.image_size)
+    kept = prune(found.gaussians, views.cameras.select(list(range(num_context))), views.image_size)
     seconds = found.decode_seconds + perf_counter() - begin
     return rendered(kept, views, found.num_bytes, found.encode_seconds, seconds)
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fecocodec.entropy.digest import symbol_digest
-from fecocodec.entropy.ports import SymbolReader, SymbolWriter
+from fecocodec.entropy.symbol_coders import SymbolReader, SymbolWriter
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT, load_tables
 from fecocodec.errors import BitstreamError
 from tests.entropy.ans_reference import ReferenceAns, decode_batch
