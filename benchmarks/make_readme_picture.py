@@ -1,7 +1,7 @@
 """Draw `docs/overview.webp`, the first picture of the README: `python benchmarks/make_readme_picture.py`.
 
 Each column is one file of the bundled scene, encoded, decoded and rendered by the command line with its defaults. The
-first row is the left camera, the second row a camera half-way between the two photographs, which the encoder never sees.
+first row is the left camera, the second row a camera half-way between the two, where there is no photograph.
 """
 
 import json

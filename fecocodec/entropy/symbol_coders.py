@@ -100,7 +100,7 @@ class SymbolCoder(ABC):
 
 
 class SymbolWriter(SymbolCoder):
-    """Collects symbols; `finish` returns the payload. ANS is a stack, so all symbols are coded at the end, in reverse."""
+    """Collects symbols; `finish` returns the payload. ANS is a stack, so all symbols are coded at the end, reversed."""
 
     def __init__(self) -> None:
         self._pending: list[tuple[np.ndarray, _Model, tuple[np.ndarray, ...]]] = []

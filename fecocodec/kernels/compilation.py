@@ -13,7 +13,7 @@ _njit = partial(numba.njit, nogil=True, fastmath={"reassoc", "contract", "arcp",
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorator: compile a function for this processor on first call, and cache the result on disk where that is possible.
+    """Decorator: compile a function for this processor on first call, and cache the result on disk if possible.
 
     numba invalidates its cache when the file of a kernel changes, but not when a helper from another file does. After
     editing such a helper, delete the `__pycache__` folders of the kernels that call it.

@@ -17,7 +17,7 @@ _ARE_GRADIENTS_DIRECT = ContextVar("are_gradients_direct", default=False)
 
 @contextmanager
 def direct_gradients() -> Iterator[None]:
-    """Treat the output of every `residual_branch` inside this context as a constant in gradients; values do not change."""
+    """Treat the output of every `residual_branch` inside this context as a constant in gradients."""
     before = _ARE_GRADIENTS_DIRECT.set(True)
     try:
         yield

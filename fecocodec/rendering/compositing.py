@@ -4,7 +4,7 @@
 Kerbl et al., "3D Gaussian Splatting", 2023, section 4: alpha = opacity * exp(-d^T K d / 2), clamped to ALPHA_MAX
 and skipped below ALPHA_MIN; a pixel is finished once its transmittance is under TRANSMITTANCE_MIN.
 
-The 16 pixels of a tile's row are computed without branches, so that the loop vectorises. For the same reason indices are
+The 16 pixels of a tile's row are computed without branches, so that the loop vectorises. For that reason indices are
 unsigned (a signed index may count from the end, which needs a check), and the values of a tile are planes of one flat
 array (which cannot overlap).
 """

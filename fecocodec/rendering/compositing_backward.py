@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs
 """Gradient of `compositing`: from pixels back to the splats of each tile.
 
-Processes splats front to back like `composite`. What lies behind a splat is the finished pixel minus what lies in front,
-so nothing is stored per pair of splat and pixel.
+Processes splats front to back like `composite`. What lies behind a splat is the finished pixel minus what lies in
+front, so nothing is stored per pair of splat and pixel.
 """
 
 import numpy as np

@@ -16,9 +16,9 @@ def contributions(
 ) -> Float[Tensor, "view gaussian"]:
     """Return, per camera, the sum over pixels of the blending weight (alpha times transmittance) of each Gaussian.
 
-    The unit is the pixel: the sum over Gaussians is the accumulated opacity of the image. A pixel is the weighted sum of
-    the Gaussians' colours, so the weights are the derivative of the sum of all pixels with respect to each colour; this
-    takes one backward pass per camera. image_size: (height, width).
+    The unit is the pixel: the sum over Gaussians is the accumulated opacity of the image. A pixel is the weighted sum
+    of the Gaussians' colours, so the weights are the derivative of the sum of all pixels with respect to each colour;
+    this takes one backward pass per camera. image_size: (height, width).
     """
     views = [_weights(gaussians, cameras.select([view]), image_size) for view in range(cameras.num_views)]
     return torch.stack(views)

@@ -1,8 +1,8 @@
 """Prune Gaussians with little contribution and refit the rest.
 
 The cost of removing a Gaussian is its contribution to rendered images times the difference of its colour from its
-neighbours'. The opacity of the neighbours grows in compensation, because many faint Gaussians together draw a surface; a
-few gradient steps then reduce the remaining error (`refit`).
+neighbours'. The opacity of the neighbours grows in compensation, because many faint Gaussians together draw a surface;
+a few gradient steps then reduce the remaining error (`refit`).
 """
 
 from dataclasses import replace
@@ -69,8 +69,8 @@ def _change(gaussians: Gaussians, cameras: Cameras, reference: Float[Tensor, "ca
 def _without(gaussians: Gaussians, contribution: Float[Tensor, " n"], is_removed: Bool[Tensor, " n"]) -> Gaussians:
     """Return the Gaussians that are not removed; the nearest of them take over the contribution of the removed ones.
 
-    contribution: in pixels. The optical thickness -ln(1 - opacity) of an heir grows by the ratio of its new contribution
-    to its own, at most MOST_THICKER times.
+    contribution: in pixels. The optical thickness -ln(1 - opacity) of an heir grows by the ratio of its new
+    contribution to its own, at most MOST_THICKER times.
     """
     kept, removed = gaussians.keep(~is_removed), gaussians.keep(is_removed)
     if kept.count == 0 or removed.count == 0:
@@ -86,7 +86,7 @@ def _without(gaussians: Gaussians, contribution: Float[Tensor, " n"], is_removed
 
 
 def _difference_of_colour(gaussians: Gaussians) -> Float[Tensor, " n"]:
-    """Return the mean absolute sRGB difference between each Gaussian's colour and the mean of its nearest neighbours."""
+    """Return the mean absolute sRGB difference between each Gaussian's colour and the mean of its neighbours."""
     colour = SH_DEGREE_0 * gaussians.harmonics[:, 0]
     neighbours = nearest_neighbours(gaussians.means, COMPARED + 1)[:, 1:]
     return (colour[neighbours].mean(dim=1) - colour).abs().mean(dim=1)

@@ -22,9 +22,10 @@ def render(
     """Render the Gaussians of one scene at its cameras, on the device of the Gaussians.
 
     gaussians, cameras: without batch dimensions, in one world frame and unit of length. image_size: (height, width) in
-    pixels. background: sRGB. The result is differentiable once, in float32, with respect to all fields of the Gaussians;
-    the cameras receive no gradient. Gaussians with values that are not finite are not drawn. On the CPU the result does
-    not depend on the number of threads (that of torch). `projection` and `compositing` implement the rules of 3DGS.
+    pixels. background: sRGB. The result is differentiable once, in float32, with respect to all fields of the
+    Gaussians; the cameras receive no gradient. Gaussians with values that are not finite are not drawn. On the CPU the
+    result does not depend on the number of threads (that of torch). `projection` and `compositing` implement the rules
+    of 3DGS.
 
     Raises InputError if shapes or the image size cannot be used, or if the device has no renderer.
     """

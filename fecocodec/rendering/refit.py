@@ -1,7 +1,7 @@
 """Refit Gaussians to given images by gradient steps, as after pruning.
 
-Fan et al., "LightGaussian: Unbounded 3D Gaussian Compression with 15x Reduction and 200+ FPS", 2023, recover the quality
-of pruned splats in the same way.
+Fan et al., "LightGaussian: Unbounded 3D Gaussian Compression with 15x Reduction and 200+ FPS", 2023, recover the
+quality of pruned splats in the same way.
 """
 
 from dataclasses import replace

@@ -12,7 +12,7 @@ DIFFERENTIABLE_FIELDS = ("x", "y", "conic_xx", "conic_xy", "conic_yy", "opacity"
 
 # x, y: centre in pixels, pixel centres at i + 0.5. conic: inverse of the 2x2 covariance, in 1 / pixels^2.
 # depth: z along the optical axis. cutoff: exponent above which alpha is below ALPHA_MIN.
-# radius_x, radius_y: half size in pixels of the box outside which alpha is below ALPHA_MIN; 0 for an invisible Gaussian.
+# radius_x, radius_y: half size in pixels of the box outside which alpha is below ALPHA_MIN; 0 if invisible.
 SPLAT = np.dtype([(name, np.float32) for name in (*DIFFERENTIABLE_FIELDS, "cutoff", "radius_x", "radius_y")])
 
 ALPHA_MIN = 1.0 / 255.0  # a splat is skipped at pixels where its alpha is below this

@@ -5,7 +5,7 @@ from dataclasses import replace
 import torch
 
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.rendering.pruning import LARGEST_CHANGE, pruned
+from fecocodec.rendering.pruning import LARGEST_CHANGE
 from fecocodec.rendering.rasterizer import render
 from tests.example_scenes import example_cameras
 

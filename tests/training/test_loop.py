@@ -18,7 +18,7 @@ from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources
 from fecocodec.training.export import export_model
-from fecocodec.training.log import append_row, remove_rows_after, mean_of_rows
+from fecocodec.training.log import append_row, mean_of_rows, remove_rows_after
 from fecocodec.training.loop import RunSettings, Trainer
 from fecocodec.training.objective import Batch
 from fecocodec.training.procedural.scenes import ProceduralWorld
