@@ -1,4 +1,4 @@
-"""What a writer was given, a reader gets; and a payload means what the specification says."""
+"""Readers return the symbols of writers, and payloads follow the specification."""
 
 import numpy as np
 import pytest
