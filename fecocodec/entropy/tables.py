@@ -44,10 +44,10 @@ class Table:
 
 def parse_tables(data: bytes) -> tuple[Table, ...]:
     """Parse the bytes of the data file. Raises ModelError if their SHA-256 is not that of this version."""
-    found = hashlib.sha256(data).hexdigest()
-    if found != SHA256:
+    digest = hashlib.sha256(data).hexdigest()
+    if digest != SHA256:
         raise ModelError(
-            f"{FILE_NAME}: SHA-256 is {found[:16]}..., this version needs {SHA256[:16]}...; reinstall the package."
+            f"{FILE_NAME}: SHA-256 is {digest[:16]}..., this version needs {SHA256[:16]}...; reinstall the package."
         )
     tables, offset = [], 0
     for _ in range(NUM_TABLES):

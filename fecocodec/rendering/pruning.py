@@ -27,8 +27,8 @@ SHARES = tuple(0.05 * number for number in range(1, 15))
 MOST_BEFORE_REFIT = 12.0  # times LARGEST_CHANGE: a share that changes images by more before refitting is not tried
 COMPARED = 8  # neighbours with whose mean colour a Gaussian is compared
 LEAST_DIFFERENCE = 0.04  # added to the colour difference, so that equal colours do not make the cost 0
-HEIRS = 4  # nearest kept Gaussians, which take over the contribution of a removed one
-INHERITED = 1.5  # factor on the contribution taken over, because heirs also cover each other (docs/experiments_log.md)
+NUM_SUBSTITUTES = 4  # nearest kept Gaussians, which take over the contribution of a removed one
+OVERLAP_FACTOR = 1.5  # on the contribution taken over, because substitutes also cover each other
 MOST_THICKER = 3.0
 _LEAST_CONTRIBUTION = 1e-6  # pixels
 
@@ -69,18 +69,18 @@ def _change(gaussians: Gaussians, cameras: Cameras, reference: Float[Tensor, "ca
 def _without(gaussians: Gaussians, contribution: Float[Tensor, " n"], is_removed: Bool[Tensor, " n"]) -> Gaussians:
     """Return the Gaussians that are not removed; the nearest of them take over the contribution of the removed ones.
 
-    contribution: in pixels. The optical thickness -ln(1 - opacity) of an heir grows by the ratio of its new
+    contribution: in pixels. The optical thickness -ln(1 - opacity) of a substitute grows by the ratio of its new
     contribution to its own, at most MOST_THICKER times.
     """
     kept, removed = gaussians.keep(~is_removed), gaussians.keep(is_removed)
     if kept.count == 0 or removed.count == 0:
         return kept
-    heirs = nearest_neighbours(kept.means, HEIRS, removed.means)
-    distance = (kept.means[heirs] - removed.means[:, None]).norm(dim=-1)
+    substitutes = nearest_neighbours(kept.means, NUM_SUBSTITUTES, removed.means)
+    distance = (kept.means[substitutes] - removed.means[:, None]).norm(dim=-1)
     share = 1.0 / distance.clamp_min(1e-6 * distance.mean().clamp_min(1e-30))
-    handed = INHERITED * contribution[is_removed, None] * share / share.sum(dim=1, keepdim=True)
-    inherited = torch.zeros_like(kept.opacities).index_add(0, heirs.flatten(), handed.flatten())
-    thicker = 1.0 + inherited / contribution[~is_removed].clamp_min(_LEAST_CONTRIBUTION)
+    transferred = OVERLAP_FACTOR * contribution[is_removed, None] * share / share.sum(dim=1, keepdim=True)
+    received = torch.zeros_like(kept.opacities).index_add(0, substitutes.flatten(), transferred.flatten())
+    thicker = 1.0 + received / contribution[~is_removed].clamp_min(_LEAST_CONTRIBUTION)
     thickness = -torch.log1p(-kept.opacities.clamp(max=0.999)) * thicker.clamp(max=MOST_THICKER)
     return replace(kept, opacities=torch.maximum(kept.opacities, -torch.expm1(-thickness)))
 

@@ -48,8 +48,8 @@ def test_a_wall_of_one_colour_keeps_its_opacity_with_fewer() -> None:
     kept = prune(whole, cameras, SIZE)
     assert kept.count <= 0.6 * whole.count
     thinner = replace(kept, opacities=torch.full((kept.count,), OPACITY))
-    before, after, without_heirs = (render(gaussians, cameras, SIZE).color for gaussians in (whole, kept, thinner))
-    changed, thinned = (float((x - before).square().mean(dim=(1, 2, 3)).max()) for x in (after, without_heirs))
+    before, after, uncompensated = (render(gaussians, cameras, SIZE).color for gaussians in (whole, kept, thinner))
+    changed, thinned = (float((x - before).square().mean(dim=(1, 2, 3)).max()) for x in (after, uncompensated))
     assert changed <= LARGEST_CHANGE < thinned
     assert thinned > 2 * changed
 

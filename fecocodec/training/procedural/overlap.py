@@ -43,5 +43,5 @@ def shared_view(cameras: Pinholes, depth: Float[ndarray, "view height width"], f
     u = np.floor(cameras.centre[0] + cameras.focal * seen[..., 0] / z).astype(int)
     v = np.floor(cameras.centre[1] + cameras.focal * seen[..., 1] / z).astype(int)
     in_frame = (seen[..., 2] > 1e-3) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    found = depth[second][np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
-    return float((in_frame & (z < found * 1.15)).mean())
+    visible_depth = depth[second][np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
+    return float((in_frame & (z < visible_depth * 1.15)).mean())
