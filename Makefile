@@ -35,8 +35,9 @@ demo: $(READY) ## encode, decode and render the bundled scene into out/
 	$(BIN)/fecosplat render out/demo.fcs -o out --overwrite
 	@ls -l out
 
-test: $(READY) ## run the quick tests
-	$(BIN)/python -m pytest -m "not slow"
+# One process a core with one thread each: the tests' networks are too small for several threads.
+test: $(READY) ## run the quick tests, in one process per core
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
 
 test-slow: $(READY) ## run the slow tests (the bundled scene, end to end)
 	$(BIN)/python -m pytest -m slow

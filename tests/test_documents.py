@@ -1,4 +1,4 @@
-"""What the documents promise exists."""
+"""Files, commands, options and make targets that the documents name exist."""
 
 import re
 from pathlib import Path
@@ -8,26 +8,70 @@ from click.testing import CliRunner
 from fecosplat_cli.main import COMMANDS, command_line
 
 ROOT = Path(__file__).resolve().parent.parent
-DOCUMENTS = ("README.md", "DEVELOPMENT.md", "CHANGELOG.md")
+DOCUMENTS = (
+    "README.md",
+    "DEVELOPMENT.md",
+    "CHANGELOG.md",
+    *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+)
+WITH_COMMANDS = ("README.md", "docs/command_line.md", "docs/inputs.md", "docs/limits.md", "docs/training.md")
+README_BYTES = 8192
+LISTED_ELSEWHERE = {"--help", "--version", "--index", "--output"}  # in the table of commands, or of every command
+COMMANDS_OF_TABLE = ("encode", "decode", "render")  # whose options are all in docs/command_line.md
+
+
+def help_of(command: str) -> str:
+    return CliRunner().invoke(command_line, [command, "--help"]).output
+
+
+def option_rows() -> list[tuple[set[str], set[str]]]:
+    """(options, commands) of each row of the table of options; a row of "all but X" has every other command."""
+    rows = re.findall(r"^\| (`--.+?) \| ([a-z, ]+) \| ", (ROOT / "docs/command_line.md").read_text(), re.MULTILINE)
+    parsed = []
+    for options, names in rows:
+        commands = set(COMMANDS) - {names.removeprefix("all but ")} if "all but" in names else set(names.split(", "))
+        parsed.append((set(re.findall(r"--[a-z-]+", options)), commands))
+    return parsed
+
+
+def test_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_bytes()) <= README_BYTES
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_links_lead_to_files(document: str) -> None:
-    targets = re.findall(r"\]\((?!https?://|#)([^)#]+)", (ROOT / document).read_text())
-    assert [target for target in targets if not (ROOT / target).exists()] == []
+    path = ROOT / document
+    targets = re.findall(r"\]\((?!https?://|#)([^)#\s]+)", path.read_text())
+    assert [target for target in targets if not (path.parent / target).exists()] == []
 
 
-def test_shown_commands_and_their_options_exist() -> None:
-    """Every `fecosplat COMMAND ... --option` in the README is one that `fecosplat COMMAND --help` lists."""
+@pytest.mark.parametrize("document", WITH_COMMANDS)
+def test_commands_and_their_options_exist(document: str) -> None:
+    """Every `fecosplat COMMAND ... --option` is one that `fecosplat COMMAND --help` lists."""
     unknown = []
-    for line in re.findall(r"fecosplat ([a-z]+[^`#\n]*)", (ROOT / "README.md").read_text()):
+    for line in re.findall(r"fecosplat ([a-z]+[^`#\n]*)", (ROOT / document).read_text()):
         command, _, arguments = line.partition(" ")
-        shown = CliRunner().invoke(command_line, [command, "--help"]).output if command in COMMANDS else ""
-        unknown += [f"{command} {option}" for option in re.findall(r"--[a-z]+", arguments) if option not in shown]
+        shown = help_of(command) if command in COMMANDS else ""
+        unknown += [f"{command} {option}" for option in re.findall(r"--[a-z-]+", arguments) if option not in shown]
         unknown += [] if command in COMMANDS else [command]
     assert unknown == []
 
 
+@pytest.mark.parametrize(("options", "commands"), option_rows(), ids=lambda names: " ".join(sorted(names)))
+def test_listed_options_exist(options: set[str], commands: set[str]) -> None:
+    missing = [
+        f"{command} {option}" for command in sorted(commands) for option in options if option not in help_of(command)
+    ]
+    assert missing == []
+
+
+@pytest.mark.parametrize("command", COMMANDS_OF_TABLE)
+def test_every_option_is_listed(command: str) -> None:
+    listed = {option for options, commands in option_rows() if command in commands for option in options}
+    options = set(re.findall(r"^ +(?:-[a-z], )?(--[a-z-]+)", help_of(command), re.MULTILINE))
+    assert options - listed - LISTED_ELSEWHERE == set()
+
+
 @pytest.mark.parametrize("target", re.findall(r"`make ([a-z-]+)`", (ROOT / "DEVELOPMENT.md").read_text()))
-def test_shown_make_targets_exist(target: str) -> None:
+def test_make_targets_exist(target: str) -> None:
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE)

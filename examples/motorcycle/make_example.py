@@ -1,4 +1,4 @@
-"""Makes this folder's images and transforms.json from the pair that scikit-image carries (see README.md).
+"""Make this folder's images, depth and transforms.json from the pair that scikit-image carries (see README.md).
 
 Needs scikit-image beside the project's own dependencies: `python make_example.py`.
 """
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import skimage.data
 import torch
+from PIL import Image
 
 from fecocodec.formats.images import write_image
 from fecocodec.formats.scene_folder import read_views
@@ -21,6 +22,7 @@ REDUCTION = 4  # scikit-image's pair is the original one reduced by this factor
 # The original calibration (calib.txt of the Motorcycle scene), pixel centres at whole numbers.
 FOCAL_LENGTH, CENTRE_X, CENTRE_Y, CENTRE_X_SHIFT = 3979.911, 1244.772, 1019.507, 124.343
 BASELINE = 0.193001  # metres
+DEPTH_FILE = "left_depth.png"  # 16 bits: millimetres along the optical axis of the left camera, 0 without ground truth
 
 
 def main() -> None:
@@ -37,6 +39,8 @@ def main() -> None:
     for image, file_name in zip(views.images, views.names, strict=True):
         write_image(folder / "images" / file_name, image, overwrite=True)
     (folder / "transforms.json").write_text(json.dumps(_reduced_cameras(views), indent=1) + "\n")
+    millimetres = np.where(np.isfinite(disparity), 1000 * depth, 0)
+    Image.fromarray(_at_reduced_pixels(millimetres, views).round().astype(np.uint16)).save(folder / DEPTH_FILE)
 
 
 def _original_cameras(near: float, far: float) -> dict:
@@ -57,6 +61,16 @@ def _original_cameras(near: float, far: float) -> dict:
             }
         )
     return {"near": near, "far": far, "frames": frames}
+
+
+def _at_reduced_pixels(depth: np.ndarray, views: Views) -> np.ndarray:
+    """Nearest samples of a map of the original left image at the pixel centres of the reduced one."""
+    height, width = views.image_size
+    intrinsics = views.cameras.intrinsics_px(height, width)[0].double().numpy()
+    scale = FOCAL_LENGTH / REDUCTION / np.array([intrinsics[0, 0], intrinsics[1, 1]])
+    columns = (np.arange(width) + 0.5 - intrinsics[0, 2]) * scale[0] + (CENTRE_X + 0.5) / REDUCTION
+    rows = (np.arange(height) + 0.5 - intrinsics[1, 2]) * scale[1] + (CENTRE_Y + 0.5) / REDUCTION
+    return depth[np.floor(rows).astype(int)[:, None], np.floor(columns).astype(int)]
 
 
 def _reduced_cameras(views: Views) -> dict:

@@ -13,7 +13,7 @@ from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_ve
 from fecocodec.coding.symbol_choice import choose_symbols, price_of_bits
 from fecocodec.coding.walk import FACTOR_32, in_layout, split_partitions, walk_latents
 from fecocodec.entropy.digest import symbol_digest
-from fecocodec.entropy.ports import Port, SymbolReader, SymbolWriter
+from fecocodec.entropy.symbol_coders import SymbolCoder, SymbolReader, SymbolWriter
 from fecocodec.errors import InputError
 
 
@@ -78,7 +78,7 @@ def decode_latents(
 @torch.no_grad()
 def code_latents(
     prior: LatentPrior,
-    port: Port,
+    port: SymbolCoder,
     lambda_q: int,
     stage: int,
     context_y_hat: Float[Tensor, "view latent height_8 width_8"] | None,

@@ -1,4 +1,4 @@
-"""A fingerprint of decoded symbols: shows that both ends have the same, whatever happened in between."""
+"""Digest of the symbols of a stage, which sender and receiver compare."""
 
 import hashlib
 from collections.abc import Iterable
@@ -10,7 +10,10 @@ DIGEST_BYTES = 8
 
 
 def symbol_digest(batches: Iterable[Int[np.ndarray, "..."]]) -> bytes:
-    """BLAKE2b, 8 bytes, of all symbols in coding order as little-endian int32, those that are 0 by rule included."""
+    """Return the 8-byte BLAKE2b digest of all symbols in coding order, as little-endian int32.
+
+    Symbols that are not coded, because they are 0 by rule, are included.
+    """
     digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
     for batch in batches:
         digest.update(np.ascontiguousarray(batch, dtype="<i4").tobytes())

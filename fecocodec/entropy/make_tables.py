@@ -1,6 +1,6 @@
-"""Makes `symbol_tables.bin`; run by hand (`python -m fecocodec.entropy.make_tables FILE`) when the format changes.
+"""Write `symbol_tables.bin`: `python -m fecocodec.entropy.make_tables FILE`, by hand, when the format changes.
 
-The tables are data: what ships is the file, and `tables.py` only reads it. A change of one byte is a change of format.
+The tables are data: the file ships, and `tables.py` only reads it. A change of one byte is a change of the format.
 """
 
 import math
@@ -22,18 +22,18 @@ from fecocodec.entropy.tables import (
 _TOTAL = 1 << PRECISION_BITS
 _REACH_IN_SIGMAS = 8.0
 _LEAST_FREQUENCY = 16  # an outlier within the table costs at most 20 bits
-_LEAST_ESCAPE_FREQUENCY = 256  # an escape costs 16 bits and its own code, and its presence 0.00002 bits a symbol
+_LEAST_ESCAPE_FREQUENCY = 256  # an escape costs 16 bits plus its own code; reserving it costs 0.00002 bits a symbol
 
 
 def _upper_tail(distance_in_sigmas: float) -> float:
-    """Of the mixture whose standard deviation is 1."""
+    """Probability that the mixture of standard deviation 1 exceeds this value."""
     narrow = math.erfc(distance_in_sigmas / (NARROW_SIGMA * math.sqrt(2.0)))
     wide = math.erfc(distance_in_sigmas / (WIDE_SIGMA * math.sqrt(2.0)))
     return 0.5 * ((1.0 - WIDE_SHARE) * narrow + WIDE_SHARE * wide)
 
 
 def frequencies_of(sigma: float) -> list[int]:
-    """Integer frequencies of the symbols -reach..reach and, last, the escape; they sum to 2^24."""
+    """Return the integer frequencies of the symbols -reach..reach and, last, of the escape. They sum to 2^24."""
     reach = math.ceil(_REACH_IN_SIGMAS * sigma) + 1
     escape = _LEAST_ESCAPE_FREQUENCY + round(2.0 * _upper_tail((reach + 0.5) / sigma) * _TOTAL)
     to_share = _TOTAL - escape - (2 * reach + 1) * _LEAST_FREQUENCY
@@ -46,7 +46,7 @@ def frequencies_of(sigma: float) -> list[int]:
 
 
 def serialise_tables() -> bytes:
-    """For each table: reach as uint16, then 2 * reach + 2 frequencies as uint32, all little-endian."""
+    """Return the file's bytes: per table, reach as uint16 and 2 * reach + 2 frequencies as uint32, little-endian."""
     parts = []
     for index in range(NUM_TABLES):
         frequencies = frequencies_of(2.0 ** ((index - SIGMA_ONE_INDEX) / TABLES_PER_OCTAVE))

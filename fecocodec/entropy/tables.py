@@ -1,7 +1,7 @@
-"""The fixed integer tables that every symbol is coded with: 64 zero-mean distributions, as data with a SHA-256.
+"""The fixed integer frequency tables of symbols: 64 zero-mean distributions, as data with a SHA-256.
 
-Table k stands for the standard deviation 2^((k - 22) / 7): 0.11 (k = 0), 1 (k = 22), 58 (k = 63). All have one shape, a
-mixture of two Gaussians: real latents have heavier tails than one. Elements whose table comes before
+Table k has the standard deviation 2^((k - 22) / 7): 0.11 (k = 0), 1 (k = 22), 58 (k = 63). All are scaled copies
+of one mixture of two Gaussians, because latents have heavier tails than one Gaussian. Elements whose table is below
 `FIRST_CODED_TABLE` are not coded: their symbol is 0 by rule.
 """
 
@@ -19,12 +19,12 @@ from fecocodec.errors import ModelError
 NUM_TABLES = 64
 TABLES_PER_OCTAVE = 7
 SIGMA_ONE_INDEX = 22
-# The mixture, in standard deviations of its table: fitted to symbols of training scenes (docs/experiments.md).
+# The mixture, in standard deviations of its table, fitted to symbols of training scenes (docs/experiments.md).
 WIDE_SHARE, WIDE_SIGMA = 0.125, 1.8
-NARROW_SIGMA = math.sqrt((1.0 - WIDE_SHARE * WIDE_SIGMA**2) / (1.0 - WIDE_SHARE))  # 0.825, so that the whole has 1
-FIRST_CODED_TABLE = 6  # sigma 0.205: below it a symbol is nearly always zero and coding it hardly lowers the error
+NARROW_SIGMA = math.sqrt((1.0 - WIDE_SHARE * WIDE_SIGMA**2) / (1.0 - WIDE_SHARE))  # 0.825: the mixture has variance 1
+FIRST_CODED_TABLE = 6  # sigma 0.205; below it symbols are nearly always 0, and coding them hardly lowers the error
 PRECISION_BITS = 24
-SYMBOL_LIMIT = 1 << 20  # no symbol is larger in magnitude: a sender clamps, a reader refuses
+SYMBOL_LIMIT = 1 << 20  # largest magnitude of a symbol: the sender clamps to it, the receiver refuses more
 FILE_NAME = "symbol_tables.bin"
 SHA256 = "b48cf11ed8025fa24296cda054e9917eb96d004be7d83b91395714867feb34c2"
 
@@ -38,16 +38,16 @@ class Table:
 
     @property
     def escape(self) -> int:
-        """Entry number of the escape; symbol s within reach has the entry number s + reach."""
+        """Index of the escape's entry; a symbol s within reach has entry s + reach."""
         return 2 * self.reach + 1
 
 
 def parse_tables(data: bytes) -> tuple[Table, ...]:
-    """Tables from the bytes of the data file; raises ModelError if they are not the ones this version was made with."""
-    found = hashlib.sha256(data).hexdigest()
-    if found != SHA256:
+    """Parse the bytes of the data file. Raises ModelError if their SHA-256 is not that of this version."""
+    digest = hashlib.sha256(data).hexdigest()
+    if digest != SHA256:
         raise ModelError(
-            f"{FILE_NAME}: SHA-256 is {found[:16]}..., this version needs {SHA256[:16]}...; reinstall the package."
+            f"{FILE_NAME}: SHA-256 is {digest[:16]}..., this version needs {SHA256[:16]}...; reinstall the package."
         )
     tables, offset = [], 0
     for _ in range(NUM_TABLES):
@@ -60,5 +60,5 @@ def parse_tables(data: bytes) -> tuple[Table, ...]:
 
 @cache
 def load_tables() -> tuple[Table, ...]:
-    """The tables that ship with the package, read once; raises ModelError if the file is damaged."""
+    """Return the tables that ship with the package, read once. Raises ModelError if the file is damaged."""
     return parse_tables(files("fecocodec.entropy").joinpath(FILE_NAME).read_bytes())

@@ -1,4 +1,4 @@
-"""How this folder compiles its numba kernels."""
+"""Compilation of numba kernels, with the same options everywhere."""
 
 from collections.abc import Callable
 from functools import partial
@@ -6,19 +6,19 @@ from typing import Any
 
 import numba
 
-# The kernels release the global interpreter lock, so that `threads.run_in_ranges` can run them side by side. Sums may
-# be reordered and fused, which lets loops use vector registers; NaN and infinity keep their meaning, because projection
-# relies on them to drop broken Gaussians.
+# Kernels release the global interpreter lock, so that `threads.run_in_ranges` can run them in parallel. Sums may be
+# reordered and fused, so that loops vectorise. NaN and infinity keep their meaning: projection relies on them to drop
+# Gaussians that are not finite.
 _njit = partial(numba.njit, nogil=True, fastmath={"reassoc", "contract", "arcp", "nsz"}, error_model="numpy")
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile for the processor on first use, and keep the result on disk where there is a place for it.
+    """Decorator: compile a function for this processor on first call, and cache the result on disk if possible.
 
-    numba renews its cache when the file of a kernel changes, not when a helper imported from another file does:
-    after editing such a helper, delete this folder's `__pycache__`.
+    numba invalidates its cache when the file of a kernel changes, but not when a helper from another file does. After
+    editing such a helper, delete the `__pycache__` folders of the kernels that call it.
     """
     try:
         return _njit(cache=True)(function)
-    except RuntimeError:  # numba found no folder it may write its cache to
+    except RuntimeError:  # numba has no folder to which it can write its cache
         return _njit(cache=False)(function)

@@ -1,4 +1,4 @@
-"""Independent work on as many threads as torch uses: whole tasks side by side, or one kernel over a range of items."""
+"""Independent work on as many threads as torch uses: whole tasks in parallel, or one kernel over a range of items."""
 
 import threading
 from collections.abc import Callable
@@ -10,14 +10,15 @@ import torch
 
 Result = TypeVar("Result")
 
-_RANGES_PER_THREAD = 8  # more than one, because some tiles hold far more work than others
+_RANGES_PER_THREAD = 8  # several, because some ranges hold far more work than others
 _worker = threading.local()
 
 
 def run_side_by_side(task: Callable[[int], Result], count: int) -> list[Result]:
-    """[task(0), ..., task(count - 1)], one thread each; fewer tasks than threads run one by one, each on all threads.
+    """Return [task(0), ..., task(count - 1)], computed in parallel with one thread each.
 
-    Kernels leave a part of their work to one thread, so whole tasks side by side are faster.
+    Fewer tasks than threads run one after another, each with all threads. Whole tasks in parallel are faster, because
+    each task has parts that run on one thread.
     """
     num_threads = _num_threads()
     if num_threads == 1 or count < num_threads:
@@ -31,14 +32,14 @@ def _become_worker() -> None:
 
 
 def _num_threads() -> int:
-    """How many threads there are to share out: a worker has only its own."""
+    """Number of threads available to the caller: 1 inside a worker of `run_side_by_side`."""
     return 1 if getattr(_worker, "is_one", False) else torch.get_num_threads()
 
 
 def run_in_ranges(kernel: Callable[..., Any], count: int, *arguments: Any) -> None:
-    """Call `kernel(start, stop, *arguments)` so that the ranges cover 0 to `count` once.
+    """Call `kernel(start, stop, *arguments)` in parallel on ranges that partition [0, count).
 
-    An item's result must not depend on the range it falls into; then the thread count changes no bit.
+    The result of an item must not depend on its range; then the number of threads changes no bit.
     """
     num_threads = _num_threads()
     if num_threads == 1:

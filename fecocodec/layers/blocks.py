@@ -1,4 +1,4 @@
-"""Blocks shared by the sender's and the receiver's networks; maps are `[item channel h w]`, item = (batch view)."""
+"""Blocks shared by the sender's and the receiver's networks. Maps are `[item channel h w]`, item = (batch view)."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -17,7 +17,7 @@ _ARE_GRADIENTS_DIRECT = ContextVar("are_gradients_direct", default=False)
 
 @contextmanager
 def direct_gradients() -> Iterator[None]:
-    """Within it what a side branch adds is a constant to gradients: they pass it by."""
+    """Treat the output of every `residual_branch` inside this context as a constant in gradients."""
     before = _ARE_GRADIENTS_DIRECT.set(True)
     try:
         yield
@@ -26,18 +26,18 @@ def direct_gradients() -> Iterator[None]:
 
 
 @contextmanager
-def side_branch() -> Iterator[None]:
-    """Around what is computed to be added to what passes it by; see `direct_gradients`."""
+def residual_branch() -> Iterator[None]:
+    """Mark a residual branch; `direct_gradients` treats its output as a constant."""
     with torch.set_grad_enabled(torch.is_grad_enabled() and not _ARE_GRADIENTS_DIRECT.get()):
         yield
 
 
 @dataclass(frozen=True)
 class RateCondition:
-    """What the codec's networks are told of lambda and stage.
+    """Condition of the codec's networks on lambda and stage.
 
-    embedding: modulates the 2D blocks. latent_gain: g_a multiplies by it, g_s divides, so that the step between latents
-    follows lambda from the first day of training.
+    embedding: modulates the 2D blocks. latent_gain: g_a multiplies by it and g_s divides, so that the quantisation step
+    of the latents follows lambda.
     """
 
     embedding: Float[Tensor, "item condition"]
@@ -45,10 +45,10 @@ class RateCondition:
 
 
 class RateEmbedding(nn.Module):
-    """(lambda_q, stage) -> MLP -> condition that every `Block2d` of the codec is modulated by.
+    """(lambda_q, stage) -> MLP -> condition that modulates every `Block2d` of the codec.
 
     The paper conditions on log(lambda) (section 3.4); `lambda_q` is that logarithm in the fixed point of the container.
-    The latent's gain at lambda 1e-5 is `largest_gain`, and falls with lambda to the power `gain_exponent`.
+    The gain of the latent is `largest_gain` at lambda 1e-5 and proportional to lambda^-gain_exponent.
     """
 
     def __init__(self, largest_lambda_q: int, largest_gain: float, gain_exponent: float) -> None:
@@ -59,7 +59,7 @@ class RateEmbedding(nn.Module):
         )
 
     def forward(self, lambda_q: Int[Tensor, " item"], stage: int) -> RateCondition:
-        """Condition of each item; stage is 1 or 2."""
+        """Return the condition of each item. lambda_q: lambda in the fixed point of streams. stage: 1 or 2."""
         position = 2.0 * lambda_q / self.largest_lambda_q - 1.0
         is_second = torch.full_like(position, float(stage == 2))
         embedding = self.mlp(torch.stack((position, position * is_second, is_second), dim=-1))
@@ -95,14 +95,14 @@ class AdaptiveNorm(nn.Module):
 class Block2d(nn.Module):
     """x -> AdaLN(condition) -> 3x3 conv -> GELU -> 1x1 conv -> + x: the codec's 2D block.
 
-    A dense 3x3 convolution runs three times as many operations a second on a CPU as a depthwise one, so the block is
-    wide and short instead of a chain of depthwise layers.
+    On a CPU a dense 3x3 convolution reaches three times the throughput of a depthwise one (docs/experiments.md), so the
+    block is wide and short instead of a chain of depthwise layers.
     """
 
-    def __init__(self, channels: int, hidden: int, is_side_branch: bool = False) -> None:
-        """is_side_branch: whether `direct_gradients` pass by what the block adds."""
+    def __init__(self, channels: int, hidden: int, is_residual_branch: bool = False) -> None:
+        """is_residual_branch: whether `direct_gradients` treats what the block adds to x as a constant."""
         super().__init__()
-        self.is_side_branch = is_side_branch
+        self.is_residual_branch = is_residual_branch
         self.norm = AdaptiveNorm(channels)
         self.spatial = nn.Conv2d(channels, hidden, 3, padding=1)
         self.pointwise = nn.Conv2d(hidden, channels, 1)
@@ -110,7 +110,7 @@ class Block2d(nn.Module):
     def forward(
         self, x: Float[Tensor, "item channel h w"], condition: RateCondition
     ) -> Float[Tensor, "item channel h w"]:
-        with side_branch() if self.is_side_branch else nullcontext():
+        with residual_branch() if self.is_residual_branch else nullcontext():
             added = self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
         return added.add_(x)
 
@@ -129,7 +129,7 @@ class PlainBlock2d(nn.Module):
 
 
 class BlockChain(nn.ModuleList):
-    """Several `Block2d` one after the other."""
+    """A sequence of `Block2d`."""
 
     def __init__(self, channels: int, hidden: int, depth: int) -> None:
         super().__init__(Block2d(channels, hidden) for _ in range(depth))
@@ -160,8 +160,8 @@ class PixelShuffle(nn.Module):
 
 
 def pixel_shuffle(x: Float[Tensor, "item channels4 h w"]) -> Float[Tensor, "item channel h2 w2"]:
-    """`torch.nn.functional.pixel_shuffle` by two with channels last in memory.
+    """Rearrange channels to pixels, as `torch.nn.functional.pixel_shuffle` by two, with channels last in memory.
 
-    Torch's own puts them first, and every layer after it converts.
+    Torch's function returns channels first, which every following layer would convert.
     """
     return rearrange(x, "n (c i j) h w -> n (h i) (w j) c", i=2, j=2).permute(0, 3, 1, 2)

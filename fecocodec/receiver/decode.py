@@ -16,7 +16,7 @@ from fecocodec.container import Header, IntactPart, Stream, read_intact, read_pr
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 from fecocodec.receiver.emission import emit
 from fecocodec.receiver.load import load_receiver
@@ -96,7 +96,7 @@ def receiver_of(model_id: bytes, model: Path | None, device: str) -> Receiver:
     The cache is keyed by the model id, not by the path alone: a replaced file has another id.
     """
     receiver, _ = load_receiver(find_receiver(model_id, model))
-    place(receiver, device)
+    to_channels_last(receiver, device)
     return receiver
 
 

@@ -13,7 +13,7 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
-from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_shuffle, side_branch, upsample
+from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_shuffle, residual_branch, upsample
 from fecocodec.receiver.contradiction import contradiction
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
@@ -46,7 +46,7 @@ class Predictor(nn.Module):
         self.middle_in, self.middle_out = Block2d(middle, middle), Block2d(middle, middle)
         self.coarse = Block2d(coarse, coarse)
         self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
-        self.fine = Block2d(fine, config.fine_hidden, is_side_branch=True)
+        self.fine = Block2d(fine, config.fine_hidden, is_residual_branch=True)
         self.depth_head = nn.Conv2d(fine, 1, 3, padding=1)
         self.attention = NeighbourAttention(
             fine, config.attention_channels, config.num_neighbours, config.neighbour_fade
@@ -61,12 +61,12 @@ class Predictor(nn.Module):
     ) -> Prediction:
         """item = (batch view); cameras has one batch dimension. Means come out in the frame and unit of the cameras."""
         views = cameras.num_views
-        with side_branch():
+        with residual_branch():
             coarser = self._coarser(state, condition)
         features = self.fine(state + coarser, condition)
         relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
         relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
-        with side_branch():
+        with residual_branch():
             found = self._attend(features, relative, cameras)
         raw = rearrange(pixel_shuffle(self.head(features + found).float()), "(b v) c h w -> b v h w c", v=views)
         return Prediction(self._activate(raw, relative, cameras), relative)

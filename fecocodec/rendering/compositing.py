@@ -1,12 +1,12 @@
 # mypy: allow-untyped-defs
-"""Splats to pixels: alpha compositing front to back, tile by tile.
+"""Alpha compositing of splats to pixels, front to back, tile by tile.
 
-Kerbl et al., "3D Gaussian Splatting", 2023, section 4: alpha = opacity * exp(-d^T K d / 2), at most ALPHA_MAX and
-nothing below ALPHA_MIN; a pixel stops after the splat that brings its transmittance under TRANSMITTANCE_MIN.
+Kerbl et al., "3D Gaussian Splatting", 2023, section 4: alpha = opacity * exp(-d^T K d / 2), clamped to ALPHA_MAX
+and skipped below ALPHA_MIN; a pixel is finished once its transmittance is under TRANSMITTANCE_MIN.
 
-All 16 pixels of a tile's row are computed without branches, so that the row fills vector registers. For the same
-reason indices are unsigned (a signed index may count from the end, which the compiler would have to check), and a
-tile's values lie in one flat array of planes (which the compiler then knows not to overlap).
+The 16 pixels of a tile's row are computed without branches, so that the loop vectorises. For that reason indices are
+unsigned (a signed index may count from the end, which needs a check), and the values of a tile are planes of one flat
+array (which cannot overlap).
 """
 
 import math
@@ -18,18 +18,18 @@ from fecocodec.rendering.splats import ALPHA_MAX, TRANSMITTANCE_MIN, falloff
 from fecocodec.rendering.tiles import TILE_SIZE
 
 SIDE = np.uintp(TILE_SIZE)
-PIXELS = np.uintp(TILE_SIZE * TILE_SIZE)  # of a tile, and length of one plane
+PIXELS = np.uintp(TILE_SIZE * TILE_SIZE)  # pixels of a tile, and length of one plane
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
-# Where the planes of a tile begin. Transmittance comes first: `has_light_left` relies on it.
+# Offsets of the planes of a tile. `has_light_left` relies on transmittance being first.
 _TRANSMITTANCE, _RED, _GREEN, _BLUE, _DEPTH, _END = (np.uintp(plane) * PIXELS for plane in range(6))
 
-_HITS_PER_CHECK = 32  # how often to look whether the whole tile is finished
+_HITS_PER_CHECK = 32  # hits between two checks whether the whole tile is finished
 
 
 @compiled
 def composite(start, stop, first_tile, offsets, splat_of_hit, splats, background, color, depth, alpha):
-    """Write the pixels of the listed tiles start to stop (counted from first_tile)."""
+    """Write the pixels of the listed tiles in [start, stop), counted from first_tile."""
     planes = np.empty(_END, np.float32)
     for listed in range(start, stop):
         left, top = tile_corner(first_tile + listed, alpha.shape[1])
@@ -44,14 +44,14 @@ def composite(start, stop, first_tile, offsets, splat_of_hit, splats, background
 
 @compiled
 def tile_corner(tile, width):
-    """Column and row of the tile's first pixel."""
+    """Return the column and row of the tile's first pixel."""
     tile_columns = (width + TILE_SIZE - 1) // TILE_SIZE
     return tile % tile_columns * TILE_SIZE, tile // tile_columns * TILE_SIZE
 
 
 @compiled
 def has_light_left(num_blended, planes):
-    """False when the tile is found to be finished, which is looked up now and then only."""
+    """Return False if every pixel of the tile is finished; checked once in _HITS_PER_CHECK hits."""
     if num_blended % _HITS_PER_CHECK != _HITS_PER_CHECK - 1:
         return True
     most = ZERO
@@ -62,9 +62,10 @@ def has_light_left(num_blended, planes):
 
 @compiled
 def row_range(centre_y, radius_y):
-    """First and last row (exclusive) of a tile that a splat reaches; centre_y counts from its first row of centres.
+    """Return the first and last (exclusive) row of a tile that a splat reaches.
 
-    Clamped on both sides: far outside the image rounding can put a splat into a tile it does not touch.
+    centre_y: in pixels from the centres of the tile's first row. Rows are clamped to the tile, because far outside the
+    image rounding can list a splat in a tile that it does not reach.
     """
     first = min(max(math.ceil(centre_y - radius_y), ZERO), np.float32(TILE_SIZE))
     stop = min(max(math.floor(centre_y + radius_y) + ONE, ZERO), np.float32(TILE_SIZE))
@@ -73,7 +74,7 @@ def row_range(centre_y, radius_y):
 
 @compiled
 def _blend(splat, left, top, planes):
-    """Put one splat behind what the tile holds already."""
+    """Blend one splat behind those already blended."""
     centre_x = splat.x - np.float32(left) - HALF
     centre_y = splat.y - np.float32(top) - HALF
     half_xx, xy, half_yy = HALF * splat.conic_xx, splat.conic_xy, HALF * splat.conic_yy
@@ -99,7 +100,7 @@ def _blend(splat, left, top, planes):
 
 @compiled
 def _write_tile(left, top, planes, background, color, depth, alpha):
-    """Copy the part of the tile that lies inside the image, over the background."""
+    """Write the part of the tile that lies inside the image, over the background."""
     for row in range(min(TILE_SIZE, alpha.shape[0] - top)):
         for column in range(min(TILE_SIZE, alpha.shape[1] - left)):
             pixel = np.uintp(row * TILE_SIZE + column)

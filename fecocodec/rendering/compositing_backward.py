@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs
 """Gradient of `compositing`: from pixels back to the splats of each tile.
 
-Walks front to back like `composite`: what lies behind a splat is the finished pixel less what lies in front of it, so
-nothing needs to be stored for each pair of splat and pixel.
+Processes splats front to back like `composite`. What lies behind a splat is the finished pixel minus what lies in
+front, so nothing is stored per pair of splat and pixel.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ _RED, _GREEN, _BLUE, _DEPTH, _FALL, _FALL_Y, _FALL_YY, _END_OF_SUMS = (np.uintp(
 
 @compiled
 def composite_backward(start, stop, first_tile, offsets, splat_of_hit, splats, images, d_images, hit_gradients):
-    """Write the gradients of each hit of the listed tiles start to stop, columns as DIFFERENTIABLE_FIELDS.
+    """Write the gradients of each hit of the listed tiles in [start, stop), columns as DIFFERENTIABLE_FIELDS.
 
     images: (color, depth, alpha) as `composite` wrote them; d_images: their gradients.
     """
@@ -43,7 +43,7 @@ def composite_backward(start, stop, first_tile, offsets, splat_of_hit, splats, i
 
 @compiled
 def _read_tile(left, top, images, d_images, planes):
-    """Fetch a tile's gradients.
+    """Load the gradients of a tile's pixels.
 
     As depth = sum(w z) / alpha, a weight w_i receives
         dL/dw_i = d_color . color_i + d_depth / alpha * z_i + (d_alpha - d_depth * depth / alpha).
@@ -67,7 +67,7 @@ def _read_tile(left, top, images, d_images, planes):
 
 @compiled
 def _blend_backward(splat, left, top, planes, sums, gradient):
-    """Walk past one splat and write its gradient in this tile.
+    """Write the gradient of one splat in this tile, and move the planes past it.
 
     With T the transmittance in front of it, dL/d(alpha) = T dL/dw - (what lies behind) / (1 - alpha).
     """

@@ -1,4 +1,4 @@
-"""How much of the picture each Gaussian is."""
+"""Contribution of each Gaussian to rendered images."""
 
 from dataclasses import replace
 
@@ -14,11 +14,11 @@ from fecocodec.rendering.rasterizer import render
 def contributions(
     gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]
 ) -> Float[Tensor, "view gaussian"]:
-    """For each camera, the sum over pixels of the weight (alpha times transmittance) with which each Gaussian is drawn.
+    """Return, per camera, the sum over pixels of the blending weight (alpha times transmittance) of each Gaussian.
 
-    In pixels: the sum over Gaussians is the accumulated opacity of the image. A colour is the sum of weight times
-    colour, so the weights are the derivative of the image's sum by each Gaussian's colour; one backward pass a camera.
-    image_size: (height, width).
+    The unit is the pixel: the sum over Gaussians is the accumulated opacity of the image. A pixel is the weighted sum
+    of the Gaussians' colours, so the weights are the derivative of the sum of all pixels with respect to each colour;
+    this takes one backward pass per camera. image_size: (height, width).
     """
     views = [_weights(gaussians, cameras.select([view]), image_size) for view in range(cameras.num_views)]
     return torch.stack(views)
@@ -27,7 +27,8 @@ def contributions(
 @torch.inference_mode(False)
 @torch.enable_grad()
 def _weights(gaussians: Gaussians, camera: Cameras, image_size: tuple[int, int]) -> Float[Tensor, " gaussian"]:
-    # Copies: tensors made in inference mode have no gradients. Grey Gaussians: at colour 0 the clamp has none either.
+    # Copies, because tensors made in inference mode have no gradients. Harmonics of 0 are mid-grey, where the clamp at
+    # colour 0 is not active.
     fields = Gaussians(*(field.detach().clone() for field in gaussians.fields()))
     harmonics = torch.zeros_like(fields.harmonics[:, :1]).requires_grad_()
     color = render(replace(fields, harmonics=harmonics), _copied(camera), image_size).color

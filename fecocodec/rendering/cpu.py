@@ -1,4 +1,4 @@
-"""Rendering on the CPU: the kernels of this folder as one differentiable function."""
+"""Rendering on the CPU, by the kernels of this folder, as one differentiable function."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], de
 
 @dataclass(frozen=True)
 class _Projected:
-    """What one camera sees of the Gaussians, and in which order it is composited."""
+    """Splats of one camera and the order, front to back, in which they are composited."""
 
     pinhole: Pinhole
     splats: np.ndarray
@@ -41,7 +41,7 @@ def render_on_cpu(
     background: tuple[float, float, float],
     near: float,
 ) -> Rendering:
-    """See `rasterizer.render`. near: Gaussians whose mean is closer than this depth are not drawn."""
+    """Render as `rasterizer.render` does. near: Gaussians whose mean is closer than this depth are not drawn."""
     fields = [field.to(torch.float32) for field in gaussians.fields()]
     return Rendering(*_Rasterize.apply(*fields, pinholes(cameras, image_size, near), image_size, background))
 
@@ -61,7 +61,9 @@ class _Rasterize(torch.autograd.Function):
             seen = _project(cameras[view], arrays)
             images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
             _composite(seen, np.asarray(background, np.float32), images)
-            return seen if needs_gradients else None  # splats outweigh the images: not those of all views, then
+            return (
+                seen if needs_gradients else None
+            )  # without gradients, splats are not kept: they are larger than the images
 
         ctx.projected = run_side_by_side(draw, len(cameras))
         ctx.save_for_backward(*fields, color, depth, alpha)
@@ -86,7 +88,7 @@ class _Rasterize(torch.autograd.Function):
 
 
 def _array(tensor: Float[Tensor, "*shape"]) -> Float32[np.ndarray, "*shape"]:
-    """The values as a dense array; it shares memory with a tensor that is dense itself."""
+    """Return the values as a contiguous array, which shares memory with a contiguous tensor."""
     return tensor.detach().contiguous().numpy()
 
 
@@ -122,7 +124,7 @@ def _project_backward(
     splat_gradients: Float32[np.ndarray, "n fields"],
     gradients: Sequence[np.ndarray],
 ) -> None:
-    """Add one view's share to the gradients of means, scales, rotations, opacities and harmonics."""
+    """Add the gradients from one view to those of means, scales, rotations, opacities and harmonics."""
     means, scales, rotations, _, harmonics = fields
     d_means, *d_shapes, d_harmonics = gradients
     pinhole, seen = projected.pinhole, (projected.splats, splat_gradients)

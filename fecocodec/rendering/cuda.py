@@ -1,4 +1,4 @@
-"""Rendering on CUDA through gsplat: the same result as on the CPU, up to rounding."""
+"""Rendering on CUDA by gsplat, equal to the CPU renderer up to rounding."""
 
 import math
 from collections.abc import Callable
@@ -19,9 +19,9 @@ def render_on_cuda(
     background: tuple[float, float, float],
     near: float,
 ) -> Rendering:
-    """See `rasterizer.render`. near: Gaussians whose mean is closer than this depth are not drawn.
+    """Render as `rasterizer.render` does. near: Gaussians whose mean is closer than this depth are not drawn.
 
-    Raises InputError when gsplat is not installed.
+    Raises InputError if gsplat is not installed.
     """
     rasterization = gsplat_rasterization()
     height, width = image_size
@@ -52,9 +52,9 @@ def render_on_cuda(
 
 
 def gsplat_rasterization() -> Callable[..., Any]:
-    """The function of gsplat that renders; raises InputError when gsplat is not installed."""
+    """Return gsplat's `rasterization`. Raises InputError if gsplat is not installed."""
     try:
-        from gsplat import rasterization  # here, because it needs CUDA and most installations do not have it
+        from gsplat import rasterization  # imported here, because most installations lack it
     except ImportError as error:
         raise InputError(
             "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
@@ -65,7 +65,7 @@ def gsplat_rasterization() -> Callable[..., Any]:
 
 
 def _finite(gaussians: Gaussians) -> Gaussians:
-    """Without the Gaussians that hold a value that is not finite, which gsplat would draw."""
+    """Remove Gaussians with a value that is not finite, which gsplat would draw."""
     is_finite = torch.ones_like(gaussians.opacities, dtype=torch.bool)
     for field in gaussians.fields():
         is_finite &= field.detach().isfinite().reshape(gaussians.count, math.prod(field.shape[1:])).all(dim=-1)

@@ -1,4 +1,4 @@
-"""How alike two images are: PSNR, SSIM and MS-SSIM, differentiable."""
+"""Image metrics, differentiable: PSNR, SSIM and MS-SSIM."""
 
 import torch
 from jaxtyping import Float
@@ -17,7 +17,7 @@ MS_SSIM_LEAST_SIDE = _WINDOW * 2 ** (len(_SCALE_EXPONENTS) - 1)
 def psnr(
     images: Float[Tensor, "*batch channel height width"], targets: Float[Tensor, "*batch channel height width"]
 ) -> Float[Tensor, "*batch"]:
-    """Peak signal-to-noise ratio of each image in dB, for values in [0, 1]; infinite where images are equal."""
+    """Return the peak signal-to-noise ratio of each image in dB, for values in [0, 1]; infinite for equal images."""
     error = (images - targets).square().mean(dim=(-3, -2, -1))
     return -10.0 * torch.log10(error)
 
@@ -27,15 +27,15 @@ def ssim(
     targets: Float[Tensor, "*batch channel height width"],
     stride: int = 1,
 ) -> Float[Tensor, "*batch"]:
-    """Structural similarity of each image, for values in [0, 1]; 1 where images are equal.
+    """Return the structural similarity of each image, for values in [0, 1]; 1 for equal images.
 
     Wang et al., "Image Quality Assessment: From Error Visibility to Structural Similarity", 2004: Gaussian window of
     11x11 pixels with sigma 1.5, population statistics, mean over the channels and the windows inside the image.
 
-    stride: 1 for SSIM; above it, an estimate from every `stride`-th window each way. At up to 3 all pixels
-    still weigh the same within 2%.
+    stride: 1 for SSIM; above it, an estimate from every `stride`-th window along each axis. Up to 3, the weights of all
+    pixels are equal within 2%.
 
-    Raises InputError when an image is smaller than the window.
+    Raises InputError if an image is smaller than the window.
     """
     if min(images.shape[-2:]) < _WINDOW:
         raise InputError(
@@ -49,12 +49,12 @@ def ssim(
 def ms_ssim(
     images: Float[Tensor, "image channel height width"], targets: Float[Tensor, "image channel height width"]
 ) -> Float[Tensor, " image"]:
-    """Structural similarity over five scales of each image, for values in [0, 1]; 1 where images are equal.
+    """Return the multi-scale structural similarity of each image, for values in [0, 1]; 1 for equal images.
 
-    Wang, Simoncelli and Bovik, "Multi-scale Structural Similarity for Image Quality Assessment", 2003: each scale is
-    the mean over 2x2 pixels of the one before; negative structure counts as 0; mean over the channels.
+    Wang, Simoncelli and Bovik, "Multi-scale Structural Similarity for Image Quality Assessment", 2003: five
+    scales, each the mean over 2x2 pixels of the previous one; negative structure counts as 0; mean over the channels.
 
-    Raises InputError when a side is under 176 pixels: the smallest scale must hold the window.
+    Raises InputError if a side is under 176 pixels, because the coarsest scale must hold one window.
     """
     if min(images.shape[-2:]) < MS_SSIM_LEAST_SIDE:
         raise InputError(
@@ -75,12 +75,12 @@ def _luminance_and_structure(
     targets: Float[Tensor, "*batch channel height width"],
     stride: int = 1,
 ) -> tuple[Float[Tensor, "*batch channel height_in width_in"], Float[Tensor, "*batch channel height_in width_in"]]:
-    """The two factors of SSIM at each window; contrast is part of the structure."""
+    """Return the two factors of SSIM at each window; structure includes contrast."""
     rows, columns = (_windows(side, images)[::stride] for side in images.shape[-2:])
 
     def blurred(values: Tensor) -> Tensor:
-        """Weighted mean over windows, as two products with band matrices: on a CPU a small part of the time that
-        convolutions of one channel take."""
+        """Weighted mean over windows, by two products with band matrices, which a CPU computes much faster than
+        single-channel convolutions."""
         return rows @ values @ columns.T
 
     mean, target_mean = blurred(images), blurred(targets)
@@ -93,7 +93,7 @@ def _luminance_and_structure(
 
 
 def _windows(side: int, like: Float[Tensor, "*shape"]) -> Float[Tensor, "side_in side"]:
-    """One row for each window that lies inside a line of that many pixels: the weights of the line's pixels."""
+    """Return the pixel weights of every window inside a line of `side` pixels, one row per window."""
     offset = torch.arange(_WINDOW, device=like.device, dtype=like.dtype) - _WINDOW // 2
     window = torch.exp(-0.5 * (offset / _SIGMA_PX) ** 2)
     window = window / window.sum()

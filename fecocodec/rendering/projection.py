@@ -1,9 +1,9 @@
 # mypy: allow-untyped-defs
-"""Gaussians to splats: EWA projection of 3D Gaussians through a pinhole camera.
+"""EWA projection of 3D Gaussians to splats through a pinhole camera.
 
 Zwicker et al., "EWA Volume Splatting", 2001, in the form of Kerbl et al., "3D Gaussian Splatting", 2023: the
-covariance goes through the camera's Jacobian J at the mean, Sigma' = J R Sigma R^T J^T + 0.3 I.
-Arithmetic is float64 in registers: it costs no more here, and thin Gaussians keep their shape.
+covariance is mapped by the camera's Jacobian J at the mean, Sigma' = J R Sigma R^T J^T + 0.3 I. Arithmetic is float64
+in registers: it is as fast here, and thin Gaussians keep their shape.
 """
 
 import math
@@ -13,13 +13,13 @@ from fecocodec.rendering.small_matrices import add, apply, dot, normalised, rota
 from fecocodec.rendering.splats import ALPHA_MIN
 
 _DILATION_PX2 = 0.3  # added to both variances: a splat is never much narrower than a pixel
-_FIELD_MARGIN = 0.3  # J is taken at a point at most this share of half the field of view outside the image
-_LARGEST_PX, _FARTHEST = 1e9, 1e30  # beyond these the float32 arithmetic that follows could overflow
+_FIELD_MARGIN = 0.3  # J is evaluated at most this fraction of half the field of view outside the image
+_LARGEST_PX, _FARTHEST = 1e9, 1e30  # beyond these, float32 arithmetic on splats could overflow
 
 
 @compiled
 def project(start, stop, pinhole, means, scales, rotations, opacities, splats):
-    """Fill geometry and opacity of splats[start:stop]; a Gaussian that cannot be seen gets radius 0."""
+    """Write geometry and opacity of splats[start:stop]; an invisible Gaussian gets radius 0."""
     for i in range(start, stop):
         splats[i].radius_x = 0.0
         splats[i].radius_y = 0.0
@@ -35,7 +35,7 @@ def project(start, stop, pinhole, means, scales, rotations, opacities, splats):
         x = pinhole.focal_x * point[0] / point[2] + pinhole.centre_x
         y = pinhole.focal_y * point[1] / point[2] + pinhole.centre_y
         is_on_image = -radius_x < x < pinhole.width + radius_x and -radius_y < y < pinhole.height + radius_y
-        # Written so that a NaN anywhere fails the test.
+        # Comparisons with NaN are false, so a NaN anywhere makes the Gaussian invisible.
         if not (is_on_image and determinant > 0.0 and radius_x < _LARGEST_PX and radius_y < _LARGEST_PX):
             continue
         splat = splats[i]
@@ -52,21 +52,21 @@ def quaternion(rotations, i):
 
 @compiled
 def dilated_covariance(row_x, row_y):
-    """Entries xx, xy, yy of U U^T + 0.3 I, where U has these rows, and its determinant."""
+    """Return entries xx, xy, yy of U U^T + 0.3 I, where U has these rows, and its determinant."""
     xx, xy, yy = dot(row_x, row_x) + _DILATION_PX2, dot(row_x, row_y), dot(row_y, row_y) + _DILATION_PX2
     return xx, xy, yy, xx * yy - xy * xy
 
 
 @compiled
 def slope_limits(focal, centre, size):
-    """Lowest and highest x / z (or y / z) at which the Jacobian is still taken at the mean itself."""
+    """Return the range of x / z (or y / z) in which the Jacobian is evaluated at the mean itself."""
     margin = _FIELD_MARGIN * 0.5 * size / focal
     return -(centre / focal + margin), (size - centre) / focal + margin
 
 
 @compiled
 def _jacobian(pinhole, point):
-    """The non-zero entries of d(x_px, y_px) / d(point): (dx/dX, dx/dZ, dy/dY, dy/dZ)."""
+    """Return the non-zero entries of d(x_px, y_px) / d(point): (dx/dX, dx/dZ, dy/dY, dy/dZ)."""
     low_x, high_x = slope_limits(pinhole.focal_x, pinhole.centre_x, pinhole.width)
     low_y, high_y = slope_limits(pinhole.focal_y, pinhole.centre_y, pinhole.height)
     over_x, over_y = pinhole.focal_x / point[2], pinhole.focal_y / point[2]
@@ -77,9 +77,9 @@ def _jacobian(pinhole, point):
 
 @compiled
 def projected_axes(pinhole, point, unit, scale):
-    """The Gaussian's axes, one standard deviation long, on the image.
+    """Project the Gaussian's axes, one standard deviation long, to the image.
 
-    Returns the two rows (x, y) of J R R_g S, one column per axis; the unit axes in camera axes; and J.
+    Returns the two rows (x, y) of J R R_g S, one column per axis; the unit axes in the camera frame; and J.
     """
     columns = rotation_columns(*unit)
     axes = (

@@ -18,7 +18,7 @@ from fecocodec.rendering.small_matrices import (
 def project_backward(
     start, stop, pinhole, means, scales, rotations, splats, gradients, d_means, d_scales, d_rotations, d_opacities
 ):
-    """Add to d_* what the splats' gradients (columns DIFFERENTIABLE_FIELDS, colours excepted) pass on."""
+    """Add to d_* the gradients that come from the splats (columns DIFFERENTIABLE_FIELDS, without colours)."""
     for i in range(start, stop):
         if splats[i].radius_x == 0.0:
             continue
@@ -41,7 +41,7 @@ def project_backward(
 
 @compiled
 def _conic_backward(row_x, row_y, d_conic_xx, d_conic_xy, d_conic_yy):
-    """From the gradient of the conic K = C^-1 to that of the rows U of C = U U^T + 0.3 I: dC = -K dK K, dU = 2 dC U."""
+    """Return the gradient of the rows U of C = U U^T + 0.3 I from that of K = C^-1: dC = -K dK K, dU = 2 dC U."""
     xx, xy, yy, determinant = dilated_covariance(row_x, row_y)
     k_xx, k_xy, k_yy = yy / determinant, -xy / determinant, xx / determinant
     half_xy = 0.5 * d_conic_xy
@@ -84,7 +84,7 @@ def _point_backward(pinhole, point, jacobian, axes, scale, d_row_x, d_row_y, d_x
 
 @compiled
 def _axes_backward(pinhole, unit, length, axes, jacobian, scale, d_row_x, d_row_y):
-    """Gradients of the scales and of the quaternion as given, before it was normalised."""
+    """Gradients of the scales and of the quaternion before its normalisation."""
     xx, xz, yy, yz = jacobian
     # Per axis k, the gradient of the scaled axis in camera axes is J^T times the gradient of its image.
     d_axis_0 = (xx * d_row_x[0], yy * d_row_y[0], xz * d_row_x[0] + yz * d_row_y[0])

@@ -9,7 +9,7 @@ from fecocodec.rendering.rendering import Rendering
 
 __all__ = ["Rendering", "render"]
 
-_NEAR_FRACTION = 0.1  # Gaussians in front of this share of the near bound are not drawn
+_NEAR_FRACTION = 0.1  # Gaussians closer than this fraction of the near bound are not drawn
 _SH_SIZES = (1, 4, 9, 16)
 
 
@@ -19,14 +19,15 @@ def render(
     image_size: tuple[int, int],
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Rendering:
-    """Images of one scene's Gaussians seen by its cameras, on the device the Gaussians are on.
+    """Render the Gaussians of one scene at its cameras, on the device of the Gaussians.
 
-    image_size: (height, width) in pixels. background: sRGB behind everything. The scene has no batch dimensions.
-    Differentiable once with respect to all fields of the Gaussians, in float32; no gradient reaches the cameras.
-    Gaussians with values that are not finite are not drawn. On the CPU the result does not depend on the number of
-    threads (that of torch). Rules of 3DGS: see `projection` and `compositing`.
+    gaussians, cameras: without batch dimensions, in one world frame and unit of length. image_size: (height, width) in
+    pixels. background: sRGB. The result is differentiable once, in float32, with respect to all fields of the
+    Gaussians; the cameras receive no gradient. Gaussians with values that are not finite are not drawn. On the CPU the
+    result does not depend on the number of threads (that of torch). `projection` and `compositing` implement the rules
+    of 3DGS.
 
-    Raises InputError when shapes or the image size cannot be used, or the device has no renderer.
+    Raises InputError if shapes or the image size cannot be used, or if the device has no renderer.
     """
     _check(gaussians, cameras, image_size)
     near = _NEAR_FRACTION * float(cameras.near)

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs
-"""3x3 algebra on tuples: numba keeps tuples in registers, where small arrays would be allocated on the heap."""
+"""3x3 algebra on tuples, which numba keeps in registers; small arrays would be allocated on the heap."""
 
 import math
 
@@ -40,7 +40,7 @@ def apply_transposed(m, a):
 
 @compiled
 def rotation_columns(w, x, y, z):
-    """The columns of the rotation matrix of a unit quaternion: the rotated axes."""
+    """Return the columns of the rotation matrix of a unit quaternion: the rotated axes."""
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
         (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
@@ -50,7 +50,7 @@ def rotation_columns(w, x, y, z):
 
 @compiled
 def rotation_columns_backward(w, x, y, z, gradient):
-    """Gradient with respect to (w, x, y, z) of what `gradient` is with respect to `rotation_columns`."""
+    """Return the gradient of (w, x, y, z); gradient: that of the result of `rotation_columns`."""
     (g00, g10, g20), (g01, g11, g21), (g02, g12, g22) = gradient
     return (
         2.0 * (x * (g21 - g12) + y * (g02 - g20) + z * (g10 - g01)),
@@ -62,6 +62,6 @@ def rotation_columns_backward(w, x, y, z, gradient):
 
 @compiled
 def normalised(w, x, y, z):
-    """The unit quaternion along (w, x, y, z), and the length it had; NaN where that is 0."""
+    """Return the unit quaternion along (w, x, y, z) and the original length; NaN where the length is 0."""
     length = math.sqrt(w * w + x * x + y * y + z * z)
     return (w / length, x / length, y / length, z / length), length

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs
-"""Colour of a Gaussian along the direction it is seen from: real spherical harmonics up to degree 3, and gradient.
+"""View-dependent colour: real spherical harmonics up to degree 3, and their gradient.
 
 Order and signs of the basis as in Kerbl et al., "3D Gaussian Splatting", 2023 (after Sloan, "Efficient Spherical
 Harmonic Evaluation", 2013).
@@ -14,7 +14,7 @@ from fecocodec.rendering.small_matrices import add
 
 MAX_COEFFICIENTS = 16  # (degree + 1)^2 at degree 3
 
-_BRIGHTEST = 1e30  # beyond this the float32 arithmetic that follows could overflow
+_BRIGHTEST = 1e30  # beyond this, float32 arithmetic on colours could overflow
 
 _C0 = 0.28209479177387814
 _C1 = 0.4886025119029199
@@ -24,9 +24,9 @@ _C3 = (0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.373176332590
 
 @compiled
 def shade(start, stop, eye, means, harmonics, splats):
-    """Fill the colour of the visible ones of splats[start:stop], clamped at 0; hide those without a finite one.
+    """Write the colours, at least 0, of the visible splats in [start, stop); hide splats whose colour is not finite.
 
-    eye: the camera's centre in the world frame.
+    eye: camera centre in the world frame.
     """
     basis = np.empty(MAX_COEFFICIENTS)
     for i in range(start, stop):
@@ -39,7 +39,7 @@ def shade(start, stop, eye, means, harmonics, splats):
             red += basis[k] * harmonics[i, k, 0]
             green += basis[k] * harmonics[i, k, 1]
             blue += basis[k] * harmonics[i, k, 2]
-        if not abs(red) + abs(green) + abs(blue) < _BRIGHTEST:  # nor if it is NaN
+        if not abs(red) + abs(green) + abs(blue) < _BRIGHTEST:  # also true for NaN
             splats[i].radius_x = 0.0
             continue
         splats[i].red, splats[i].green, splats[i].blue = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
@@ -47,7 +47,7 @@ def shade(start, stop, eye, means, harmonics, splats):
 
 @compiled
 def shade_backward(start, stop, eye, means, harmonics, splats, gradients, d_means, d_harmonics):
-    """Add to d_means and d_harmonics what the colour columns of the splats' gradients pass on."""
+    """Add to d_means and d_harmonics the gradients from the colour columns of the splats' gradients."""
     basis = np.empty(MAX_COEFFICIENTS)
     slopes = np.empty((MAX_COEFFICIENTS, 3))
     for i in range(start, stop):
@@ -73,7 +73,7 @@ def shade_backward(start, stop, eye, means, harmonics, splats, gradients, d_mean
 
 @compiled
 def _direction(eye, means, i):
-    """Unit vector from the eye to the mean, and their distance."""
+    """Return the unit vector from the eye to the mean, and their distance."""
     x, y, z = means[i, 0] - eye[0], means[i, 1] - eye[1], means[i, 2] - eye[2]
     distance = math.sqrt(x * x + y * y + z * z)
     return (x / distance, y / distance, z / distance), distance

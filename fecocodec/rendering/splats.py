@@ -1,4 +1,4 @@
-"""A splat: one Gaussian as one view sees it, flat on the image; and the pinhole camera it is seen through."""
+"""Splats, the projections of Gaussians to one image, and the pinhole cameras of kernels."""
 
 from typing import NamedTuple
 
@@ -11,22 +11,22 @@ DIFFERENTIABLE_FIELDS = ("x", "y", "conic_xx", "conic_xy", "conic_yy", "opacity"
 """Fields that carry gradients; a row of splat gradients has one column for each, in this order."""
 
 # x, y: centre in pixels, pixel centres at i + 0.5. conic: inverse of the 2x2 covariance, in 1 / pixels^2.
-# depth: z along the optical axis. cutoff: value of the exponent at which alpha falls below ALPHA_MIN.
-# radius_x, radius_y: half sizes in pixels of the box where it does not; 0 where the Gaussian cannot be seen.
+# depth: z along the optical axis. cutoff: exponent above which alpha is below ALPHA_MIN.
+# radius_x, radius_y: half size in pixels of the box outside which alpha is below ALPHA_MIN; 0 if invisible.
 SPLAT = np.dtype([(name, np.float32) for name in (*DIFFERENTIABLE_FIELDS, "cutoff", "radius_x", "radius_y")])
 
-ALPHA_MIN = 1.0 / 255.0  # a splat adds nothing to a pixel where its alpha is below this
+ALPHA_MIN = 1.0 / 255.0  # a splat is skipped at pixels where its alpha is below this
 ALPHA_MAX = np.float32(0.999)
-TRANSMITTANCE_MIN = np.float32(1e-4)  # a pixel is finished once less light than this passes
+TRANSMITTANCE_MIN = np.float32(1e-4)  # a pixel is finished once its transmittance is below this
 
 Vector3 = tuple[float, float, float]
 
 
 class Pinhole(NamedTuple):
-    """One camera with an image size, in pixels, as kernels take it.
+    """One camera in pixels, with its image size, as kernels take it.
 
-    rotation (rows) and translation: world to camera. eye: the camera's centre in the world frame. near: Gaussians
-    whose mean is closer than this depth are not drawn.
+    rotation (rows) and translation: world to camera. eye: camera centre in the world frame. near: Gaussians whose mean
+    is closer than this depth are not drawn.
     """
 
     rotation: tuple[Vector3, Vector3, Vector3]
@@ -42,7 +42,7 @@ class Pinhole(NamedTuple):
 
 
 def pinholes(cameras: Cameras, image_size: tuple[int, int], near: float) -> list[Pinhole]:
-    """The views of one scene; image_size: (height, width)."""
+    """Convert the cameras of one scene. image_size: (height, width) in pixels. near: in scene units."""
     height, width = image_size
     return [
         Pinhole(
@@ -72,10 +72,10 @@ def _vector(row: list[float]) -> Vector3:
 
 @compiled
 def falloff(exponent):  # type: ignore[no-untyped-def]
-    """exp(-exponent) for an exponent in [0, 6], relative error below 3e-6, in operations that vectorise.
+    """Return exp(-exponent) for exponents in [0, 6] with a relative error below 3e-6, in operations that vectorise.
 
-    Minimax polynomial of exp(-exponent / 8), squared three times. Exponents above 6 give exp(-6): alpha is below
-    ALPHA_MIN from ln 255 = 5.54 on, so nobody looks at them.
+    Minimax polynomial of exp(-exponent / 8), squared three times. Exponents above 6 give exp(-6); they are not used,
+    because alpha is below ALPHA_MIN from ln 255 = 5.54 on.
     """
     p = min(max(exponent, np.float32(0.0)), np.float32(6.0))
     root = np.float32(9.65796413135044e-06) + p * np.float32(-1.745353500777486e-07)

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs
-"""Which splats touch which tile of the image, front to back: lists of hits, a hit being a splat in a tile."""
+"""Lists of the splats that touch each tile of the image, front to back. A hit is one splat in one tile."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from jaxtyping import Float32, Int32, Int64
 from fecocodec.kernels.compilation import compiled
 
 TILE_SIZE = 16  # pixels a side
-_MAX_HITS = 2**21  # held at once: about 100 MB of lists and gradients
+_MAX_HITS = 2**21  # hits in memory at once: about 100 MB of lists and gradients
 _INDEX_BITS = np.uint64(32)
 
 
 @dataclass(frozen=True)
 class TileLists:
-    """The splats of tiles `first` to `stop`, front to back; tiles are counted row by row.
+    """Splats of the tiles in [first, stop), front to back; tiles are numbered row by row.
 
-    Those of tile t are splat_of_hit[offsets[t - first] : offsets[t - first + 1]].
+    The splats of tile t are splat_of_hit[offsets[t - first] : offsets[t - first + 1]].
     """
 
     first: int
@@ -28,9 +28,9 @@ class TileLists:
 
 
 def front_to_back(splats: np.ndarray) -> Int32[np.ndarray, " visible"]:
-    """Indices of the visible splats by depth; equal depths keep the order of the Gaussians."""
+    """Return the indices of the visible splats by ascending depth; equal depths keep the order of the Gaussians."""
     visible = np.flatnonzero(splats["radius_x"] > 0).astype(np.uint64)
-    # The bits of positive floats sort as integers; with the index below them one fast, unambiguous sort will do.
+    # Bits of positive floats sort as integers; with the index in the low bits, one integer sort is unambiguous.
     depth_bits = splats["depth"][visible].view(np.uint32).astype(np.uint64)
     keys = np.sort((depth_bits << _INDEX_BITS) | visible)
     return keys.astype(np.uint32).astype(np.int32)
@@ -39,7 +39,7 @@ def front_to_back(splats: np.ndarray) -> Int32[np.ndarray, " visible"]:
 def tile_lists(
     splats: np.ndarray, order: Int32[np.ndarray, " visible"], image_size: tuple[int, int]
 ) -> Iterator[TileLists]:
-    """Lists that together cover the image once; usually one, more where huge splats would need too much memory."""
+    """Yield lists that cover the image once: usually one, several where large splats would need too much memory."""
     rows, columns = (-(-pixels // TILE_SIZE) for pixels in image_size)
     counts = np.zeros(rows * columns, np.int64)
     _count_hits(splats, order, rows, columns, counts)
@@ -58,13 +58,13 @@ def tile_lists(
 def sum_over_tiles(
     lists: TileLists, hit_gradients: Float32[np.ndarray, "hits fields"], gradients: Float32[np.ndarray, "n fields"]
 ) -> None:
-    """Add each hit's gradients to those of its splat, always in the same order."""
+    """Add the gradients of each hit to those of its splat, in a fixed order."""
     _sum_hits(lists.splat_of_hit, hit_gradients, gradients)
 
 
 @compiled
 def _tile_range(centre, radius, count):
-    """First and last tile (exclusive) along one axis whose pixel centres come within the radius."""
+    """Return the first and last (exclusive) tile along one axis with a pixel centre within the radius."""
     low = np.floor((np.ceil(centre - radius - 0.5)) / TILE_SIZE)
     high = np.floor((np.floor(centre + radius - 0.5)) / TILE_SIZE) + 1.0
     return int(min(max(low, 0.0), float(count))), int(min(max(high, 0.0), float(count)))
@@ -82,7 +82,7 @@ def _count_hits(splats, order, rows, columns, counts):
 
 @compiled
 def _list_hits(splats, order, rows, columns, first, stop, position, splat_of_hit):
-    """Write the index of each splat into the lists of its tiles; position: where each list's next entry goes."""
+    """Write the index of each splat into the lists of its tiles; position: index of each list's next entry."""
     for i in order:
         first_row, stop_row = _tile_range(splats[i].y, splats[i].radius_y, rows)
         first_column, stop_column = _tile_range(splats[i].x, splats[i].radius_x, columns)

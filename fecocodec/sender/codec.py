@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.load import load_sender
@@ -35,5 +35,5 @@ def load_codec(folder: Path, device: str) -> Codec:
     receiver, model_id = load_receiver(folder / RECEIVER_FILE)
     sender = load_sender(folder / SENDER_FILE, receiver.config, model_id)
     for network in (sender, receiver):
-        place(network, device)
+        to_channels_last(network, device)
     return Codec(sender, receiver, model_id)

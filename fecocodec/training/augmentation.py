@@ -1,4 +1,4 @@
-"""Frames of a captured scene -> a training sample: crop, scale, mirror and tint, with cameras that follow exactly."""
+"""Augmentation of photographed frames: crop, resize, mirror and tint, with exactly adjusted cameras."""
 
 from dataclasses import dataclass
 
@@ -23,10 +23,10 @@ class _Crop:
     size: tuple[int, int]
 
 
-def augmented(
+def augment(
     rng: np.random.Generator, scene: Capture, frames: list[int], num_context: int, size: tuple[int, int]
 ) -> Sample:
-    """Crop, resize, perhaps mirror, and tint frames; the cameras follow exactly. size: (height, width) in pixels."""
+    """Crop, resize, mirror at random and tint frames, and adjust the cameras. size: (height, width) in pixels."""
     crops = _crops(rng, (scene.lens.height, scene.lens.width), len(frames), size)
     images = [_resized(scene.image(frame), crop, size) for frame, crop in zip(frames, crops, strict=True)]
     intrinsics = torch.stack([_cropped_intrinsics(scene.lens, crop) for crop in crops])
@@ -41,10 +41,10 @@ def augmented(
 
 
 def mirrored(views: Views) -> Views:
-    """The world with x negated, seen by the mirrored cameras: a valid scene again.
+    """Mirror the images left to right, and the cameras with the world's x negated.
 
-    An image flipped left to right negates x of the camera axes; conjugating the extrinsics with diag(-1, 1, 1)
-    negates x of the world as well, so that the rotation stays a rotation.
+    Mirroring an image negates x of the camera axes. Conjugating the extrinsics with diag(-1, 1, 1) negates x of the
+    world, too, so that rotations stay proper.
     """
     negate = torch.diag(torch.tensor([-1.0, 1.0, 1.0, 1.0]))
     intrinsics = views.cameras.intrinsics.clone()
@@ -54,25 +54,25 @@ def mirrored(views: Views) -> Views:
 
 
 def _crops(rng: np.random.Generator, stored: tuple[int, int], count: int, size: tuple[int, int]) -> list[_Crop]:
-    """Windows of the wanted shape and of one size, 60-100% of the largest that fits, each near one random place."""
+    """Draw windows of one size, 60-100% of the largest that fits, each near one common random position."""
     share = rng.uniform(0.6, 1.0) * min(stored[0] / size[0], stored[1] / size[1])
     window = (max(round(size[0] * share), 1), max(round(size[1] * share), 1))
     room = np.array([stored[0] - window[0], stored[1] - window[1]])
-    # Photographers keep the subject in the middle, so far corners of different frames would not overlap.
+    # Photographers keep the subject in the middle; far corners of different frames would not overlap.
     middle = rng.uniform(0.25, 0.75, 2)
-    places = np.clip(middle + rng.uniform(-0.1, 0.1, (count, 2)), 0, 1) * room
-    return [_Crop(int(left), int(top), window) for top, left in places]
+    corners = np.clip(middle + rng.uniform(-0.1, 0.1, (count, 2)), 0, 1) * room
+    return [_Crop(int(left), int(top), window) for top, left in corners]
 
 
 def _resized(image: UInt8[Tensor, "3 h w"], crop: _Crop, size: tuple[int, int]) -> Float[Tensor, "3 height width"]:
-    """Antialiased (area-weighted) resize of a window, to [0, 1]."""
+    """Resize a window with antialiasing (area-weighted); returns sRGB in [0, 1]."""
     window = image[None, :, crop.top : crop.top + crop.size[0], crop.left : crop.left + crop.size[1]]
     resized = torch.nn.functional.interpolate(window, size, mode="bilinear", antialias=True, align_corners=False)
     return resized[0].float() / 255
 
 
 def _cropped_intrinsics(lens: Lens, crop: _Crop) -> Float[Tensor, "3 3"]:
-    """Normalised intrinsics of a window of a photograph."""
+    """Return the normalised intrinsics of a window of a photograph."""
     height, width = crop.size
     focal_x, centre_x = lens.fx / width, (lens.cx - crop.left) / width
     focal_y, centre_y = lens.fy / height, (lens.cy - crop.top) / height
@@ -80,7 +80,7 @@ def _cropped_intrinsics(lens: Lens, crop: _Crop) -> Float[Tensor, "3 3"]:
 
 
 def _tinted(rng: np.random.Generator, images: Float[Tensor, "view 3 h w"]) -> Float[Tensor, "view 3 h w"]:
-    """One mild change of brightness, white balance and contrast for all views."""
+    """Apply one mild change of brightness, white balance and contrast to all views."""
     gain = torch.from_numpy(np.exp(rng.normal(0, 0.08) + rng.normal(0, 0.04, (3, 1, 1)))).float()
     gamma = float(np.exp(rng.normal(0, 0.1)))
     return (images * gain).clamp(0, 1) ** gamma

@@ -1,4 +1,4 @@
-"""Checkpoints of a running training: everything needed to go on exactly."""
+"""Checkpoints of a training run, with everything needed to resume exactly."""
 
 import os
 import pickle
@@ -11,9 +11,9 @@ from fecocodec.errors import ModelError, OutputError
 
 
 def save_checkpoint(path: Path, contents: dict[str, Any]) -> None:
-    """Write under a temporary name and rename, so that a stop at any moment leaves a whole file.
+    """Write to a temporary name and rename, so that an interruption leaves the old or the new file, never a part.
 
-    Raises OutputError where the system refuses to write (disk full, no permission); the old file stays.
+    Raises OutputError if writing fails (disk full, no permission); the old file is kept.
     """
     partial = path.with_suffix(".partial")
     try:
@@ -28,7 +28,7 @@ def save_checkpoint(path: Path, contents: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
-    """Read what `save_checkpoint` wrote; raises ModelError for anything else."""
+    """Read a file of `save_checkpoint`. Raises ModelError for anything else."""
     try:
         contents: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
     except (OSError, EOFError, RuntimeError, ValueError, pickle.UnpicklingError) as error:

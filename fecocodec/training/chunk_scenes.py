@@ -1,4 +1,4 @@
-"""Training samples from RealEstate10K, ACID or DL3DV in pixelSplat's chunks."""
+"""Training samples from RealEstate10K, ACID or DL3DV in the chunks of pixelSplat."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,35 +12,35 @@ from fecocodec.errors import InputError
 from fecocodec.formats.chunk_scene import VIDEO_BOUNDS, ChunkScene
 from fecocodec.formats.chunks import ChunkFolder
 from fecocodec.formats.lens import Lens
-from fecocodec.training.augmentation import augmented
+from fecocodec.training.augmentation import augment
 from fecocodec.training.samples import Sample
 
 VIDEO_GAPS = (45, 192)  # frames between the first and last context view: pixelSplat's bounded sampling
 DL3DV_GAPS = (20, 50)  # and DepthSplat's for DL3DV, whose frames lie further apart
-_MOST_TRIES = 100  # scenes looked at before giving up on finding one with enough frames
-_LENS_TOLERANCE = 1e-3  # of the normalised intrinsics of frames of one scene
+_MOST_TRIES = 100  # scenes drawn before giving up on finding one with enough frames
+_LENS_TOLERANCE = 1e-3  # largest difference of normalised intrinsics within a scene
 
 
 class ChunkScenes:
-    """Draws scenes evenly; context views are the ends of a random stretch of frames and others inside it, targets lie
-    in between. Neighbouring frames of these data sets overlap, so distance in time stands for overlap."""
+    """Draws scenes uniformly. Context views are the ends of a random stretch of frames and further frames inside it;
+    targets lie in between. Consecutive frames of these data sets overlap, so distance in time replaces overlap."""
 
     def __init__(self, root: Path) -> None:
-        """root: a split, such as `re10k/train`. Raises InputError where its index is missing or broken."""
+        """root: folder of a split, such as `re10k/train`. Raises InputError if its index is missing or damaged."""
         self._chunks = ChunkFolder(root)
         self._names = self._chunks.scene_names
 
     def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
-        """Cropped, mirrored and tinted as `augmented` does; size is (height, width) in pixels.
+        """Draw a sample, augmented by `augment`; size: (height, width) in pixels.
 
-        A stretch with fewer frames than asked for repeats target frames. The same for the same generator state.
-        Raises InputError where a chunk is damaged, or no scene has enough frames.
+        A stretch with too few frames repeats target frames. Equal generator states give equal samples.
+        Raises InputError if a chunk is damaged or no scene has enough frames.
         """
         rng = np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))
         scene = self._scene(rng, num_context)
         gaps = VIDEO_GAPS if scene.bounds == VIDEO_BOUNDS else DL3DV_GAPS
         frames = choose_stretch(rng, len(scene), gaps, num_context, num_target)
-        return augmented(rng, _capture(scene, frames), frames, num_context, size)
+        return augment(rng, _capture(scene, frames), frames, num_context, size)
 
     def _scene(self, rng: np.random.Generator, num_context: int) -> ChunkScene:
         for _ in range(_MOST_TRIES):
@@ -55,9 +55,10 @@ class ChunkScenes:
 def choose_stretch(
     rng: np.random.Generator, num_frames: int, gaps: tuple[int, int], num_context: int, num_target: int
 ) -> list[int]:
-    """Context frames in random order, then target frames; gaps: least and largest length of the stretch in frames.
+    """Return context frames in random order, then target frames.
 
-    A scene shorter than the least gap is used whole. One context view stands anywhere in the stretch.
+    gaps: least and largest length of the stretch in frames. A scene shorter than the least gap is used as a whole. A
+    single context view is anywhere in the stretch.
     """
     longest = min(gaps[1], num_frames - 1)
     gap = int(rng.integers(min(max(gaps[0], num_context), longest), longest + 1))
@@ -72,7 +73,7 @@ def choose_stretch(
 
 @dataclass(frozen=True)
 class _ChunkCapture:
-    """A `Capture` of which only some frames are decoded."""
+    """A `Capture` with only some frames decoded."""
 
     scene: ChunkScene
     lens: Lens
@@ -98,7 +99,7 @@ class _ChunkCapture:
 
 
 def _capture(scene: ChunkScene, frames: list[int]) -> _ChunkCapture:
-    """The scene with these frames decoded. Raises InputError where they differ in size or lens."""
+    """Decode these frames of a scene. Raises InputError if they differ in size or lens."""
     images = {frame: (scene.image(frame) * 255).round().to(torch.uint8) for frame in sorted(set(frames))}
     sizes = {image.shape[1:] for image in images.values()}
     lenses = scene.intrinsics[frames]

@@ -1,4 +1,4 @@
-"""The named configurations of `fecosplat train`."""
+"""Named configurations of `fecosplat train`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,13 +16,13 @@ Precision = Literal["float32", "bfloat16"]
 
 @dataclass(frozen=True)
 class Configuration:
-    """What decides the result of a training run, apart from its data and its seed.
+    """Everything that determines a training run, except its data and its seed.
 
-    shapes: of the batches of each process. lambda_range: least and largest lambda, between which its logarithm is
-    uniform. precision: in which the networks' convolutions and products run (see `sender.precision`). frozen: parts
-    that stay as they are (see `fine_tuning`).
+    shapes: of the batches of each process. lambda_range: least and largest lambda; log(lambda) is uniform between them.
+    precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
+    `fine_tuning`).
 
-    Raises InputError where the range of lambda is none within the codec's.
+    Raises InputError if lambda_range is empty or exceeds that of the codec.
     """
 
     shapes: BatchShapes
@@ -46,8 +46,8 @@ class Configuration:
         return quantise_lambda(self.lambda_range[0]), quantise_lambda(self.lambda_range[1])
 
 
-# As published (paper, implementation details): 300,000 steps of four scenes in all, one in each of four processes.
-# The warm-up without a rate is ours: trained without one, codecs of features saturate (docs/training.md).
+# As published (paper, implementation details): 300,000 steps of four scenes, one in each of four processes.
+# The warm-up without a rate is ours: without it, feature codecs saturate (docs/training.md).
 _PAPER_SCHEDULE = Schedule(
     num_steps=300_000,
     one_stage_until=5_000,
@@ -87,7 +87,7 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
 
 
 def configuration_named(name: str) -> Configuration:
-    """The configuration of that name; raises InputError where there is none."""
+    """Return the configuration of this name. Raises InputError if there is none."""
     if name not in CONFIGURATIONS:
         raise InputError(f"There is no training configuration '{name}'; choose one of {', '.join(CONFIGURATIONS)}.")
     return CONFIGURATIONS[name]

@@ -1,4 +1,4 @@
-"""Batches from the data sources, normalised as the codec normalises scenes."""
+"""Batches from the data sources, with scenes normalised as in the codec."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from fecocodec.training.samples import Sample, SampleSource
 
 @dataclass(frozen=True)
 class Sources:
-    """Where samples come from. photographs: None trains on procedural scenes alone."""
+    """Sources of samples. photographs: None to train on procedural scenes alone."""
 
     world: SampleSource
     photographs: SampleSource | None
@@ -27,9 +27,9 @@ def draw_batch(
     photograph_share: float,
     lambda_q_range: tuple[int, int] = (0, LAMBDA_Q_MAX),
 ) -> Batch:
-    """A batch in which each scene is a photographed one with probability `photograph_share`; lambda is log-uniform.
+    """Draw a batch. Each scene is photographed with probability `photograph_share`; lambda is log-uniform.
 
-    lambda_q_range: least and largest `lambda_q`, both included.
+    lambda_q_range: least and largest `lambda_q`, both included. Depth of photographs is NaN.
     """
     samples = [draw_sample(sources, generator, shape, photograph_share) for _ in range(shape.num_scenes)]
     normalised = [normalise_scene(sample.views.cameras) for sample in samples]
@@ -51,7 +51,7 @@ def draw_batch(
 
 
 def draw_sample(sources: Sources, generator: torch.Generator, shape: BatchShape, photograph_share: float) -> Sample:
-    """One scene, a photographed one with probability `photograph_share` where there are any."""
+    """Draw one scene, photographed with probability `photograph_share` if there are photographs."""
     is_photograph = float(torch.rand((), generator=generator)) < photograph_share
     source = sources.photographs if is_photograph and sources.photographs is not None else sources.world
     return source.sample(generator, num_context=shape.num_context, num_target=shape.num_target, size=shape.size)

@@ -26,7 +26,7 @@ from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
 from fecocodec.training.loop import ALONE_EVERY, Trainer
 from fecocodec.training.objective import lambda_of
-from fecocodec.training.optimisation import follow_gradients, warmed_cosine
+from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
 
 LAMBDAS_OF_A_SCENE = 2  # matching, which takes longest, is the same for all
 SCENES_OF_A_STEP = 2
@@ -44,7 +44,7 @@ class EntropyPhase:
 
     def learning_rate_at(self, step: int) -> float:
         """Linear warm-up, then cosine to zero."""
-        return warmed_cosine(self.learning_rate, step, self.num_steps, WARM_UP)
+        return cosine_with_warm_up(self.learning_rate, step, self.num_steps, WARM_UP)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[
             loss, parts = _priced_bits(trainer, scene)
             loss.backward()
             window.append(parts)
-        num_skipped += not math.isfinite(follow_gradients(optimiser, learning, phase.learning_rate_at(step)))
+        num_skipped += not math.isfinite(clipped_step(optimiser, learning, phase.learning_rate_at(step)))
         if (step + 1) % LOG_EVERY == 0 or step + 1 == phase.num_steps:
             yield {"step": float(step + 1), "skipped": float(num_skipped)} | mean_of_rows(window)
             window = []

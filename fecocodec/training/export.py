@@ -1,4 +1,4 @@
-"""A training checkpoint -> the weights files that ship: averaged weights, fp16, integers for the prior."""
+"""Export of a training checkpoint to weights files: averaged weights in fp16, the prior in integers."""
 
 from pathlib import Path
 
@@ -13,16 +13,17 @@ from fecocodec.training.configurations import Configuration
 
 
 def export_model(checkpoint: Path, folder: Path, configuration: Configuration) -> None:
-    """Write `receiver.safetensors` and `sender.safetensors` of a checkpoint's averaged weights into `folder`.
+    """Write `receiver.safetensors` and `sender.safetensors` with a checkpoint's averaged weights to `folder`.
 
-    configuration: that of the run. A receiver that was frozen gives the bytes of the file it came from.
+    configuration: that of the run. A frozen receiver gives the same bytes as the file from which it was loaded.
+    Raises ModelError if the checkpoint cannot be read, OutputError if the folder cannot be written.
     """
     receiver, sender = Receiver(configuration.receiver), Sender(configuration.sender, configuration.receiver)
     export_networks(checkpoint, folder, receiver, sender)
 
 
 def export_networks(checkpoint: Path, folder: Path, receiver: Receiver, sender: Sender) -> None:
-    """`export_model` by way of these networks, which take the averaged weights."""
+    """Export as `export_model` does, through these networks, which receive the averaged weights."""
     average = load_checkpoint(checkpoint)["average"]
     for name, network in (("receiver.", receiver), ("sender.", sender)):
         network.load_state_dict({k.removeprefix(name): v for k, v in average.items() if k.startswith(name)})

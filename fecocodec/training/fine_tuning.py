@@ -1,7 +1,7 @@
-"""What a run begins with, and what of it stays frozen: from a trained model to another extractor, and back.
+"""Initial weights of a run and its frozen parts, for training several senders for one receiver.
 
-While the receiver is frozen its file stays the same to the byte, and so does the model id: files of every sender that
-was trained with it decode with the same receiver.
+The file of a frozen receiver stays equal to the byte, and with it the model id: streams of every sender that was
+trained with it decode with the same receiver.
 """
 
 from pathlib import Path
@@ -21,10 +21,10 @@ from fecocodec.sender.model import Sender
 FREEZABLE = ("receiver", "extractor")
 
 
-def begin_with(sender: Sender, receiver: Receiver, model: Path) -> None:
-    """Copy a model's weights: all of the receiver and of the sender, but for an extractor of another kind.
+def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
+    """Copy the weights of a model's folder, except those of an extractor of another kind.
 
-    Raises ModelError where the model is missing or of other sizes.
+    Raises ModelError if the model is missing or has other sizes.
     """
     released, model_id = load_receiver(model / RECEIVER_FILE)
     trained = load_sender(model / SENDER_FILE, released.config, model_id)
@@ -36,9 +36,9 @@ def begin_with(sender: Sender, receiver: Receiver, model: Path) -> None:
 
 
 def load_extractor(sender: Sender, source: Path) -> LoadReport:
-    """Fill the extractor alone from a model's folder, or (depthsplat-small) from a public checkpoint.
+    """Load the extractor alone from a model's folder or, for depthsplat-small, from a public checkpoint.
 
-    Raises ModelError where the source is missing, damaged, or of another kind of extractor.
+    Raises ModelError if the source is missing, damaged, or has another kind of extractor.
     """
     if not source.is_dir():
         if not isinstance(sender.extractor, DepthSplatSmall):
@@ -57,7 +57,7 @@ def load_extractor(sender: Sender, source: Path) -> LoadReport:
 
 
 def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
-    """Keep these parts as they are: "receiver", "extractor". Raises InputError for anything else."""
+    """Exclude these parts from training: "receiver", "extractor". Raises InputError for any other name."""
     parts: dict[str, nn.Module] = {"receiver": receiver, "extractor": sender.extractor}
     for name in names:
         if name not in parts:

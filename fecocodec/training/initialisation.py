@@ -1,9 +1,8 @@
-"""Start of training: networks that already are a linear block-transform codec, for learning to improve on.
+"""Initialisation of training as a linear block-transform codec.
 
-A codec of random networks spends thousands of steps on learning to carry colour from photographs to Gaussians
-(docs/experiments.md). Here some channels of every residual chain are reserved: they carry pixels and matched disparity
-through 8x8 DCT coefficients to the Gaussians' colours and depths, while everything else starts at random and adds to
-them as training goes on.
+Random networks need thousands of steps to learn to transmit colour from photographs to Gaussians (docs/experiments.md).
+Here reserved channels of every residual chain transmit pixels and matched disparity as 8x8 DCT coefficients to the
+colours and depths of the Gaussians. All other weights start at random and add to these channels.
 """
 
 import math
@@ -20,20 +19,20 @@ DISPARITY = PIXELS  # the channel after the pixels, in [-1, 1]
 CELL_CHANNELS = PIXELS + 1
 COLOURS = 3 * PER_CELL  # of a cell's Gaussians: (colour, row, column)
 STATE_CHANNELS = COLOURS + 1  # then disparity
-LUMA_FREQUENCIES = tuple((u, v) for u in range(4) for v in range(4))  # all that half the resolution can show
+LUMA_FREQUENCIES = tuple((u, v) for u in range(4) for v in range(4))  # all that half the resolution can represent
 CHROMA_FREQUENCIES = ((0, 0), (0, 1), (1, 0), (1, 1), (0, 2), (2, 0))
 LUMA = (1 / math.sqrt(3), 1 / math.sqrt(3), 1 / math.sqrt(3))
 CHROMA = ((1 / math.sqrt(2), 0.0, -1 / math.sqrt(2)), (1 / math.sqrt(6), -2 / math.sqrt(6), 1 / math.sqrt(6)))
 COLOUR_SCALE = 1.5  # quantisation step at lambda 1e-4: about 0.07 of an orthonormal coefficient of colours in [0, 1]
 DISPARITY_SCALE = 6.0
 DEPTH_SLOPE = 2.0  # sigmoid(2 d) lies near (1 + d) / 2
-COLOUR_SLOPE = 1.1  # likewise, for colours, with the sharpness that Gaussians blur away
-OPACITY, LOG_SCALE = 0.5, -0.15  # sharpest of those tried: opacity 0.92 and 0.58 cells
+COLOUR_SLOPE = 1.1  # likewise for colours, with some sharpening against the blur of Gaussians
+OPACITY, LOG_SCALE = 0.5, -0.15  # opacity 0.92 and scale 0.58 cells, the sharpest of those tried
 
 
 @torch.no_grad()
 def start_as_block_transform(sender: Sender, receiver: Receiver) -> None:
-    """Overwrite the reserved channels' weights of all networks between photographs and Gaussians."""
+    """Overwrite, in place, the weights of the reserved channels of all networks between photographs and Gaussians."""
     _start_sender(sender)
     _start_receiver(receiver)
 
@@ -42,45 +41,45 @@ def _start_sender(sender: Sender) -> None:
     extractor, analysis, feedback = sender.extractor, sender.analysis, sender.feedback
     first_pixel = extractor.input.in_channels - PIXELS
     disparity = first_pixel - 2  # then confidence, then pixels
-    _only(extractor.input, [*((c, first_pixel + c, 1.0) for c in range(PIXELS)), (DISPARITY, disparity, 1.0)])
+    _set_only(extractor.input, [*((c, first_pixel + c, 1.0) for c in range(PIXELS)), (DISPARITY, disparity, 1.0)])
     for block in (extractor.fine_in, extractor.fine_out):
-        _leave_alone(block, CELL_CHANNELS)
-    _silence(extractor.up_middle[0], 4 * CELL_CHANNELS)
-    _only(extractor.output, _identity(CELL_CHANNELS))
+        _set_identity(block, CELL_CHANNELS)
+    _set_zero(extractor.up_middle[0], 4 * CELL_CHANNELS)
+    _set_only(extractor.output, _identity(CELL_CHANNELS))
 
-    _only(feedback.input, [(c, PIXELS + c, 0.5) for c in range(PIXELS)])
-    _silence(feedback.input, CELL_CHANNELS, first=PIXELS)
+    _set_only(feedback.input, [(c, PIXELS + c, 0.5) for c in range(PIXELS)])
+    _set_zero(feedback.input, CELL_CHANNELS, first=PIXELS)
     for block in feedback.blocks:
-        _leave_alone(block, CELL_CHANNELS)
+        _set_identity(block, CELL_CHANNELS)
 
-    _only(analysis.join, _identity(CELL_CHANNELS))
-    _leave_alone(analysis.fine, CELL_CHANNELS)
+    _set_only(analysis.join, _identity(CELL_CHANNELS))
+    _set_identity(analysis.fine, CELL_CHANNELS)
     forward = forward_transform()
-    _silence(analysis.down, len(forward))
+    _set_zero(analysis.down, len(forward))
     analysis.down.weight[: len(forward), :CELL_CHANNELS] = forward
     for block in analysis.coarse:
-        _leave_alone(block, len(forward))
-    _only(analysis.output, [(k, k, scale) for k, scale in enumerate(_scales())])
+        _set_identity(block, len(forward))
+    _set_only(analysis.output, [(k, k, scale) for k, scale in enumerate(_scales())])
 
 
 def _start_receiver(receiver: Receiver) -> None:
     synthesis, update, predictor = receiver.synthesis, receiver.update, receiver.predictor
     inverse = inverse_transform()
     num_coefficients = inverse.shape[-1]
-    _only(synthesis.input, [(k, k, 1.0 / scale) for k, scale in enumerate(_scales())])
+    _set_only(synthesis.input, [(k, k, 1.0 / scale) for k, scale in enumerate(_scales())])
     for block in synthesis.coarse:
-        _leave_alone(block, num_coefficients)
-    _silence(synthesis.up[0], 4 * STATE_CHANNELS)
+        _set_identity(block, num_coefficients)
+    _set_zero(synthesis.up[0], 4 * STATE_CHANNELS)
     synthesis.up[0].get_parameter("weight")[: 4 * STATE_CHANNELS, :num_coefficients, 0, 0] = inverse.flatten(0, 1)
 
     channels = update.join.out_channels
-    _only(update.join, [entry for c in range(STATE_CHANNELS) for entry in ((c, c, 1.0), (c, channels + c, 1.0))])
-    _leave_alone(update.block, STATE_CHANNELS)
+    _set_only(update.join, [entry for c in range(STATE_CHANNELS) for entry in ((c, c, 1.0), (c, channels + c, 1.0))])
+    _set_identity(update.block, STATE_CHANNELS)
     update.initial_state[:, :STATE_CHANNELS] = 0.0
 
-    _silence(predictor.up_middle[0], 4 * STATE_CHANNELS)
-    _leave_alone(predictor.fine, STATE_CHANNELS)
-    _silence(predictor.attention.output, STATE_CHANNELS)
+    _set_zero(predictor.up_middle[0], 4 * STATE_CHANNELS)
+    _set_identity(predictor.fine, STATE_CHANNELS)
+    _set_zero(predictor.attention.output, STATE_CHANNELS)
     predictor.depth_head.weight *= 0.1
     predictor.depth_head.weight[0, COLOURS, 1, 1] = DEPTH_SLOPE
     predictor.depth_head.get_parameter("bias").zero_()
@@ -88,8 +87,8 @@ def _start_receiver(receiver: Receiver) -> None:
 
 
 def _start_head(first: nn.Module, last: nn.Module) -> None:
-    """Colours pass the GELU unchanged because gelu(x) - gelu(-x) = x."""
-    _only(first, [entry for c in range(COLOURS) for entry in ((c, c, 1.0), (COLOURS + c, c, -1.0))])
+    """Transmit colours through the GELU unchanged, because gelu(x) - gelu(-x) = x."""
+    _set_only(first, [entry for c in range(COLOURS) for entry in ((c, c, 1.0), (COLOURS + c, c, -1.0))])
     order = list(RAW)
     offset = {name: PER_CELL * sum(RAW[n] for n in order[: order.index(name)]) for name in order}
     weight, bias = last.get_parameter("weight"), last.get_parameter("bias")
@@ -102,7 +101,7 @@ def _start_head(first: nn.Module, last: nn.Module) -> None:
 
 
 def forward_transform() -> Tensor:
-    """[coefficient, channel, 2, 2]: what the 2x2 convolution from 1/4 to 1/8 must compute from pixels and disparity."""
+    """Return weights [coefficient, channel, 2, 2] of the convolution from 1/4 to 1/8: pixels and disparity to DCT."""
     dct = _dct_basis()
     rows = []
     for colour, (u, v) in _colour_coefficients():
@@ -114,7 +113,7 @@ def forward_transform() -> Tensor:
 
 
 def inverse_transform() -> Tensor:
-    """[channel, 4, coefficient]: half-resolution colours and disparity of the four cells of an 8x8 block."""
+    """Return weights [channel, 4, coefficient]: DCT to half-resolution colours and disparity of 4 cells."""
     dct = _dct_basis().view(8, 2, 2, 2).mean(dim=-1)  # [frequency, cell, Gaussian of the cell]
     columns = []
     for colour, (u, v) in _colour_coefficients():
@@ -125,13 +124,13 @@ def inverse_transform() -> Tensor:
 
 
 def _colour_coefficients() -> list[tuple[tuple[float, float, float], tuple[int, int]]]:
-    """(orthonormal colour axis, frequency) of each coefficient: luma first, then the two chromas."""
+    """Return (orthonormal colour axis, frequency) of each coefficient: luma, then two chromas."""
     chroma = [(axis, frequency) for axis in CHROMA for frequency in CHROMA_FREQUENCIES]
     return [(LUMA, frequency) for frequency in LUMA_FREQUENCIES] + chroma
 
 
 def _dct_basis() -> Tensor:
-    """Orthonormal DCT-II of eight samples: [frequency, sample]."""
+    """Return the orthonormal DCT-II of eight samples: [frequency, sample]."""
     frequency, sample = torch.arange(8.0)[:, None], torch.arange(8.0)[None]
     basis = 0.5 * torch.cos(math.pi * frequency * (2 * sample + 1) / 16)
     basis[0] = 1 / math.sqrt(8)
@@ -139,7 +138,7 @@ def _dct_basis() -> Tensor:
 
 
 def _disparity_patterns() -> list[Tensor]:
-    """Orthonormal Haar patterns of the four cells of a block."""
+    """Return the orthonormal Haar patterns of the four cells of a block."""
     sign = torch.tensor([1.0, -1.0])
     one = torch.ones(2)
     return [0.5 * torch.outer(a, b) for a in (one, sign) for b in (one, sign)]
@@ -153,22 +152,22 @@ def _identity(num_channels: int) -> list[tuple[int, int, float]]:
     return [(c, c, 1.0) for c in range(num_channels)]
 
 
-def _only(convolution: nn.Module, entries: list[tuple[int, int, float]]) -> None:
-    """Make the outputs named in `entries` (output, input, weight at the centre) depend on nothing else."""
+def _set_only(convolution: nn.Module, entries: list[tuple[int, int, float]]) -> None:
+    """Set each output named in `entries` (output, input, weight at the centre) to these inputs alone."""
     for output in {output for output, _, _ in entries}:
-        _silence(convolution, output + 1, first=output)
+        _set_zero(convolution, output + 1, first=output)
     weight = convolution.get_parameter("weight")
     row, column = (side // 2 for side in weight.shape[-2:])
     for output, source, value in entries:
         weight[output, source, row, column] = value
 
 
-def _silence(layer: nn.Module, last: int, first: int = 0) -> None:
-    """Let outputs `first` to `last - 1` start at zero."""
+def _set_zero(layer: nn.Module, last: int, first: int = 0) -> None:
+    """Set weights and biases of the outputs in [first, last) to zero."""
     layer.get_parameter("weight")[first:last] = 0.0
     layer.get_parameter("bias")[first:last] = 0.0
 
 
-def _leave_alone(block: nn.Module, num_channels: int) -> None:
-    """Let a residual block pass the first channels unchanged."""
-    _silence(block.get_submodule("pointwise"), num_channels)
+def _set_identity(block: nn.Module, num_channels: int) -> None:
+    """Make a residual block the identity on the first channels."""
+    _set_zero(block.get_submodule("pointwise"), num_channels)

@@ -1,4 +1,4 @@
-"""The log of a training run: one row of a CSV file every so many steps."""
+"""Log of a training run, a CSV file."""
 
 import csv
 from pathlib import Path
@@ -13,9 +13,9 @@ LOG_COLUMNS = (
 
 
 def append_row(path: Path, row: dict[str, float]) -> None:
-    """Add a row to a CSV file, which starts with `LOG_COLUMNS`; what the row lacks stays empty.
+    """Append a row to a CSV file with the header `LOG_COLUMNS`; missing columns stay empty.
 
-    Raises OutputError where the file cannot be written.
+    Raises OutputError if the file cannot be written.
     """
     is_new = not path.exists()
     try:
@@ -28,8 +28,8 @@ def append_row(path: Path, row: dict[str, float]) -> None:
         raise OutputError(f"{path}: the log cannot be written ({error.strerror}); check free space.") from error
 
 
-def forget_rows_after(path: Path, step: int) -> None:
-    """Remove what a run logged between its last checkpoint and its end, as it will take those steps again."""
+def remove_rows_after(path: Path, step: int) -> None:
+    """Remove rows of steps after `step`, the last checkpoint's, because a resumed run takes those steps again."""
     if not path.exists():
         return
     with path.open(newline="") as file:
@@ -40,6 +40,6 @@ def forget_rows_after(path: Path, step: int) -> None:
 
 
 def mean_of_rows(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Mean of every column over the rows that have it."""
+    """Return the mean of every column over the rows that have it."""
     columns = {name: [row[name] for row in rows if name in row] for row in rows for name in row}
     return {name: sum(values) / len(values) for name, values in columns.items()}

@@ -12,7 +12,7 @@ from torch import nn
 
 from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.distortion import Distortion, MseDistortion
 from fecocodec.sender.extractors.compact import CompactExtractor
@@ -22,21 +22,21 @@ from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.fine_tuning import begin_with, freeze, load_extractor
+from fecocodec.training.fine_tuning import freeze, load_extractor, load_model_weights
 from fecocodec.training.initialisation import start_as_block_transform
-from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
+from fecocodec.training.log import append_row, mean_of_rows, remove_rows_after
 from fecocodec.training.objective import Batch, Coding, bypass_coding, code_with_noise, loss_of, run_stages
-from fecocodec.training.optimisation import follow_gradients
-from fecocodec.training.processes import gather_states, is_first, process_rank, told_by_first
+from fecocodec.training.optimisation import clipped_step
+from fecocodec.training.processes import broadcast_from_first, gather_states, is_first, process_rank
 from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
 
 AVERAGE_DECAY = 0.998
-ALONE_EVERY = 8  # steps: the last of them codes one stage where there could be two
+ALONE_EVERY = 8  # steps: the last of every eight codes stage 1 alone
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What is trained, where a run keeps its files, and when it stops, saves and draws pictures (minutes).
+    """Settings of a training run.
 
     device: where the networks run, `cpu` or `cuda:N`; batches are drawn on the CPU. distortion: D of the loss.
     """
@@ -56,7 +56,7 @@ class Trainer:
     """Both ends' networks with optimiser, averaged weights and generator; resumes from `folder/last.pt`."""
 
     def __init__(self, settings: RunSettings, sources: Sources, sender: Sender | None = None) -> None:
-        """sender: one around an extractor of others (`adapted_sender`), in place of the configuration's."""
+        """sender: replaces that of the configuration, as one with an adapted extractor (`adapted_sender`)."""
         self.settings, self.sources = settings, sources
         configuration = settings.configuration
         torch.manual_seed(settings.seed)  # every process starts from the same weights
@@ -65,7 +65,7 @@ class Trainer:
         if isinstance(self.sender.extractor, CompactExtractor):
             start_as_block_transform(self.sender, self.receiver)
         self.networks = nn.ModuleDict({"receiver": self.receiver, "sender": self.sender})
-        place(self.networks, settings.device)
+        to_channels_last(self.networks, settings.device)
         if configuration.precision == "bfloat16":
             run_in_bfloat16(self.networks, settings.device)
         self._begin_average()
@@ -73,27 +73,27 @@ class Trainer:
         learning = [parameter for parameter in self.networks.parameters() if parameter.requires_grad]
         self.optimiser = torch.optim.AdamW(learning, lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
-        torch.manual_seed(settings.seed * 1000 + process_rank())  # and goes on with noise of its own
+        torch.manual_seed(settings.seed * 1000 + process_rank())  # then each has its own noise
         self.step, self.num_skipped, self.seed = 0, 0, settings.seed
         self._fixed_scenes: list[Batch] = []
 
     @property
     def checkpoint(self) -> Path:
-        """The file that `run` saves to and `resume` goes on from."""
+        """The file that `run` saves and `resume` reads."""
         return self.settings.folder / "last.pt"
 
     @property
     def log(self) -> Path:
-        """The table that `run` adds rows to."""
+        """The CSV file to which `run` appends rows."""
         return self.settings.folder / "log.csv"
 
     def start_from(self, model: Path) -> None:
-        """Begin with the weights of a model's folder, but for an extractor of another kind; see `begin_with`."""
-        begin_with(self.sender, self.receiver, model)
+        """Load the weights of a model's folder, except an extractor of another kind; see `load_model_weights`."""
+        load_model_weights(self.sender, self.receiver, model)
         self._begin_average()
 
     def start_extractor_from(self, source: Path) -> LoadReport:
-        """Fill the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
+        """Load the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
         report = load_extractor(self.sender, source)
         self._begin_average()
         return report
@@ -102,14 +102,14 @@ class Trainer:
         self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
 
     def resume(self, path: Path) -> None:
-        """Go on from a checkpoint, exactly; raises ModelError where it is not one of these networks and processes."""
+        """Restore a checkpoint exactly. Raises ModelError if it is of other networks or number of processes."""
         saved = load_checkpoint(path)
         try:
             generator, noise = (saved[name][process_rank()] for name in ("generators", "global_generators"))
             self.networks.load_state_dict(saved["networks"])
             self.optimiser.load_state_dict(saved["optimiser"])
             self.average, self.step, self.num_skipped = saved["average"], saved["step"], saved["num_skipped"]
-            self.seed = saved.get("seed", self.seed)  # checkpoints of before do not tell
+            self.seed = saved.get("seed", self.seed)  # older checkpoints have none
         except (KeyError, IndexError, RuntimeError, ValueError) as error:
             raise ModelError(
                 f"{path}: not a checkpoint of these networks with so many processes ({type(error).__name__}); "
@@ -120,10 +120,10 @@ class Trainer:
         if self._is_on_cuda and "cuda_generators" in saved:
             torch.cuda.set_rng_state(saved["cuda_generators"][process_rank()], self.settings.device)
         if is_first():
-            forget_rows_after(self.log, self.step)
+            remove_rows_after(self.log, self.step)
 
     def save(self, path: Path) -> None:
-        """Write everything `resume` needs; every process must call it, the first one writes."""
+        """Write everything that `resume` needs. Every process must call this; the first one writes."""
         contents: dict[str, Any] = {
             "networks": self.networks.state_dict(),
             "average": self.average,
@@ -144,7 +144,7 @@ class Trainer:
         return self.settings.device != "cpu"
 
     def train_step(self) -> dict[str, float]:
-        """Draw a batch, take one step, return the parts of the loss; a batch with non-finite gradients is skipped."""
+        """Draw a batch, take one step, return the parts of the loss. A batch with non-finite gradients is skipped."""
         schedule = self.settings.configuration.schedule
         batch, num_stages = self._draw_batch()
         outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages)
@@ -152,7 +152,7 @@ class Trainer:
         loss, parts = loss_of(batch, outcomes, matched, weight, self.settings.distortion)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        norm = follow_gradients(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
+        norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
         if math.isfinite(norm):
             self._update_average()
         else:
@@ -161,9 +161,9 @@ class Trainer:
         return parts | {"loss": float(loss.detach()), "gradient": norm}
 
     def _draw_batch(self) -> tuple[Batch, int]:
-        """A batch and how many stages to code it in: now and then the first alone, which files may have, too."""
+        """Draw a batch and its number of stages: in every eighth step one, because files may have one stage."""
         configuration = self.settings.configuration
-        # Every process draws the same shape, so that none waits for a larger one.
+        # Every process draws the same shape, so that none waits for another.
         common = torch.Generator().manual_seed(self.seed * 1_000_003 + self.step)
         shape = configuration.shapes.draw(common)
         share = configuration.schedule.photograph_share_at(self.step)
@@ -183,10 +183,10 @@ class Trainer:
         torch._foreach_lerp_(list(self.average.values()), list(self.networks.state_dict().values()), 1.0 - decay)
 
     def run(self) -> Iterator[dict[str, float]]:
-        """Train until the schedule or the time ends; yields the mean of the log's columns every `log_every` steps and
-        at the end.
+        """Train until the schedule or the time ends; yields a row of the log every `log_every` steps and at the end.
 
-        Skipped batches count in the column `skipped` and in no mean. Raises OutputError where files cannot be written.
+        A row holds means over its steps. Skipped batches are counted in the column `skipped` and excluded from means.
+        Raises OutputError if files cannot be written.
         """
         settings = self.settings
         make_folder(settings.folder / "samples")
@@ -198,7 +198,7 @@ class Trainer:
             if math.isfinite(parts["gradient"]):
                 window.append(parts)
             now = time.monotonic()
-            is_over = told_by_first(now - start > 60 * settings.max_minutes)
+            is_over = broadcast_from_first(now - start > 60 * settings.max_minutes)
             if is_first() and now - drawn > 60 * settings.samples_every_minutes:
                 self.draw_samples()
                 drawn = now
@@ -209,7 +209,7 @@ class Trainer:
                 if is_first():
                     append_row(self.log, row)
                     yield row
-            is_due = told_by_first(now - saved > 60 * settings.save_every_minutes)
+            is_due = broadcast_from_first(now - saved > 60 * settings.save_every_minutes)
             if is_due or is_over:
                 self.save(self.checkpoint)
                 saved = now
@@ -221,7 +221,7 @@ class Trainer:
         return {"step": float(self.step), "minutes": minutes, "skipped": float(self.num_skipped)}
 
     def draw_samples(self) -> Path:
-        """Write a picture of the fixed scenes as the networks render them now; returns its path."""
+        """Render the fixed scenes with the present networks and write the picture; returns its path."""
         settings = self.settings
         if not self._fixed_scenes:
             scenes = draw_fixed_scenes(self.sources, settings.configuration.shapes.usual.size)

@@ -1,4 +1,4 @@
-"""What every phase of training does with gradients, and how its learning rate goes."""
+"""Optimiser step and learning-rate schedule shared by the phases of training."""
 
 import math
 
@@ -10,16 +10,16 @@ from fecocodec.training.processes import average_gradients
 LARGEST_GRADIENT = 1.0
 
 
-def warmed_cosine(peak: float, step: int, num_steps: int, warm_up: int) -> float:
-    """Linear warm-up of so many steps, then cosine to zero."""
+def cosine_with_warm_up(peak: float, step: int, num_steps: int, warm_up: int) -> float:
+    """Return the learning rate at `step`: linear warm-up over `warm_up` steps, times a cosine from `peak` to zero."""
     progress = min(1.0, step / num_steps)
     return peak * min(1.0, (step + 1) / warm_up) * 0.5 * (1.0 + math.cos(math.pi * progress))
 
 
-def follow_gradients(optimiser: torch.optim.Optimizer, networks: nn.Module, learning_rate: float) -> float:
-    """One step along the mean of the processes' gradients, clipped at norm 1; returns the norm.
+def clipped_step(optimiser: torch.optim.Optimizer, networks: nn.Module, learning_rate: float) -> float:
+    """Average the gradients over the processes, clip them to norm 1 and take one step.
 
-    Where that is not finite the networks stay as they are.
+    Returns the norm before clipping. If the norm is not finite, no step is taken.
     """
     average_gradients(networks)
     norm = nn.utils.clip_grad_norm_(networks.parameters(), LARGEST_GRADIENT, foreach=True)

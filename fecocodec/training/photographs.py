@@ -6,22 +6,22 @@ import numpy as np
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.training.augmentation import augmented
+from fecocodec.training.augmentation import augment
 from fecocodec.training.frame_choice import choose_frames, context_pairs, relative_baselines
 from fecocodec.training.posed_scene import read_posed_scene
 from fecocodec.training.samples import Sample
 
 
 class Photographs:
-    """Draws scenes evenly, frames by how much of each other they see and from where, and crops, flips and tints them.
+    """Draws scenes uniformly and frames by overlap and baseline, and augments them.
 
-    Images are decoded when first needed and kept as bytes at their stored size.
+    Images are decoded on first use and kept in memory as bytes at their stored size.
     """
 
     def __init__(self, root: Path) -> None:
         """root: a folder of scene folders, each with `transforms.json` and images.
 
-        Raises InputError when there is no scene, or a scene cannot be used.
+        Raises InputError if there is no scene or a scene cannot be used.
         """
         folders = sorted(path.parent for path in root.glob("*/transforms.json"))
         if not folders:
@@ -38,13 +38,14 @@ class Photographs:
 
     @property
     def most_frames(self) -> int:
-        """Frames of the largest scene: more context views cannot be asked for."""
+        """Number of frames of the largest scene, the limit of context views."""
         return max(len(scene) for scene in self._scenes)
 
     def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
-        """Context views that overlap, target views that both see; size is (height, width) in pixels.
+        """Draw overlapping context views and target views that two of them see; size: (height, width) in pixels.
 
-        A scene with fewer frames than asked for repeats target frames. The same for the same generator state.
+        A scene with too few frames repeats target frames. Equal generator states give equal samples. Raises InputError
+        if no scene has `num_context` frames.
         """
         rng = np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))
         usable = [index for index, scene in enumerate(self._scenes) if len(scene) >= num_context]
@@ -53,4 +54,4 @@ class Photographs:
         index = usable[int(rng.integers(len(usable)))]
         scene = self._scenes[index]
         frames = choose_frames(rng, scene.covisibility, self._pairs[index], num_context, num_target)
-        return augmented(rng, scene, frames, num_context, size)
+        return augment(rng, scene, frames, num_context, size)

@@ -1,4 +1,4 @@
-"""Several processes that train together; each function also serves a process on its own."""
+"""Data-parallel training with several processes. Every function also works in a single process."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,9 +11,9 @@ from torch import Tensor, nn
 
 @contextmanager
 def joined_processes(device: str = "cpu") -> Iterator[str]:
-    """Join the process group that a launcher such as `torchrun` describes in the environment; alone without one.
+    """Join the process group of a launcher such as `torchrun`, if there is one, for the duration of the context.
 
-    Gives the device of this process: of several that train on `cuda`, each has one of its own.
+    Yields the device of this process; with `cuda`, every process of a machine gets its own device.
     """
     if not dist.is_torchelastic_launched():
         yield device
@@ -29,17 +29,17 @@ def joined_processes(device: str = "cpu") -> Iterator[str]:
 
 
 def process_rank() -> int:
-    """The number of this process, from 0."""
+    """Return the rank of this process, from 0."""
     return dist.get_rank() if dist.is_initialized() else 0
 
 
 def is_first() -> bool:
-    """Whether this is the process that writes files."""
+    """Return whether this is the process of rank 0, which writes files."""
     return process_rank() == 0
 
 
 def gather_states(state: UInt8[Tensor, " byte"]) -> list[Tensor]:
-    """The state of a random generator in every process, by rank."""
+    """Gather the state of a random generator from every process, by rank."""
     if not dist.is_initialized():
         return [state]
     states = [torch.empty_like(state) for _ in range(dist.get_world_size())]
@@ -47,21 +47,21 @@ def gather_states(state: UInt8[Tensor, " byte"]) -> list[Tensor]:
     return states
 
 
-def told_by_first(flag: bool) -> bool:
-    """What the first process says: all must save and stop at the same step."""
+def broadcast_from_first(flag: bool) -> bool:
+    """Return the flag of the first process in every process, so that all save and stop at the same step."""
     if not dist.is_initialized():
         return flag
-    told = torch.tensor(flag)
-    dist.broadcast(told, 0)
-    return bool(told)
+    shared = torch.tensor(flag)
+    dist.broadcast(shared, 0)
+    return bool(shared)
 
 
 def average_gradients(networks: nn.Module) -> None:
     """Replace gradients by their mean over the processes, in one message; does nothing in a single process.
 
-    Batches may differ in shape from process to process. A parameter that a step uses in some processes alone counts as
-    zero in the others; one that none uses stays without a gradient. Gradients keep their layout in memory: torch's
-    fused optimisers on the CPU take it for granted that it is the parameter's, and scramble the update where it is not.
+    A parameter without a gradient in some processes counts as zero there; one without a gradient in all processes stays
+    without. Gradients keep their memory layout: torch's fused optimisers on the CPU assume that of the parameter, and
+    update the wrong elements otherwise.
     """
     if not dist.is_initialized():
         return
@@ -74,7 +74,7 @@ def average_gradients(networks: nn.Module) -> None:
 
 
 def _gradients_of_any(parameters: list[nn.Parameter]) -> list[Tensor]:
-    """The gradients of all parameters that have one in some process, in the same order in every process."""
+    """Return the gradients of parameters that have one in any process, in the same order in every process."""
     is_used = torch.tensor([parameter.grad is not None for parameter in parameters], dtype=torch.uint8)
     dist.all_reduce(is_used, dist.ReduceOp.MAX)
     gradients = []

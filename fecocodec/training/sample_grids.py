@@ -1,4 +1,4 @@
-"""Pictures of a few fixed scenes as the networks render them now, to be looked at while training goes on."""
+"""Pictures of a few fixed scenes, rendered with the present networks, for monitoring a run."""
 
 from pathlib import Path
 
@@ -17,13 +17,13 @@ from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.objective import Batch, Coding, run_stages
 
-NUM_SCENES = 4  # half of them photographs, where there are any
+NUM_SCENES = 4  # half of them photographs, if there are any
 SAMPLE_LAMBDA = 1e-4
 _SEED = 20
 
 
 def draw_fixed_scenes(sources: Sources, size: tuple[int, int]) -> list[Batch]:
-    """The same scenes in every run with the same sources: two context views and a target view each."""
+    """Draw scenes of two context views and a target view, equal in every run with the same sources."""
     generator = torch.Generator().manual_seed(_SEED)
     shape = BatchShape(num_scenes=1, num_context=2, num_target=1, size=size)
     lambda_q = quantise_lambda(SAMPLE_LAMBDA)
@@ -35,10 +35,10 @@ def draw_fixed_scenes(sources: Sources, size: tuple[int, int]) -> list[Batch]:
 def sample_grid(
     sender: Sender, receiver: Receiver, scenes: list[Batch], coding: Coding, num_stages: int
 ) -> Float[Tensor, "3 rows columns"]:
-    """A row a scene: its context views, the target view, the target as rendered after each stage, and the disparity of
-    each rendering (bright is near, black is nothing). sRGB in [0, 1].
+    """Return one row per scene: context views, target view, the target rendered after each stage, and the disparity of
+    each rendering (bright is near, black is empty). sRGB in [0, 1].
 
-    Leaves the state of torch's generators as it was, so that training is the same with and without pictures.
+    Does not change the state of torch's generators, so that training is equal with and without pictures.
     """
     device = scenes[0].images.device
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
@@ -46,7 +46,7 @@ def sample_grid(
 
 
 def write_sample_grid(folder: Path, step: int, grid: Float[Tensor, "3 rows columns"]) -> Path:
-    """Write `samples/step_000123.png` in the folder of a run; returns its path."""
+    """Write `samples/step_000123.png` to the folder of a run; returns its path."""
     path = folder / "samples" / f"step_{step:06}.png"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_image(path, grid.cpu(), overwrite=True)
@@ -68,6 +68,6 @@ def _row(
 
 
 def _disparity(depth: Float[Tensor, "stage height width"], cameras: Cameras) -> Float[Tensor, "stage 3 height width"]:
-    """From 0 at the far bound to 1 at the near bound; 0 where nothing was drawn."""
+    """Return relative disparity: 0 at the far bound, 1 at the near bound, 0 where no Gaussian is drawn."""
     relative = relative_disparity_from_depth(depth.clamp_min(1e-6), cameras).clamp(0, 1)
     return torch.where(depth > 0, relative, 0.0)[:, None].expand(-1, 3, -1, -1)

@@ -1,4 +1,4 @@
-"""What a data source hands to the trainer: some context views, some target views, and depth where it is known."""
+"""Training samples: context views, target views, and depth where it is known."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -27,14 +27,14 @@ class Sample:
 
 @runtime_checkable
 class SampleSource(Protocol):
-    """Anything that training draws scenes from."""
+    """A source of training samples."""
 
     def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
-        """One scene; size is (height, width) in pixels. The same for the same generator state."""
+        """Draw one scene; size: (height, width) in pixels. Equal generator states give equal samples."""
 
 
 def contact_sheet(samples: list[Sample]) -> Float[Tensor, "3 rows columns"]:
-    """One row per sample: its views, then (where known) their disparity, bright is near. All of one size and count."""
+    """Return one row per sample: its views, then, if known, their disparity (bright is near). All have one size."""
     return torch.cat([_sheet_row(sample) for sample in samples], dim=1)
 
 

@@ -1,18 +1,18 @@
-"""What changes while training goes on, as functions of the step."""
+"""Quantities of training that depend on the step."""
 
 import math
 from dataclasses import dataclass
 
 from fecocodec.errors import InputError
-from fecocodec.training.optimisation import warmed_cosine
+from fecocodec.training.optimisation import cosine_with_warm_up
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Steps of the phases of docs: bypass (one stage, then two), then rate-distortion; see `docs/training.md`.
+    """Phases of training: without a rate (one stage, then two), then rate-distortion; see `docs/training.md`.
 
-    one_stage_until, bypass_until: steps. photograph_share and disparity_weight go linearly from start to end over all
-    steps. Raises InputError for numbers out of range.
+    one_stage_until, bypass_until, warm_up: steps. photograph_share, disparity_weight: values at the first and last
+    step, linear in between. Raises InputError for numbers out of range.
     """
 
     num_steps: int
@@ -34,8 +34,8 @@ class Schedule:
             raise InputError(f"The weight of depth is {self.disparity_weight}; give two numbers of 0 or more.")
 
     def learning_rate_at(self, step: int) -> float:
-        """Linear warm-up, then cosine to zero."""
-        return warmed_cosine(self.learning_rate, step, self.num_steps, self.warm_up)
+        """Return the learning rate at a step: linear warm-up, then cosine to zero."""
+        return cosine_with_warm_up(self.learning_rate, step, self.num_steps, self.warm_up)
 
     def photograph_share_at(self, step: int) -> float:
         return self._between(self.photograph_share, step)

@@ -1,4 +1,4 @@
-"""Opening the data sources of a training run."""
+"""Data sources of a training run."""
 
 from pathlib import Path
 
@@ -15,20 +15,20 @@ NUM_PATTERNS, NUM_CROPS = 100, 300
 
 
 def open_sources(photographs: Path | None, textures: Path | None, configuration: Configuration) -> Sources:
-    """Procedural worlds painted with patterns, the given textures and crops of the photographs; and the photographs.
+    """Open procedural scenes, textured with patterns, `textures` and crops of the photographs, and the photographs.
 
-    photographs: scene folders, or chunks of RealEstate10K, ACID or DL3DV (whose images paint no worlds).
-    Raises InputError where a folder holds nothing that can be used, or too few frames for the batches to be drawn.
+    photographs: folder of scene folders, or of chunks of RealEstate10K, ACID or DL3DV (which are not used as textures).
+    Raises InputError if a folder has no usable content, or too few frames for the batches of the configuration.
     """
     if photographs is None and min(configuration.schedule.photograph_share) == 1.0:
         raise InputError("This configuration trains on photographs alone, but there are none; give --photographs.")
-    painted = pattern_textures(NUM_PATTERNS)
+    texture_set = pattern_textures(NUM_PATTERNS)
     if textures is not None:
-        painted += textures_from_folder(textures)
+        texture_set += textures_from_folder(textures)
     if photographs is None:
-        return Sources(ProceduralWorld(painted), None)
+        return Sources(ProceduralWorld(texture_set), None)
     if is_chunk_folder(photographs):
-        return Sources(ProceduralWorld(painted), ChunkScenes(photographs))
+        return Sources(ProceduralWorld(texture_set), ChunkScenes(photographs))
     scenes = Photographs(photographs)
     most_views = max(count for count, _ in configuration.shapes.view_shares)
     if scenes.most_frames < most_views:
@@ -36,5 +36,5 @@ def open_sources(photographs: Path | None, textures: Path | None, configuration:
             f"{photographs}: no scene has the {most_views} frames that batches may ask for; "
             "add photographs, or train fewer context views (--views 2)."
         )
-    painted += textures_from_photographs(photographs, NUM_CROPS)
-    return Sources(ProceduralWorld(painted), scenes)
+    texture_set += textures_from_photographs(photographs, NUM_CROPS)
+    return Sources(ProceduralWorld(texture_set), scenes)

@@ -8,12 +8,12 @@ from fecocodec.coding.payload import code_latents, encode_latents
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
 from fecocodec.coding.rate import Softening, _Meter, estimate_latents, straight_through, uniform_noise
 from fecocodec.coding.symbol_choice import PRICES, symbol_bits
-from fecocodec.entropy.ports import Port
+from fecocodec.entropy.symbol_coders import SymbolCoder
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, load_tables
 from tests.coding.coding_examples import lively_prior, smooth_latents
 
 
-class Sampler(Port):
+class Sampler(SymbolCoder):
     """In place of a writer: symbols drawn from the tables, so that the latents are what the prior says."""
 
     def __init__(self) -> None:

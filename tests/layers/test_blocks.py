@@ -7,15 +7,14 @@ from torch import nn
 from fecocodec.layers.blocks import (
     CONDITION_CHANNELS,
     AdaptiveNorm,
-    BlockChain,
+    Block2d,
     ChannelNorm,
-    PlainBlock2d,
     RateCondition,
     RateEmbedding,
-    downsample,
-    upsample,
+    direct_gradients,
+    pixel_shuffle,
 )
-from fecocodec.layers.placement import place
+from fecocodec.layers.memory_format import to_channels_last
 
 
 def test_channel_norm_gives_every_position_mean_zero_and_variance_one() -> None:
@@ -24,18 +23,28 @@ def test_channel_norm_gives_every_position_mean_zero_and_variance_one() -> None:
     torch.testing.assert_close(normed.var(dim=1, unbiased=False), torch.ones(2, 5, 7), atol=1e-3, rtol=0)
 
 
-def test_adaptive_norm_scales_and_shifts_by_the_condition_of_each_item() -> None:
+def test_adaptive_norm_is_modulated_by_the_condition_of_each_item_alone() -> None:
     norm = AdaptiveNorm(8)
     nn.init.normal_(norm.modulation.weight)
     x, condition = torch.randn(2, 8, 3, 4), _any_condition(2)
-    gamma, beta = norm.modulation(condition.embedding).chunk(2, dim=1)
-    expected = torch.stack(
-        [ChannelNorm()(x)[i] * (1 + gamma[i, :, None, None]) + beta[i, :, None, None] for i in (0, 1)]
-    )
-    torch.testing.assert_close(norm(x, condition), expected)
+    changed = RateCondition(condition.embedding * torch.tensor([[1.0], [0.0]]), condition.latent_gain)
+    before, after = norm(x, condition).detach(), norm(x, changed).detach()
+    torch.testing.assert_close(after[0], before[0])
+    torch.testing.assert_close(after[1], ChannelNorm()(x)[1])  # a condition of zero leaves the normalised values
 
 
-def test_the_condition_tells_lambdas_and_stages_apart() -> None:
+def test_adaptive_norm_gives_each_channel_one_scale_and_one_offset() -> None:
+    norm = AdaptiveNorm(8)
+    nn.init.normal_(norm.modulation.weight)
+    x, condition = torch.randn(1, 8, 6, 6), _any_condition(1)
+    normed, modulated = ChannelNorm()(x)[0].flatten(1), norm(x, condition)[0].detach().flatten(1)
+    for channel in range(8):
+        correlation = torch.corrcoef(torch.stack((normed[channel], modulated[channel])))[0, 1]
+        assert abs(float(correlation)) == pytest.approx(1.0, abs=1e-4)
+    assert float((modulated - normed).abs().mean()) > 0.1
+
+
+def test_conditions_of_lambdas_and_stages_differ() -> None:
     torch.manual_seed(0)
     embedding = RateEmbedding(1768, 11.0, 0.5)
     lambda_q = torch.tensor([0, 884, 1768])
@@ -46,7 +55,7 @@ def test_the_condition_tells_lambdas_and_stages_apart() -> None:
     assert float(distances.detach().min()) > 1e-3
 
 
-def test_a_higher_price_makes_the_step_between_latents_coarser() -> None:
+def test_a_larger_lambda_makes_the_quantisation_step_coarser() -> None:
     gains = RateEmbedding(1768, 11.0, 0.5)(torch.tensor([0, 281, 884, 1768]), 1).latent_gain.flatten()
     assert bool((gains.diff() < 0).all())
     assert float(gains[0]) == pytest.approx(11.0)  # lambda 1e-5
@@ -57,18 +66,31 @@ def _any_condition(num_items: int) -> RateCondition:
     return RateCondition(torch.randn(num_items, CONDITION_CHANNELS), torch.ones(num_items, 1, 1, 1))
 
 
-def test_sampling_and_blocks_keep_their_promised_shapes() -> None:
-    x = torch.randn(3, 16, 8, 12)
-    assert downsample(16, 24)(x).shape == (3, 24, 4, 6)
-    assert upsample(16, 8)(x).shape == (3, 8, 16, 24)
-    assert PlainBlock2d(16, 10)(x).shape == x.shape
-    assert BlockChain(16, 10, 2)(x, _any_condition(3)).shape == x.shape
+def test_pixel_shuffle_is_that_of_torch_with_channels_last() -> None:
+    x = torch.randn(2, 12, 3, 5).contiguous(memory_format=torch.channels_last)
+    shuffled = pixel_shuffle(x)
+    assert torch.equal(shuffled, nn.functional.pixel_shuffle(x, 2))
+    assert shuffled.is_contiguous(memory_format=torch.channels_last)
 
 
-def test_placing_a_network_changes_its_memory_and_not_its_values() -> None:
+def test_a_residual_branch_receives_no_direct_gradient_and_keeps_its_values() -> None:
+    torch.manual_seed(0)
+    block, condition = Block2d(8, 16, is_residual_branch=True), _any_condition(1)
+    x = torch.randn(1, 8, 6, 6, requires_grad=True)
+    whole = block(x, condition)
+    (full_gradient,) = torch.autograd.grad(whole.sum(), x)
+    with direct_gradients():
+        direct = block(x, condition)
+    (direct_gradient,) = torch.autograd.grad(direct.sum(), x)
+    assert torch.equal(direct, whole)
+    assert torch.equal(direct_gradient, torch.ones_like(x))
+    assert float((full_gradient - direct_gradient).abs().max()) > 1e-3
+
+
+def test_channels_last_weights_change_memory_and_not_values() -> None:
     torch.manual_seed(0)
     network, x = nn.Sequential(nn.Conv2d(4, 6, 3), nn.ReLU(), nn.Conv2d(6, 2, 1)), torch.randn(1, 4, 9, 9)
     before = network(x)
-    place(network, "cpu")
+    to_channels_last(network, "cpu")
     assert network[0].weight.is_contiguous(memory_format=torch.channels_last)
     torch.testing.assert_close(network(x), before)

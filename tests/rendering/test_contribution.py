@@ -1,4 +1,4 @@
-"""Contributions: derived by the rasteriser, they add up to the picture's opacity and vanish for hidden Gaussians."""
+"""Contributions sum to the opacity of the image and vanish for hidden Gaussians."""
 
 import torch
 
@@ -23,7 +23,7 @@ def in_front_of(depths: tuple[float, ...]) -> Gaussians:
     )
 
 
-def test_contributions_add_up_to_the_opacity_of_each_picture() -> None:
+def test_contributions_sum_to_the_opacity_of_each_image() -> None:
     cameras, gaussians = example_cameras(2), in_front_of((2.0, 3.0, 5.0))
     weights = contributions(gaussians, cameras, SIZE)
     opacity = render(gaussians, cameras, SIZE).alpha.flatten(1).sum(dim=1)

@@ -1,4 +1,4 @@
-"""What the CUDA renderer hands to gsplat and makes of its answer, with a stand-in that renders on the CPU."""
+"""Conventions between the CUDA renderer and gsplat, with a replacement of gsplat that renders on the CPU."""
 
 import sys
 from dataclasses import replace
@@ -54,7 +54,7 @@ def test_cameras_and_gaussians_arrive_in_gsplats_conventions() -> None:
 
 
 @pytest.mark.usefixtures("gsplat")
-def test_broken_gaussians_do_not_reach_gsplat() -> None:
+def test_gaussians_that_are_not_finite_do_not_reach_gsplat() -> None:
     gaussians = random_gaussians(20)
     scales = gaussians.scales.clone()
     scales[4, 1] = torch.nan

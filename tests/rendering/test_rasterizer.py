@@ -1,4 +1,4 @@
-"""The kernels against the textbook, forward and backward."""
+"""The kernels against a brute-force renderer, forward and backward."""
 
 import pytest
 import torch
@@ -72,7 +72,7 @@ def test_gradient_of_all_outputs_together_is_the_sum(gradients) -> None:
 
 
 def test_textbook_gradients_agree_with_finite_differences() -> None:
-    """The yardstick itself, on a scene without the jumps of alpha's cut-offs: solid Gaussians wider than the image."""
+    """On solid Gaussians wider than the image, where alpha's cut-offs cause no jumps."""
     gaussians = exact(random_gaussians(3))
     fields = (gaussians.means, gaussians.scales + 3.0, gaussians.rotations, gaussians.opacities / 2 + 0.1)
     leaves = tuple(field.detach().requires_grad_() for field in (*fields, gaussians.harmonics))

@@ -1,4 +1,4 @@
-"""Gaussians and inputs nobody should send, but somebody will."""
+"""Invalid Gaussians and inputs: not drawn, or refused with an InputError."""
 
 import math
 

@@ -41,10 +41,10 @@ def test_inverse_of_forward_gives_half_resolution_colours_and_disparity() -> Non
     disparity = F.avg_pool2d(picture[:, :1], 4)
     cells = torch.cat((F.pixel_unshuffle(picture, 4), disparity), dim=1)
     coefficients = F.conv2d(cells, forward_transform(), stride=2)
-    found = torch.einsum("cpk,nkhw->ncphw", inverse_transform(), coefficients)
-    found = F.pixel_shuffle(found.flatten(1, 2), 2)  # [1 13 16 16]
-    assert torch.allclose(found[:, COLOURS:], disparity, atol=1e-5)
-    colours = F.pixel_shuffle(found[:, :COLOURS], 2)
+    decoded = torch.einsum("cpk,nkhw->ncphw", inverse_transform(), coefficients)
+    decoded = F.pixel_shuffle(decoded.flatten(1, 2), 2)  # [1 13 16 16]
+    assert torch.allclose(decoded[:, COLOURS:], disparity, atol=1e-5)
+    colours = F.pixel_shuffle(decoded[:, :COLOURS], 2)
     assert (colours - F.avg_pool2d(picture, 2)).abs().mean() < 0.02
 
 

@@ -18,7 +18,7 @@ from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources
 from fecocodec.training.export import export_model
-from fecocodec.training.log import append_row, forget_rows_after, mean_of_rows
+from fecocodec.training.log import append_row, mean_of_rows, remove_rows_after
 from fecocodec.training.loop import RunSettings, Trainer
 from fecocodec.training.objective import Batch
 from fecocodec.training.procedural.scenes import ProceduralWorld
@@ -167,9 +167,9 @@ def test_a_resumed_run_replaces_the_rows_it_takes_again(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     for step in (50.0, 100.0, 150.0):
         append_row(path, {"step": step, "loss": 1.0})
-    forget_rows_after(path, 100)
+    remove_rows_after(path, 100)
     assert [row.split(",")[0] for row in path.read_text().splitlines()] == ["step", "50", "100"]
-    forget_rows_after(tmp_path / "none.csv", 100)
+    remove_rows_after(tmp_path / "none.csv", 100)
     assert not (tmp_path / "none.csv").exists()
 
 

@@ -1,4 +1,4 @@
-"""Pictures of fixed scenes while training goes on."""
+"""Sample pictures of fixed scenes during training."""
 
 from pathlib import Path
 

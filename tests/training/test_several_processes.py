@@ -146,7 +146,7 @@ def test_ten_and_ten_steps_are_twenty(tmp_path: Path) -> None:
 def test_a_parameter_without_gradient_here_counts_as_zero_where_others_have_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One process stands for a group: `all_reduce` answers as if another process had used the second layer too."""
+    """One process simulates a group: `all_reduce` returns what another process with the second layer would give."""
     layers = nn.ModuleList((nn.Linear(2, 2), nn.Linear(2, 2), nn.Linear(2, 2)))
     layers[0](torch.ones(1, 2)).sum().backward()
     dist.init_process_group("gloo", init_method=f"file://{tmp_path / 'store'}", rank=0, world_size=1)

@@ -9,7 +9,7 @@ import numpy as np
 from fecocodec.coding.payload import CodedLatents, code_latents
 from fecocodec.container import Header, PackedCameras, Stream, coverage_grid
 from fecocodec.container.metadata import Metadata
-from fecocodec.entropy.ports import SymbolWriter
+from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import load_tables
 from fecocodec.geometry.coding_grid import grid_size
 from tests.container.example_streams import TURNED, float32, pose

@@ -63,7 +63,7 @@ def payload_faults(good: Stream) -> list[FaultyVector]:
 def _too_large() -> bytes:
     """A symbol that the escape code could hold and the format forbids; only a writer with another limit makes it."""
     choose: Callable[..., int] = lambda random, table: 2**20 + 1  # noqa: E731
-    with patch("fecocodec.entropy.ports.SYMBOL_LIMIT", 2**21):
+    with patch("fecocodec.entropy.symbol_coders.SYMBOL_LIMIT", 2**21):
         return write_stream(stream_of_recipe(Recipe(64, 64, choose=choose)))
 
 

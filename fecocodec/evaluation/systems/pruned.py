@@ -6,7 +6,7 @@ from time import perf_counter
 from fecocodec.evaluation.systems.codec import codec_system, rendered
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
-from fecocodec.rendering.pruning import pruned
+from fecocodec.rendering.pruning import prune
 from fecocodec.sender.codec import Codec
 
 PRUNED = "fecosplat, pruned"
@@ -21,6 +21,6 @@ def _reconstruct(codec: System, views: Views, num_context: int) -> Reconstructio
     found = codec.reconstruct(views, num_context)
     assert found.gaussians is not None  # a decoded stream has Gaussians
     begin = perf_counter()
-    kept = pruned(found.gaussians, views.cameras.select(list(range(num_context))), views.image_size)
+    kept = prune(found.gaussians, views.cameras.select(list(range(num_context))), views.image_size)
     seconds = found.decode_seconds + perf_counter() - begin
     return rendered(kept, views, found.num_bytes, found.encode_seconds, seconds)

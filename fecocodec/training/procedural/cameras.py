@@ -1,4 +1,4 @@
-"""Camera paths as people hold cameras: orbits, walks and free positions, accepted when the context views overlap."""
+"""Random camera paths like those of hand-held captures: orbits and walks, accepted if the context views overlap."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,19 +9,19 @@ from numpy import ndarray
 
 from fecocodec.training.procedural.images import Pinholes
 from fecocodec.training.procedural.layout import Stage
-from fecocodec.training.procedural.overlap import is_inside, sees
+from fecocodec.training.procedural.overlap import has_overlap, is_inside
 
 Pose = tuple[ndarray, ndarray]
-"""Position of the camera and the point that it looks at, metres."""
+"""Camera position and the point it looks at, in metres."""
 
 
 @dataclass(frozen=True)
 class PathRange:
-    """What paths are drawn from.
+    """Distribution of camera paths.
 
-    baseline: distance between neighbouring context cameras over their distance to what they look at (log-uniform).
-    overlap: least share of what one of two neighbouring context views shows that the other shows too.
-    fov: of the shorter side, degrees.
+    baseline: distance of neighbouring context cameras, divided by their distance to what they view; log-uniform.
+    overlap: least share of a context view that the neighbouring context view shows, too. fov: of the shorter side,
+    degrees.
     """
 
     baseline: tuple[float, float] = (0.08, 0.9)
@@ -29,10 +29,10 @@ class PathRange:
     fov: tuple[float, float] = (30.0, 85.0)
 
 
-def hold_cameras(
+def place_cameras(
     rng: np.random.Generator, stage: Stage, path: PathRange, num_context: int, num_target: int, size: tuple[int, int]
 ) -> Pinholes:
-    """Context cameras first, then target cameras near and between them; size is (height, width)."""
+    """Draw context cameras, then target cameras near and between them; size: (height, width) in pixels."""
     pinhole = _lens(rng, path, size)
     for _ in range(40):
         baseline = float(np.exp(rng.uniform(*np.log(path.baseline))))
@@ -41,10 +41,10 @@ def hold_cameras(
             continue
         while baseline > 0.5 * path.baseline[0]:
             cameras = _along(rng, pose_at, baseline, num_context, num_target, pinhole)
-            if is_inside(cameras, stage.world) and sees(cameras, stage.world, num_context, path.overlap):
+            if is_inside(cameras, stage.world) and has_overlap(cameras, stage.world, num_context, path.overlap):
                 return cameras
             baseline *= 0.75
-    # Everything is in the way: the middle of the room, looking along it with hardly any motion.
+    # No path is free: the middle of the room, looking along it, with little motion.
     middle = stage.world.room_centre
     ahead = middle + np.array([0.0, 0.0, 0.9 * stage.world.room_half[2]])
     step = np.array([0.1, 0.0, 0.0])
@@ -61,7 +61,7 @@ def _lens(rng: np.random.Generator, path: PathRange, size: tuple[int, int]) -> P
 
 
 def _random_path(rng: np.random.Generator, stage: Stage) -> Callable[[float], Pose] | None:
-    """A path as a function of the way along it in units of the distance to what it looks at; None if cramped."""
+    """Return a path as a function of its length in units of the distance to the point it looks at; None if too near."""
     look = _point_of_interest(rng, stage)
     direction = rng.normal(0, 1, 3) * [1.0, 0.35, 1.0]
     direction[1] -= 0.3
@@ -70,14 +70,14 @@ def _random_path(rng: np.random.Generator, stage: Stage) -> Callable[[float], Po
     distance = float(np.linalg.norm(eye - look))
     if distance < 0.5 * stage.distance[0]:
         return None
-    sort = rng.random()
-    if sort < 0.5:
+    kind = rng.random()
+    if kind < 0.5:
         return _orbit(rng, eye, look)
-    return _walk(rng, eye, look, turn=rng.uniform(0.0, 1.0) if sort < 0.85 else rng.uniform(-0.5, 1.5))
+    return _walk(rng, eye, look, turn=rng.uniform(0.0, 1.0) if kind < 0.85 else rng.uniform(-0.5, 1.5))
 
 
 def _point_of_interest(rng: np.random.Generator, stage: Stage) -> Float[ndarray, "3"]:
-    """Mostly a solid, as people point cameras at things; else any point of the stage."""
+    """Draw the centre of a solid (60%) or any point of the stage."""
     centres = stage.world.centres
     if len(centres) and rng.random() < 0.6:
         return np.clip(centres[int(rng.integers(len(centres)))], stage.look_low, stage.look_high)
@@ -85,16 +85,18 @@ def _point_of_interest(rng: np.random.Generator, stage: Stage) -> Float[ndarray,
 
 
 def _orbit(rng: np.random.Generator, eye: Float[ndarray, "3"], look: Float[ndarray, "3"]) -> Callable[[float], Pose]:
-    """Around the point that it looks at, about an axis near the vertical, drifting up or down, nearer or farther."""
+    """Orbit around the point it looks at, about a nearly vertical axis, with drift in height and distance."""
     axis = np.array([0.0, 1.0, 0.0]) + rng.normal(0, 0.25, 3)
     axis /= np.linalg.norm(axis)
     drift, zoom = rng.normal(0, 0.15), rng.normal(0, 0.15)
     arm = eye - look
     distance = float(np.linalg.norm(arm))
 
-    def pose_at(way: float) -> Pose:
-        turned = arm * np.cos(way) + np.cross(axis, arm) * np.sin(way) + axis * (axis @ arm) * (1 - np.cos(way))
-        return look + turned * (1 + zoom * way) + [0.0, drift * way * distance, 0.0], look
+    def pose_at(length: float) -> Pose:
+        turned = (
+            arm * np.cos(length) + np.cross(axis, arm) * np.sin(length) + axis * (axis @ arm) * (1 - np.cos(length))
+        )
+        return look + turned * (1 + zoom * length) + [0.0, drift * length * distance, 0.0], look
 
     return pose_at
 
@@ -102,13 +104,13 @@ def _orbit(rng: np.random.Generator, eye: Float[ndarray, "3"], look: Float[ndarr
 def _walk(
     rng: np.random.Generator, eye: Float[ndarray, "3"], look: Float[ndarray, "3"], turn: float
 ) -> Callable[[float], Pose]:
-    """In a straight line, sideways or forward; turn 0 keeps looking at the point, 1 keeps the direction."""
+    """Move in a straight line. turn: 0 keeps looking at the point, 1 keeps the direction."""
     distance = float(np.linalg.norm(look - eye))
     step = rng.normal(0, 1, 3) * [1.0, 0.4, 1.0]
     if rng.random() < 0.3:
         step = (look - eye) / distance + 0.3 * step
     step *= distance / np.linalg.norm(step)
-    return lambda way: (eye + way * step, look + turn * way * step)
+    return lambda length: (eye + length * step, look + turn * length * step)
 
 
 def _along(
@@ -119,23 +121,23 @@ def _along(
     num_target: int,
     pinhole: Pinholes,
 ) -> Pinholes:
-    """Cameras on a path with a shaky hand; targets mostly between the context views, some just outside."""
+    """Place cameras along a path, with jitter; targets are mostly between the context views, some just outside."""
     span = baseline * max(num_context - 1, 1)
     context = np.linspace(-0.5, 0.5, num_context) if num_context > 1 else np.zeros(1)
-    ways = np.concatenate((context, rng.uniform(-0.6, 0.6, num_target))) * span * rng.choice([-1.0, 1.0])
+    lengths = np.concatenate((context, rng.uniform(-0.6, 0.6, num_target))) * span * rng.choice([-1.0, 1.0])
     roll = rng.normal(0, 0.06)
-    poses = [pose_at(float(way)) for way in ways]
+    poses = [pose_at(float(length)) for length in lengths]
     eyes, rotations = [], []
     for eye, look in poses:
-        shake = float(np.linalg.norm(look - eye))
-        eyes.append(eye + rng.normal(0, 0.06 * baseline * shake, 3))
-        aim = look + rng.normal(0, 0.02 * shake, 3)
+        distance = float(np.linalg.norm(look - eye))
+        eyes.append(eye + rng.normal(0, 0.06 * baseline * distance, 3))
+        aim = look + rng.normal(0, 0.02 * distance, 3)
         rotations.append(_looking(aim - eyes[-1], roll + rng.normal(0, 0.015)))
     return Pinholes(np.stack(eyes), np.stack(rotations), pinhole.focal, pinhole.centre, pinhole.size)
 
 
 def _looking(forward: Float[ndarray, "3"], roll: float) -> Float[ndarray, "3 3"]:
-    """Camera-to-world rotation (columns right, down, forward) with the horizon level up to a roll in radians."""
+    """Return the camera-to-world rotation (columns right, down, forward) with a roll in radians about the level."""
     forward = forward / np.linalg.norm(forward)
     right = np.cross([roll, 1.0, 0.0], forward)
     right /= np.linalg.norm(right)

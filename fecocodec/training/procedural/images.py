@@ -1,5 +1,5 @@
 # mypy: disallow-untyped-defs=False
-"""Images and depth of a procedural world on one core: a ray a pixel, and four more where surfaces change."""
+"""Ray-cast images and depth of a procedural world, on one core: one ray per pixel, four at edges."""
 
 import math
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from fecocodec.training.procedural.tables import GLOW, light_table, solid_table,
 from fecocodec.training.procedural.textures import Textures
 
 _BRIGHTEST = 4.0
-"""Light beyond this counts as this where an edge is smoothed, or a lamp's edge would stay jagged."""
+"""Light is clamped to this where edges are smoothed; otherwise edges of lamps would stay jagged."""
 
 
 @dataclass(frozen=True)
 class Pinholes:
-    """Cameras of one size: positions in metres, camera-to-world rotations, focal length and centre (u, v) in pixels.
+    """Pinhole cameras of one image size. World frame: metres, y down.
 
-    size: (height, width) in pixels.
+    eyes: positions. rotations: camera-to-world. focal, centre (u, v): in pixels. size: (height, width) in pixels.
     """
 
     eyes: Float[ndarray, "view 3"]
@@ -33,7 +33,7 @@ class Pinholes:
     size: tuple[int, int]
 
     def tables(self) -> Float[ndarray, "view 5 3"]:
-        """One table per camera, as the ray caster reads it."""
+        """Return the table of each camera in the layout of `raycast`."""
         optics = np.broadcast_to([self.focal, *self.centre], (len(self.eyes), 1, 3))
         return np.concatenate((self.rotations, self.eyes[:, None], optics), axis=1)
 
@@ -41,7 +41,7 @@ class Pinholes:
 def cast_images(
     world: World, textures: Textures, cameras: Pinholes
 ) -> tuple[Float[ndarray, "view height width 3"], Float[ndarray, "view height width"]]:
-    """Linear light, 0 or more, and z-depth in metres at pixel centres."""
+    """Return linear light, at least 0, and z-depth in metres at pixel centres."""
     height, width = cameras.size
     images = np.empty((len(cameras.eyes), height, width, 3), dtype=np.float32)
     depth = np.empty((len(cameras.eyes), height, width), dtype=np.float32)
@@ -53,7 +53,7 @@ def cast_images(
 
 
 def cast_depth(world: World, cameras: Pinholes) -> Float[ndarray, "view height width"]:
-    """z-depth alone, in metres; for judging a camera path before rendering it."""
+    """Return z-depth alone, in metres, for checks of a camera path."""
     height, width = cameras.size
     depth = np.empty((len(cameras.eyes), height, width), dtype=np.float32)
     room, solids = np.stack((world.room_centre, world.room_half)), solid_table(world)
@@ -92,7 +92,7 @@ def _cast_view(solids, room, surfaces, texels, lights, camera, image, depth):
 
 @compiled
 def _smooth_edges(solids, lists, starts, room, surfaces, texels, lights, camera, faces, image):
-    """Four rays in a turned square instead of one through every pixel whose neighbour shows another face."""
+    """Recompute every pixel whose neighbour shows another face from four rays in a rotated square."""
     height, width = faces.shape
     tiles_across = (width + TILE - 1) // TILE
     for row in range(height):
@@ -126,14 +126,14 @@ def _is_edge(faces, row, column):
 
 @compiled
 def _cast_ray(solids, lists, begin, end, room, surfaces, texels, lights, camera, u, v):
-    """(red, green, blue, depth, number of the face) through an image position."""
+    """Return (red, green, blue, depth, face index) at an image position."""
     ray = ray_through(camera, u, v)
     depth, solid = first_hit(solids, lists, begin, end, room, camera, ray)
     point = (camera[3, 0] + ray[0] * depth, camera[3, 1] + ray[1] * depth, camera[3, 2] + ray[2] * depth)
     normal, chart_u, chart_v, face, surface = surface_at(solids, room, point, solid)
     length = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2])
     view = (ray[0] / length, ray[1] / length, ray[2] / length)
-    # A slanted surface is covered farther along than across; the mip level is for the geometric mean of the two.
+    # The footprint of a pixel on a slanted surface is longer along the slant; the mip level uses the geometric mean.
     slant = max(abs(view[0] * normal[0] + view[1] * normal[1] + view[2] * normal[2]), 0.04)
     footprint = depth * length / camera[OPTICS, 0] / math.sqrt(slant)
     colour = surface_colour(texels, surfaces, surface, chart_u, chart_v, footprint)
@@ -146,7 +146,7 @@ def _cast_ray(solids, lists, begin, end, room, surfaces, texels, lights, camera,
 
 @compiled
 def _openness_of_corner(room, point):
-    """Darkening towards the edges of the room, where less of the surroundings is open."""
+    """Return the ambient occlusion near the edges of the room."""
     openness = 1.0
     for axis in range(3):
         gap = room[1, axis] - abs(point[axis] - room[0, axis])

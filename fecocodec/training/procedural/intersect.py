@@ -1,5 +1,5 @@
 # mypy: disallow-untyped-defs=False
-"""Where a ray meets a convex solid of unit size, compiled; every solid gives one interval of the ray."""
+"""Intersection of rays with convex solids in unit coordinates; each solid gives one interval of the ray."""
 
 import math
 
@@ -7,12 +7,12 @@ from fecocodec.kernels.compilation import compiled
 from fecocodec.training.procedural.solids import BOX, CYLINDER, ELLIPSOID
 
 MISS = 1e30
-"""Start of the interval of a ray that misses; the end is then smaller."""
+"""Start of the interval of a ray that misses; its end is smaller."""
 
 
 @compiled
 def slab(origin, direction):
-    """Interval in which one coordinate lies in [-1, 1]."""
+    """Return the interval in which one coordinate is in [-1, 1]."""
     if abs(direction) < 1e-12:
         direction = 1e-12
     first = (-1.0 - origin) / direction
@@ -21,22 +21,22 @@ def slab(origin, direction):
 
 
 @compiled
-def meet(kind, ox, oy, oz, dx, dy, dz):
-    """(start, end) of the ray inside the solid, in units of the direction; start > end when it misses."""
+def intersect(kind, ox, oy, oz, dx, dy, dz):
+    """Return (start, end) of the ray inside the solid, in units of the direction; start > end if it misses."""
     if kind == BOX:
         start_x, end_x = slab(ox, dx)
         start_y, end_y = slab(oy, dy)
         start_z, end_z = slab(oz, dz)
         return max(start_x, start_y, start_z), min(end_x, end_y, end_z)
     if kind == ELLIPSOID:
-        return _meet_sphere(ox, oy, oz, dx, dy, dz)
+        return _intersect_sphere(ox, oy, oz, dx, dy, dz)
     if kind == CYLINDER:
-        return _meet_cylinder(ox, oy, oz, dx, dy, dz)
-    return _meet_cone(ox, oy, oz, dx, dy, dz)
+        return _intersect_cylinder(ox, oy, oz, dx, dy, dz)
+    return _intersect_cone(ox, oy, oz, dx, dy, dz)
 
 
 @compiled
-def _meet_sphere(ox, oy, oz, dx, dy, dz):
+def _intersect_sphere(ox, oy, oz, dx, dy, dz):
     a = dx * dx + dy * dy + dz * dz
     b = ox * dx + oy * dy + oz * dz
     c = ox * ox + oy * oy + oz * oz - 1.0
@@ -48,7 +48,7 @@ def _meet_sphere(ox, oy, oz, dx, dy, dz):
 
 
 @compiled
-def _meet_cylinder(ox, oy, oz, dx, dy, dz):
+def _intersect_cylinder(ox, oy, oz, dx, dy, dz):
     a = dx * dx + dz * dz + 1e-18
     b = ox * dx + oz * dz
     c = ox * ox + oz * oz - 1.0
@@ -61,7 +61,7 @@ def _meet_cylinder(ox, oy, oz, dx, dy, dz):
 
 
 @compiled
-def _meet_cone(ox, oy, oz, dx, dy, dz):
+def _intersect_cone(ox, oy, oz, dx, dy, dz):
     """Apex at y = -1, base of radius 1 at y = 1: x^2 + z^2 <= ((y + 1) / 2)^2."""
     height = oy + 1.0
     a = dx * dx + dz * dz - 0.25 * dy * dy
@@ -86,8 +86,8 @@ def _meet_cone(ox, oy, oz, dx, dy, dz):
 
 @compiled
 def normal_and_chart(kind, x, y, z, hx, hy, hz):
-    """At a surface point in unit coordinates: outward normal (3, unit coordinates, any length), texture
-    position in metres (2), and the number of the smooth face that the point belongs to."""
+    """Return, at a surface point in unit coordinates, the outward normal (3, unit coordinates, any length), the texture
+    position in metres (2) and the index of the smooth face."""
     radial = math.sqrt(x * x + z * z)
     if kind == BOX:
         return _box_chart(x, y, z, hx, hy, hz)

@@ -1,4 +1,4 @@
-"""Whole worlds: rooms, table tops, open ground and floating solids, from bare to crowded."""
+"""Random worlds: rooms, table tops, open ground and floating solids, from bare to crowded."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from fecocodec.training.procedural.furniture import INDOOR_THINGS, OUTDOOR_THINGS, table
+from fecocodec.training.procedural.furniture import INDOOR_PROPS, OUTDOOR_PROPS, table
 from fecocodec.training.procedural.lights import indoor_lights, sunlight
 from fecocodec.training.procedural.materials import Palette
 from fecocodec.training.procedural.props import clutter, floating
@@ -15,9 +15,9 @@ from fecocodec.training.procedural.solids import BOX, Builder, World, yaw_rotati
 
 @dataclass(frozen=True)
 class Stage:
-    """A world and where a camera may stand and look, as corners of boxes in metres (y down, floor at 0).
+    """A world and the boxes (corners in metres, y down, floor at 0) of camera positions and of points to look at.
 
-    distance: how far from what it looks at a camera stands.
+    distance: range of the distance between camera and point, in metres.
     """
 
     world: World
@@ -29,13 +29,13 @@ class Stage:
 
 
 def lay_out(rng: np.random.Generator, num_textures: int, complexity: float) -> Stage:
-    """A random world. complexity: 0 (bare walls) to 1 (crowded)."""
+    """Draw a random world. complexity: 0 (bare walls) to 1 (crowded)."""
     layout = _LAYOUTS[int(rng.choice(len(_LAYOUTS), p=_SHARES))]
     return layout(rng, Palette(rng, num_textures), complexity)
 
 
 def _count(rng: np.random.Generator, complexity: float, most: int) -> int:
-    """A number of things that grows with complexity."""
+    """Draw a number of props that grows with complexity."""
     return round(most * complexity * float(rng.uniform(0.6, 1.0)))
 
 
@@ -45,9 +45,9 @@ def _room(rng: np.random.Generator, palette: Palette, complexity: float) -> Stag
     half = np.array([rng.uniform(1.3, 4.0), rng.uniform(1.1, 1.6), rng.uniform(1.5, 5.0)])
     centre = np.array([0.0, -half[1], 0.0])
     for _ in range(_count(rng, complexity, 9)):
-        thing = INDOOR_THINGS[int(rng.integers(len(INDOOR_THINGS)))]
+        prop = INDOOR_PROPS[int(rng.integers(len(INDOOR_PROPS)))]
         x, z = rng.uniform(-0.95, 0.95, 2) * half[[0, 2]]
-        thing(rng, builder, palette, (float(x), 0.0, float(z)))
+        prop(rng, builder, palette, (float(x), 0.0, float(z)))
     for _ in range(_count(rng, complexity, 9)):
         _on_wall(rng, builder, palette, half)
     for _ in range(_count(rng, complexity, 8)):
@@ -73,11 +73,11 @@ def _on_wall(rng: np.random.Generator, builder: Builder, palette: Palette, half:
     x, z = (side * half[0], position) if wall < 2 else (position, side * half[2])
     rotation = yaw_rotation(np.pi / 2 if wall < 2 else 0.0)
     sort = rng.random()
-    material = palette.lamp() if sort < 0.1 else palette.picture(size) if sort < 0.8 else palette.thing(2 * size[0])
+    material = palette.lamp() if sort < 0.1 else palette.picture(size) if sort < 0.8 else palette.prop(2 * size[0])
     builder.add(BOX, (float(x), height, float(z)), (*size, rng.uniform(0.01, 0.06)), rotation, material)
     if rng.random() < 0.5:
         frame = (size[0] + 0.05, size[1] + 0.05, 0.008)
-        builder.add(BOX, (float(x), height, float(z)), frame, rotation, palette.thing(0.4))
+        builder.add(BOX, (float(x), height, float(z)), frame, rotation, palette.prop(0.4))
 
 
 def _table_top(rng: np.random.Generator, palette: Palette, complexity: float) -> Stage:
@@ -89,16 +89,16 @@ def _table_top(rng: np.random.Generator, palette: Palette, complexity: float) ->
         level = -rng.uniform(0.3, 0.7)
         top = (rng.uniform(0.3, 1.0), 0.02, rng.uniform(0.3, 0.8))
         builder.add(BOX, (0.0, level + 0.02, 0.0), top, yaw_rotation(rng.uniform(0.0, 6.3)), palette.wall(2 * top[0]))
-        builder.add(BOX, (0.0, level / 2 + 0.04, 0.0), (0.15, -level / 2, 0.15), np.eye(3), palette.thing(0.5))
+        builder.add(BOX, (0.0, level / 2 + 0.04, 0.0), (0.15, -level / 2, 0.15), np.eye(3), palette.prop(0.5))
     clutter(rng, builder, palette, (0.0, level, 0.0), rng.uniform(0.1, 0.3))
     for _ in range(_count(rng, complexity, 20)):
         x, z = rng.normal(0.0, 0.22, 2)
         clutter(rng, builder, palette, (float(x), level, float(z)), rng.uniform(0.03, 0.18))
     for _ in range(_count(rng, complexity, 5)):
-        thing = INDOOR_THINGS[int(rng.integers(len(INDOOR_THINGS)))]
+        prop = INDOOR_PROPS[int(rng.integers(len(INDOOR_PROPS)))]
         angle, far = rng.uniform(0.0, 6.3), rng.uniform(0.75, 0.95)
         x, z = far * half[0] * np.cos(angle), far * half[2] * np.sin(angle)
-        thing(rng, builder, palette, (float(x), 0.0, float(z)))
+        prop(rng, builder, palette, (float(x), 0.0, float(z)))
     faces = [palette.wall(2 * half[0]) for _ in range(6)]
     world = builder.build((np.array([0.0, -half[1], 0.0]), half), faces, indoor_lights(rng, half))
     eye_low, eye_high = np.array([-0.9, -1.9, -0.9]) * half, np.array([0.9 * half[0], level - 0.08, 0.9 * half[2]])
@@ -107,14 +107,14 @@ def _table_top(rng: np.random.Generator, palette: Palette, complexity: float) ->
 
 
 def _open_ground(rng: np.random.Generator, palette: Palette, complexity: float) -> Stage:
-    """Houses, trees and things under the sky, or a square between facades."""
+    """Houses, trees and props under the sky, or a square between facades."""
     builder = Builder()
     half = np.array([rng.uniform(8, 25), rng.uniform(5, 15), rng.uniform(8, 25)])
     for _ in range(1 + _count(rng, complexity, 10)):
-        thing = OUTDOOR_THINGS[int(rng.integers(len(OUTDOOR_THINGS)))]
+        prop = OUTDOOR_PROPS[int(rng.integers(len(OUTDOOR_PROPS)))]
         angle, far = rng.uniform(0.0, 6.3), rng.uniform(0.0, 0.8) ** 0.7
         x, z = far * half[0] * np.cos(angle), far * half[2] * np.sin(angle)
-        thing(rng, builder, palette, (float(x), 0.0, float(z)))
+        prop(rng, builder, palette, (float(x), 0.0, float(z)))
     for _ in range(_count(rng, complexity, 12)):
         x, z = rng.normal(0.0, 1.5, 2)
         clutter(rng, builder, palette, (float(x), 0.0, float(z)), rng.uniform(0.1, 0.6))

@@ -1,4 +1,4 @@
-"""Light as it falls into rooms and onto open ground."""
+"""Random lights of rooms and of open ground."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +8,7 @@ from fecocodec.training.procedural.solids import Lights
 
 
 def indoor_lights(rng: np.random.Generator, half: Float[ndarray, "3"]) -> Lights:
-    """A lamp under the ceiling, or light from outside through where a window might be."""
+    """Draw a lamp under the ceiling, or a distant light as through a window."""
     if rng.random() < 0.6:
         key = rng.uniform(-0.8, 0.8, 3) * half
         key[1] = -2 * half[1] * rng.uniform(0.85, 0.99)
@@ -19,7 +19,7 @@ def indoor_lights(rng: np.random.Generator, half: Float[ndarray, "3"]) -> Lights
 
 
 def sunlight(rng: np.random.Generator) -> Lights:
-    """A key light far away above the horizon."""
+    """Draw a distant key light above the horizon."""
     angle, height = rng.uniform(0, 6.3), rng.uniform(0.35, 1.5)
     key = 1e3 * np.array([np.cos(height) * np.cos(angle), -np.sin(height), np.cos(height) * np.sin(angle)])
     fill = 1e3 * np.array([rng.uniform(-1, 1), -1.0, rng.uniform(-1, 1)])

@@ -1,4 +1,4 @@
-"""Random surfaces for walls, furniture and things."""
+"""Random materials of walls, furniture and props."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,21 +10,21 @@ Colour = tuple[float, float, float]
 
 
 class Palette:
-    """Draws materials; a world keeps some of them so that its things look as if they belonged together."""
+    """Draws materials. A world reuses some of them, so that its props look related."""
 
     def __init__(self, rng: np.random.Generator, num_textures: int) -> None:
         self._rng = rng
         self._num_textures = num_textures
-        self._kept = [self._thing(1.0) for _ in range(int(rng.integers(2, 6)))]
+        self._kept = [self._new_prop(1.0) for _ in range(int(rng.integers(2, 6)))]
 
-    def thing(self, extent: float) -> Material:
-        """For something about extent metres wide: now and then one that was used before."""
+    def prop(self, extent: float) -> Material:
+        """Return the material of a prop about `extent` metres wide; one in four is reused."""
         if self._rng.random() < 0.25:
             return self._kept[int(self._rng.integers(len(self._kept)))]
-        return self._thing(extent)
+        return self._new_prop(extent)
 
     def wall(self, extent: float) -> Material:
-        """For a wall, floor or ceiling extent metres wide: papered, tiled, or painted in a light colour."""
+        """Return the material of a wall, floor or ceiling `extent` metres wide: textured or painted."""
         rng = self._rng
         painted = rng.random() < 0.3
         light = rng.uniform(0.3, 0.9) + rng.uniform(-0.08, 0.08, 3)
@@ -32,18 +32,18 @@ class Palette:
         return self._textured(share, rng.uniform(1.5, 9.0) / extent, light, gloss=rng.uniform(0, 0.1))
 
     def picture(self, half: tuple[float, float]) -> Material:
-        """For a flat box in its own x-y plane: one texture stretched over it."""
+        """Return the material of a flat box in its own x-y plane: one texture stretched over it."""
         texture = int(self._rng.integers(self._num_textures))
         scale = (0.5 / half[0], 0.5 / half[1])
         return Material(texture, 1.0, scale, (0.5, 0.5), self._tint(0.1), (0.5, 0.5, 0.5))
 
     def lamp(self) -> Material:
-        """Something that shines by itself."""
+        """Return the material of a light source."""
         warm = self._rng.uniform(0.6, 1.0)
         return Material(0, 0.0, (1.0, 1.0), (0.0, 0.0), (1.0, 1.0, 1.0), (1.5, 1.5 * warm, 1.5 * warm * warm), glow=1.0)
 
     def sky(self, extent: float) -> Material:
-        """A backdrop that needs no light, from plain to cloudy."""
+        """Return the material of a backdrop that needs no light, from plain to cloudy."""
         rng = self._rng
         blue = rng.uniform(0.7, 1.4) * np.array([rng.uniform(0.4, 0.9), rng.uniform(0.6, 0.95), 1.0])
         texture = int(rng.integers(self._num_textures))
@@ -51,7 +51,7 @@ class Palette:
         share = rng.uniform(0.0, 0.5)
         return Material(texture, share, (scale, scale), (0.3, 0.5), self._tint(0.2), _colour(blue), glow=1.0)
 
-    def _thing(self, extent: float) -> Material:
+    def _new_prop(self, extent: float) -> Material:
         rng = self._rng
         share = rng.uniform(0.0, 0.2) if rng.random() < 0.2 else rng.uniform(0.75, 1.0)
         plain = rng.uniform(0.02, 0.9, 3) ** 1.5

@@ -1,4 +1,4 @@
-"""Whether cameras stand where one could hold them, and how much of each other's views they see."""
+"""Checks of camera paths: free positions and overlap of the views."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,17 +8,17 @@ from fecocodec.training.procedural.images import Pinholes, cast_depth
 from fecocodec.training.procedural.solids import World
 
 _PROBE = 16
-"""Side in pixels of the depth maps that judge a path."""
+"""Shorter side in pixels of the depth maps of these checks."""
 
 
 def is_inside(cameras: Pinholes, world: World) -> bool:
-    """Whether every camera is in the room, a hand's breadth from its walls."""
+    """Return whether every camera is inside the room, with a margin to its walls."""
     gap = world.room_half - np.abs(cameras.eyes - world.room_centre)
     return bool((gap > np.minimum(0.15, 0.1 * world.room_half)).all())
 
 
-def sees(cameras: Pinholes, world: World, num_context: int, overlap: float) -> bool:
-    """Whether no camera has its nose against something and neighbouring context views overlap enough."""
+def has_overlap(cameras: Pinholes, world: World, num_context: int, overlap: float) -> bool:
+    """Return whether no camera is too near to a surface and neighbouring context views overlap by `overlap`."""
     scale = _PROBE / min(cameras.size)
     size = (round(cameras.size[0] * scale), round(cameras.size[1] * scale))
     centre = (cameras.centre[0] * scale, cameras.centre[1] * scale)
@@ -32,7 +32,7 @@ def sees(cameras: Pinholes, world: World, num_context: int, overlap: float) -> b
 
 
 def shared_view(cameras: Pinholes, depth: Float[ndarray, "view height width"], first: int, second: int) -> float:
-    """Share of the pixels of the first view whose surface the second view shows unhidden."""
+    """Return the share of the first view's pixels whose surface is visible in the second view."""
     height, width = cameras.size
     rows, columns = np.mgrid[0:height, 0:width] + 0.5
     rays = np.stack(((columns - cameras.centre[0]) / cameras.focal, (rows - cameras.centre[1]) / cameras.focal), -1)
@@ -43,5 +43,5 @@ def shared_view(cameras: Pinholes, depth: Float[ndarray, "view height width"], f
     u = np.floor(cameras.centre[0] + cameras.focal * seen[..., 0] / z).astype(int)
     v = np.floor(cameras.centre[1] + cameras.focal * seen[..., 1] / z).astype(int)
     in_frame = (seen[..., 2] > 1e-3) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    found = depth[second][np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
-    return float((in_frame & (z < found * 1.15)).mean())
+    visible_depth = depth[second][np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
+    return float((in_frame & (z < visible_depth * 1.15)).mean())

@@ -1,4 +1,4 @@
-"""Textures made by code: noise, gradients, stripes, checks, bricks, boards, dots, marble, cloth and writing."""
+"""Random textures: noise, stripes, checks, bricks, boards, dots, marble, cloth, writing and collages."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ Pattern = Callable[[np.random.Generator, int], ndarray]
 
 
 def draw_patterns(rng: np.random.Generator, num_patterns: int, side: int) -> UInt8[ndarray, "pattern side side 3"]:
-    """Random patterns of every sort, in sRGB; all of them tile."""
+    """Draw random patterns of every kind, in sRGB; all of them tile."""
     images = np.empty((num_patterns, side, side, 3), dtype=np.uint8)
     for index in range(num_patterns):
         weight = _PATTERNS[index % len(_PATTERNS)](rng, side)
@@ -19,7 +19,7 @@ def draw_patterns(rng: np.random.Generator, num_patterns: int, side: int) -> UIn
 
 
 def _colour(weight: Float[ndarray, "side side"], rng: np.random.Generator, side: int) -> UInt8[ndarray, "side side 3"]:
-    """Blend two colours by the pattern, with a third woven in by noise, and grain on top."""
+    """Blend two colours by the pattern, add a third by noise, then grain."""
     first, second, third = rng.uniform(0.03, 0.97, (3, 3)) * 0.75 + rng.uniform(0.03, 0.97, (3, 1)) * 0.25
     if rng.random() < 0.3:
         second = first + (second - first) * rng.uniform(0.15, 0.6)

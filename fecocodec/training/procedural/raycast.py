@@ -1,8 +1,8 @@
 # mypy: disallow-untyped-defs=False
-"""Where the rays of a camera end, compiled: the nearest surface, its normal and its texture position.
+"""Nearest surface along the rays of a camera, its normal and its texture position.
 
 A camera is a table of 5 x 3 numbers: the camera-to-world rotation by rows, the position, and (focal length, centre u,
-centre v) in pixels. Solids are the table of `world_tables`; a room is its centre and half size.
+centre v) in pixels. Solids are the table of `tables`; a room is its centre and half size.
 """
 
 import math
@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from fecocodec.kernels.compilation import compiled
-from fecocodec.training.procedural.intersect import meet, normal_and_chart
+from fecocodec.training.procedural.intersect import intersect, normal_and_chart
 from fecocodec.training.procedural.shading import to_unit
 from fecocodec.training.procedural.solids import BOX, NUM_ROOM_FACES
 from fecocodec.training.procedural.tables import CENTRE, FRAME, HALF, KIND
@@ -18,13 +18,13 @@ from fecocodec.training.procedural.tables import CENTRE, FRAME, HALF, KIND
 EYE, OPTICS = 3, 4
 TILE = 16
 _NEAREST = 0.02
-"""Metres in front of a camera within which nothing is seen."""
+"""Near clipping distance in metres."""
 _FACES_PER_SOLID = 8
 
 
 @compiled
 def ray_through(camera, u, v):
-    """World direction through an image position in pixels, scaled to one unit along the optical axis."""
+    """Return the world direction through an image position in pixels, with length 1 along the optical axis."""
     x, y = (u - camera[OPTICS, 1]) / camera[OPTICS, 0], (v - camera[OPTICS, 2]) / camera[OPTICS, 0]
     return (
         camera[0, 0] * x + camera[0, 1] * y + camera[0, 2],
@@ -35,7 +35,7 @@ def ray_through(camera, u, v):
 
 @compiled
 def first_hit(solids, candidates, begin, end, room, camera, ray):
-    """(depth, solid) of the nearest surface among candidates[begin:end] and the room; solid -1 is the room."""
+    """Return (depth, solid) of the nearest surface of candidates[begin:end] and the room; solid -1 is the room."""
     nearest = 1e30
     for axis in range(3):
         direction = ray[axis]
@@ -48,7 +48,7 @@ def first_hit(solids, candidates, begin, end, room, camera, ray):
         x, y, z = _from_centre(solids, solid, camera[EYE, 0], camera[EYE, 1], camera[EYE, 2])
         ox, oy, oz = to_unit(solids, solid, x, y, z)
         dx, dy, dz = to_unit(solids, solid, ray[0], ray[1], ray[2])
-        enter, leave = meet(solids[solid, KIND], ox, oy, oz, dx, dy, dz)
+        enter, leave = intersect(solids[solid, KIND], ox, oy, oz, dx, dy, dz)
         if enter < leave and _NEAREST < enter < nearest:
             nearest, hit = enter, solid
     return nearest, hit
@@ -56,7 +56,7 @@ def first_hit(solids, candidates, begin, end, room, camera, ray):
 
 @compiled
 def surface_at(solids, room, point, solid):
-    """(unit normal, texture position in metres (2), number of the smooth face, number of the surface)"""
+    """Return (unit normal, texture position in metres (2), index of the smooth face, index of the surface)."""
     if solid < 0:
         x, y, z = point[0] - room[0, 0], point[1] - room[0, 1], point[2] - room[0, 2]
         hx, hy, hz = room[1, 0], room[1, 1], room[1, 2]
@@ -66,7 +66,7 @@ def surface_at(solids, room, point, solid):
     x, y, z = to_unit(solids, solid, x, y, z)
     hx, hy, hz = solids[solid, HALF], solids[solid, HALF + 1], solids[solid, HALF + 2]
     nx, ny, nz, chart_u, chart_v, face = normal_and_chart(solids[solid, KIND], x, y, z, hx, hy, hz)
-    # Normals go through the transposed inverse of unit-to-world, which is the transpose of the stored matrix.
+    # Normals transform by the inverse transpose of unit-to-world, the transpose of the stored matrix.
     wx = solids[solid, FRAME] * nx + solids[solid, FRAME + 3] * ny + solids[solid, FRAME + 6] * nz
     wy = solids[solid, FRAME + 1] * nx + solids[solid, FRAME + 4] * ny + solids[solid, FRAME + 7] * nz
     wz = solids[solid, FRAME + 2] * nx + solids[solid, FRAME + 5] * ny + solids[solid, FRAME + 8] * nz
@@ -82,7 +82,7 @@ def _from_centre(solids, solid, x, y, z):
 
 @compiled
 def solids_by_tile(solids, camera, height, width):
-    """(solids, starts): the solids that may show in tile t, counted by rows, are solids[starts[t] : starts[t + 1]]."""
+    """Return (solids, starts): solids that may cover tile t (row by row) are solids[starts[t] : starts[t + 1]]."""
     rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
     lists = np.empty(rows * columns * len(solids), np.int64)
     starts = np.zeros(rows * columns + 1, np.int64)
@@ -103,7 +103,7 @@ def solids_by_tile(solids, camera, height, width):
 
 @compiled
 def _image_bounds(solids, solid, camera, height, width):
-    """(left, top, right, bottom) of its box in pixels; all of the image when it reaches behind the camera."""
+    """Return (left, top, right, bottom) of a solid in pixels; the whole image if it extends behind the camera."""
     left, top, right, bottom = 1e9, 1e9, -1e9, -1e9
     cx, cy, cz = _from_centre(solids, solid, camera[EYE, 0], camera[EYE, 1], camera[EYE, 2])
     num_behind = 0

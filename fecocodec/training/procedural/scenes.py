@@ -1,4 +1,4 @@
-"""Procedural scenes without limit: photo-like views of random worlds with exact cameras and depth."""
+"""Procedural scenes: photo-like views of random worlds with exact cameras and depth."""
 
 from dataclasses import dataclass, field
 
@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
-from fecocodec.training.procedural.cameras import PathRange, hold_cameras
+from fecocodec.training.procedural.cameras import PathRange, place_cameras
 from fecocodec.training.procedural.images import Pinholes, cast_images
 from fecocodec.training.procedural.layout import lay_out
 from fecocodec.training.procedural.solids import random_rotation
@@ -22,10 +22,8 @@ from fecocodec.training.samples import Sample
 class ProceduralWorld:
     """Draws a new random world for every sample.
 
-    textures: what its surfaces are painted with.
-    complexity: range to draw from, 0 (bare walls) to 1 (crowded).
-    path: how the cameras are held.
-    decades: the unit of length is drawn log-uniformly over this many decades around the metre.
+    textures: of its surfaces. complexity: range, from 0 (bare walls) to 1 (crowded). path: distribution of cameras.
+    decades: the unit of length is log-uniform over this many decades around the metre.
     """
 
     textures: Textures
@@ -34,12 +32,12 @@ class ProceduralWorld:
     decades: float = 4.0
 
     def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
-        """One scene with exact depth; size is (height, width) in pixels. The same for the same generator state."""
+        """Draw one scene with exact depth; size: (height, width) in pixels. Equal states give equal samples."""
         rng = np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))
         complexity = float(rng.uniform(*self.complexity))
         unit = 10 ** float(rng.uniform(-self.decades / 2, self.decades / 2))
         stage = lay_out(rng, len(self.textures), complexity)
-        pinholes = hold_cameras(rng, stage, self.path, num_context, num_target, size)
+        pinholes = place_cameras(rng, stage, self.path, num_context, num_target, size)
         light, depth = cast_images(stage.world, self.textures, pinholes)
         images = _develop(rng, light)
         names = tuple(f"view {view}" for view in range(len(images)))
@@ -51,13 +49,13 @@ class ProceduralWorld:
 def _develop(
     rng: np.random.Generator, light: Float[ndarray, "view height width 3"]
 ) -> Float[ndarray, "view height width 3"]:
-    """Linear light to an sRGB-like photograph: one exposure and white balance for the scene, gamma 2, sensor noise."""
+    """Convert linear light to sRGB-like photographs: one exposure and white balance, a tone curve, sensor noise."""
     exposure = rng.uniform(0.1, 0.35) / max(float(light.mean()), 1e-3)
     balance = np.exp(rng.normal(0, 0.12, 3)) * exposure
     noise_level = rng.uniform(0.0, 0.015)
     per_view = np.exp(rng.normal(0, 0.02, (len(light), 1, 1, 1)))
     exposed = light * (balance * per_view).astype(np.float32)
-    # A shoulder keeps some drawing in the lights, as cameras do: straight up to 0.7, then bent towards 1.
+    # A shoulder keeps detail in highlights, as in cameras: linear up to 0.7, then approaching 1.
     bent = np.where(exposed > 0.7, 1 - 0.3 * np.exp((0.7 - exposed) / 0.3), exposed)
     contrast = rng.uniform(0.0, 0.6)
     toned = np.sqrt(bent)
@@ -70,7 +68,7 @@ def _develop(
 def _cameras(
     rng: np.random.Generator, pinholes: Pinholes, depth: Float[ndarray, "view height width"], unit: float
 ) -> Cameras:
-    """Cameras in an arbitrary world frame and unit; near and far as of a reconstruction, widened quantiles of depth."""
+    """Return cameras in a random world frame and unit of length; near and far are widened quantiles of depth."""
     height, width = pinholes.size
     turn = random_rotation(rng)
     extrinsics = np.tile(np.eye(4), (len(pinholes.eyes), 1, 1))

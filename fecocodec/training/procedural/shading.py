@@ -1,13 +1,13 @@
 # mypy: disallow-untyped-defs=False
-"""The colour of a surface point, compiled: filtered texture, shadow, ambient occlusion, diffuse light and highlight.
+"""Colour of a surface point: filtered texture, shadow, ambient occlusion, diffuse light and highlight.
 
-Vectors are three numbers of a tuple; tables are those of `world_tables`; colours are linear light.
+Vectors are three numbers of a tuple; tables are those of `tables`; colours are linear light.
 """
 
 import math
 
 from fecocodec.kernels.compilation import compiled
-from fecocodec.training.procedural.intersect import meet
+from fecocodec.training.procedural.intersect import intersect
 from fecocodec.training.procedural.tables import (
     AMBIENT,
     AREA,
@@ -34,12 +34,12 @@ from fecocodec.training.procedural.textures import TEXTURE_SIDE
 
 _NUM_LEVELS = TEXTURE_SIDE.bit_length()
 _LEAST_SKY = 0.02
-"""Solids whose bounding sphere fills less of the sky than this do not darken a point."""
+"""Solids whose bounding sphere covers a smaller share of the sky than this are ignored in ambient occlusion."""
 
 
 @compiled
 def to_unit(solids, solid, x, y, z):
-    """Turn and scale a world vector into the unit coordinates of a solid."""
+    """Transform a world vector to the unit coordinates of a solid."""
     return (
         solids[solid, FRAME] * x + solids[solid, FRAME + 1] * y + solids[solid, FRAME + 2] * z,
         solids[solid, FRAME + 3] * x + solids[solid, FRAME + 4] * y + solids[solid, FRAME + 5] * z,
@@ -49,7 +49,7 @@ def to_unit(solids, solid, x, y, z):
 
 @compiled
 def _filtered_texel(texels, texture, level, u, v):
-    """Bilinear value of a tiling texture at one mip level, sRGB to linear light by gamma 2."""
+    """Return the bilinear value of a tiling texture at one mip level, in linear light (gamma 2)."""
     side = TEXTURE_SIDE >> level
     start = (4 * (TEXTURE_SIDE * TEXTURE_SIDE - side * side)) // 3
     x = (u - math.floor(u)) * side + (side - 0.5)
@@ -95,7 +95,7 @@ def surface_colour(texels, surfaces, surface, chart_u, chart_v, footprint):
 
 @compiled
 def visibility_and_openness(solids, own, point, normal, lights):
-    """(share of the key light that arrives, share of the surroundings that other solids leave open).
+    """Return (share of the key light that arrives, share of the surroundings that other solids do not cover).
 
     A shadow deepens with the length of the light ray's chord in a solid, relative to the distance: full in the
     middle, soft at the edge. Openness sums up the solids as spheres (Quilez, "sphere ambient occlusion").
@@ -120,7 +120,7 @@ def visibility_and_openness(solids, own, point, normal, lights):
             if along > -radius and squared - along * along < radius * radius:
                 ox, oy, oz = to_unit(solids, solid, -x, -y, -z)
                 dx, dy, dz = to_unit(solids, solid, to_light[0], to_light[1], to_light[2])
-                start, end = meet(solids[solid, KIND], ox, oy, oz, dx, dy, dz)
+                start, end = intersect(solids[solid, KIND], ox, oy, oz, dx, dy, dz)
                 start, end = max(start, 1e-3 * (1.0 + radius)), min(end, distance)
                 visible -= max(end - start, 0.0) / (softness * start + 1e-3 * radius)
     return (max(visible, 0.0) if is_lit else 0.0), 1.0 - min(hidden, 0.75)
@@ -128,7 +128,7 @@ def visibility_and_openness(solids, own, point, normal, lights):
 
 @compiled
 def lit(surfaces, surface, colour, lights, point, normal, view, visible, openness):
-    """Light that a surface of this colour sends towards the viewer: Lambert, and Blinn-Phong for the highlight."""
+    """Return the light from a surface of this colour towards the viewer: Lambert, with a Blinn-Phong highlight."""
     to_key, _ = direction_to(lights, KEY, point)
     to_fill, _ = direction_to(lights, FILL, point)
     key = max(_dot(to_key, normal), 0.0) * visible
@@ -156,7 +156,7 @@ def _lit_channel(lights, channel, colour, key, fill, openness, shine, glow):
 
 @compiled
 def direction_to(lights, light, point):
-    """(unit vector from a point to a light, metres to it)"""
+    """Return (unit vector from a point to a light, distance in metres)."""
     x, y, z = lights[light, 0] - point[0], lights[light, 1] - point[1], lights[light, 2] - point[2]
     distance = math.sqrt(x * x + y * y + z * z)
     return (x / distance, y / distance, z / distance), distance

@@ -1,4 +1,4 @@
-"""The contents of a procedural world as plain arrays: a room, convex solids in it, their surfaces and two lights."""
+"""Contents of a procedural world as arrays: a room, convex solids, their surfaces and two lights."""
 
 from dataclasses import dataclass, field
 
@@ -15,11 +15,11 @@ NUM_ROOM_FACES = 6
 
 @dataclass(frozen=True)
 class Material:
-    """How a surface looks. Colours are linear light.
+    """Appearance of a surface. Colours are linear light.
 
-    texture: index into the textures. texture_share: 0 plain colour, 1 texture alone.
+    texture: index into the textures. texture_share: 0 for the plain colour, 1 for the texture alone.
     texture_scale: repeats of the texture per metre, horizontally and vertically.
-    gloss: strength of the highlight. shininess: its exponent. glow: share of the colour that needs no light.
+    gloss: strength of the highlight. shininess: its exponent. glow: share of the colour that is emitted.
     """
 
     texture: int
@@ -35,10 +35,10 @@ class Material:
 
 @dataclass(frozen=True)
 class Lights:
-    """A key light that casts shadows, a fill light that does not, and light from everywhere.
+    """A key light that casts shadows, a fill light that does not, and ambient light.
 
     key, fill: positions in metres (far away for the sun). *_colour: linear light that reaches a surface facing them.
-    softness: shadows fade in over this fraction of the distance to what casts them.
+    softness: width of penumbras as a fraction of the distance to the caster.
     """
 
     key: Float[ndarray, "3"]
@@ -65,7 +65,7 @@ class World:
 
 @dataclass
 class Builder:
-    """Collects solids while a world is laid out."""
+    """Collects the solids of a world."""
 
     kinds: list[int] = field(default_factory=list)
     centres: list[tuple[float, float, float]] = field(default_factory=list)
@@ -89,7 +89,7 @@ class Builder:
         self.materials.append(material)
 
     def build(self, room: tuple[ndarray, ndarray], faces: list[Material], lights: Lights) -> World:
-        """The finished world; room is its centre and half size, faces the six materials of the room."""
+        """Return the world. room: its centre and half size in metres. faces: the six materials of the room."""
         return World(
             room_centre=np.asarray(room[0], dtype=np.float64),
             room_half=np.asarray(room[1], dtype=np.float64),
@@ -103,13 +103,13 @@ class Builder:
 
 
 def yaw_rotation(angle: float) -> Float[ndarray, "3 3"]:
-    """Turn about the vertical axis, radians."""
+    """Return the rotation about the vertical axis by an angle in radians."""
     cos, sin = np.cos(angle), np.sin(angle)
     return np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
 
 
 def random_rotation(rng: np.random.Generator) -> Float[ndarray, "3 3"]:
-    """A uniformly random rotation (from a normalised random quaternion)."""
+    """Draw a uniformly distributed rotation (from a normalised random quaternion)."""
     w, x, y, z = (lambda q: q / np.linalg.norm(q))(rng.standard_normal(4))
     return np.array(
         [

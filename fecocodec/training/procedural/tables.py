@@ -1,4 +1,4 @@
-"""A world as the tables of numbers that the compiled ray caster reads: one row a solid, one row a surface."""
+"""A world as tables of numbers for the compiled ray caster: one row per solid, one row per surface."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +8,7 @@ from fecocodec.training.procedural.solids import ELLIPSOID, Lights, Material, Wo
 
 KIND, CENTRE, HALF, FRAME, RADIUS, AREA = 0, 1, 4, 7, 16, 17
 """Columns of a solid: kind, centre (3), half sizes (3), world-to-unit-coordinates matrix (9, by rows), radius of the
-bounding sphere, and the mean square of its half sizes, which stands for how much of the surroundings it hides."""
+bounding sphere, and the mean square of the half sizes, for ambient occlusion."""
 
 TEXTURE, SCALE, OFFSET, SHARE, TINT, PLAIN, GLOSS, SHININESS, GLOW = 0, 1, 3, 5, 6, 9, 12, 13, 14
 """Columns of a surface, as in `Material`: texture, scale (2), offset (2), share, tint (3), plain (3), ..."""
@@ -18,7 +18,7 @@ KEY, KEY_COLOUR, FILL, FILL_COLOUR, AMBIENT, SOFTNESS = range(6)
 
 
 def solid_table(world: World) -> Float[ndarray, "solid 18"]:
-    """One row per solid, columns as above."""
+    """Return one row per solid, columns as above."""
     to_unit = world.rotations.transpose(0, 2, 1) / world.halves[:, :, None]
     corner_radii = np.linalg.norm(world.halves, axis=-1)
     radii = np.where(world.kinds == ELLIPSOID, world.halves.max(-1, initial=0.0), corner_radii)
@@ -35,12 +35,12 @@ def solid_table(world: World) -> Float[ndarray, "solid 18"]:
 
 
 def surface_table(surfaces: tuple[Material, ...]) -> Float[ndarray, "surface 15"]:
-    """One row per surface, columns as above."""
+    """Return one row per surface, columns as above."""
     return np.array([_surface_row(surface) for surface in surfaces], dtype=np.float64)
 
 
 def light_table(lights: Lights) -> Float[ndarray, "6 3"]:
-    """One row per quantity, rows as above."""
+    """Return one row per quantity, rows as above."""
     softness = np.full(3, lights.softness)
     rows = (lights.key, lights.key_colour, lights.fill, lights.fill_colour, lights.ambient, softness)
     return np.stack(rows).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Texture pyramids that procedural worlds are painted with."""
+"""Texture pyramids of procedural worlds."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ TEXTURE_SIDE = 128
 
 @dataclass(frozen=True)
 class Textures:
-    """Square sRGB textures with all their mip levels, finest first, flattened one after the other."""
+    """Square sRGB textures with all mip levels, finest first, flattened and concatenated."""
 
     texels: UInt8[ndarray, "texture texel 3"]
 
@@ -42,12 +42,15 @@ def pyramid_of(images: UInt8[ndarray, "texture side side 3"]) -> Textures:
 
 
 def pattern_textures(num_textures: int, seed: int = 0) -> Textures:
-    """Textures made by code alone (noise, bricks, boards, writing, ...); the same for the same seed."""
+    """Draw textures of noise, bricks, boards, writing and others. Equal seeds give equal textures."""
     return pyramid_of(draw_patterns(np.random.default_rng(seed), num_textures, TEXTURE_SIDE))
 
 
 def textures_from_folder(folder: Path) -> Textures:
-    """Every WebP, PNG or JPEG of a folder, its middle square scaled to the texture size."""
+    """Read every image of a folder and scale its middle square to the texture size.
+
+    Raises InputError if there is no image.
+    """
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in IMAGE_SUFFIXES)
     if not paths:
         raise InputError(f"{folder}: no images to use as textures; give a folder that holds some.")
@@ -55,7 +58,10 @@ def textures_from_folder(folder: Path) -> Textures:
 
 
 def textures_from_photographs(folder: Path, num_crops: int, seed: int = 0) -> Textures:
-    """Random square crops of the photographs below a folder (`*/images/*`); the same for the same seed."""
+    """Draw square crops of the photographs below a folder (`*/images/*`). Equal seeds give equal crops.
+
+    Raises InputError if there is no photograph.
+    """
     rng = np.random.default_rng(seed)
     paths = sorted(path for path in folder.glob("*/images/*") if path.suffix.lower() in IMAGE_SUFFIXES)
     if not paths:

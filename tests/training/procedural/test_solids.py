@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fecocodec.training.procedural.intersect import meet
+from fecocodec.training.procedural.intersect import intersect
 from fecocodec.training.procedural.solids import BOX, CONE, CYLINDER, ELLIPSOID
 
 STEPS = np.linspace(-6, 6, 24001)
@@ -27,7 +27,7 @@ def test_interval_is_where_the_ray_is_inside(kind: int) -> None:
         origin = rng.normal(0, 1.2, 3)
         direction = rng.normal(0, 1, 3)
         direction /= np.linalg.norm(direction)
-        start, end = meet(float(kind), *origin, *direction)
+        start, end = intersect(float(kind), *origin, *direction)
         inside = is_inside(kind, origin + STEPS[:, None] * direction)
         if inside.sum() < 2:
             assert end - start < 2e-3

@@ -1,7 +1,8 @@
-"""Symbols <-> bytes, in one routine for both directions; the only file that knows constriction.
+"""Symbols <-> bytes, in one routine for both directions. Only this file imports constriction.
 
-A port exchanges a batch of symbols at a time. Within a batch, elements are grouped by table (ascending, stable), which
-is several times faster than in their own order; the batch's escapes follow (`bitstream_spec/ENTROPY.md`, section 3).
+A symbol coder codes one batch of symbols at a time. Within a batch, elements are grouped by table (ascending, stable),
+which is several times faster than coding them in order; the batch's escapes follow (`bitstream_spec/ENTROPY.md`,
+section 3).
 """
 
 from abc import ABC, abstractmethod
@@ -30,17 +31,16 @@ def _table_model(table_index: int) -> _Model:
     return constriction.stream.model.Categorical(weights, lazy=False, perfect=False)
 
 
-class Port(ABC):
-    """One end of the exchange of symbols; `SymbolWriter` and `SymbolReader` differ only in `_code`."""
+class SymbolCoder(ABC):
+    """Codes symbols; `SymbolWriter` and `SymbolReader` differ only in `_code` and `_code_uniform`."""
 
     def exchange(
         self, table_index: Int[np.ndarray, "*shape"], wanted: Int[np.ndarray, "*shape"] | None
     ) -> Int32[np.ndarray, "*shape"]:
-        """Symbols of one batch as both ends have them afterwards.
+        """Code one batch and return its symbols, equal at both ends.
 
-        table_index: in [0, 64); where it is below FIRST_CODED_TABLE nothing is coded and the symbol is 0. wanted: the
-        symbols to write, clamped to +-2^20; a reader ignores it. Raises BitstreamError if a reader finds an impossible
-        value.
+        table_index: in [0, 64); below FIRST_CODED_TABLE nothing is coded and the symbol is 0. wanted: the symbols to
+        write, clamped to +-2^20; a reader ignores it. Raises BitstreamError if a reader decodes an impossible value.
         """
         tables = table_index.ravel()
         order = np.argsort(tables.astype(np.uint8), kind="stable")  # of bytes: a radix sort
@@ -53,11 +53,11 @@ class Port(ABC):
 
     @abstractmethod
     def _code(self, model: _Model, wanted: np.ndarray | None, count: int) -> np.ndarray:
-        """`count` entries of one model."""
+        """Code `count` entries with one model; wanted: the entries to write."""
 
     @abstractmethod
     def _code_uniform(self, wanted: np.ndarray | None, sizes: np.ndarray) -> np.ndarray:
-        """Entries in [0, size), each with its own size."""
+        """Code entries uniform in [0, size), one size per entry; wanted: the entries to write."""
 
     def _exchange_grouped(self, tables: np.ndarray, wanted: np.ndarray | None) -> np.ndarray:
         symbols = np.empty(tables.size, dtype=np.int64)
@@ -99,8 +99,8 @@ class Port(ABC):
         return symbols
 
 
-class SymbolWriter(Port):
-    """Collects symbols; `finish` gives the payload. ANS is a stack, so nothing is coded before the end is known."""
+class SymbolWriter(SymbolCoder):
+    """Collects symbols; `finish` returns the payload. ANS is a stack, so all symbols are coded at the end, reversed."""
 
     def __init__(self) -> None:
         self._pending: list[tuple[np.ndarray, _Model, tuple[np.ndarray, ...]]] = []
@@ -113,12 +113,12 @@ class SymbolWriter(Port):
 
     def _push(self, wanted: np.ndarray | None, model: _Model, *parameters: np.ndarray) -> np.ndarray:
         if wanted is None:
-            raise ValueError("A SymbolWriter needs the symbols to write.")
+            raise ValueError("SymbolWriter.exchange: wanted is None; pass the symbols to write.")
         self._pending.append((wanted.astype(np.int32), model, parameters))
         return wanted.astype(np.int64)
 
     def finish(self) -> bytes:
-        """The payload: little-endian 32-bit words."""
+        """Return the payload: little-endian 32-bit words."""
         coder = constriction.stream.stack.AnsCoder()
         for entries, model, parameters in reversed(self._pending):
             coder.encode_reverse(entries, model, *parameters)
@@ -126,11 +126,11 @@ class SymbolWriter(Port):
         return words.astype("<u4").tobytes()
 
 
-class SymbolReader(Port):
-    """Reads the symbols of a payload, in the batches in which they were written."""
+class SymbolReader(SymbolCoder):
+    """Decodes a payload, in the same batches in which it was written."""
 
     def __init__(self, payload: bytes) -> None:
-        """Raises BitstreamError if the payload cannot be one."""
+        """Raises BitstreamError if the payload's length or last word is impossible."""
         if len(payload) % 4 or payload[-4:] == bytes(4):
             raise BitstreamError(
                 f"payload: its {len(payload)} bytes are not 32-bit words of which the last is not zero; "
@@ -147,6 +147,6 @@ class SymbolReader(Port):
         return entries.astype(np.int64)
 
     def finish(self) -> None:
-        """Raises BitstreamError unless the payload was used up exactly, as only the encoding of the symbols read is."""
+        """Raises BitstreamError unless the payload was consumed exactly."""
         if not self._coder.is_empty():
             raise BitstreamError("payload: its symbols and its bytes do not end together; the payload is damaged.")

@@ -1,4 +1,4 @@
-"""What a writer was given, a reader gets; and a payload means what the specification says."""
+"""Readers return the symbols of writers, and payloads follow the specification."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fecocodec.entropy.digest import symbol_digest
-from fecocodec.entropy.ports import SymbolReader, SymbolWriter
+from fecocodec.entropy.symbol_coders import SymbolReader, SymbolWriter
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT, load_tables
 from fecocodec.errors import BitstreamError
 from tests.entropy.ans_reference import ReferenceAns, decode_batch
@@ -33,11 +33,11 @@ def write(batches: Batches) -> tuple[bytes, list[np.ndarray]]:
 def is_noticed(payload: bytes, tables: np.ndarray, digest: bytes) -> bool:
     try:
         reader = SymbolReader(payload)
-        found = reader.exchange(tables, None)
+        decoded = reader.exchange(tables, None)
         reader.finish()
     except BitstreamError:
         return True
-    return symbol_digest([found]) != digest
+    return symbol_digest([decoded]) != digest
 
 
 def gaussian_batch(seed: int, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +108,7 @@ def test_nothing_coded_is_an_empty_payload():
 
 
 def test_damaged_payloads_are_noticed():
-    """A state that ends empty is the encoding of exactly the symbols read, so damage must change them or be found."""
+    """A state that ends empty encodes exactly the symbols read, so damage must change them or be detected."""
     tables, symbols = gaussian_batch(seed=2, size=500)
     payload, kept = write([(tables, symbols)])
     rng = np.random.default_rng(3)
