@@ -23,7 +23,7 @@ class ReceiverConfig:
     # logarithm. Symbols that save bits (`coding/symbol_choice.py`) do better with somewhat finer steps.
     largest_gain: float = 9.1206  # of latents at lambda 1e-5
     gain_exponent: float = 0.4
-    # What another view contradicts (`receiver/contradiction.py`).
+    # What another view contradicts (`receiver/free_space.py`).
     contradicting_colour: float = 0.12  # squared distance of sRGB colours in [0, 1] at which half is believed
     contradicting_lead: float = 0.1  # logarithm of the ratio of depths at which half is believed: 10% nearer
     contradicting_lead_width: float = 0.07

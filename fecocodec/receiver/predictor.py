@@ -14,7 +14,7 @@ from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
 from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_shuffle, residual_branch, upsample
-from fecocodec.receiver.contradiction import contradiction
+from fecocodec.receiver.free_space import free_space_violation
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid: one per 2x2 pixels
@@ -113,7 +113,7 @@ class Predictor(nn.Module):
         view_to_world = quaternion_from_matrix(cameras.extrinsics[..., :3, :3])[..., None, None, :]
         colour, opacity = torch.sigmoid(2.0 * colour), torch.sigmoid(opacity[..., 0] + 2.0)
         means = camera_to_world_points(cameras, rays * depth[..., None])
-        opacity = opacity * (1.0 - contradiction(means, depth, colour, opacity, cameras, self.config))
+        opacity = opacity * (1.0 - free_space_violation(means, depth, colour, opacity, cameras, self.config))
         return Gaussians(
             means=rearrange(means, "b v h w xyz -> b (v h w) xyz"),
             scales=rearrange(scales, "b v h w xyz -> b (v h w) xyz"),

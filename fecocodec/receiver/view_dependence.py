@@ -18,7 +18,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
-from fecocodec.receiver.shown import SMALLEST_DEPTH, seen_by, shown_at
+from fecocodec.receiver.sampling import SMALLEST_DEPTH, project, sample_at
 
 
 def view_dependent(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: ReceiverConfig) -> Gaussians:
@@ -60,8 +60,8 @@ def _harmonics(
     for other in range(cameras.num_views):
         if other == view:
             continue
-        uv, depth, is_seen = seen_by(cameras.select([other]), places)
-        there = shown_at(shown[other], uv)
+        uv, depth, is_seen = project(cameras.select([other]), places)
+        there = sample_at(shown[other], uv)
         lag = (there[3] * depth).clamp_min(1e-6).log()
         weight = is_seen * torch.sigmoid((config.hiding_lag - lag) / config.hiding_lag_width)
         turn = _directions(places, centres[other]) - direction

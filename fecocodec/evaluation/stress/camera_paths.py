@@ -49,3 +49,15 @@ def along_a_line(count: int) -> Float[Tensor, "view 4 4"]:
     """So many context cameras over the same way, then the target in the middle."""
     steps = torch.linspace(-0.5, 0.5, count).tolist() if count > 1 else [-0.25]
     return _stack(*(look((step, 0.05 * step, -1.5)) for step in (*steps, 0.02)))
+
+
+def orbit(count: int) -> Float[Tensor, "view 4 4"]:
+    """So many context cameras on a full circle that look at its centre, then the target between the first two."""
+    angles = [360.0 * step / count for step in (*range(count), 0.5)]
+    return _stack(*(look((-math.sin(math.radians(a)), 0.0, -math.cos(math.radians(a))), a) for a in angles))
+
+
+def with_far_view() -> Float[Tensor, "view 4 4"]:
+    """Two cameras side by side and one at the other end of the room that looks at them, then the target half-way."""
+    near = sideways()
+    return torch.cat((near[:2], look((0.3, 0.0, 1.9), 170.0)[None], near[2:]))

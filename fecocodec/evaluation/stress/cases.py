@@ -12,8 +12,10 @@ from fecocodec.evaluation.stress.camera_paths import (
     back_to_back,
     facing,
     forwards,
+    orbit,
     sideways,
     turning,
+    with_far_view,
 )
 from fecocodec.geometry.views import Views
 
@@ -110,6 +112,8 @@ def room_cases() -> tuple[StressCase, ...]:
         "pure rotation": (turning(), "warned"),
         "opposite views": (facing(), "finite"),
         "no overlap": (back_to_back(), "warned"),
+        "orbit of 8 views": (orbit(8), "finite"),
+        "far view beside a pair": (with_far_view(), "finite"),
     }
 
     def trial(room: Room, poses: torch.Tensor) -> Trial:

@@ -1,4 +1,4 @@
-"""Gaussians that another view contradicts fade; all others stay as they are."""
+"""The free-space check against a wall with a patch in front of it."""
 
 import pytest
 import torch
@@ -6,7 +6,7 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.receiver.contradiction import contradiction
+from fecocodec.receiver.free_space import free_space_violation
 
 SIDE = 32  # Gaussians a side
 PATCH = (slice(12, 20), slice(12, 20))  # of the first view, seen by the second as well
@@ -30,7 +30,7 @@ def judged(cameras: Cameras, patch_depth: float, patch_colour: Tensor, scale: fl
     depth[0, 0][PATCH], colour[0, 0][PATCH] = patch_depth, patch_colour
     depth = scale * depth
     means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depth[..., None])
-    return contradiction(means, depth, colour, torch.full_like(depth, 0.7), cameras, CONFIG)
+    return free_space_violation(means, depth, colour, torch.full_like(depth, 0.7), cameras, CONFIG)
 
 
 def test_a_patch_of_another_colour_in_front_of_what_the_other_view_shows_is_contradicted() -> None:
@@ -73,8 +73,8 @@ def test_the_order_of_views_does_not_matter() -> None:
     colour = torch.rand(1, 2, SIDE, SIDE, 3, generator=generator)
     opacity = torch.rand(1, 2, SIDE, SIDE, generator=generator)
     means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depth[..., None])
-    found = contradiction(means, depth, colour, opacity, cameras, CONFIG)
-    turned = contradiction(
+    found = free_space_violation(means, depth, colour, opacity, cameras, CONFIG)
+    turned = free_space_violation(
         means[:, [1, 0]], depth[:, [1, 0]], colour[:, [1, 0]], opacity[:, [1, 0]], cameras.select([1, 0]), CONFIG
     )
     torch.testing.assert_close(turned[:, [1, 0]], found)
@@ -85,3 +85,38 @@ def test_what_lies_behind_the_other_camera_is_left_alone() -> None:
     cameras = cameras_side_by_side()
     cameras.extrinsics[0, 1, 2, 3] = 3.5  # the second camera stands beyond the patch
     assert judged(cameras, 2.5, RED)[0, 0][PATCH].max() == 0.0
+
+
+def three_in_a_row() -> Cameras:
+    """The two cameras side by side and a third one between them."""
+    cameras = cameras_side_by_side().select([0, 1, 1])
+    cameras.extrinsics[0, 2, 0, 3] = 0.25
+    return cameras
+
+
+def walls_with_patches(cameras: Cameras, views_with_patch: list[int], patch: Tensor) -> Tensor:
+    """Violations where some of the views see a square of one colour at depth 2.5, the others the wall behind it."""
+    rays = pixel_rays(cameras, SIDE, SIDE)
+    at_patch = camera_to_world_points(cameras, 2.5 * rays)[..., :2]
+    is_patch = (at_patch.abs() < 0.4).all(dim=-1)
+    is_patch &= torch.tensor([view in views_with_patch for view in range(cameras.num_views)])[:, None, None]
+    depth = torch.where(is_patch, 2.5, WALL)
+    colour = torch.where(is_patch[..., None], patch, BLUE)
+    means = camera_to_world_points(cameras, rays * depth[..., None])
+    found = free_space_violation(means, depth, colour, torch.full_like(depth, 0.7), cameras, CONFIG)
+    return found[0, 0][is_patch[0, 0]]
+
+
+def test_a_third_view_that_confirms_a_gaussian_halves_its_violation() -> None:
+    cameras = three_in_a_row()
+    alone = walls_with_patches(cameras, [0], RED)
+    confirmed = walls_with_patches(cameras, [0, 2], RED)
+    assert alone.mean() > 0.8
+    assert confirmed.mean() < alone.mean() - 0.1
+
+
+def test_a_view_that_no_other_confirms_is_rejected_at_a_smaller_difference_of_colour() -> None:
+    cameras, near_blue = three_in_a_row(), BLUE + torch.tensor([0.12, 0.12, 0.0])
+    pair = walls_with_patches(cameras.select([0, 1]), [0], near_blue)
+    triple = walls_with_patches(cameras, [0], near_blue)
+    assert triple.mean() > pair.mean() + 0.01

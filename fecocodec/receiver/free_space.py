@@ -1,0 +1,93 @@
+"""Free-space check: find Gaussians that stand in front of what another view shows and differ from it in colour.
+
+A depth that only one view determines is uncertain, and a Gaussian that is too near hides what other views show. A real
+surface in front of another view's surface would be visible in that view too (Curless and Levoy, "A volumetric method
+for building complex models from range images", 1996). From three views on, other views also confirm Gaussians: those
+whose colour and depth agree with another view. Confirmed Gaussians are protected from surfaces that no view confirms,
+and the Gaussians of a view that is confirmed less than the other one are rejected at a smaller difference of colour.
+"""
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.config import ReceiverConfig
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.receiver.confirmation import Comparison, compare, confirmation
+from fecocodec.receiver.sampling import sample_at
+
+POOLED = 2  # side of the blocks of Gaussians whose mean is a view's surface
+# These belong into ReceiverConfig when its weights are next written.
+PROTECTION = 0.5  # share of a violation that is dropped where the Gaussian is confirmed and the surface is not
+STRICTNESS = 2.0  # power of the ratio of two views' confirmation that scales the difference of colour
+
+
+@torch.no_grad()
+def free_space_violation(
+    means: Float[Tensor, "batch view h2 w2 3"],
+    depth: Float[Tensor, "batch view h2 w2"],
+    colour: Float[Tensor, "batch view h2 w2 3"],
+    opacity: Float[Tensor, "batch view h2 w2"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> Float[Tensor, "batch view h2 w2"]:
+    """Return the strongest free-space violation of each Gaussian over all other views, in [0, 1]; no gradient.
+
+    means are in the world of the cameras, depth is in the Gaussian's own view, both in scene units; h2 and w2 are even.
+    """
+    if cameras.num_views == 1:
+        return torch.zeros_like(depth)
+    points, colour = (rearrange(x, "b v h w c -> b c v h w").contiguous() for x in (means, colour))
+    surfaces = _surfaces(depth, colour, opacity)
+    scenes = zip(points, colour, surfaces, strict=True)
+    return torch.stack([_violation(*scene, cameras.scene(index), config) for index, scene in enumerate(scenes)])
+
+
+def _surfaces(
+    depth: Float[Tensor, "batch view h2 w2"],
+    colour: Float[Tensor, "batch 3 view h2 w2"],
+    opacity: Float[Tensor, "batch view h2 w2"],
+) -> Float[Tensor, "batch view 4 h4 w4"]:
+    """Colour and inverse depth of each view's own Gaussians: means over blocks, weighted by opacity."""
+    values = torch.cat((colour, 1.0 / depth[:, None], torch.ones_like(depth)[:, None]), dim=1)
+    weighted = rearrange(values * (opacity[:, None] + 1e-3), "b c v h w -> (b v) c h w")
+    pooled = rearrange(F.avg_pool2d(weighted, POOLED), "(b v) c h w -> b v c h w", b=len(depth))
+    return pooled[:, :, :4] / pooled[:, :, 4:]
+
+
+def _violation(
+    points: Float[Tensor, "3 view h2 w2"],
+    colour: Float[Tensor, "3 view h2 w2"],
+    surfaces: Float[Tensor, "view 4 h4 w4"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> Float[Tensor, "view h2 w2"]:
+    """The strongest violation in one scene."""
+    views = cameras.num_views
+    strongest = torch.zeros_like(points[0])
+    confirmed = confirmation(points, colour, surfaces, cameras, config) if views > 2 else torch.zeros_like(strongest)
+    share = confirmed.mean(dim=(1, 2))
+    pooled = F.avg_pool2d(confirmed[:, None], POOLED)
+    for judge in range(views):
+        others = [view for view in range(views) if view != judge]
+        seen = compare(points[:, others], colour[:, others], surfaces[judge], cameras.select([judge]))
+        tolerance = torch.full_like(share[others], config.contradicting_colour)
+        if views > 2:
+            tolerance = tolerance * (share[others] / share[judge].clamp_min(1e-6)).clamp(max=1.0) ** STRICTNESS
+        violation = _in_front(seen, tolerance, config)
+        if views > 2:
+            surface = sample_at(pooled[judge], seen.uv)[0]
+            violation = violation * (1.0 - PROTECTION * confirmed[others] * (1.0 - surface))
+        strongest[others] = torch.maximum(strongest[others], violation)
+    return strongest
+
+
+def _in_front(
+    seen: Comparison, tolerance: Float[Tensor, " other"], config: ReceiverConfig
+) -> Float[Tensor, "other h2 w2"]:
+    """The violation by position and colour alone."""
+    nearer = torch.sigmoid((seen.lead - config.contradicting_lead) / config.contradicting_lead_width)
+    difference = seen.squared_difference.square()
+    return seen.is_seen * nearer * difference / (difference + tolerance.square()[:, None, None]).clamp_min(1e-20)
