@@ -107,9 +107,9 @@ def command(
         )
         gaussians = decoded.gaussians
         if prune:
-            from fecocodec.rendering.pruning import prune
+            from fecocodec.rendering import pruning
 
-            gaussians = prune(gaussians, decoded.cameras, decoded.image_size)
+            gaussians = pruning.prune(gaussians, decoded.cameras, decoded.image_size)
     write_ply(output, gaussians, overwrite=overwrite)
     seconds = round(perf_counter() - start, 3)
     damage = decoded.damage
