@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
+from fecocodec.geometry.rotations import matrix_from_quaternion, multiply, quaternion_from_matrix
 
 
 def assert_same_rotation(quaternion: torch.Tensor, expected: Rotation) -> None:
@@ -32,3 +32,8 @@ def test_products_follow_the_order_of_matrices() -> None:
     left, right = Rotation.random(100, random_state=1), Rotation.random(100, random_state=2)
     quaternions = (quaternion_from_matrix(torch.from_numpy(r.as_matrix())) for r in (left, right))
     assert_same_rotation(multiply(*quaternions), left * right)
+
+
+def test_the_matrix_of_a_quaternion_is_the_inverse_of_the_quaternion_of_a_matrix() -> None:
+    matrices = torch.from_numpy(Rotation.random(100, random_state=3).as_matrix())
+    torch.testing.assert_close(matrix_from_quaternion(quaternion_from_matrix(matrices)), matrices)

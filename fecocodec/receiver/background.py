@@ -1,0 +1,157 @@
+"""Background layer: blurred Gaussians where no context view looks, so that other views see no black areas there.
+
+The border of each view is continued outwards, with more blur and larger cells further out, on several layers behind
+the surface at the border. Only candidates that no context view sees are kept (`receiver/hidden.py`): the decoded
+colours account for a black background, so anything behind them would brighten the context views. The layer is computed
+from decoded Gaussians and cameras; it needs no bits.
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange, repeat
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras, rays_through
+from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
+from fecocodec.geometry.rotations import quaternion_from_matrix
+from fecocodec.receiver.hidden import ExtendedDepth, is_hidden
+
+SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
+SMALLEST_OPACITY = 0.01  # a border of smaller mean opacity is transparent and not continued
+
+
+@dataclass(frozen=True)
+class BackgroundConfig:
+    """Shape of the background layer. Lengths on the image are shares of its width (or height)."""
+
+    depth_factors: tuple[float, ...] = (1.1, 1.8, 3.0)  # depth of each layer over the blurred depth of the border
+    reach: float = 1.5  # how far the layers extend beyond each border
+    gap: float = 0.024  # between the border and the first cell
+    first_cell: float = 0.015  # width of the first cell
+    cell_growth: float = 1.7  # width of a cell over that of the one before it
+    cells_inside: int = 12  # along a side of the image
+    blur: float = 0.03  # standard deviation of the blur at the border
+    blur_growth: float = 0.25  # growth of the blur per distance from the border
+    cell_scale: float = 0.6  # standard deviation of a Gaussian over the width of its cell
+    thickness: float = 0.3  # standard deviation along the optical axis over the smaller lateral one
+    opacity: float = 0.95
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Cells along one image axis, before 0, in [0, 1] and after 1; centres and widths in normalised image units."""
+
+    centres: Float[Tensor, " cell"]
+    widths: Float[Tensor, " cell"]
+
+
+DEFAULT_BACKGROUND = BackgroundConfig()
+
+
+def background(
+    gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: BackgroundConfig = DEFAULT_BACKGROUND
+) -> Gaussians:
+    """Return the background layer as Gaussians with harmonics of degree 0, in the frame of the cameras.
+
+    gaussians: of whole views, `grid` = (height, width) of them each, ordered (view, row, column), whose colours do not
+    depend on the direction; opacity 0 for those that are not emitted. cameras: of these views, near = 1; the grids
+    cover their images. A transparent border is not continued.
+    """
+    axis = _axis(config, gaussians.means)
+    colour, depth, opacity = _continued(gaussians, cameras, grid, axis, config)
+    candidates = _candidates(colour, depth, opacity, cameras, axis, config)
+    is_kept = (candidates.opacities > 0.0) & is_hidden(candidates, ExtendedDepth(depth, axis.centres), cameras)
+    return candidates.keep(is_kept)
+
+
+def append(gaussians: Gaussians, layer: Gaussians) -> Gaussians:
+    """Concatenate Gaussians and a layer of degree 0, whose missing harmonics are zero."""
+    missing = gaussians.harmonics.shape[-2] - layer.harmonics.shape[-2]
+    harmonics = F.pad(layer.harmonics, (0, 0, 0, missing))
+    added = (layer.means, layer.scales, layer.rotations, layer.opacities, harmonics)
+    return Gaussians(*(torch.cat(fields) for fields in zip(gaussians.fields(), added, strict=True)))
+
+
+def _axis(config: BackgroundConfig, like: Tensor) -> _Axis:
+    """Uniform cells inside the image; beyond it, after a gap, cells that grow by a constant ratio."""
+    edge, width, distances, widths = config.gap, config.first_cell, [], []
+    while edge < config.reach:
+        distances.append(edge + 0.5 * width)
+        widths.append(width)
+        edge, width = edge + width, width * config.cell_growth
+    inside = [(cell + 0.5) / config.cells_inside for cell in range(config.cells_inside)]
+    centres = [*(-distance for distance in reversed(distances)), *inside, *(1.0 + distance for distance in distances)]
+    all_widths = [*reversed(widths), *(1.0 / config.cells_inside for _ in inside), *widths]
+    return _Axis(like.new_tensor(centres), like.new_tensor(all_widths))
+
+
+def _continued(
+    gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], axis: _Axis, config: BackgroundConfig
+) -> tuple[Float[Tensor, "view row column 3"], Float[Tensor, "view row column"], Float[Tensor, "view row column"]]:
+    """Return sRGB colour and depth of each view at the cells, and the opacity at the nearest point of the image.
+
+    They are means over the view's Gaussians around that point. Colour and depth are weighted by opacity; the depth is
+    the root of the mean square, which favours what lies farther away.
+    """
+    views = cameras.num_views
+    means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0])
+    offset = means - cameras.extrinsics[:, None, None, :3, 3]
+    depth = (offset * cameras.extrinsics[:, None, None, :3, 2]).sum(dim=-1)
+    is_usable = means.isfinite().all(dim=-1) & (depth > SMALLEST_DEPTH)
+    opacity = rearrange(gaussians.opacities, "(v h w) -> v h w", v=views, h=grid[0])
+    colour = rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v h w rgb", v=views, h=grid[0])
+    values = torch.stack((*(0.5 + SH_DEGREE_0 * colour).clamp(0.0, 1.0).unbind(dim=-1), depth.square()))
+    values = torch.where(is_usable, values, 0.0)
+    weight = is_usable * opacity
+    rows, columns = (_blur_weights(axis, side, config) for side in grid)
+    total = (rows @ weight @ columns.T).clamp_min(SMALLEST_DEPTH)
+    red, green, blue, square = rows @ (values * weight) @ columns.T / total
+    rows, columns = (_blur_weights(axis, side, replace(config, blur_growth=0.0)) for side in grid)
+    at_border = rows @ weight @ columns.T
+    return torch.stack((red, green, blue), dim=-1), square.sqrt().clamp_min(SMALLEST_DEPTH), at_border
+
+
+def _blur_weights(axis: _Axis, side: int, config: BackgroundConfig) -> Float[Tensor, "cell side"]:
+    """Weights of the pixels of one image axis in each cell's blur: normal, around the nearest point of the image."""
+    nearest = axis.centres.clamp(0.0, 1.0)
+    deviation = (config.blur_growth * (axis.centres - nearest).abs()).clamp_min(config.blur)
+    pixels = (torch.arange(side).to(axis.centres) + 0.5) / side
+    return torch.softmax(-0.5 * ((pixels - nearest[:, None]) / deviation[:, None]).square(), dim=1)
+
+
+def _candidates(
+    colour: Float[Tensor, "view row column 3"],
+    depth: Float[Tensor, "view row column"],
+    opacity: Float[Tensor, "view row column"],
+    cameras: Cameras,
+    axis: _Axis,
+    config: BackgroundConfig,
+) -> Gaussians:
+    """One Gaussian for each layer, view and cell beyond the image, facing its view; ordered (layer, view, cell).
+
+    opacity: of the border; that of a Gaussian is `config.opacity`, or 0 where the border is transparent.
+    """
+    is_beyond = (axis.centres < 0) | (axis.centres > 1)
+    row, column = torch.nonzero(is_beyond[:, None] | is_beyond, as_tuple=True)
+    factors = depth.new_tensor(config.depth_factors)
+    depths = rearrange(factors, "layer -> layer 1 1") * depth[:, row, column]
+    uv = torch.stack((axis.centres[column], axis.centres[row]), dim=-1).expand(cameras.num_views, 1, -1, -1)
+    rays = (rays_through(cameras, uv) @ cameras.extrinsics[:, None, :3, :3].mT)[:, 0]
+    means = cameras.extrinsics[:, None, :3, 3] + rays * depths[..., None]
+    focal = cameras.intrinsics.diagonal(dim1=-2, dim2=-1)[:, None, :2]
+    lateral = torch.stack((axis.widths[column], axis.widths[row]), dim=-1) * config.cell_scale / focal
+    shape = torch.cat((lateral, config.thickness * lateral.amin(dim=-1, keepdim=True)), dim=-1)
+    rotations = quaternion_from_matrix(cameras.extrinsics[:, :3, :3])
+    layers, cells = len(factors), len(row)
+    return Gaussians(
+        means=means.flatten(0, 2),
+        scales=(shape * depths[..., None]).flatten(0, 2),
+        rotations=repeat(rotations, "v q -> (layer v cell) q", layer=layers, cell=cells),
+        opacities=(config.opacity * (opacity[:, row, column] > SMALLEST_OPACITY)).repeat(layers, 1).flatten(),
+        harmonics=repeat(
+            (colour[:, row, column] - 0.5) / SH_DEGREE_0, "v cell rgb -> (layer v cell) 1 rgb", layer=layers
+        ),
+    )

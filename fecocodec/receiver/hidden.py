@@ -1,0 +1,79 @@
+"""Visibility test of the background layer: which Gaussians are drawn in no context view."""
+
+from dataclasses import dataclass
+
+import torch
+from einops import rearrange
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.rotations import matrix_from_quaternion
+
+SMALLEST_DEPTH = 1e-6
+VISIBLE_DEVIATIONS = 3.2  # radius of a Gaussian; alpha is 0.6% there
+JACOBIAN_MARGIN = 0.15  # renderers take the projection's Jacobian at most this share of a side outside the image
+DEPTH_REACH = 0.5  # of a side: how far outside the image a view's extended depth is trusted
+CLEARANCE = 0.5  # of a view's smallest extended depth: no background nearer to its camera than this
+
+
+@dataclass(frozen=True)
+class ExtendedDepth:
+    """Depth of each view on cells that reach beyond its image.
+
+    depth: scene units. centres: of the cells along either axis, in normalised image units, ascending; the image is
+    [0, 1].
+    """
+
+    depth: Float[Tensor, "view cell cell"]
+    centres: Float[Tensor, " cell"]
+
+    def at(self, view: int, uv: Float[Tensor, "2 n"]) -> Float[Tensor, " n"]:
+        """Depth of the nearest cell; 0 further out than DEPTH_REACH."""
+        column, row = torch.bucketize(uv, 0.5 * (self.centres[1:] + self.centres[:-1]))
+        is_covered = ((uv >= -DEPTH_REACH) & (uv <= 1.0 + DEPTH_REACH)).all(dim=0)
+        return self.depth[view, row, column] * is_covered
+
+
+def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -> Bool[Tensor, " n"]:
+    """Whether a Gaussian is drawn in no view, lies behind the extended depth of all, and is not close to a camera."""
+    means = gaussians.means.T.contiguous()
+    axes = matrix_from_quaternion(gaussians.rotations) * gaussians.scales[:, None]
+    axes = rearrange(axes, "n xyz axis -> axis xyz n").contiguous()
+    hidden = torch.ones_like(gaussians.opacities, dtype=torch.bool)
+    for view in range(cameras.num_views):
+        hidden &= _is_hidden_from(means, axes, extended, cameras, view)
+    return hidden
+
+
+def _is_hidden_from(
+    means: Float[Tensor, "3 n"], axes: Float[Tensor, "axis 3 n"], extended: ExtendedDepth, cameras: Cameras, view: int
+) -> Bool[Tensor, " n"]:
+    """`is_hidden` for one view. axes: of the Gaussians, one standard deviation long, world frame.
+
+    Coordinates come first, each a row of its own: as the last dimension they take several times as long.
+    """
+    world_to_camera, intrinsics = cameras.world_to_camera[view], cameras.intrinsics[view]
+    points = world_to_camera[:3, :3] @ means + world_to_camera[:3, 3:]
+    is_in_front = points[2] > SMALLEST_DEPTH
+    depth = points[2].clamp_min(SMALLEST_DEPTH)
+    uv = points[:2] / depth * intrinsics.diagonal()[:2, None] + intrinsics[:2, 2:]
+    radius = VISIBLE_DEVIATIONS * _deviations(world_to_camera[:3, :3] @ axes, intrinsics, uv, depth)
+    is_seen = is_in_front & ((uv > -radius) & (uv < 1.0 + radius)).all(dim=0)
+    is_before = is_in_front & (depth < extended.at(view, uv))
+    is_close = points.square().sum(dim=0).sqrt() < CLEARANCE * extended.depth[view].amin()
+    return ~(is_seen | is_before | is_close)
+
+
+def _deviations(
+    axes: Float[Tensor, "axis 3 n"],
+    intrinsics: Float[Tensor, "3 3"],
+    uv: Float[Tensor, "2 n"],
+    depth: Float[Tensor, " n"],
+) -> Float[Tensor, "2 n"]:
+    """Standard deviations along u and v of projected Gaussians, as renderers linearise the projection; camera axes."""
+    focal = intrinsics.diagonal()[:2, None]
+    slope = (uv.clamp(-JACOBIAN_MARGIN, 1.0 + JACOBIAN_MARGIN) - intrinsics[:2, 2:]) / focal
+    projected = axes[:, :2] - slope * axes[:, 2:]
+    return projected.square().sum(dim=0).sqrt() * focal / depth
