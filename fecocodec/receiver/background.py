@@ -51,7 +51,7 @@ class _Axis:
 DEFAULT_BACKGROUND = BackgroundConfig()
 
 
-def background(
+def background_layer(
     gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: BackgroundConfig = DEFAULT_BACKGROUND
 ) -> Gaussians:
     """Return the background layer as Gaussians with harmonics of degree 0, in the frame of the cameras.
