@@ -40,7 +40,7 @@ def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -
     """Whether a Gaussian is drawn in no view, lies behind the extended depth of all, and is not close to a camera."""
     means = gaussians.means.T.contiguous()
     axes = matrix_from_quaternion(gaussians.rotations) * gaussians.scales[:, None]
-    axes = rearrange(axes, "n xyz axis -> axis xyz n").contiguous()
+    axes = rearrange(axes, "n xyz own -> own xyz n").contiguous()
     hidden = torch.ones_like(gaussians.opacities, dtype=torch.bool)
     for view in range(cameras.num_views):
         hidden &= _is_hidden_from(means, axes, extended, cameras, view)
@@ -48,7 +48,7 @@ def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -
 
 
 def _is_hidden_from(
-    means: Float[Tensor, "3 n"], axes: Float[Tensor, "axis 3 n"], extended: ExtendedDepth, cameras: Cameras, view: int
+    means: Float[Tensor, "3 n"], axes: Float[Tensor, "own 3 n"], extended: ExtendedDepth, cameras: Cameras, view: int
 ) -> Bool[Tensor, " n"]:
     """`is_hidden` for one view. axes: of the Gaussians, one standard deviation long, world frame.
 
@@ -67,7 +67,7 @@ def _is_hidden_from(
 
 
 def _deviations(
-    axes: Float[Tensor, "axis 3 n"],
+    axes: Float[Tensor, "own 3 n"],
     intrinsics: Float[Tensor, "3 3"],
     uv: Float[Tensor, "2 n"],
     depth: Float[Tensor, " n"],
