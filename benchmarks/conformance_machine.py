@@ -42,7 +42,7 @@ def main(folder: Path, name: str, number_type: str, device: str) -> None:
     with half:
         for path in streams:
             # Raises where a digest does not hold: what is compared afterwards is floating point alone.
-            rows = table(decode(path.read_bytes(), device=device).gaussians)
+            rows = table(decode(path.read_bytes(), device=device, background=None).gaussians)
             np.save(folder / f"of {name}" / f"{path.stem}.npy", rows.float().numpy())
     facts |= {"streams": len(streams), "seconds": time.perf_counter() - started}
     print(json.dumps(facts), flush=True)

@@ -60,6 +60,13 @@ Examples:
     show_default=True,
     help="1: colours depend on where they are seen from. 0: they do not, and the .ply is a third smaller.",
 )
+@click.option(
+    "--background-layer/--no-background-layer",
+    "has_background",
+    default=True,
+    show_default=True,
+    help="Fill what no photograph shows with blurred Gaussians; without them it is black.",
+)
 @model_option
 @max_pixels_option
 @device_option
@@ -73,6 +80,7 @@ def command(
     partial: bool,
     prune: bool,
     sh_degree: int,
+    has_background: bool,
     model: Path | None,
     max_pixels: int,
     device: str,
@@ -91,6 +99,7 @@ def command(
     data = read_stream_file(stream)
 
     from fecocodec import decode, write_ply
+    from fecocodec.receiver.background import DEFAULT_BACKGROUND
 
     from .device import require_device
 
@@ -100,6 +109,7 @@ def command(
             data,
             stages="intact" if partial else stages or "all",
             sh_degree=sh_degree,
+            background=DEFAULT_BACKGROUND if has_background else None,
             device=device,
             model=model,
             max_pixels=max_pixels,

@@ -40,7 +40,8 @@ data = encode(example_views(2, 96, 64), lmbda=1e-4, num_stages=1, model=Path(wei
 print("written", flush=True)
 sys.stdin.readline()
 streams = {path.stem: path.read_bytes() for path in Path(folder).glob("*.fcs")}
-decoded = {of: decode(data, model=Path(weights, model)).gaussians.fields() for of, data in streams.items()}
+options = {"model": Path(weights, model), "background": None}
+decoded = {of: decode(data, **options).gaussians.fields() for of, data in streams.items()}
 torch.save(decoded, Path(folder) / f"{name}.pt")
 """
 

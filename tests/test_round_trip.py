@@ -16,6 +16,7 @@ from fecocodec.errors import BitstreamError, InputError, ModelError
 from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
+from fecocodec.receiver.background import DEFAULT_BACKGROUND
 from fecocodec.receiver.decode import decode
 from fecocodec.sender.encode import encode
 from fecocodec.sender.optimisation_config import DEFAULT, steps_of_first
@@ -64,7 +65,7 @@ def test_every_visible_cell_becomes_a_gaussian(
 ) -> None:
     views = example_views(num_views, height, width)
     data = encode(views, lmbda=lmbda, model=random_weights / MODEL)
-    decoded = decode(data, model=random_weights / MODEL)
+    decoded = decode(data, model=random_weights / MODEL, background=None)
     gaussians = decoded.gaussians
     grid_height, grid_width = grid_size(height, width)
     assert gaussians.count == num_views * grid_height * grid_width // 4
@@ -218,3 +219,13 @@ def test_decoding_needs_nothing_of_the_sender(data: bytes, random_weights: Path,
     assert "fecocodec.receiver.decode" in modules
     foreign = ("fecocodec.sender", "fecocodec.rendering", "fecocodec.training", "fecocodec.formats")
     assert [name for name in modules if name.startswith(foreign)] == []
+
+
+def test_the_background_layer_comes_after_the_gaussians_of_the_views(random_weights: Path, data: bytes) -> None:
+    plain, filled = (
+        decode(data, model=random_weights / MODEL, background=background).gaussians
+        for background in (None, DEFAULT_BACKGROUND)
+    )
+    assert filled.count > plain.count
+    for mine, theirs in zip(plain.fields(), filled.fields(), strict=True):
+        assert torch.equal(mine, theirs[: plain.count])

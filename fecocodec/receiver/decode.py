@@ -18,6 +18,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.limits import DEFAULT_MAX_PIXELS
+from fecocodec.receiver.background import DEFAULT_BACKGROUND, BackgroundConfig
 from fecocodec.receiver.emission import emit
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
@@ -50,6 +51,7 @@ def decode(
     *,
     stages: Stages = "all",
     sh_degree: int = MAX_SH_DEGREE,
+    background: BackgroundConfig | None = DEFAULT_BACKGROUND,
     device: str = "cpu",
     model: Path | str | None = None,
     max_pixels: int = DEFAULT_MAX_PIXELS,
@@ -61,6 +63,7 @@ def decode(
     follows them in the stream, missing or damaged. "intact" decodes the stages before the first damage, which
     `Decoded.damage` then describes.
     sh_degree: 1 for view-dependent colours (spherical harmonics of degree 1), 0 for constant colours.
+    background: shape of the layer that fills what no context view sees; None leaves the layer out.
     device: where the networks run. model: folder of the model; None for the shipped model that the stream names.
     max_pixels: largest number of pixels of all views; time and memory are proportional to it.
 
@@ -74,7 +77,7 @@ def decode(
             "allowed; if you trust the file, raise max_pixels (--max-pixels)."
         )
     receiver = receiver_of(part.stream.header.model_id, None if model is None else Path(model).absolute(), device)
-    return _decode_part(receiver, part, stages, sh_degree, on_progress)
+    return _decode_part(receiver, part, stages, sh_degree, background, on_progress)
 
 
 def decode_with(
@@ -83,10 +86,11 @@ def decode_with(
     *,
     stages: Stages = "all",
     sh_degree: int = MAX_SH_DEGREE,
+    background: BackgroundConfig | None = DEFAULT_BACKGROUND,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> Decoded:
     """Decode with a receiver that is loaded; the caller ensures that it is the one the stream was made for."""
-    return _decode_part(receiver, _read(data, stages), stages, sh_degree, on_progress)
+    return _decode_part(receiver, _read(data, stages), stages, sh_degree, background, on_progress)
 
 
 @lru_cache(maxsize=2)
@@ -108,7 +112,12 @@ def _read(data: bytes, stages: Stages) -> IntactPart:
 
 
 def _decode_part(
-    receiver: Receiver, part: IntactPart, stages: Stages, sh_degree: int, on_progress: OnProgress
+    receiver: Receiver,
+    part: IntactPart,
+    stages: Stages,
+    sh_degree: int,
+    background: BackgroundConfig | None,
+    on_progress: OnProgress,
 ) -> Decoded:
     """Decode the stages one after another, then predict the Gaussians once, from the last state."""
     if sh_degree not in range(MAX_SH_DEGREE + 1):
@@ -119,7 +128,7 @@ def _decode_part(
         state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
         on_progress("predicting Gaussians", 0.8)
         is_covered = None if stream.coverage is None else is_in_covered_cell(stream.coverage, header)
-        gaussians = emit(receiver, state, cameras, is_covered, sh_degree)
+        gaussians = emit(receiver, state, cameras, is_covered, sh_degree, background)
     # A copy made outside inference mode is an ordinary tensor, which a caller can optimise further.
     gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
     return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)
