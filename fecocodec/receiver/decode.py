@@ -106,9 +106,9 @@ def receiver_of(model_id: bytes, model: Path | None, device: str) -> Receiver:
 
 def _read(data: bytes, stages: Stages) -> IntactPart:
     """Parse the part of the stream that `stages` asks for."""
-    if stages == "intact":
-        return read_intact(data)
-    return IntactPart(read_stream(data) if stages == "all" else read_prefix(data, stages), damage=None)
+    if isinstance(stages, int):
+        return IntactPart(read_prefix(data, stages), damage=None)
+    return read_intact(data) if stages == "intact" else IntactPart(read_stream(data), damage=None)
 
 
 def _decode_part(
