@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 
 # Typical change of the margin per step of lambda_q, on training scenes: ln(bytes) and dB.
-SIZE_SLOPE, PSNR_SLOPE = 0.0015, -0.002
+SIZE_SLOPE, PSNR_SLOPE = 0.0015, -0.003
 SIZE_TOLERANCE, PSNR_TOLERANCE = 0.02, 0.05  # margins from 0 to this are close enough; half of it is aimed at
-LARGEST_SLOPE_RATIO = 4.0  # between a secant and the typical slope; steeper and flatter ones are noise
+LARGEST_SLOPE_RATIO = 5.0  # between a secant and the typical slope; steeper and flatter ones are noise
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def test_targets_out_of_reach_are_refused(fecosplat: CommandLine, photographs: P
     small = fecosplat(*arguments, "--target-kib", "0.1")
     assert small.code == 1 and "a file of 0.1 KiB cannot be made, the smallest has" in small.err
     good = fecosplat(*arguments, "--target-psnr", "80")
-    assert good.code == 1 and "a PSNR of 80 dB cannot be reached, the best of these views is" in good.err
+    assert good.code == 1 and "a PSNR of 80 dB cannot be reached, the best is" in good.err
     assert not (tmp_path / "scene.fcs").exists()
 
 
@@ -46,7 +46,7 @@ def test_options_that_contradict_each_other(
 
 
 @pytest.mark.usefixtures("networks")
-def test_views_that_promise_little_are_warned_of(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
+def test_views_that_reconstruct_badly_get_a_warning(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
     single = fecosplat("encode", photographs, "-o", tmp_path / "one.fcs", "--views", "0")
     assert single.code == 0 and "warning: one view has no parallax" in single.err
 

@@ -60,10 +60,10 @@ def test_a_size_is_hit_within_three_percent(kib: float, noise: float) -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 @pytest.mark.parametrize("psnr", [20.0, 24.0, 27.0, 30.0])
-def test_a_quality_is_reached_and_hardly_exceeded(psnr: float, noise: float) -> None:
+def test_a_quality_is_reached_and_exceeded_by_little(psnr: float, noise: float) -> None:
     curve = Curve(noise)
     found = search(curve, AtLeastPsnr(psnr), DEFAULT, quiet)
-    assert psnr <= found.psnr <= psnr + 0.1
+    assert psnr <= found.psnr <= psnr + 0.3
     assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS
 
 
