@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from fecocodec.evaluation.stress import run as stress_run
 from fecocodec.evaluation.stress.suite import Verdict
-from fecocodec.evaluation.stress.suite import run as stress_run
 from tests.cli.conftest import CommandLine
 from tests.example_scenes import MODEL
 
