@@ -12,7 +12,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.sampling import project
 
 # These belong into ReceiverConfig when its weights are next written.
-LEAST_DEPTH = 0.9  # of the near bound: depth at which a Gaussian is rejected by half
+LEAST_DEPTH = 0.7  # of the near bound: depth at which a Gaussian is rejected by half
 LEAST_DEPTH_WIDTH = 0.05  # of the logarithm of depth
 MARGIN = 0.5  # of the image's sides, around the image
 
