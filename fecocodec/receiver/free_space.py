@@ -5,6 +5,7 @@ surface in front of another view's surface would be visible in that view too (Cu
 for building complex models from range images", 1996). From three views on, other views also confirm Gaussians: those
 whose colour and depth agree with another view. Confirmed Gaussians are protected from surfaces that no view confirms,
 and the Gaussians of a view that is confirmed less than the other one are rejected at a smaller difference of colour.
+Gaussians in front of another camera's near bound are rejected whatever their colour.
 """
 
 import torch
@@ -16,6 +17,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.confirmation import Comparison, compare, confirmation
+from fecocodec.receiver.near_bound import near_bound_violation
 from fecocodec.receiver.sampling import sample_at
 
 POOLED = 2  # side of the blocks of Gaussians whose mean is a view's surface
@@ -66,18 +68,21 @@ def _violation(
 ) -> Float[Tensor, "view h2 w2"]:
     """The strongest violation in one scene."""
     views = cameras.num_views
-    strongest = torch.zeros_like(points[0])
-    confirmed = confirmation(points, colour, surfaces, cameras, config) if views > 2 else torch.zeros_like(strongest)
+    has_third_views = views > 2
+    strongest = near_bound_violation(points, cameras) if has_third_views else torch.zeros_like(points[0])
+    confirmed = torch.zeros_like(strongest)
+    if has_third_views:
+        confirmed = confirmation(points, colour, surfaces, cameras, config)
     share = confirmed.mean(dim=(1, 2))
     pooled = F.avg_pool2d(confirmed[:, None], POOLED)
     for judge in range(views):
         others = [view for view in range(views) if view != judge]
         seen = compare(points[:, others], colour[:, others], surfaces[judge], cameras.select([judge]))
         tolerance = torch.full_like(share[others], config.contradicting_colour)
-        if views > 2:
+        if has_third_views:
             tolerance = tolerance * (share[others] / share[judge].clamp_min(1e-6)).clamp(max=1.0) ** STRICTNESS
         violation = _in_front(seen, tolerance, config)
-        if views > 2:
+        if has_third_views:
             surface = sample_at(pooled[judge], seen.uv)[0]
             violation = violation * (1.0 - PROTECTION * confirmed[others] * (1.0 - surface))
         strongest[others] = torch.maximum(strongest[others], violation)

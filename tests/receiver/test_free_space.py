@@ -120,3 +120,11 @@ def test_a_view_that_no_other_confirms_is_rejected_at_a_smaller_difference_of_co
     pair = walls_with_patches(cameras.select([0, 1]), [0], near_blue)
     triple = walls_with_patches(cameras, [0], near_blue)
     assert triple.mean() > pair.mean() + 0.01
+
+
+def test_a_gaussian_before_the_near_bound_of_another_camera_is_rejected_whatever_its_colour() -> None:
+    cameras = three_in_a_row()
+    cameras.extrinsics[0, 1, 2, 3] = 2.0  # the second camera stands 0.5 in front of a patch at 2.5, near bound 1
+    assert walls_with_patches(cameras, [0], BLUE).max() > 0.95
+    cameras.extrinsics[0, 1, 2, 3] = 1.0
+    assert walls_with_patches(cameras, [0], BLUE).max() < 0.2
