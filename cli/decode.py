@@ -11,7 +11,8 @@ from fecocodec.formats.atomic import require_other_file, require_writable
 
 from .naming import naming
 from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, threads_option
-from .output import print_json, say
+from .output import print_json, say, write_stdout
+from .paths import STDOUT, require_ending
 from .progress import OnProgress, progress_bar
 from .stream import read_bytes
 
@@ -32,7 +33,9 @@ Examples:
   fecosplat decode damaged.fcs -o rescued.ply --partial""",
 )
 @click.argument("stream", metavar="FILE.fcs", type=FILE_PATH)
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="Where to write the Gaussians (3DGS .ply).")
+@click.option(
+    "-o", "--output", required=True, type=FILE_PATH, help="Where to write the Gaussians (3DGS .ply); - is stdout."
+)
 @click.option(
     "--stages",
     type=click.IntRange(1, 2),
@@ -80,11 +83,15 @@ def command(
     if partial and stages is not None:
         raise click.UsageError("--partial finds out by itself how many stages are intact; leave --stages out.")
     start = perf_counter()
-    require_writable(output, overwrite=overwrite)
-    require_other_file(output, stream)
+    if output == STDOUT and as_json:
+        raise click.UsageError("-o - writes the Gaussians to standard output; leave --json out.")
+    if output != STDOUT:
+        require_writable(output, overwrite=overwrite)
+        require_other_file(output, stream)
+        require_ending(output, (".ply",))
     data = read_bytes(stream)
 
-    from fecocodec import write_ply
+    from fecocodec.formats.ply import ply_bytes, write_ply
 
     from .device import require_device
 
@@ -93,7 +100,10 @@ def command(
         decoded = _decode(data, stages, partial, sh_degree, model, device, on_progress)
         if prune:
             decoded = _pruned(decoded, data)
-    write_ply(output, decoded.gaussians, overwrite=overwrite)
+    if output == STDOUT:
+        write_stdout(ply_bytes(decoded.gaussians, "standard output"))
+    else:
+        write_ply(output, decoded.gaussians, overwrite=overwrite)
     seconds = round(perf_counter() - start, 3)
     count, damage = decoded.gaussians.count, decoded.damage
     if as_json:

@@ -13,7 +13,8 @@ from .goal import adaptive_options, goal_of
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
-from .output import print_json, say
+from .output import in_options, print_json, say
+from .paths import require_ending, require_photographs
 from .progress import progress_bar
 from .selection import Selection, parse_selection, resolve
 
@@ -45,7 +46,7 @@ Examples:
     "--views",
     callback=parse_selection,
     metavar="WHICH",
-    help="Which views: numbers (0,5), file names (a.jpg,b.jpg), or spread:N for N evenly spread.  [default: all]",
+    help="Which views: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N that overlap, or auto.  [default: all; auto beyond 16]",
 )
 @click.option("--size", callback=parse_size, metavar="WxH", help="Crop to the centre, resize to WIDTHxHEIGHT pixels.")
 @click.option("--near", type=float, help="Nearest depth of the scene, in its unit of length.  [default: estimated]")
@@ -86,8 +87,10 @@ def command(
     start = perf_counter()
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
+    require_ending(output, (".fcs",))
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
     goal = goal_of(lmbda, adaptive, target_kib, target_psnr, stages)
+    require_photographs(views_folder)
 
     from fecocodec import doubts_about, encode, encode_adaptively, read_views
 
@@ -110,8 +113,8 @@ def command(
             data = coder(
                 scene, refinement_steps=refinement_steps, device=device, on_progress=on_progress, **of_sender(model)
             )
-    for doubt in doubts_about(scene, refinement_steps):  # after what refuses views, whose sentence stands alone
-        say(f"warning: {doubt}")
+    for doubt in (*scene.notes, *doubts_about(scene, refinement_steps)):  # after everything that refuses views
+        say(f"warning: {in_options(doubt)}")
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)

@@ -235,7 +235,7 @@ def test_bounds_that_are_no_depths(near, far, scene):
 def test_broken_json(scene):
     (scene / "transforms.json").write_text('{\n "w": 96,\n "frames": [\n}')
     assert message(scene) == (
-        f"{scene}/transforms.json, line 4, column 1: broken JSON (Expecting value); mend or export it again."
+        f"{scene}/transforms.json, line 4, column 1: broken JSON (Expecting value); export it again."
     )
 
 
