@@ -46,7 +46,8 @@ Examples:
     "--views",
     callback=parse_selection,
     metavar="WHICH",
-    help="Which views: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N that overlap, or auto.  [default: all; auto beyond 16]",
+    help="Which views: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N that overlap, or auto.  "
+    "[default: all; auto beyond 16]",
 )
 @click.option("--size", callback=parse_size, metavar="WxH", help="Crop to the centre, resize to WIDTHxHEIGHT pixels.")
 @click.option("--near", type=float, help="Nearest depth of the scene, in its unit of length.  [default: estimated]")

@@ -11,6 +11,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
+from fecocodec.config import is_in_range
 from fecocodec.errors import ModelError
 
 SHIPPED = Path(__file__).parent / "weights"
@@ -58,22 +59,27 @@ def _stored(name: str, value: Tensor) -> Tensor:
 
 def read_weights(path: Path) -> Weights:
     """Read a weights file; floats come back as float32. Raises ModelError where it is missing or damaged."""
+    data = _read_bytes(path)
     try:
-        data = path.read_bytes()
         stored = load(data)
         header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
         config = json.loads(header["__metadata__"]["config"])
-    except OSError as error:
-        raise ModelError(
-            f"{path}: the weights cannot be read ({error.strerror}); "
-            "name the folder of a model, or reinstall the package."
-        ) from error
-    except (SafetensorError, KeyError, ValueError) as error:
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ModelError(f"{path}: not a weights file of this codec, or damaged; reinstall the package.") from error
     if not isinstance(config, dict):
         raise ModelError(f"{path}: its configuration is no JSON object; reinstall the package.")
     tensors = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
     return Weights(tensors, config, model_id_of(data))
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ModelError(
+            f"{path}: the weights cannot be read ({error.strerror}); "
+            "name the folder of a model, or reinstall the package."
+        ) from error
 
 
 def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
@@ -85,7 +91,7 @@ def find_receiver(model_id: bytes, folder: Path = SHIPPED) -> Path:
         raise ModelError(f"{folder}: there is no such folder; name the folder of the weights.")
     candidates = [*folder.glob(RECEIVER_FILE), *sorted(folder.glob(f"*/{RECEIVER_FILE}"))]
     for path in candidates:
-        if model_id_of(path.read_bytes()) == model_id:
+        if model_id_of(_read_bytes(path)) == model_id:
             return path
     known = ", ".join(path.parent.absolute().name for path in candidates) or "none"
     raise ModelError(
@@ -106,6 +112,9 @@ def config_of(weights: Weights, end: str, like: Config, place: Path) -> Config:
     expected = {field.name: getattr(like, field.name) for field in fields(like)}  # type: ignore[arg-type]
     if {name: _form(value) for name, value in found.items()} != {n: _form(value) for n, value in expected.items()}:
         raise ModelError(f"{place}: made by another version of the codec; install that version.")
+    for name, value in found.items():
+        if not is_in_range(value, expected[name]):
+            raise ModelError(f"{place}: {name} in its configuration is out of range; reinstall the package.")
     return type(like)(**found)
 
 

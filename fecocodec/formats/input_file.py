@@ -59,4 +59,6 @@ def read_json(path: Path, remedy: str = "export it again") -> object:
             f"{path}, line {error.lineno}, column {error.colno}: broken JSON ({error.msg}); {remedy}."
         ) from error
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits, or lists nested too deeply
-        raise InputError(f"{path}: this JSON has a number or a nesting beyond all bounds; {remedy}.") from error
+        raise InputError(
+            f"{path}: this JSON has a number of thousands of digits, or is nested too deeply; {remedy}."
+        ) from error

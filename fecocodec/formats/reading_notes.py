@@ -17,8 +17,8 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
         found = ", ".join(f"{count} of {width}x{height}" for (width, height), count in sizes.most_common(4))
         kind = "orientations" if len({lens.width > lens.height for lens in pinholes}) > 1 else "sizes"
         notes.append(
-            f"the photographs have several {kind} ({found}); all are cropped and resized to {size[1]}x{size[0]}, choose "
-            "photographs of one size by `views`."
+            f"the photographs have several {kind} ({found}); all are cropped and resized to "
+            f"{size[1]}x{size[0]}; choose photographs of one size by `views`."
         )
     shares = [kept_share(lens, size) for lens in pinholes]
     least = min(shares)
@@ -26,8 +26,8 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
         worst = shares.index(least)
         lens = pinholes[worst]
         notes.append(
-            f"the crop to {size[1]}x{size[0]} leaves {100 * least:.0f}% of {names[worst]} ({lens.width}x{lens.height}); "
-            "choose a `size` of the photographs' shape to keep more."
+            f"the crop to {size[1]}x{size[0]} leaves {100 * least:.0f}% of {names[worst]} "
+            f"({lens.width}x{lens.height}); choose a `size` of the photographs' shape to keep more."
         )
     return notes
 

@@ -59,9 +59,10 @@ def read_views(
     Cameras are looked for as `transforms.json`, then as a COLMAP model (`sparse/0`, `sparse` or the folder itself),
     then as RealEstate10K camera text. Lens distortion is removed. Without `size` all images get the most frequent
     size among them, scaled down where a side is over 1024 pixels; with `size` = (height, width) they are cropped
-    around the centre to that shape and resized. What the caller may not expect of this is said in the result's `notes`.
-    views: which ones, see `choose_views`; None for all, or for `auto_views` where there are more than 16. near, far: bounds of depth in scene units; where missing, those of the
-    camera file, else of its sparse points, else estimated from the images (`estimate_depth_range`).
+    around the centre to that shape and resized. `notes` of the result says what the caller may not expect of this.
+    views: which ones, see `choose_views`; None for all, or for `auto_views` where there are more than 16.
+    near, far: bounds of depth in scene units; where missing, those of the camera file, else of its sparse points, else
+    estimated from the images (`estimate_depth_range`).
     Raises InputError where the folder, a camera or an image cannot be used.
     """
     chosen = _choose(Path(path), views, size)

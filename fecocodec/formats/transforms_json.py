@@ -115,7 +115,7 @@ def _implied_scale(get: Callable[[str], float | None], width: int) -> float:
 
 
 def _require_central(cx: float | None, cy: float | None, width: int, height: int, place: str) -> None:
-    """Refuse a principal point outside the middle half of the image: the focal length is for an image of another size."""
+    """Refuse a principal point outside the middle half of the image: it is for an image of another size."""
     if cx is None or cy is None:
         return
     if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > 0.25:

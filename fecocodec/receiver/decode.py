@@ -33,7 +33,7 @@ def decode(
     num_stages: int | None = None,
     sh_degree: int = MAX_SH_DEGREE,
     device: str = "cpu",
-    weights: Path = SHIPPED,
+    weights: str | Path = SHIPPED,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> Gaussians:
     """Gaussians of a `.fcs` stream in the world frame and unit of length of the photographs' cameras, on the CPU.
@@ -113,12 +113,12 @@ def predict_scene(
 
 
 @lru_cache(maxsize=2)
-def receiver_of(model_id: bytes, weights: Path, device: str) -> Receiver:
+def receiver_of(model_id: bytes, weights: str | Path, device: str) -> Receiver:
     """The receiver of that id, found among `weights`; raises ModelError where it is not there.
 
     It is kept by model id, not by path: a file that was replaced is another model, and warm calls hash no weights.
     """
-    receiver, _ = load_receiver(find_receiver(model_id, weights))
+    receiver, _ = load_receiver(find_receiver(model_id, Path(weights)))
     place(receiver, device)
     return receiver
 

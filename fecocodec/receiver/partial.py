@@ -25,7 +25,7 @@ def decode_intact(
     *,
     sh_degree: int = MAX_SH_DEGREE,
     device: str = "cpu",
-    weights: Path = SHIPPED,
+    weights: str | Path = SHIPPED,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> IntactDecoding:
     """Decode as many stages of a `.fcs` stream as are undamaged; the other options are those of `decode`.

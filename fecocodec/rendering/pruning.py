@@ -39,6 +39,8 @@ def pruned(gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]) 
     The largest of SHARES, cheapest first, whose absence, once mended, changes no picture by more than LARGEST_CHANGE;
     all, unchanged, where there is none. image_size: (height, width).
     """
+    if gaussians.count == 0:
+        return gaussians
     nearby = nearby_cameras(cameras, MOST_NEARBY)
     seen_from = cameras if nearby is None else _joined(cameras, nearby)
     reference = render(gaussians, seen_from, image_size).color

@@ -71,7 +71,7 @@ def encode_adaptively(
     refinement_steps: int | None = None,
     device: str = "cpu",
     model: str = DEFAULT_MODEL,
-    weights: Path = SHIPPED,
+    weights: str | Path = SHIPPED,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
     """Bytes of a `.fcs` stream that has a second stage only where that pays, and whose receiver emits only Gaussians
@@ -84,7 +84,9 @@ def encode_adaptively(
     check_views(views, num_stages=2)
     if isinstance(goal, AtLambda):
         quantise_lambda(goal.lmbda)
-    return encode_adaptively_with(load_profile(weights / model, device), views, goal, on_progress, refinement_steps)
+    return encode_adaptively_with(
+        load_profile(Path(weights) / model, device), views, goal, on_progress, refinement_steps
+    )
 
 
 @torch.inference_mode(False)

@@ -42,7 +42,7 @@ def encode(
     refinement_steps: int | None = None,
     device: str = "cpu",
     model: str = DEFAULT_MODEL,
-    weights: Path = SHIPPED,
+    weights: str | Path = SHIPPED,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
     """Bytes of a `.fcs` stream that `decode` turns into the Gaussians of these views.
@@ -56,7 +56,7 @@ def encode(
     """
     lambda_q = quantise_lambda(lmbda)
     check_views(views, num_stages)
-    profile = load_profile(weights / model, device)
+    profile = load_profile(Path(weights) / model, device)
     return encode_with(profile, views, lambda_q, num_stages, on_progress, refinement_steps)
 
 

@@ -53,7 +53,7 @@ def test_an_existing_file_is_kept_unless_told_otherwise(tmp_path):
     with pytest.raises(OutputError) as caught, write_atomically(path, overwrite=False):
         pytest.fail("the block must not be entered")
     assert str(caught.value) == (
-        f"{path}: the file exists already; choose another output path or replace it by --overwrite."
+        f"{path}: the file exists already; choose another output path or replace it by `overwrite`."
     )
     with write_atomically(path, overwrite=True) as temporary:
         temporary.write_bytes(b"new")
