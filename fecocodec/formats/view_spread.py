@@ -15,6 +15,7 @@ MAX_AUTO_VIEWS = 8
 # Chosen on 91 training captures: with 8 views, 83% share a measured covisibility of half or more with a neighbour.
 LEAST_OVERLAP = 0.75
 _LEAST_AUTO_OVERLAP = 0.3  # views that share less than that are left out rather than added
+_OVERLAP_TIE = 0.03  # differences below it do not decide
 _LEAST_BASELINE = 0.02  # of the depth; closer cameras have no parallax
 _DEFAULT_DEPTHS = (3.0, 100.0)  # near and far in steps between neighbouring cameras, where nothing else is known
 
@@ -44,19 +45,28 @@ def auto_views(scene: PosedPhotographs) -> tuple[int, ...]:
 
 def _grown(scene: PosedPhotographs, count: int, least_overlap: float) -> list[int]:
     overlap, baseline = _overlaps_and_baselines(scene)
-    chosen = [int(overlap.sum(axis=1).argmax())]
+    centrality = overlap.sum(axis=1)
+    chosen = [int(centrality.argmax())]
     while len(chosen) < count:
         others = [index for index in range(len(overlap)) if index not in chosen]
         closest = baseline[np.ix_(others, chosen)].min(axis=1)
         apart = [index for index, distance in zip(others, closest, strict=True) if distance >= _LEAST_BASELINE]
-        candidates = apart or others
+        candidates = np.array(apart or others)
         largest = overlap[np.ix_(candidates, chosen)].max(axis=1)
-        enough = np.flatnonzero(largest >= LEAST_OVERLAP)
-        best = int(enough[largest[enough].argmin()]) if enough.size else int(largest.argmax())
+        best = _best(largest, centrality[candidates])
         if largest[best] < least_overlap:
             break
-        chosen.append(candidates[best])
+        chosen.append(int(candidates[best]))
     return chosen
+
+
+def _best(largest: Float[np.ndarray, " candidate"], centrality: Float[np.ndarray, " candidate"]) -> int:
+    """The candidate whose largest overlap with chosen views is just enough, the most central of nearly equal ones."""
+    enough = np.flatnonzero(largest >= LEAST_OVERLAP)
+    if not enough.size:
+        return int(largest.argmax())
+    just_enough = enough[largest[enough] <= largest[enough].min() + _OVERLAP_TIE]
+    return int(just_enough[centrality[just_enough].argmax()])
 
 
 def _overlaps_and_baselines(
