@@ -24,14 +24,14 @@ sys.exit(run(sys.argv[1:]))
         (("encode", ".", "-o", "a.fcs", "--lambda", "7"), "lambda is 7"),
         (("decode", "missing", "-o", "a.ply"), "missing: there is no such file; check the path."),
         (("render", "missing", "-o", "out"), "missing: there is no such file; check the path."),
-        (("render", "a.fcs", "-o", "out", "--cameras", "missing"), "missing: no such folder"),
+        (("render", "in.fcs", "-o", "out", "--cameras", "missing"), "missing: no such folder"),
         (("eval", "missing", "--index", "i.json", "-o", "out"), "missing: there is no such file; check the path."),
         (("stress", "missing", "--index", "i.json", "-o", "out"), "missing: there is no such file; check the path."),
         (("info", "missing"), "missing: there is no such file; check the path."),
     ],
 )
 def test_without_torch(arguments: tuple[str, ...], sentence: str, tmp_path: Path) -> None:
-    (tmp_path / "a.fcs").write_bytes(b"")
+    (tmp_path / "in.fcs").write_bytes(b"")
     command = [sys.executable, "-c", NO_TORCH, *arguments]
     result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert (result.returncode, result.stdout) == (1, "")
