@@ -38,9 +38,8 @@ def write_stdout(data: bytes) -> None:
     if sys.stdout.isatty():
         raise OutputError("standard output: this is a terminal; send the data to a file or another program.")
     with _stdout_errors():
-        stream = click.get_binary_stream("stdout")
-        stream.write(data)
-        stream.flush()
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
 
 
 def say(sentence: str) -> None:
