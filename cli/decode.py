@@ -18,7 +18,8 @@ from .options import (
     overwrite_option,
     threads_option,
 )
-from .output import print_json, say
+from .output import print_json, say, write_stdout
+from .paths import STDOUT, require_ending
 from .progress import progress_bar
 from .terminal import printable
 
@@ -36,7 +37,9 @@ Examples:
   fecosplat decode damaged.fcs -o rescued.ply --partial""",
 )
 @click.argument("stream", metavar="FILE.fcs", type=FILE_PATH)
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="Where to write the Gaussians (3DGS .ply).")
+@click.option(
+    "-o", "--output", required=True, type=FILE_PATH, help="Where to write the Gaussians (3DGS .ply); - is stdout."
+)
 @click.option(
     "--stages",
     type=click.IntRange(1, 2),
@@ -94,11 +97,16 @@ def command(
     if partial and stages is not None:
         raise click.UsageError("--partial decodes all intact stages; leave --stages out.")
     start = perf_counter()
-    require_writable(output, overwrite=overwrite)
-    require_other_file(output, stream)
+    if output == STDOUT and as_json:
+        raise click.UsageError("-o - writes the Gaussians to standard output; leave --json out.")
+    if output != STDOUT:
+        require_writable(output, overwrite=overwrite)
+        require_other_file(output, stream)
+        require_ending(output, (".ply",))
     data = read_stream_file(stream)
 
-    from fecocodec import decode, write_ply
+    from fecocodec import decode
+    from fecocodec.formats.ply import ply_bytes, write_ply
     from fecocodec.receiver.background import DEFAULT_BACKGROUND
 
     from .device import require_device
@@ -120,7 +128,10 @@ def command(
             from fecocodec.rendering import pruning
 
             gaussians = pruning.prune(gaussians, decoded.cameras, decoded.image_size)
-    write_ply(output, gaussians, overwrite=overwrite)
+    if output == STDOUT:
+        write_stdout(ply_bytes(gaussians, "standard output"))
+    else:
+        write_ply(output, gaussians, overwrite=overwrite)
     seconds = round(perf_counter() - start, 3)
     damage = decoded.damage
     if as_json:

@@ -13,10 +13,12 @@ from fecocodec.limits import DEFAULT_MAX_PIXELS
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
-from .output import print_json, say
+from .output import in_options, print_json, say
+from .paths import require_ending, require_photographs
 from .progress import progress_bar
 from .rate_control import rate_control_options, target_of
 from .selection import Selection, parse_selection, resolve
+from .terminal import printable
 
 
 @click.command(
@@ -46,7 +48,8 @@ Examples:
     "--views",
     callback=parse_selection,
     metavar="WHICH",
-    help="Which views: numbers (0,5), file names (a.jpg,b.jpg), or spread:N for N evenly spread.  [default: all]",
+    help="Which views: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N that overlap, or auto.  "
+    "[default: all; auto beyond 16]",
 )
 @click.option("--size", callback=parse_size, metavar="WxH", help="Crop to the centre, resize to WIDTHxHEIGHT pixels.")
 @click.option("--near", type=float, help="Nearest depth of the scene, in its unit of length.  [default: estimated]")
@@ -90,8 +93,10 @@ def command(
     start = perf_counter()
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
+    require_ending(output, (".fcs",))
     quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
     target = target_of(target_kib, target_psnr, stages)
+    require_photographs(views_folder)
 
     from fecocodec import check_input, encode, encode_to_target, read_views
 
@@ -111,8 +116,8 @@ def command(
             else:
                 coder = partial(encode_to_target, target=target)
             data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress)
-    for warning in check_input(scene, effort):  # after everything that refuses views, so that an error stands alone
-        say(f"warning: {warning}")
+    for warning in (*scene.notes, *check_input(scene, effort)):  # after everything that refuses views
+        say(printable(f"warning: {in_options(warning)}"))
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)

@@ -11,6 +11,7 @@ from fecocodec.errors import InputError
 
 from .options import FILE_PATH, json_option, model_option, parse_size, threads_option
 from .output import print_columns, print_json, say
+from .paths import require_input
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -80,10 +81,16 @@ def command(
     for lmbda in lambdas:
         quantise_lambda(lmbda)  # refuses a value outside the range before anything is read
 
+    from fecocodec.evaluation.extras import require_packages
+
+    names = tuple(group.strip() for group in groups.split(","))
+    require_packages(names)
+    require_input(root)
+    require_input(index)
+
     from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
 
-    names = tuple(group.strip() for group in groups.split(","))
     plan = Plan(root, index, model_folder(model), output, names, lambdas, size, num_context, most, with_strips=strips)
     with progress_bar() as on_progress:
         report = evaluate_to_folder(plan, lambda m, fraction: on_progress(f"{m.entry} {m.system}"[:24], fraction))

@@ -1,4 +1,4 @@
-"""The image files of a rendering: which they are, and that all of them appear or none."""
+"""The image files of a rendering: their names, and writing all of them or none."""
 
 import os
 from collections.abc import Iterator
@@ -9,20 +9,32 @@ from typing import TYPE_CHECKING
 from fecocodec.errors import OutputError
 from fecocodec.formats.atomic import make_folder, require_writable
 
+from .paths import require_ending
+
 if TYPE_CHECKING:
     from fecocodec import Rendering
 
-SUFFIXES = (".png", ".exr")
+FOLDER_SUFFIXES = (".png", ".exr")  # of the files in a folder: colour, and linear colour with depth
+FILE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")  # of a single image
 
 
 def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: bool) -> list[list[Path]]:
-    """The files to write for each view; raises OutputError for those that cannot be, before anything is decoded."""
-    is_image = output.suffix.lower() in SUFFIXES
+    """Return the files to write for each view. Raises OutputError for those that cannot be written.
+
+    output: a folder, or a file for a single view, by its ending.
+    """
+    is_image = output.suffix.lower() in FILE_SUFFIXES and not os.path.isdir(output)
+    if not is_image and not os.path.isdir(output):
+        require_ending(output, ("a folder", *FILE_SUFFIXES))
     if is_image and len(names) != 1:
         raise OutputError(f"{output}: one file cannot hold {len(names)} views; give a folder or choose one view.")
     if os.path.isfile(output) and not is_image:
-        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png or .exr.")
-    files = [[output]] if is_image else [[output / f"{stem}_{name}{suffix}" for suffix in SUFFIXES] for name in names]
+        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png, .jpg, .webp or .exr.")
+    files = (
+        [[output]]
+        if is_image
+        else [[output / f"{stem}_{name}{suffix}" for suffix in FOLDER_SUFFIXES] for name in names]
+    )
     if is_image or os.path.isdir(output):
         for file in (file for of_view in files for file in of_view):
             require_writable(file, overwrite=overwrite)
@@ -32,7 +44,7 @@ def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: b
 def write_image_files(rendering: "Rendering", files: list[list[Path]], *, overwrite: bool) -> None:
     """Write every view of a rendering to its files, in a folder that is made where it is missing.
 
-    Where one cannot be written, those that were new disappear again; each that was overwritten is whole, old or new.
+    Where one cannot be written, new files are removed again; each that was overwritten is complete, old or new.
     Raises OutputError.
     """
     from fecocodec.formats.exr import ExrImage, write_exr
@@ -49,14 +61,14 @@ def write_image_files(rendering: "Rendering", files: list[list[Path]], *, overwr
 
 @contextmanager
 def _folder(folder: Path) -> Iterator[None]:
-    """Make a folder and those above it; where the block fails, those that were made are removed again."""
+    """Make a folder and those above it; remove the ones that were made where the block fails."""
     missing = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
     try:
         make_folder(folder)
         yield
     except BaseException:
         for path in missing:
-            with suppress(OSError):  # it was not made after all, or others have put something there meanwhile
+            with suppress(OSError):  # it was not made, or something else is in it now
                 path.rmdir()
         raise
 

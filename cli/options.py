@@ -13,8 +13,8 @@ from fecocodec.limits import DEFAULT_MAX_PIXELS
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-# A path; whether it can be read is for the library to say, in a sentence that names the file.
-FILE_PATH = click.Path(path_type=Path)
+# A path; the library checks whether it can be read, and names the file in its message (exit code 1, not 2).
+FILE_PATH = click.Path(readable=False, path_type=Path)
 
 
 def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:

@@ -1,11 +1,16 @@
-"""What a command says: data on stdout, talk on stderr."""
+"""What a command prints: data on stdout, messages on stderr."""
 
 import json
-from collections.abc import Sequence
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import click
 
 from fecocodec.errors import OutputError
+
+_OPTIONS = ("views", "size", "near", "far", "overwrite")  # arguments of the library that are options here
 
 
 def print_json(value: object) -> None:
@@ -28,15 +33,35 @@ def print_columns(rows: Sequence[Sequence[str]]) -> None:
         _print("  ".join(cells).rstrip())
 
 
+def write_stdout(data: bytes) -> None:
+    """Binary data on stdout. Raises OutputError where that is a terminal, or writing fails."""
+    if sys.stdout.isatty():
+        raise OutputError("standard output: this is a terminal; send the data to a file or another program.")
+    with _stdout_errors():
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+
+
 def say(sentence: str) -> None:
-    """Talk to the person at the terminal, on stderr."""
+    """A message to the user, on stderr."""
     click.echo(sentence, err=True)
 
 
+def in_options(sentence: str) -> str:
+    """Return a sentence of the library with its arguments (`views`) under the names of the options (--views)."""
+    return re.sub(rf"`({'|'.join(_OPTIONS)})`", r"--\1", sentence)
+
+
 def _print(line: str) -> None:
-    try:
+    with _stdout_errors():
         click.echo(line)
-    except BrokenPipeError:  # the reader has seen enough (`| head`); click ends the command quietly
+
+
+@contextmanager
+def _stdout_errors() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:  # the reader has closed the pipe (`| head`); click ends the command quietly
         raise
     except OSError as error:
         raise OutputError(

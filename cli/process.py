@@ -1,8 +1,9 @@
-"""What a command asks of its own process before libraries load; results do not depend on it."""
+"""Settings of a command's own process, made before libraries load; results do not depend on them."""
 
 import ctypes
 import os
 import sys
+import warnings
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's <malloc.h>
 _LARGEST_MMAP_THRESHOLD = 32 * 2**20  # what glibc accepts
@@ -10,12 +11,14 @@ _NEVER = 2**31 - 1
 
 
 def prepare_process() -> None:
-    """Save a tenth of an encoding's time.
+    """Reduce encoding time by about a tenth, and hide warnings of Python and numpy, which are for developers.
 
-    Torch's threads wait for their next work by spinning, for milliseconds, on processors that the rasteriser's threads
-    need: let them sleep sooner. And memory of a picture's size goes back to the system when it is freed, only to be
-    asked for, and cleared, again: keep it. What the environment says already is left as it is.
+    Torch's threads spin for milliseconds while they wait, on processors that the rasteriser's threads need: let them
+    sleep sooner. Freed memory of an image's size goes back to the system and has to be cleared when it is allocated
+    again: keep it. Settings in the environment, PYTHONWARNINGS among them, take precedence.
     """
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
     os.environ.setdefault("GOMP_SPINCOUNT", "10000")
     if sys.platform != "linux" or any(name.startswith("MALLOC_") for name in os.environ):
         return

@@ -1,14 +1,24 @@
-"""Progress of long work: a bar on stderr while a person watches, silence in a pipe or log."""
+"""Progress of long work on stderr: a bar on a terminal, a line now and then in a pipe or log."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import monotonic
+
+from .output import say
 
 OnProgress = Callable[[str, float], None]
+
+SECONDS_BETWEEN_LINES = 30.0
 
 
 @contextmanager
 def progress_bar() -> Iterator[OnProgress]:
     """Yield a callback that takes the name of the current step and the fraction of all work done, in [0, 1]."""
+    if not sys.stderr.isatty():
+        yield _lines()
+        return
+
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -17,3 +27,16 @@ def progress_bar() -> Iterator[OnProgress]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=1.0)
         yield lambda step, fraction: bar.update(task, description=step, completed=fraction)
+
+
+def _lines() -> OnProgress:
+    """Print a line at most every SECONDS_BETWEEN_LINES; nothing for work that takes less."""
+    last = monotonic()
+
+    def report(step: str, fraction: float) -> None:
+        nonlocal last
+        if monotonic() - last >= SECONDS_BETWEEN_LINES:
+            last = monotonic()
+            say(f"{step}: {100 * fraction:.0f}% done")
+
+    return report

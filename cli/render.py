@@ -21,6 +21,7 @@ from .options import (
     threads_option,
 )
 from .output import print_json, say
+from .paths import require_input, require_photographs
 from .progress import progress_bar
 from .selection import Selection, parse_selection, resolve
 
@@ -40,7 +41,9 @@ Examples:
   fecosplat render scene.ply -o images/ --cameras photos/ --size 512x512""",
 )
 @click.argument("scene", metavar="FILE", type=FILE_PATH)
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="A folder, or a .png or .exr file for one view.")
+@click.option(
+    "-o", "--output", required=True, type=FILE_PATH, help="A folder, or a .png, .jpg, .webp or .exr file for one view."
+)
 @click.option(
     "--cameras",
     "cameras_folder",
@@ -51,7 +54,7 @@ Examples:
     "--views",
     callback=parse_selection,
     metavar="WHICH",
-    help="Which views of --cameras: 0,5 or a.jpg,b.jpg or spread:N.",
+    help="Which views of --cameras: 0,5 or a.jpg,b.jpg or spread:N or auto.",
 )
 @click.option("--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: its own]")
 @click.option("--stages", type=click.IntRange(1, 2), help="Decode only the first stage.  [default: all]")
@@ -86,6 +89,9 @@ def command(
     if is_ply and (stages or model):
         raise click.UsageError("--stages and --model say how a .fcs file is decoded; leave them out for a .ply file.")
     start = perf_counter()
+    require_input(scene)
+    if cameras_folder is not None:
+        require_photographs(cameras_folder)
     _require_device(device, scene)
     data = b"" if is_ply else read_stream_file(scene)
     if cameras_folder is None:

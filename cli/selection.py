@@ -1,4 +1,4 @@
-"""Which views of a folder: `0,5`, `left.jpg,right.jpg` or `spread:4`."""
+"""Which views of a folder: `0,5`, `left.jpg,right.jpg`, `spread:4` or `auto`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,23 +10,30 @@ from .naming import OF_VIEWS, naming
 
 @dataclass(frozen=True)
 class Spread:
-    """That many views, evenly spread over the folder."""
+    """That many views, as far apart as overlap allows."""
 
     count: int
 
 
-Selection = tuple[int | str, ...] | Spread
+@dataclass(frozen=True)
+class Auto:
+    """At most eight overlapping views that cover the middle of the capture."""
+
+
+Selection = tuple[int | str, ...] | Spread | Auto
 
 
 def parse_selection(ctx: click.Context, param: click.Parameter, value: str | None) -> Selection | None:
-    """Text of `--views` as a selection; whether the views exist is for the library to say."""
+    """Parse the text of `--views`; the library checks whether the views exist."""
     if value is None:
         return None
     kind, _, count = value.partition(":")
     if kind == "spread":
-        if not count.isdecimal():
-            raise click.BadParameter(f"{value!r} is not spread:COUNT, such as spread:4.", ctx, param)
+        if not count.isdecimal() or len(count) > 9:
+            raise click.BadParameter(f"{value[:40]!r} is not spread:COUNT, such as spread:4.", ctx, param)
         return Spread(int(count))
+    if value == "auto":
+        return Auto()
     items = tuple(item.strip() for item in value.split(","))
     if not all(items):
         raise click.BadParameter(f"{value!r} names an empty view; use single commas, such as 0,5.", ctx, param)
@@ -34,12 +41,14 @@ def parse_selection(ctx: click.Context, param: click.Parameter, value: str | Non
 
 
 def resolve(folder: Path, selection: Selection | None) -> tuple[int | str, ...] | None:
-    """The views to ask the library for; an even spread needs to know how many the folder has."""
-    if not isinstance(selection, Spread):
+    """Return the views to ask the library for: `spread` and `auto` are chosen from the cameras of the folder."""
+    if not isinstance(selection, Spread | Auto):
         return selection
-    from fecocodec.formats.scene_folder import view_names
-    from fecocodec.formats.view_choice import subsample
+    from fecocodec.formats.camera_files import read_cameras
+    from fecocodec.formats.view_spread import auto_views, spread_views
 
-    num_available = len(view_names(folder))
+    scene = read_cameras(folder)
+    if isinstance(selection, Auto):
+        return auto_views(scene)
     with naming(folder, OF_VIEWS):
-        return subsample(num_available, selection.count)
+        return spread_views(scene, selection.count)

@@ -11,6 +11,7 @@ from fecocodec.formats.atomic import make_folder, write_atomically
 
 from .options import FILE_PATH, json_option, model_option, threads_option
 from .output import print_columns, print_json, say
+from .paths import require_input
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -40,6 +41,9 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
     Exit code 1 where a rule is broken: a value that is not finite, a crash, a missing warning, a changed unit of length
     or order of views that changes the result.
     """
+    require_input(root)
+    require_input(index)
+
     from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.stress.run import read_pairs, run_suite
     from fecocodec.evaluation.summary import as_tsv

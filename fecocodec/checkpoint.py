@@ -11,6 +11,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
+from fecocodec.config import is_in_range
 from fecocodec.errors import ModelError
 
 SHIPPED = Path(__file__).parent / "weights"
@@ -63,7 +64,7 @@ def read_weights(path: Path) -> Weights:
         stored = load(data)
         header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
         config = json.loads(header["__metadata__"]["config"])
-    except (SafetensorError, KeyError, ValueError) as error:
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ModelError(f"{path}: not a weights file of this codec, or damaged; reinstall the package.") from error
     if not isinstance(config, dict):
         raise ModelError(f"{path}: its configuration is no JSON object; reinstall the package.")
@@ -117,6 +118,9 @@ def config_of(weights: Weights, end: str, like: Config, place: Path) -> Config:
     expected = {field.name: getattr(like, field.name) for field in fields(like)}  # type: ignore[arg-type]
     if {name: _form(value) for name, value in found.items()} != {n: _form(value) for n, value in expected.items()}:
         raise ModelError(f"{place}: made by another version of the codec; install that version.")
+    for name, value in found.items():
+        if not is_in_range(value, expected[name]):
+            raise ModelError(f"{place}: {name} in its configuration is out of range; reinstall the package.")
     return type(like)(**found)
 
 

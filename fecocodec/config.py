@@ -1,7 +1,12 @@
 """Sizes of the networks. A stream's model id covers the weights, and so these numbers too."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
+
+MAX_GROWTH = 8  # of a size over its default, so that a damaged file cannot ask for networks of gigabytes
+MAX_SIZE_WITHOUT_DEFAULT = 4096
+MAX_FLOAT_GROWTH = 1000.0
 
 
 @dataclass(frozen=True)
@@ -78,3 +83,18 @@ class AdaptedSenderConfig(CodecConfig):
     extractor: ClassVar[str] = "adapted"
     fingerprint: str = ""  # of the extractor's weights
     extractor_channels: int = 0
+
+
+def is_in_range(value: object, default: object) -> bool:
+    """Whether a field of a configuration can be used, judged by the default of the same field and type.
+
+    Sizes: 1 to MAX_GROWTH times the default, or at most MAX_SIZE_WITHOUT_DEFAULT where the default is 0. Other numbers:
+    finite, above 0, at most MAX_FLOAT_GROWTH times the default. Text is checked by the network that uses it.
+    """
+    if isinstance(value, tuple) and isinstance(default, tuple):
+        return all(map(is_in_range, value, default))
+    if isinstance(value, int) and isinstance(default, int):
+        return 1 <= value <= MAX_GROWTH * default if default else 0 <= value <= MAX_SIZE_WITHOUT_DEFAULT
+    if isinstance(value, float) and isinstance(default, float):
+        return math.isfinite(value) and 0 < value <= MAX_FLOAT_GROWTH * default
+    return True

@@ -10,6 +10,7 @@ from pathlib import Path
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import InputError, ModelError
 from fecocodec.evaluation.entries import open_scenes
+from fecocodec.evaluation.extras import require_packages
 from fecocodec.evaluation.machine import describe_machine
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
@@ -62,6 +63,7 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
 
     Raises FecoError where nothing can be measured; a scene that fails is reported with the others' results.
     """
+    require_packages(plan.groups)
     entries = choose_entries(read_index(plan.index), plan.num_context, plan.most, plan.index)
     read = open_scenes(plan.root, plan.size)
     codec = load_codec(plan.model, "cpu")

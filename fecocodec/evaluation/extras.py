@@ -1,9 +1,25 @@
-"""Libraries that only measuring needs: loaded when used, with a sentence where they are missing."""
+"""Packages that only measuring needs: loaded when used, with a sentence where they are missing."""
 
+from collections.abc import Iterable
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
 
 from fecocodec.errors import InputError
+
+_PACKAGES_OF_SYSTEMS = {"images": ("imagecodecs",), "gaussians": ("gsply",)}
+
+
+def require_packages(systems: Iterable[str]) -> None:
+    """Refuse an evaluation of these groups of systems before any work where a package is missing.
+
+    Raises InputError, which names the packages and the extra that installs them.
+    """
+    needed = {"flip_evaluator"}.union(*(_PACKAGES_OF_SYSTEMS.get(name, ()) for name in systems))
+    if missing := sorted(name for name in needed if find_spec(name) is None):
+        raise InputError(
+            f"measuring needs packages that are not installed ({', '.join(missing)}); pip install 'fecosplat[eval]'."
+        )
 
 
 def require_extra(library: str, purpose: str) -> ModuleType:

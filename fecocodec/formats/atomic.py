@@ -1,5 +1,6 @@
-"""Output files appear whole or not at all."""
+"""Write output files completely or not at all."""
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -8,9 +9,12 @@ from pathlib import Path
 
 from fecocodec.errors import OutputError
 
+# Of os.link on file systems without hard links.
+_NO_LINKS = (errno.EPERM, errno.EACCES, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
+
 
 def make_folder(folder: Path) -> None:
-    """Raises OutputError where there is no folder and none can be made."""
+    """Make a folder and those above it. Raises OutputError where that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -22,24 +26,42 @@ def make_folder(folder: Path) -> None:
 def require_writable(path: Path, *, overwrite: bool) -> None:
     """Refuse an output path before any work is spent on it.
 
-    Raises OutputError where the folder is missing, where the path is not a plain file, or where it exists and
-    `overwrite` is false.
+    Raises OutputError where the folder is missing, where the path is not a plain file or cannot be one, or where it
+    exists and `overwrite` is false.
     """
-    if not os.path.isdir(path.parent):  # unlike Path.is_dir, False where permission is missing
+    if _is_missing(path.parent) or not os.path.isdir(path.parent):
         raise OutputError(f"{path}: the folder {path.parent} does not exist; create it or choose another output path.")
-    if os.path.exists(path) and not os.path.isfile(path):
+    if _is_missing(path):
+        return
+    if not os.path.isfile(path):
         raise OutputError(f"{path}: this exists and is not a plain file; choose another output path.")
-    if os.path.exists(path) and not overwrite:
-        raise OutputError(f"{path}: the file exists already; choose another output path or replace it by --overwrite.")
+    if not overwrite:
+        raise OutputError(_exists(path))
+
+
+def _is_missing(path: Path) -> bool:
+    """Raises OutputError where the system does not even say: a name that is too long, a loop of links, no access."""
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutputError(f"{path}: cannot be written ({reason}); choose another output path.") from error
+    return False
+
+
+def _exists(path: Path) -> str:
+    return f"{path}: the file exists already; choose another output path or replace it by `overwrite`."
 
 
 def require_other_file(output: Path, source: Path) -> None:
-    """Refuse to replace what is being read, whatever names lead to it.
+    """Refuse to replace what is being read, by whichever name.
 
     Raises OutputError where both are the same file, or where `source` is a folder and `output` a file that is in it
     already and no `.fcs`: a photograph or its cameras.
     """
-    if not output.exists() or not source.exists():
+    if not os.path.exists(output) or not os.path.exists(source):
         return
     is_inside = source.is_dir() and source.resolve() in output.resolve().parents and output.suffix != ".fcs"
     if is_inside or output.samefile(source):
@@ -48,10 +70,11 @@ def require_other_file(output: Path, source: Path) -> None:
 
 @contextmanager
 def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Give a temporary path beside `path`; what was written there takes the name `path` when the block ends.
+    """Yield a temporary path beside `path`; the file written there is renamed to `path` when the block ends.
 
-    The temporary name keeps the suffix of `path`, because image libraries choose the format by it. Whatever goes wrong
-    in the block, the temporary file is removed and `path` stays as it was.
+    The temporary name keeps the suffix of `path`, because image libraries choose the format by it. Where the block
+    fails, the temporary file is removed and `path` stays as it was. Without `overwrite`, a file that has appeared at
+    `path` meanwhile is kept.
     Raises OutputError as `require_writable` does, and where the system refuses to write (disk full, no permission).
     """
     require_writable(path, overwrite=overwrite)
@@ -59,12 +82,29 @@ def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
     temporary = target.with_name(f".{secrets.token_hex(6)}.part{target.suffix}")
     try:
         yield temporary
-        os.replace(temporary, target)
+        if overwrite:
+            os.replace(temporary, target)
+        else:
+            _rename_to_new(temporary, target)
+    except FileExistsError as error:
+        raise OutputError(_exists(path)) from error
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(
             f"{path}: writing failed ({reason}); check free space and permissions or choose another output path."
         ) from error
     finally:
-        with suppress(OSError):  # a read-only disk refuses even this; why writing failed is what counts
+        with suppress(OSError):  # a read-only disk refuses even this; the error above is the one to report
             temporary.unlink(missing_ok=True)
+
+
+def _rename_to_new(temporary: Path, target: Path) -> None:
+    """Rename without replacing a file, which `os.rename` would; raises FileExistsError where there is one."""
+    try:
+        os.link(temporary, target)
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        if os.path.lexists(target):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target)) from error
+        os.replace(temporary, target)

@@ -5,7 +5,6 @@ the same layout. A chunk is a list of records `{key, url, timestamps, cameras, i
 is read without executing anything that it holds: tensors, lists, strings and numbers only.
 """
 
-import json
 import zipfile
 from collections import OrderedDict
 from pathlib import Path
@@ -14,6 +13,7 @@ import torch
 
 from fecocodec.errors import InputError
 from fecocodec.formats.chunk_scene import ChunkScene, chunk_scene
+from fecocodec.formats.input_file import read_json
 
 INDEX_FILE = "index.json"
 _MOST_OPEN = 4  # chunks kept open; they are mapped into memory, not read
@@ -81,14 +81,7 @@ def read_chunk(path: Path) -> dict[str, object]:
 
 
 def _read_index(path: Path) -> dict[str, str]:
-    try:
-        index = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror}); give the folder of chunks that holds it, such as re10k/test."
-        ) from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: this is no JSON ({error}); write the index again.") from error
+    index = read_json(path, "give a folder of chunks with a whole index, such as re10k/test")
     if not isinstance(index, dict) or not index:
         raise InputError(f"{path}: is no object of scene to chunk; write the index again.")
     for scene, file in index.items():

@@ -10,7 +10,7 @@ from fecocodec.errors import InputError
 from fecocodec.formats.colmap_binary import read_binary_model
 from fecocodec.formats.colmap_model import ColmapCamera, ColmapImage, ColmapModel
 from fecocodec.formats.colmap_text import read_text_model
-from fecocodec.formats.lens import Lens
+from fecocodec.formats.lens import MAX_SIDE_PX, Lens
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
 
 _MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
@@ -55,8 +55,10 @@ def _photograph(model_folder: Path, image_folder: Path, model: ColmapModel, imag
 def _world_to_camera(image: ColmapImage, place: str) -> Float[np.ndarray, "4 4"]:
     quaternion = require_numbers(image.rotation, (4,), place)
     norm = np.linalg.norm(quaternion)
-    if norm < 1e-6:
-        raise InputError(f"{place}: the pose is singular (its quaternion is 0); export the model again.")
+    if not 1e-6 < norm < 1e6:
+        raise InputError(
+            f"{place}: the pose is singular (its quaternion has length {norm:.3g}); export the model again."
+        )
     w, x, y, z = quaternion / norm
     matrix = np.eye(4)
     matrix[:3, :3] = [
@@ -78,8 +80,8 @@ def _lens(camera: ColmapCamera, place: str, width: int, height: int) -> Lens:
     if camera.model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):  # one focal length
         values.insert(0, values[0])
     fx, fy, cx, cy, *distortion = values
-    if min(fx, fy, camera.width, camera.height) <= 0:
-        raise InputError(f"{place}: its focal length or image size is not positive; export the model again.")
+    if min(fx, fy, camera.width, camera.height) <= 0 or max(camera.width, camera.height) > MAX_SIDE_PX:
+        raise InputError(f"{place}: its focal length or image size is out of range; export the model again.")
     tangential = (distortion[2], distortion[3]) if camera.model == "OPENCV" else (0.0, 0.0)
     lens = Lens(camera.width, camera.height, fx, fy, cx, cy, tuple(distortion[:2]), tangential)
     return lens.scaled_to(width, height, place)

@@ -7,6 +7,7 @@ import numpy as np
 
 from fecocodec.errors import InputError
 from fecocodec.formats.colmap_model import ColmapCamera, ColmapImage, ColmapModel
+from fecocodec.formats.input_file import read_file
 
 # COLMAP's model ids and the number of parameters of each, from its sensor/models.h.
 _MODELS = {
@@ -41,10 +42,7 @@ class _Table:
 
     def __init__(self, path: Path) -> None:
         self.path, self.offset = path, 0
-        try:
-            self.data = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}); export the COLMAP model again.") from error
+        self.data = read_file(path, "export the COLMAP model again")
 
     def take(self, layout: str) -> tuple[int | float, ...]:
         start = self.skip(struct.calcsize("<" + layout))

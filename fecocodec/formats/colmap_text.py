@@ -7,6 +7,7 @@ import numpy as np
 
 from fecocodec.errors import InputError
 from fecocodec.formats.colmap_model import ColmapCamera, ColmapImage, ColmapModel
+from fecocodec.formats.input_file import read_text
 
 
 def read_text_model(folder: Path) -> ColmapModel:
@@ -42,7 +43,7 @@ def _images(path: Path) -> Iterator[ColmapImage]:
                 translation=np.array(words[5:8], dtype=np.float64),
                 point_ids=np.array(observations[2::3], dtype=np.int64),
             )
-        except (ValueError, IndexError) as error:
+        except (ValueError, IndexError, OverflowError) as error:  # ids beyond 63 bits overflow
             raise InputError(
                 f"{place}: no image `ID QW QX QY QZ TX TY TZ CAMERA NAME` with points below; export the model again."
             ) from error
@@ -58,10 +59,7 @@ def _point(words: list[str], place: str) -> tuple[int, tuple[float, float, float
 
 def _lines(path: Path) -> Iterator[tuple[list[str], str]]:
     """(words, place) of each line that is no comment."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error}); export the COLMAP model again.") from error
+    text = read_text(path, "export the COLMAP model again")
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.startswith("#"):
             yield line.split(), f"{path}, line {number}"

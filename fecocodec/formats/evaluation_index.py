@@ -6,12 +6,12 @@ pixelSplat's and DepthSplat's files are of this form; null marks scenes that the
 than the two (such as "overlap") are not needed here. A label after a slash tells several entries of a scene apart.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeGuard
 
 from fecocodec.errors import InputError
+from fecocodec.formats.input_file import read_json
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,7 @@ class IndexEntry:
 
 def read_index(path: Path) -> tuple[IndexEntry, ...]:
     """The entries in the order of the file, without those that are null. Raises InputError for anything else."""
-    try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path.") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: this is no JSON ({error}); write or fetch the index again.") from error
+    entries = read_json(path, "check the path, or write the index again")
     if not isinstance(entries, dict):
         raise InputError(f'{path}: not an evaluation index; write {{"scene": {{"context": [...], "target": [...]}}}}.')
     return tuple(_entry(path, name, value) for name, value in entries.items() if value is not None)

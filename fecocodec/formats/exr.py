@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -12,42 +13,70 @@ from torch import Tensor
 
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.input_file import MAX_IMAGE_PIXELS, require_regular_file
+from fecocodec.formats.pillow_images import require_few_pixels, unreadable
+
+_MAX_VALUES = 4 * MAX_IMAGE_PIXELS  # over all channels and parts; OpenEXR reads them all
 
 
 @dataclass(frozen=True)
 class ExrImage:
-    """colour: sRGB in [0, 1]. depth: channel Z in scene units, where the file has one."""
+    """colour: sRGB in [0, 1]. depth: channel Z in scene units. alpha: opacity in [0, 1]. None: not in the file."""
 
     colour: Float[Tensor, "3 height width"]
     depth: Float[Tensor, "height width"] | None
+    alpha: Float[Tensor, "height width"] | None = None
 
 
 def read_exr(path: Path) -> ExrImage:
-    """Read colour (RGB, RGBA composited on white, or luminance Y) and depth.
+    """Read colour (RGB, RGBA composited on white, or luminance Y), depth and opacity.
 
-    Light above 1 is clipped; NaN counts as 0. Raises InputError where the file cannot be read or has no colour.
+    Light above 1 is clipped; NaN counts as 0. Raises InputError where the file cannot be read, has no colour, or more
+    than MAX_IMAGE_PIXELS pixels.
     """
-    pixels = _read_channels(path)
-    if "RGBA" in pixels:  # OpenEXR colour is premultiplied by alpha
-        linear = pixels["RGBA"][..., :3] + (1 - pixels["RGBA"][..., 3:])
-    elif "RGB" in pixels:
-        linear = pixels["RGB"]
-    elif "Y" in pixels:
-        linear = np.repeat(pixels["Y"][..., None], 3, axis=-1)
+    read_exr_size(path)  # refuses too many pixels before they are allocated
+    channels = _read_channels(path)
+    alpha = None
+    if "RGBA" in channels:  # OpenEXR colour is premultiplied by alpha
+        alpha = _plane(channels["RGBA"][..., 3])
+        linear = [_plane(channels["RGBA"][..., channel]) + (1 - alpha) for channel in range(3)]
+    elif "RGB" in channels:
+        linear = [_plane(channels["RGB"][..., channel]) for channel in range(3)]
+    elif "Y" in channels:
+        linear = 3 * [_plane(channels["Y"])]
     else:
-        raise InputError(f"{path}: no colour among the channels {sorted(pixels)}; store R, G and B.")
-    colour = linear_to_srgb(torch.from_numpy(np.nan_to_num(linear, nan=0.0)))
-    depth = torch.from_numpy(pixels["Z"]) if "Z" in pixels else None
-    return ExrImage(rearrange(colour, "h w rgb -> rgb h w").contiguous(), depth)
+        raise InputError(f"{path}: no colour among the channels {sorted(channels)}; store R, G and B.")
+    colour = torch.empty(3, *linear[0].shape)
+    for channel, plane in enumerate(linear):  # one at a time, to need little memory
+        colour[channel] = linear_to_srgb(plane.nan_to_num(nan=0.0))
+    depth = _plane(channels["Z"]) if "Z" in channels else None
+    return ExrImage(colour, depth, None if alpha is None else alpha.nan_to_num(nan=0.0).clamp(0, 1))
 
 
 def read_exr_size(path: Path) -> tuple[int, int]:
-    """(height, width) of the stored pixels, from the header alone."""
+    """Return (height, width) of the stored pixels, from the header alone.
+
+    Raises InputError where there are more than MAX_IMAGE_PIXELS, or the channels of all parts are too many to decode.
+    """
     try:
-        (left, top), (right, bottom) = OpenEXR.File(str(path), header_only=True).header()["dataWindow"]
-    except (RuntimeError, ValueError) as error:
+        require_regular_file(path)
+        parts = OpenEXR.File(str(path), header_only=True).parts
+        sizes = [_part_size(part.header) for part in parts]
+    except OSError as error:
+        raise InputError(unreadable(path, error)) from error
+    except (RuntimeError, ValueError, KeyError) as error:
         raise InputError(_unreadable(path)) from error
-    return int(bottom - top) + 1, int(right - left) + 1
+    height, width, _ = sizes[0]
+    require_few_pixels(height, width, path)
+    if sum(h * w * channels for h, w, channels in sizes) > _MAX_VALUES:
+        raise InputError(f"{path}: the image has too many channels or parts for its size; store R, G and B alone.")
+    return height, width
+
+
+def _part_size(header: dict[str, Any]) -> tuple[int, int, int]:
+    """(height, width, number of channels) of one part."""
+    (left, top), (right, bottom) = header["dataWindow"]
+    return int(bottom) - int(top) + 1, int(right) - int(left) + 1, len(header["channels"])
 
 
 def write_exr(path: Path, image: ExrImage, *, overwrite: bool = False) -> None:
@@ -79,13 +108,17 @@ def srgb_to_linear(srgb: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     return torch.where(srgb <= 0.04045, srgb / 12.92, ((srgb.clamp_min(0) + 0.055) / 1.055) ** 2.4)
 
 
-def _read_channels(path: Path) -> dict[str, Float[np.ndarray, "height width *channel"]]:
-    """OpenEXR answers damage with RuntimeError, and with ValueError where no pixels were left to read."""
+def _read_channels(path: Path) -> dict[str, np.ndarray]:
+    """OpenEXR reports damage by RuntimeError, and by ValueError where no pixels were left to read."""
     try:
         channels = OpenEXR.File(str(path)).channels()
+        return {name: channel.pixels for name, channel in channels.items()}
     except (RuntimeError, ValueError) as error:
         raise InputError(_unreadable(path)) from error
-    return {name: np.asarray(channel.pixels, np.float32) for name, channel in channels.items()}
+
+
+def _plane(values: np.ndarray) -> Float[Tensor, "height width"]:
+    return torch.from_numpy(np.array(values, np.float32))
 
 
 def _unreadable(path: Path) -> str:

@@ -28,14 +28,14 @@ def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
         if crop_h * crop_w < MIN_KEPT_AREA * h * w:
             raise InputError(
                 f"{name}: {w}x{h} pixels, while the other images are {width}x{height}; choose images of one shape by "
-                "--views, or say with --size what all are cropped and resized to."
+                "`views`, or say with `size` what all are cropped and resized to."
             )
     scale = min(1.0, MAX_SIDE / max(height, width))
     height, width = round(height * scale), round(width * scale)
     if min(height, width) < MIN_SIDE:
         raise InputError(
             f"{names[sizes.index(most_frequent)]}: {width}x{height} pixels, but each side must have {MIN_SIDE} to "
-            f"{MAX_SIDE}; use larger images or give --size."
+            f"{MAX_SIDE}; use larger images or give `size`."
         )
     return height, width
 
@@ -44,14 +44,20 @@ def require_size(size: tuple[int, int]) -> tuple[int, int]:
     """Raises InputError where (height, width) is outside what the codec accepts."""
     if not all(MIN_SIDE <= side <= MAX_SIDE for side in size):
         raise InputError(
-            f"size {size[1]}x{size[0]}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels; choose another --size."
+            f"size {size[1]}x{size[0]}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels; choose another `size`."
         )
     return size
 
 
+def kept_share(pinhole: Lens, size: tuple[int, int]) -> float:
+    """Return the share of an image's area that the centre crop to the shape of `size` = (height, width) keeps."""
+    crop_h, crop_w = _crop_shape(pinhole.height, pinhole.width, *size)
+    return crop_h * crop_w / (pinhole.height * pinhole.width)
+
+
 def crop_and_resize(
-    image: Float[Tensor, "3 height width"], pinhole: Lens, size: tuple[int, int]
-) -> tuple[Float[Tensor, "3 new_height new_width"], Float[np.ndarray, "3 3"]]:
+    image: Float[Tensor, "channel height width"], pinhole: Lens, size: tuple[int, int]
+) -> tuple[Float[Tensor, "channel new_height new_width"], Float[np.ndarray, "3 3"]]:
     """Centre crop to the shape of `size` = (height, width), resize to it (Lanczos, with antialiasing).
 
     Returns the image and its intrinsics, normalised by width and height.

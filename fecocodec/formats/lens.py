@@ -8,8 +8,10 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from fecocodec.container.camera_rules import MAX_CENTRE, MAX_FOCAL, MIN_FOCAL
 from fecocodec.errors import InputError
 
+MAX_SIDE_PX = 10**6  # of the image that a camera is for
 MAX_GROWTH = 2.0  # an undistorted image is at most this much wider and higher than the photograph
 ASPECT_TOLERANCE = 0.01
 _SOLVER_STEPS = 200
@@ -59,6 +61,16 @@ class Lens:
         )
 
 
+def require_representable(lens: Lens, place: str) -> None:
+    """Raise InputError that begins with `place` where a stream cannot hold this focal length or principal point."""
+    for focal, centre, side in ((lens.fx, lens.cx, lens.width), (lens.fy, lens.cy, lens.height)):
+        if not MIN_FOCAL <= focal / side <= MAX_FOCAL or not abs(centre / side) <= MAX_CENTRE:
+            raise InputError(
+                f"{place}: the focal length is {focal / side:.3g} and the principal point {centre / side:.3g} image "
+                f"sides, but {MIN_FOCAL:.3g} to {MAX_FOCAL:.0f} are possible; correct the camera."
+            )
+
+
 def undistorted(lens: Lens, place: str) -> Lens:
     """The pinhole of the largest upright rectangle that sees only what the distorted photograph shows.
 
@@ -79,8 +91,8 @@ def undistorted(lens: Lens, place: str) -> Lens:
 
 
 def undistort(
-    image: Float[Tensor, "3 height width"], lens: Lens, pinhole: Lens
-) -> Float[Tensor, "3 new_height new_width"]:
+    image: Float[Tensor, "channel height width"], lens: Lens, pinhole: Lens
+) -> Float[Tensor, "channel new_height new_width"]:
     """Resample a photograph taken with `lens` (bicubic) to what `pinhole = undistorted(lens)` sees."""
     if not lens.has_distortion:
         return image

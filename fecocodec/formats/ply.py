@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from fecocodec.errors import InputError, OutputError
 from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.input_file import StrPath, read_file
 from fecocodec.geometry.gaussians import Gaussians
 
 OPACITY_MARGIN = 1e-6  # opacities 0 and 1 have no finite logit; they are stored this far inside
@@ -20,13 +21,24 @@ MAX_HEADER_BYTES = 1 << 16
 _D_SH_OF_NUM_REST = {3 * (d_sh - 1): d_sh for d_sh in (1, 4, 9, 16, 25)}
 
 
-def write_ply(path: Path, gaussians: Gaussians, *, overwrite: bool = False) -> None:
+def write_ply(path: StrPath, gaussians: Gaussians, *, overwrite: bool = False) -> None:
     """Write one scene's Gaussians (no batch axis) as a 3DGS PLY, float32, little-endian.
 
     Raises OutputError where a value is not finite or out of its range (a scale must be above 0), and where the file
     cannot be written.
     """
-    columns = _columns(path, gaussians)
+    path = Path(path)
+    data = ply_bytes(gaussians, str(path))
+    with write_atomically(path, overwrite=overwrite) as temporary:
+        temporary.write_bytes(data)
+
+
+def ply_bytes(gaussians: Gaussians, place: str) -> bytes:
+    """The bytes of the file that `write_ply` writes.
+
+    Raises OutputError that begins with `place` where a value is not finite or out of its range.
+    """
+    columns = _columns(place, gaussians)
     names = _property_names(gaussians.harmonics.shape[-2])
     header = "".join(
         (
@@ -36,20 +48,16 @@ def write_ply(path: Path, gaussians: Gaussians, *, overwrite: bool = False) -> N
             "end_header\n",
         )
     )
-    with write_atomically(path, overwrite=overwrite) as temporary, temporary.open("xb") as file:
-        file.write(header.encode("ascii"))
-        file.write(columns.astype("<f4").tobytes())
+    return header.encode("ascii") + columns.astype("<f4").tobytes()
 
 
-def read_ply(path: Path) -> Gaussians:
+def read_ply(path: StrPath) -> Gaussians:
     """Read a 3DGS PLY (binary, little-endian); properties that Gaussians do not need are ignored.
 
     Raises InputError where the file is missing, is another kind of PLY, is cut, or lacks a property.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path.") from error
+    path = Path(path)
+    data = read_file(path)
     count, names, start = _parse_header(path, data)
     num_bytes = 4 * count * len(names)
     if len(data) - start < num_bytes:
@@ -66,12 +74,12 @@ def _property_names(d_sh: int) -> list[str]:
     return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
 
 
-def _columns(path: Path, gaussians: Gaussians) -> Float[np.ndarray, "n property"]:
+def _columns(place: str, gaussians: Gaussians) -> Float[np.ndarray, "n property"]:
     means, scales, rotations, opacities, harmonics = (
         field.detach().cpu().to(torch.float64).numpy() for field in gaussians.fields()
     )
-    _require(path, "opacities", "in [0, 1]", (opacities >= 0) & (opacities <= 1))
-    _require(path, "scales", "above 0", scales > 0)
+    _require(place, "opacities", "in [0, 1]", (opacities >= 0) & (opacities <= 1))
+    _require(place, "scales", "above 0", scales > 0)
     opacities = np.clip(opacities, OPACITY_MARGIN, 1 - OPACITY_MARGIN)[:, None]
     columns = np.concatenate(
         (
@@ -86,15 +94,17 @@ def _columns(path: Path, gaussians: Gaussians) -> Float[np.ndarray, "n property"
         axis=1,
     )
     with np.errstate(over="ignore"):
-        _require(path, "values", "finite in float32", np.isfinite(columns.astype(np.float32)))
+        _require(place, "values", "finite in float32", np.isfinite(columns.astype(np.float32)))
     return columns
 
 
-def _require(path: Path, what: str, demand: str, is_good: np.ndarray) -> None:
+def _require(place: str, what: str, demand: str, is_good: np.ndarray) -> None:
     """A NaN fails every comparison, so it is refused here too."""
     if not is_good.all():
         first = int(np.argwhere(~is_good)[0, 0])
-        raise OutputError(f"{path}: Gaussian {first} has {what} not {demand}; nothing was written, check their source.")
+        raise OutputError(
+            f"{place}: Gaussian {first} has {what} not {demand}; nothing was written, check their source."
+        )
 
 
 def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:
@@ -107,7 +117,7 @@ def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:
         raise InputError(f"{path}: only binary little-endian PLY is read; convert the file.")
     starts = [number for number, line in enumerate(lines) if line.startswith("element ")]
     element = lines[starts[0]].split() if starts else []
-    if len(element) != 3 or element[1] != "vertex" or not element[2].isdecimal():
+    if len(element) != 3 or element[1] != "vertex" or not element[2].isdecimal() or len(element[2]) > 12:
         raise InputError(f"{path}: the first element is not `vertex N`; give an uncompressed 3DGS .ply file.")
     first, later, *_ = [*starts, len(lines)]
     properties = [line.split() for line in lines[first:later] if line.startswith("property ")]
@@ -118,7 +128,8 @@ def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:
 
 def _gaussians(path: Path, columns: dict[str, Float[np.ndarray, " n"]]) -> Gaussians:
     num_rest = sum(name.startswith("f_rest_") for name in columns)
-    missing = [name for name in _property_names(1) if name not in columns and name not in ("nx", "ny", "nz")]
+    needed = _property_names(_D_SH_OF_NUM_REST.get(num_rest, 1))
+    missing = [name for name in needed if name not in columns and name not in ("nx", "ny", "nz")]
     if missing or num_rest not in _D_SH_OF_NUM_REST:
         raise InputError(f"{path}: not Gaussians (missing {missing}, {num_rest} f_rest); give a 3DGS .ply file.")
 
@@ -128,13 +139,15 @@ def _gaussians(path: Path, columns: dict[str, Float[np.ndarray, " n"]]) -> Gauss
     rest = stack(*(f"f_rest_{i}" for i in range(num_rest))) if num_rest else np.zeros((len(columns["x"]), 0))
     rest = rearrange(rest, "n (rgb rest) -> n rest rgb", rgb=3)
     harmonics = np.concatenate((stack("f_dc_0", "f_dc_1", "f_dc_2")[:, None], rest), axis=1)
-    fields = (
-        stack("x", "y", "z"),
-        np.exp(stack("scale_0", "scale_1", "scale_2")),
-        stack("rot_0", "rot_1", "rot_2", "rot_3"),
-        1 / (1 + np.exp(-columns["opacity"])),
-        harmonics,
-    )
-    if not all(np.isfinite(field).all() for field in fields):
+    with np.errstate(over="ignore"):  # what overflows is infinite, and refused below
+        fields = (
+            stack("x", "y", "z"),
+            np.exp(stack("scale_0", "scale_1", "scale_2")),
+            stack("rot_0", "rot_1", "rot_2", "rot_3"),
+            1 / (1 + np.exp(-columns["opacity"])),
+            harmonics,
+        )
+        fields_in_float32 = [field.astype(np.float32) for field in fields]
+    if not all(np.isfinite(field).all() for field in fields_in_float32):
         raise InputError(f"{path}: a value is NaN or infinite; write the file again from finite Gaussians.")
-    return Gaussians(*(torch.from_numpy(field.astype(np.float32)) for field in fields))
+    return Gaussians(*(torch.from_numpy(field) for field in fields_in_float32))

@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from fecocodec.errors import InputError
 from fecocodec.formats.images import IMAGE_SUFFIXES, read_image_size
-from fecocodec.formats.lens import Lens, undistorted
+from fecocodec.formats.input_file import require_regular_file
+from fecocodec.formats.lens import Lens, require_representable, undistorted
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def stored_lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
     _require_file(photograph)
     height, width = read_image_size(photograph.path)
     lens = photograph.lens_for(width, height)
+    require_representable(lens, photograph.place)
     return lens, undistorted(lens, photograph.place)
 
 
@@ -56,7 +58,7 @@ def find_image(folder: Path, name: str) -> Path:
     The path is returned even where no file is there: whether it is needed is known only later.
     """
     path = folder / name.replace("\\", "/")
-    if path.suffix.lower() in IMAGE_SUFFIXES:
+    if not path.name or path.suffix.lower() in IMAGE_SUFFIXES:
         return path
     candidates = (path.with_name(path.name + suffix) for suffix in IMAGE_SUFFIXES)
     return next((candidate for candidate in candidates if candidate.is_file()), path)
@@ -65,6 +67,8 @@ def find_image(folder: Path, name: str) -> Path:
 def _require_file(photograph: PosedPhotograph) -> None:
     try:
         is_there = photograph.path.is_file()
+        if photograph.path.exists() and not photograph.path.is_dir():
+            require_regular_file(photograph.path)
     except OSError as error:
         raise InputError(
             f"{photograph.place}: its image {photograph.path} cannot be looked at ({error.strerror}); check its name "
@@ -72,7 +76,7 @@ def _require_file(photograph: PosedPhotograph) -> None:
         ) from error
     if not is_there:
         raise InputError(
-            f"{photograph.place}: there is no image {photograph.path}; put it there or leave this view out by --views."
+            f"{photograph.place}: there is no image {photograph.path}; put it there or leave this view out by `views`."
         )
 
 

@@ -10,14 +10,16 @@ MAX_ROTATION_ERROR = 1e-3
 
 
 def rigid_pose(matrix: Float[np.ndarray, "4 4"], place: str) -> Float[np.ndarray, "4 4"]:
-    """The rigid pose nearest to a 4x4 camera-to-world matrix that rounding has bent a little, in float64.
+    """Return the rigid pose nearest to a 4x4 camera-to-world matrix with rounding errors, in float64.
 
-    A scale within 1% and axes off by at most 1e-3 are mended (nearest rotation by SVD, Schönemann 1966).
+    A scale within 1% and axes off by at most 1e-3 are corrected (nearest rotation by SVD, Schönemann 1966).
     Raises InputError that begins with `place` where the matrix is singular, mirrored, scaled or sheared.
     """
     axes = matrix[:3, :3]
     if not np.allclose(matrix[3], (0, 0, 0, 1), atol=MAX_ROTATION_ERROR):
         raise InputError(f"{place}: the last row of the pose is not 0 0 0 1; export camera-to-world matrices.")
+    if not np.abs(axes).max() < 1e6:
+        raise InputError(f"{place}: the axes of the pose are far from unit length; export camera-to-world matrices.")
     determinant = float(np.linalg.det(axes))
     if abs(determinant) < 1e-12:
         raise InputError(f"{place}: the pose is singular (its axes span no volume); export the cameras again.")
@@ -40,7 +42,7 @@ def rigid_pose(matrix: Float[np.ndarray, "4 4"], place: str) -> Float[np.ndarray
 
 
 def require_float32_range(poses: Float[np.ndarray, "view 4 4"], place: str) -> None:
-    """Raises InputError where the cameras stand so far from the origin that float32 blurs the steps between them."""
+    """Raise InputError where the cameras are so far from the origin that float32 loses the distances between them."""
     centres = poses[:, :3, 3]
     extent = float(np.ptp(centres, axis=0).max())
     farthest = float(np.abs(centres).max())

@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from fecocodec.errors import InputError
+from fecocodec.formats.input_file import read_text
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
 
 _COLUMNS = 19
+_LONGEST_LINE = 1 << 16  # characters looked at
 
 
 def find_realestate10k(path: Path) -> Path | None:
@@ -45,7 +47,7 @@ def _photograph(path: Path, folder: Path, number: int, words: list[str]) -> Pose
         raise InputError(f"{place}: columns 6 and 7 are not 0 0, and distortion is not defined here; undistort first.")
     world_to_camera = np.eye(4)
     world_to_camera[:3] = values[6:].reshape(3, 4)
-    if abs(np.linalg.det(world_to_camera)) < 1e-12:
+    if not np.abs(world_to_camera[:, :3]).max() < 1e6 or abs(np.linalg.det(world_to_camera)) < 1e-12:
         raise InputError(f"{place}: the pose is singular (its axes span no volume); export the cameras again.")
     return PosedPhotograph(
         path=find_image(folder, words[0]),
@@ -65,13 +67,12 @@ def _image_folder(path: Path, first_name: str) -> Path:
 
 
 def _has_camera_line(path: Path) -> bool:
-    """Looks at two lines only and does not mind what else a text in the folder holds."""
+    """Look at two lines only: the folder may hold other texts."""
     with path.open(encoding="utf-8", errors="replace") as file:
-        return any(len(line.split()) == _COLUMNS for line in (file.readline(), file.readline()))
+        return any(
+            len(line.split()) == _COLUMNS for line in (file.readline(_LONGEST_LINE), file.readline(_LONGEST_LINE))
+        )
 
 
 def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error}); check the file.") from error
+    return read_text(path, "check the file").splitlines()

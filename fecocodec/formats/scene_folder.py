@@ -7,20 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.formats.colmap import find_colmap_model, read_colmap
+from fecocodec.formats.camera_files import read_cameras
 from fecocodec.formats.framing import common_size, crop_and_resize, framed_intrinsics, require_size
-from fecocodec.formats.images import read_image
+from fecocodec.formats.images import read_image_and_alpha
+from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.lens import Lens, undistort
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, stored_lens
 from fecocodec.formats.poses import require_float32_range, rigid_pose
-from fecocodec.formats.realestate10k import find_realestate10k, read_realestate10k
-from fecocodec.formats.transforms_json import find_transforms_json, read_transforms_json
+from fecocodec.formats.reading_notes import framing_notes, lens_notes
 from fecocodec.formats.view_choice import choose_views
+from fecocodec.formats.view_spread import auto_views
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_range import bounds_of_depths, estimate_depth_range
 from fecocodec.geometry.views import Views
+from fecocodec.limits import MAX_VIEWS
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class _Chosen:
     """Photographs of which no pixel is read yet.
 
     lenses: as stored, and the pinholes they are undistorted to. image_size: (height, width) that all are brought to.
-    cameras: for that size, without near and far.
+    cameras: for that size, without near and far. notes: as of `Views`.
     """
 
     scene: PosedPhotographs
@@ -36,6 +40,7 @@ class _Chosen:
     lenses: list[tuple[Lens, Lens]]
     image_size: tuple[int, int]
     cameras: Cameras
+    notes: tuple[str, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -43,7 +48,7 @@ class _Chosen:
 
 
 def read_views(
-    path: Path,
+    path: StrPath,
     *,
     views: tuple[int | str, ...] | None = None,
     size: tuple[int, int] | None = None,
@@ -55,64 +60,37 @@ def read_views(
     Cameras are looked for as `transforms.json`, then as a COLMAP model (`sparse/0`, `sparse` or the folder itself),
     then as RealEstate10K camera text. Lens distortion is removed. Without `size` all images get the most frequent
     size among them, scaled down where a side is over 1024 pixels; with `size` = (height, width) they are cropped
-    around the centre to that shape and resized.
-    views: which ones, see `choose_views`. near, far: bounds of depth in scene units; where missing, those of the
-    camera file, else of its sparse points, else estimated from the images (`estimate_depth_range`).
+    around the centre to that shape and resized. `notes` of the result says what the caller may not expect of this.
+    views: which ones, see `choose_views`; None for all, or for `auto_views` where there are more than 16.
+    near, far: bounds of depth in scene units; where missing, those of the camera file, else of its sparse points, else
+    estimated from the images (`estimate_depth_range`).
     Raises InputError where the folder, a camera or an image cannot be used.
     """
-    chosen = _choose(path, views, size)
+    chosen = _choose(Path(path), views, size)
     unbounded = _read_unbounded(chosen)
     cameras = _with_depth_bounds(chosen, near, far, partial(estimate_depth_range, unbounded))
     return replace(unbounded, cameras=cameras)
 
 
 def read_view_cameras(
-    path: Path, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
+    path: StrPath, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
 ) -> tuple[Cameras, tuple[int, int], tuple[str, ...]]:
     """The cameras, (height, width) and names of what `read_views` returns.
 
-    Pixels are read only where neither the camera file nor its sparse points tell the depth bounds.
+    Pixels are read only where neither the camera file nor its sparse points give the depth bounds.
     Raises InputError as `read_views` does.
     """
-    chosen = _choose(path, views, size)
+    chosen = _choose(Path(path), views, size)
     cameras = _with_depth_bounds(chosen, None, None, lambda: estimate_depth_range(_read_unbounded(chosen)))
     return cameras, chosen.image_size, chosen.names
 
 
-def view_names(path: Path) -> tuple[str, ...]:
-    """File names of all views that a scene folder has cameras for, in the order `--views` counts them.
+def view_names(path: StrPath) -> tuple[str, ...]:
+    """Return the file names of all views that a scene folder has cameras for, in the order that indices count them.
 
     Raises InputError as `read_views` does for its cameras; images are not looked at.
     """
     return tuple(photograph.path.name for photograph in read_cameras(path).photographs)
-
-
-def read_cameras(path: Path) -> PosedPhotographs:
-    """The cameras of a scene folder, or of a camera file given itself, in the first format found."""
-    try:
-        scene = _find_cameras(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from error
-    if scene is None and path.is_file():
-        raise InputError(f"{path}: not a camera file; give the folder that holds images and cameras.")
-    if scene is None:
-        raise InputError(
-            f"{path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera "
-            "file."
-        )
-    return scene
-
-
-def _find_cameras(path: Path) -> PosedPhotographs | None:
-    if not path.exists():
-        raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
-    if transforms := find_transforms_json(path):
-        return read_transforms_json(transforms)
-    if model := find_colmap_model(path):
-        return read_colmap(path, model)
-    if camera_text := find_realestate10k(path):
-        return read_realestate10k(camera_text)
-    return None
 
 
 def _choose(path: Path, views: tuple[int | str, ...] | None, size: tuple[int, int] | None) -> _Chosen:
@@ -120,7 +98,7 @@ def _choose(path: Path, views: tuple[int | str, ...] | None, size: tuple[int, in
     if size:
         require_size(size)
     scene = read_cameras(path)
-    photographs = choose_views(scene.photographs, views, path)
+    photographs, notes = _chosen_photographs(scene, views, path)
     poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
     require_float32_range(poses, str(scene.cameras_path))
     lenses = [stored_lens(photograph) for photograph in photographs]
@@ -133,16 +111,46 @@ def _choose(path: Path, views: tuple[int | str, ...] | None, size: tuple[int, in
         near=torch.tensor(torch.nan),
         far=torch.tensor(torch.nan),
     )
-    return _Chosen(scene, photographs, lenses, common, cameras)
+    names = [photograph.path.name for photograph in photographs]
+    notes += [*lens_notes(pinholes, names), *framing_notes(pinholes, names, common)]
+    return _Chosen(scene, photographs, lenses, common, cameras, tuple(notes))
+
+
+def _chosen_photographs(
+    scene: PosedPhotographs, views: tuple[int | str, ...] | None, path: Path
+) -> tuple[list[PosedPhotograph], list[str]]:
+    """The photographs to read, and a note where the choice was made here."""
+    if views is not None:
+        return choose_views(scene.photographs, views, path), []
+    if len(scene.photographs) <= MAX_VIEWS:
+        return scene.photographs, []
+    photographs = [scene.photographs[index] for index in auto_views(scene)]
+    names = ", ".join(photograph.path.name for photograph in photographs)
+    note = f"{len(photographs)} of {len(scene.photographs)} photographs are used ({names}); choose others by `views`."
+    return photographs, [note]
 
 
 def _read_unbounded(chosen: _Chosen) -> Views:
     """Undistorted images of one size; near and far are not known yet."""
-    images = [
-        crop_and_resize(undistort(read_image(photograph.path), lens, pinhole), pinhole, chosen.image_size)[0]
-        for photograph, (lens, pinhole) in zip(chosen.photographs, chosen.lenses, strict=True)
+    pixels = [
+        _framed_pixels(photograph.path, lenses, chosen.image_size)
+        for photograph, lenses in zip(chosen.photographs, chosen.lenses, strict=True)
     ]
-    return Views(torch.stack(images), chosen.cameras, chosen.names)
+    has_alpha = any(len(channels) == 4 for channels in pixels)
+    opaque = torch.ones(1, *chosen.image_size)
+    alpha = torch.cat([channels[3:] if len(channels) == 4 else opaque for channels in pixels]) if has_alpha else None
+    images = torch.stack([channels[:3] for channels in pixels])
+    return Views(images, chosen.cameras, chosen.names, alpha, chosen.notes)
+
+
+def _framed_pixels(
+    path: Path, lenses: tuple[Lens, Lens], image_size: tuple[int, int]
+) -> Float[Tensor, "channel height width"]:
+    """Colour, and opacity as a fourth channel where the image has it, undistorted and brought to `image_size`."""
+    colour, alpha = read_image_and_alpha(path)
+    pixels = colour if alpha is None else torch.cat((colour, alpha[None]))
+    lens, pinhole = lenses
+    return crop_and_resize(undistort(pixels, lens, pinhole), pinhole, image_size)[0]
 
 
 def _with_depth_bounds(
@@ -159,7 +167,7 @@ def _with_depth_bounds(
     if not 0 < near < far < torch.finfo(torch.float32).max:
         raise InputError(
             f"{scene.cameras_path}: near {near:.6g} and far {far:.6g} are no range of depths; "
-            "0 < near < far is needed, set them with --near and --far."
+            "0 < near < far is needed, set them with `near` and `far`."
         )
     bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}
     return replace(chosen.cameras, **bounds)

@@ -4,8 +4,8 @@ Poses are camera-to-world in OpenGL axes (+X right, +Y up, +Z backwards). A valu
 at the top level. Optional `near` and `far` at the top level bound the depth.
 """
 
-import json
 import math
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fecocodec.errors import InputError
-from fecocodec.formats.lens import Lens
+from fecocodec.formats.input_file import read_json
+from fecocodec.formats.lens import ASPECT_TOLERANCE, MAX_SIDE_PX, Lens
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
 
 _FILE_NAMES = ("transforms.json", "transforms_train.json")
@@ -42,16 +43,7 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
 
 
 def _load(path: Path) -> dict[str, Any]:
-    try:
-        scene = json.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path.") from error
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"{path}, line {error.lineno}, column {error.colno}: broken JSON ({error.msg}); mend or export it again."
-        ) from error
-    except (UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: this is not JSON text in UTF-8; export it again.") from error
+    scene = read_json(path)
     if not isinstance(scene, dict):
         raise InputError(f"{path}: the outermost value is not an object; export it again.")
     return scene
@@ -82,17 +74,24 @@ def _pose(matrix: object, place: str) -> Float[np.ndarray, "4 4"]:
 
 
 def _lens(values: dict[str, Any], place: str, width: int, height: int) -> Lens:
-    """The lens for an image stored at width x height; it may differ from the `w`, `h` the focal lengths are for."""
+    """The lens for an image stored at width x height, which may differ from the size that focal lengths are for.
+
+    That size is `w`, `h`; where missing, it follows from `fl_x` and `camera_angle_x`, if both are given; else it is the
+    size of the image.
+    """
     get = partial(_number, values, place=place)
-    w, h = get("w") or float(width), get("h") or float(height)
-    if w < 1 or h < 1:
-        raise InputError(f"{place}: w and h are not positive; give the image size in pixels.")
+    scale = _implied_scale(get, width)
+    w, h = get("w") or scale * width, get("h") or scale * height
+    if not (1 <= w <= MAX_SIDE_PX and 1 <= h <= MAX_SIDE_PX):
+        raise InputError(f"{place}: w and h are no size of an image; give the image size in pixels.")
     fx = get("fl_x") or _focal_length(get("camera_angle_x"), w)
     fy = get("fl_y") or _focal_length(get("camera_angle_y"), h)
     fx, fy = fx or fy, fy or fx  # one focal length is for square pixels
     if fx is None or fy is None or fx <= 0 or fy <= 0:
         raise InputError(f"{place}: no positive focal length; give fl_x in pixels or camera_angle_x in radians.")
     cx, cy = get("cx"), get("cy")
+    if get("w") is None and get("h") is None:
+        _require_central(cx, cy, width, height, place)
     lens = Lens(
         width=round(w),
         height=round(h),
@@ -106,8 +105,28 @@ def _lens(values: dict[str, Any], place: str, width: int, height: int) -> Lens:
     return lens.scaled_to(width, height, place)
 
 
+def _implied_scale(get: Callable[[str], float | None], width: int) -> float:
+    """How many times wider than the stored image the image is that `fl_x` and `camera_angle_x` are for; else 1."""
+    focal, angle = get("fl_x"), get("camera_angle_x")
+    if focal is None or angle is None or not 0 < angle < math.pi:
+        return 1.0
+    scale = 2 * focal * math.tan(angle / 2) / width
+    return scale if abs(scale - 1) > ASPECT_TOLERANCE else 1.0
+
+
+def _require_central(cx: float | None, cy: float | None, width: int, height: int, place: str) -> None:
+    """Refuse a principal point outside the middle half of the image: it is for an image of another size."""
+    if cx is None or cy is None:
+        return
+    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > 0.25:
+        raise InputError(
+            f"{place}: fl_x, cx and cy are in pixels of an image of about {2 * cx:.0f}x{2 * cy:.0f}, but the image is "
+            f"{width}x{height}; add w and h, the image size that they are for."
+        )
+
+
 def _focal_length(angle: float | None, length: float) -> float | None:
-    """Focal length in pixels of a field of view in radians across `length` pixels."""
+    """Return the focal length in pixels of a field of view in radians across `length` pixels."""
     if angle is None or not 0 < angle < math.pi:
         return None
     return length / 2 / math.tan(angle / 2)

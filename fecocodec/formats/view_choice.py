@@ -1,48 +1,30 @@
-"""Which of a folder's views are used."""
+"""Choose views by index or by name."""
 
 from pathlib import Path
-
-import numpy as np
 
 from fecocodec.errors import InputError
 from fecocodec.formats.posed_photographs import PosedPhotograph
 from fecocodec.limits import MAX_VIEWS
 
-
-def subsample(num_available: int, count: int) -> tuple[int, ...]:
-    """`count` indices spread evenly over `num_available` views, first and last included; one is the middle view.
-
-    Raises InputError where there are not that many, or count is below 1.
-    """
-    if not 1 <= count <= num_available:
-        raise InputError(f"{count} views asked for, but the folder has {num_available}; choose between the two.")
-    if count == 1:
-        return (num_available // 2,)
-    return tuple(int(index) for index in np.linspace(0, num_available - 1, count).round())
+_LONGEST_NUMBER = 9  # digits
 
 
 def choose_views(
-    photographs: list[PosedPhotograph], chosen: tuple[int | str, ...] | None, folder: Path
+    photographs: list[PosedPhotograph], chosen: tuple[int | str, ...], folder: Path
 ) -> list[PosedPhotograph]:
-    """The chosen photographs, in the order given; None means all.
+    """Return the chosen photographs, in the order given.
 
     A view is chosen by its index (0 is the first; `3` and `"3"` are the same unless an image is called 3), by its
     file name with or without suffix, or by the end of its path (`images/003.jpg`).
     Raises InputError where a view does not exist, is named twice, or there are none or more than MAX_VIEWS.
     """
-    if chosen is None:
-        if len(photographs) > MAX_VIEWS:
-            raise InputError(
-                f"{folder}: {len(photographs)} views, but at most {MAX_VIEWS} can be used; choose some with --views."
-            )
-        return photographs
     if not 1 <= len(chosen) <= MAX_VIEWS:
-        raise InputError(f"{folder}: {len(chosen)} views chosen, but 1 to {MAX_VIEWS} can be used; change --views.")
+        raise InputError(f"{folder}: {len(chosen)} views chosen, but 1 to {MAX_VIEWS} can be used; change `views`.")
     paths = [photograph.path for photograph in photographs]
     indices = [_find_view(paths, view, folder) for view in chosen]
     for index in indices:
         if indices.count(index) > 1:
-            raise InputError(f"{folder}: view {paths[index].name} is chosen twice; name each view once in --views.")
+            raise InputError(f"{folder}: view {paths[index].name} is chosen twice; name each view once in `views`.")
     return [photographs[index] for index in indices]
 
 
@@ -51,15 +33,15 @@ def _find_view(paths: list[Path], view: int | str, folder: Path) -> int:
         found = [index for index, path in enumerate(paths) if _is_called(path, view)]
         if len(found) > 1:
             raise InputError(
-                f"{folder}: {len(found)} views are called {view}; give more of its path, or an index, in --views."
+                f"{folder}: {len(found)} views are called {view}; give more of its path, or an index, in `views`."
             )
         if found:
             return found[0]
-        if not view.isdecimal():
-            raise InputError(f"{folder}: no view is called {view} (the first is {paths[0].name}); change --views.")
+        if not view.isdecimal() or len(view) > _LONGEST_NUMBER:
+            raise InputError(f"{folder}: no view is called {view} (the first is {paths[0].name}); change `views`.")
         view = int(view)
     if not 0 <= view < len(paths):
-        raise InputError(f"{folder}: there is no view {view}; give indices from 0 to {len(paths) - 1} in --views.")
+        raise InputError(f"{folder}: there is no view {view}; give indices from 0 to {len(paths) - 1} in `views`.")
     return view
 
 

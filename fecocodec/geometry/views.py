@@ -13,11 +13,15 @@ class Views:
     """Images of one scene with their cameras.
 
     images: sRGB in [0, 1], all of one size. names: one per view, for messages (usually the file name).
+    alpha: opacity in [0, 1]; None where no image has transparency. The images are composited on white already.
+    notes: one sentence for each thing a reader of files did that the user may not expect, such as cropping.
     """
 
     images: Float[Tensor, "view 3 height width"]
     cameras: Cameras
     names: tuple[str, ...]
+    alpha: Float[Tensor, "view height width"] | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -31,4 +35,5 @@ class Views:
             images=self.images[views],
             cameras=self.cameras.select(views),
             names=tuple(self.names[view] for view in views),
+            alpha=None if self.alpha is None else self.alpha[views],
         )

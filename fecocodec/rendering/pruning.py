@@ -41,6 +41,8 @@ def prune(gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]) -
     cameras near them, changes by more than LARGEST_CHANGE. Opacities, scales and harmonics change. Returns the input
     where no share meets the bound. image_size: (height, width).
     """
+    if gaussians.count == 0:
+        return gaussians
     nearby = nearby_cameras(cameras, MOST_NEARBY)
     seen_from = cameras if nearby is None else _joined(cameras, nearby)
     reference = render(gaussians, seen_from, image_size).color

@@ -15,7 +15,7 @@ from fecocodec.formats.images import read_image, read_image_size
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import require_numbers
 from fecocodec.formats.transforms_json import read_transforms_json
-from fecocodec.training.frustum_overlap import frustum_overlap
+from fecocodec.geometry.frustum_overlap import frustum_overlap
 
 
 @runtime_checkable

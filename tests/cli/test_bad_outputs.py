@@ -36,6 +36,7 @@ def full_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(source: object, target: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
+    monkeypatch.setattr("fecocodec.formats.atomic.os.link", refuse)
     monkeypatch.setattr("fecocodec.formats.atomic.os.replace", refuse)
 
 

@@ -53,7 +53,7 @@ def test_an_existing_file_is_kept_unless_told_otherwise(tmp_path):
     with pytest.raises(OutputError) as caught, write_atomically(path, overwrite=False):
         pytest.fail("the block must not be entered")
     assert str(caught.value) == (
-        f"{path}: the file exists already; choose another output path or replace it by --overwrite."
+        f"{path}: the file exists already; choose another output path or replace it by `overwrite`."
     )
     with write_atomically(path, overwrite=True) as temporary:
         temporary.write_bytes(b"new")
@@ -157,3 +157,59 @@ def test_a_disk_that_refuses_even_to_tidy_up(tmp_path, monkeypatch):
         write_atomically(tmp_path / "out", overwrite=False) as temporary,
     ):
         temporary.write_bytes(b"")
+
+
+def test_a_file_that_appears_meanwhile_is_kept(tmp_path):
+    path = tmp_path / "out"
+    with (
+        pytest.raises(OutputError, match="the file exists already"),
+        write_atomically(path, overwrite=False) as temporary,
+    ):
+        temporary.write_bytes(b"mine")
+        path.write_bytes(b"theirs")
+    assert path.read_bytes() == b"theirs"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("number", [errno.EPERM, errno.ENOTSUP])
+def test_file_systems_without_hard_links(number, tmp_path, monkeypatch):
+    def refuse(*_arguments):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fecocodec.formats.atomic.os.link", refuse)
+    path = tmp_path / "out"
+    with write_atomically(path, overwrite=False) as temporary:
+        temporary.write_bytes(b"mine")
+    assert path.read_bytes() == b"mine"
+    path.unlink()
+    with (
+        pytest.raises(OutputError, match="the file exists already"),
+        write_atomically(path, overwrite=False) as temporary,
+    ):
+        temporary.write_bytes(b"mine")
+        path.write_bytes(b"theirs")
+    assert path.read_bytes() == b"theirs"
+
+
+@pytest.mark.parametrize("overwrite", [True, False])
+def test_names_that_no_file_can_have(overwrite, tmp_path):
+    loop = tmp_path / "loop"
+    loop.symlink_to("loop")
+    for path, reason in (
+        (tmp_path / ("a" * 300), "File name too long"),
+        (loop, "Too many levels of symbolic links"),
+        (loop / "out", "Too many levels of symbolic links"),
+        (tmp_path / "a\0b", "embedded null byte"),
+    ):
+        with pytest.raises(OutputError) as caught:
+            require_writable(path, overwrite=overwrite)
+        refused = path.parent if path.parent == loop else path
+        assert str(caught.value) == f"{refused}: cannot be written ({reason}); choose another output path."
+
+
+def test_a_folder_without_access():
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "closed"
+        folder.mkdir(mode=0o000)
+        with _without_privileges(), pytest.raises(OutputError, match=r"cannot be written \(Permission denied\)"):
+            require_writable(folder / "out", overwrite=False)

@@ -131,7 +131,7 @@ def test_frames_and_bounds_that_cannot_be(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("index", "sentence"),
     [
-        ("{", "this is no JSON"),
+        ("{", "line 1, column 2: broken JSON"),
         ("[]", "no object of scene to chunk"),
         (json.dumps({"a": "../outside.torch"}), "scene a is not in a file beside the index"),
         (json.dumps({"a": 3}), "scene a is not in a file beside the index"),
@@ -144,7 +144,7 @@ def test_bad_indices(tmp_path: Path, index: str, sentence: str) -> None:
 
 
 def test_scenes_that_are_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"index\.json: cannot be read .*give the folder of chunks"):
+    with pytest.raises(InputError, match=r"index\.json: cannot be read .*give a folder of chunks"):
         ChunkFolder(tmp_path)
     chunks = ChunkFolder(write_wall_chunks(tmp_path, num_scenes=1))
     with pytest.raises(InputError, match="has no scene hall; check that the index is for this split"):

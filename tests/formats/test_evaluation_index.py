@@ -26,7 +26,7 @@ def test_public_indices_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("{]", "this is no JSON"),
+        ("{]", "line 1, column 2: broken JSON"),
         ("[1]", "not an evaluation index"),
         ('{"a": {"context": [1, 2]}}', "entry a: `context` and `target` must be lists of frame numbers"),
         ('{"a": {"context": [1, -2], "target": [1]}}', "entry a"),

@@ -1,5 +1,7 @@
 """OpenEXR holds linear light and depth; checked through OpenEXR's own reader and writer."""
 
+import struct
+
 import numpy as np
 import OpenEXR
 import pytest
@@ -62,3 +64,34 @@ def test_without_colour_it_is_refused(tmp_path):
     with pytest.raises(InputError) as caught:
         read_exr(path)
     assert str(caught.value) == f"{path}: no colour among the channels ['Z']; store R, G and B."
+
+
+def with_window(path, width: int, height: int) -> None:
+    """Change the size in the header of a stored file; its few pixels stay as they are."""
+    data = path.read_bytes()
+    mark = b"dataWindow\0box2i\0" + struct.pack("<i", 16)
+    start = data.index(mark) + len(mark)
+    path.write_bytes(data[:start] + struct.pack("<4i", 0, 0, width - 1, height - 1) + data[start + 16 :])
+
+
+@pytest.mark.parametrize(("width", "height"), [(8193, 8192), (100_000, 100_000), (70_000_000, 1)])
+def test_too_many_pixels_are_refused_before_they_are_decoded(width, height, tmp_path):
+    path = tmp_path / "image.exr"
+    store(path, {"RGB": np.zeros((2, 3, 3), np.float32)})
+    with_window(path, width, height)
+    for read in (read_exr, read_exr_size):
+        with pytest.raises(InputError, match=r"image\.exr: the image has too many pixels .*; store it smaller\."):
+            read(path)
+
+
+def test_too_many_channels_are_refused_before_they_are_decoded(tmp_path):
+    path = tmp_path / "image.exr"
+    store(path, {f"layer{number}": np.zeros((2, 3), np.float32) for number in range(20)})
+    with_window(path, 4096, 4096)
+    with pytest.raises(InputError, match=r"too many channels or parts for its size; store R, G and B alone\."):
+        read_exr(path)
+
+
+def test_opacity_is_returned(tmp_path):
+    store(tmp_path / "image.exr", {"RGBA": np.full((2, 3, 4), 0.25, np.float32)})
+    torch.testing.assert_close(read_exr(tmp_path / "image.exr").alpha, torch.full((2, 3), 0.25))

@@ -1,5 +1,6 @@
 """Photographs are read as sRGB in [0, 1], whatever way the pixels are stored."""
 
+import os
 import struct
 import zlib
 
@@ -9,7 +10,7 @@ import torch
 from PIL import Image
 
 from fecocodec.errors import InputError, OutputError
-from fecocodec.formats.images import decode_image, read_image, read_image_size, write_image
+from fecocodec.formats.images import decode_image, read_image, read_image_and_alpha, read_image_size, write_image
 
 HEIGHT, WIDTH = 40, 56
 
@@ -116,11 +117,58 @@ def test_a_missing_image_is_named(tmp_path):
     assert str(caught.value) == f"{path}: no such image; put it there or leave its view out."
 
 
-def test_too_many_pixels_are_refused_before_they_are_decoded(tmp_path, monkeypatch):
-    Image.new("L", (200, 200)).save(tmp_path / "image.png")
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
-    with pytest.raises(InputError, match=r"image\.png: the image has too many pixels .*; store it smaller\."):
+@pytest.mark.parametrize(("width", "height"), [(9400, 9400), (8193, 8192), (100_000, 100_000)])
+def test_too_many_pixels_are_refused_before_they_are_decoded(tmp_path, width, height):
+    """The file has no pixels, so a reader that decodes first reports that it is cut short."""
+    whole = png_of_sixteen_bits(np.zeros((1, 1, 3)))
+    head = b"IHDR" + struct.pack(">II", width, height) + whole[24:29]
+    (tmp_path / "image.png").write_bytes(whole[:12] + head + struct.pack(">I", zlib.crc32(head)) + whole[33:])
+    for read in (read_image, read_image_size):
+        with pytest.raises(InputError, match=r"image\.png: the image has too many pixels.*; store it smaller\."):
+            read(tmp_path / "image.png")
+
+
+def png_of_chunks(*chunks: tuple[bytes, bytes]) -> bytes:
+    framed = (struct.pack(">I", len(d)) + kind + d + struct.pack(">I", zlib.crc32(kind + d)) for kind, d in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
+
+
+@pytest.mark.parametrize(
+    ("colour_type", "extra"), [(3, ()), (2, ((b"iCCP", b"ab"),)), (0, ((b"iCCP", b"a\0"),)), (2, ((b"tRNS", b"a"),))]
+)
+def test_damaged_png_chunks_are_one_sentence(tmp_path, colour_type, extra):
+    """A palette image without palette, and profiles and transparency of two bytes."""
+    head = struct.pack(">IIBBBBB", 8, 8, 8, colour_type, 0, 0, 0)
+    rows = 8 * (b"\0" + bytes(8 * (3 if colour_type == 2 else 1)))
+    data = png_of_chunks((b"IHDR", head), *extra, (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    (tmp_path / "image.png").write_bytes(data)
+    with pytest.raises(InputError, match=r"image\.png: the image is damaged, cut short or not PNG.*; store it again\."):
         read_image(tmp_path / "image.png")
+
+
+def test_pipes_devices_and_huge_files_are_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.png")
+    (tmp_path / "zero.exr").symlink_to("/dev/zero")
+    for name in ("pipe.png", "zero.exr"):
+        for read in (read_image, read_image_size):
+            with pytest.raises(InputError, match="a pipe or a device cannot be read here; give a regular file"):
+                read(tmp_path / name)
+    for name in ("huge.png", "huge.exr"):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(513 << 20)  # sparse: it takes no space
+        with pytest.raises(InputError, match="537919488 bytes, but at most 536870912 are read; give a smaller file"):
+            read_image(tmp_path / name)
+
+
+def test_opacity_is_returned_beside_the_composited_colour(tmp_path):
+    pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
+    pixels[..., 3] = 51
+    Image.fromarray(pixels).save(tmp_path / "image.png")
+    colour, alpha = read_image_and_alpha(str(tmp_path / "image.png"))
+    torch.testing.assert_close(colour, torch.full((3, HEIGHT, WIDTH), 0.8))
+    torch.testing.assert_close(alpha, torch.full((HEIGHT, WIDTH), 0.2))
+    Image.fromarray(pixels[..., :3]).save(tmp_path / "opaque.png")
+    assert read_image_and_alpha(tmp_path / "opaque.png")[1] is None
 
 
 def test_an_unknown_suffix_is_not_written(tmp_path):

@@ -156,3 +156,40 @@ def test_any_cut_is_refused(tmp_path):
     for length in range(len(whole)):
         path.write_bytes(whole[:length])
         assert refusal(path).endswith(".")
+
+
+def test_numbers_of_thousands_of_digits_are_one_sentence(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians())
+    path.write_bytes(path.read_bytes().replace(b"element vertex 50", b"element vertex " + b"9" * 5000))
+    assert refusal(path) == "the first element is not `vertex N`; give an uncompressed 3DGS .ply file."
+
+
+def test_harmonics_without_their_beginning_are_one_sentence(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians(d_sh=4))
+    data = path.read_bytes()
+    for number in reversed(range(9)):
+        data = data.replace(b"float f_rest_%d\n" % number, b"float f_rest_%d\n" % (number + 9))
+    path.write_bytes(data)
+    missing = ", ".join(f"'f_rest_{number}'" for number in range(9))
+    assert refusal(path) == f"not Gaussians (missing [{missing}], 9 f_rest); give a 3DGS .ply file."
+
+
+@pytest.mark.filterwarnings("error")
+def test_values_beyond_all_bounds_are_one_sentence_without_warnings(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians(count=1, d_sh=1))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-32] + np.full(8, 3e38, "<f4").tobytes())  # opacity, scales and rotation
+    assert refusal(path) == "a value is NaN or infinite; write the file again from finite Gaussians."
+
+
+def test_a_device_is_refused(tmp_path):
+    (tmp_path / "scene.ply").symlink_to("/dev/zero")
+    assert refusal(tmp_path / "scene.ply") == "a pipe or a device cannot be read here; give a regular file."
+
+
+def test_paths_may_be_text(tmp_path):
+    write_ply(str(tmp_path / "scene.ply"), some_gaussians())
+    assert read_ply(str(tmp_path / "scene.ply")).count == 50

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from wall_scene import (
     shots,
     take,
@@ -217,3 +218,85 @@ def test_photographs_beside_the_colmap_model(tmp_path):
         image.rename(folder / image.name)
     (folder / "images").rmdir()
     assert mean_colour_error(read(folder)) < 0.002
+
+
+def test_a_folder_may_be_given_as_text(tmp_path):
+    write_transforms(tmp_path, shots(2))
+    assert read(str(tmp_path)).names == view_names(str(tmp_path)) == ("000.png", "001.png")
+
+
+def test_ordinary_photographs_have_no_notes(tmp_path):
+    assert read(write_transforms(tmp_path, shots(3))).notes == ()
+
+
+def test_several_sizes_are_noted(tmp_path):
+    views = read(write_transforms(tmp_path, [*shots(3), shots(4, width=96, height=72)[3]]))
+    assert views.notes == (
+        "the photographs have several sizes (3 of 96x80, 1 of 96x72); all are cropped and resized to 96x80; choose "
+        "photographs of one size by `views`.",
+    )
+
+
+def test_several_orientations_are_noted(tmp_path):
+    landscape, portrait = shots(3, width=96, height=80), shots(4, width=80, height=96)[3]
+    views = read(write_transforms(tmp_path, [*landscape, portrait]))
+    assert "several orientations (3 of 96x80, 1 of 80x96)" in views.notes[0]
+
+
+def test_a_crop_of_more_than_a_quarter_is_noted(tmp_path):
+    folder = write_transforms(tmp_path, shots(2, width=144, height=80))
+    assert read(folder, size=(64, 80)).notes == (
+        "the crop to 80x64 leaves 69% of 000.png (144x80); choose a `size` of the photographs' shape to keep more.",
+    )
+    assert read(folder, size=(64, 96)).notes == ()
+
+
+def test_reduced_images_without_their_size_are_noted(tmp_path):
+    """transforms.json without w, h, cx and cy whose fl_x is for images four times as wide."""
+    taken = shots(2)
+    folder = write_transforms(tmp_path, taken)
+    cameras = json.loads((folder / "transforms.json").read_text())
+    for values in (cameras, *cameras["frames"]):
+        for key in ("w", "h", "cx", "cy"):
+            values.pop(key, None)
+        for key in ("fl_x", "fl_y"):
+            if key in values:
+                values[key] *= 4
+    (folder / "transforms.json").write_text(json.dumps(cameras))
+    (note,) = read(folder).notes
+    assert note.startswith(f"the focal length of 000.png is {4 * taken[0].fx:.0f} pixels for an image of 96x80, a very")
+
+
+def test_reduced_images_whose_field_of_view_is_known_are_read_as_they_are(tmp_path):
+    taken = shots(2)
+    folder = write_transforms(tmp_path, taken)
+    expected = read(folder).cameras.intrinsics
+    cameras = json.loads((folder / "transforms.json").read_text())
+    for values, shot in zip(cameras["frames"], taken, strict=True):
+        for source in (cameras, values):
+            for key in ("w", "h", "cx", "cy"):
+                source.pop(key, None)
+        values |= {"fl_x": 4 * shot.fx, "fl_y": 4 * shot.fy, "camera_angle_x": 2 * np.arctan(96 / 2 / shot.fx)}
+    (folder / "transforms.json").write_text(json.dumps(cameras))
+    views = read(folder)
+    assert views.notes == ()
+    torch.testing.assert_close(views.cameras.intrinsics[:, [0, 1], [0, 1]], expected[:, [0, 1], [0, 1]])
+
+
+def test_more_than_16_photographs_are_thinned_to_views_that_overlap(tmp_path):
+    views = read(write_transforms(tmp_path, shots(18)))
+    assert 1 < len(views.names) <= 8
+    assert views.notes[0].startswith(f"{len(views.names)} of 18 photographs are used (")
+    assert views.notes[0].endswith("); choose others by `views`.")
+
+
+def test_transparency_is_kept_beside_the_images(tmp_path):
+    folder = write_transforms(tmp_path, shots(2))
+    assert read(folder).alpha is None
+    with Image.open(folder / "images" / "001.png") as image:
+        pixels = image.convert("RGBA")
+    pixels.putalpha(51)
+    pixels.save(folder / "images" / "001.png")
+    views = read(folder)
+    torch.testing.assert_close(views.alpha, torch.tensor([1.0, 0.2])[:, None, None].expand(2, 80, 96))
+    assert torch.equal(views.select([1]).alpha, views.alpha[1:])

@@ -1,4 +1,4 @@
-"""Choosing views by index, by name, or evenly."""
+"""Choose views by index or by name."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import pytest
 from fecocodec.errors import InputError
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import PosedPhotograph
-from fecocodec.formats.view_choice import choose_views, subsample
+from fecocodec.formats.view_choice import choose_views
 
 FOLDER = Path("scene")
 
@@ -30,40 +30,22 @@ def test_by_index_and_by_name():
     assert chosen(available, "b", "a.png", "left/7.png") == ["b.png", "a.png", "7.png"]
     assert chosen(available, "1") == ["b.png"]
     assert chosen(available, "7") == ["7.png"]
-    assert choose_views(available, None, FOLDER) == available
 
 
 @pytest.mark.parametrize(
     ("views", "text"),
     [
-        ((3,), "scene: there is no view 3; give indices from 0 to 2 in --views."),
-        (("3",), "scene: there is no view 3; give indices from 0 to 2 in --views."),
-        ((-1,), "scene: there is no view -1; give indices from 0 to 2 in --views."),
-        (("c",), "scene: no view is called c (the first is a.png); change --views."),
-        (("b",), "scene: 2 views are called b; give more of its path, or an index, in --views."),
-        ((0, "a"), "scene: view a.png is chosen twice; name each view once in --views."),
-        ((), "scene: 0 views chosen, but 1 to 16 can be used; change --views."),
-        (tuple(range(17)), "scene: 17 views chosen, but 1 to 16 can be used; change --views."),
+        ((3,), "scene: there is no view 3; give indices from 0 to 2 in `views`."),
+        (("3",), "scene: there is no view 3; give indices from 0 to 2 in `views`."),
+        ((-1,), "scene: there is no view -1; give indices from 0 to 2 in `views`."),
+        (("c",), "scene: no view is called c (the first is a.png); change `views`."),
+        (("b",), "scene: 2 views are called b; give more of its path, or an index, in `views`."),
+        ((0, "a"), "scene: view a.png is chosen twice; name each view once in `views`."),
+        ((), "scene: 0 views chosen, but 1 to 16 can be used; change `views`."),
+        (tuple(range(17)), "scene: 17 views chosen, but 1 to 16 can be used; change `views`."),
     ],
 )
 def test_refusals(views, text):
     with pytest.raises(InputError) as caught:
         chosen(photographs("left/a.png", "left/b.png", "right/b.png"), *views)
     assert str(caught.value) == text
-
-
-def test_subsample_is_even_and_keeps_both_ends():
-    assert subsample(10, 10) == tuple(range(10))
-    assert subsample(100, 3) == (0, 50, 99)
-    assert subsample(7, 1) == (3,)
-    for count in range(2, 17):
-        indices = subsample(40, count)
-        assert (indices[0], indices[-1]) == (0, 39)
-        assert len(set(indices)) == count
-        assert np.ptp(np.diff(indices)) <= 1
-
-
-@pytest.mark.parametrize("count", [0, 11])
-def test_subsample_of_more_than_there_are(count):
-    with pytest.raises(InputError, match=f"{count} views asked for, but the folder has 10"):
-        subsample(10, count)

@@ -58,3 +58,8 @@ def test_neighbours_of_other_colours_are_not_replaced() -> None:
     cameras, plain = example_cameras(2), wall()
     colours = torch.randn(plain.harmonics.shape, generator=torch.Generator().manual_seed(1))
     assert prune(replace(plain, harmonics=colours), cameras, SIZE).count > 1.2 * prune(plain, cameras, SIZE).count
+
+
+def test_no_gaussians_are_returned_as_they_are() -> None:
+    nothing = Gaussians(torch.zeros(0, 3), torch.zeros(0, 3), torch.zeros(0, 4), torch.zeros(0), torch.zeros(0, 1, 3))
+    assert prune(nothing, example_cameras(2), SIZE) is nothing

@@ -1,0 +1,56 @@
+"""End a command on Ctrl-C, SIGTERM or SIGHUP as an error would: unfinished files are removed on the way out."""
+
+import signal
+from types import FrameType
+
+SECONDS_TO_END = 2.0
+_DESCRIPTIONS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "the terminal was closed"}
+
+
+class EndingSignals:
+    """A context in which these signals raise SystemExit and are recorded; those that are ignored stay ignored.
+
+    The record counts, because a library that is interrupted while it loads may raise another error instead. Where it
+    goes on as if nothing had happened, SystemExit is raised again every SECONDS_TO_END.
+    """
+
+    def __init__(self) -> None:
+        self.received: int | None = None
+
+    @property
+    def description(self) -> str:
+        """What happened, for the message on stderr."""
+        return "" if self.received is None else _DESCRIPTIONS[signal.Signals(self.received).name]
+
+    def __enter__(self) -> "EndingSignals":
+        for number in _ending_signals():
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as `nohup` and shells ask for
+                signal.signal(number, self._end)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.received is not None:
+            _repeat_after(0.0)
+        for number in _ending_signals():
+            if signal.getsignal(number) == self._end:
+                signal.signal(number, signal.SIG_DFL)
+
+    def _end(self, number: int, frame: FrameType | None) -> None:
+        self.received = number
+        if hasattr(signal, "SIGALRM"):
+            signal.signal(signal.SIGALRM, self._end_again)
+            _repeat_after(SECONDS_TO_END)
+        raise SystemExit(128 + number)
+
+    def _end_again(self, number: int, frame: FrameType | None) -> None:
+        raise SystemExit
+
+
+def _repeat_after(seconds: float) -> None:
+    """Start the timer behind SIGALRM; 0 stops it."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+
+
+def _ending_signals() -> list[int]:
+    return [getattr(signal, name) for name in _DESCRIPTIONS if hasattr(signal, name)]  # no SIGHUP on Windows

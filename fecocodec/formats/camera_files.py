@@ -1,0 +1,43 @@
+"""Find and read the cameras of a scene folder, in whichever format they are."""
+
+from pathlib import Path
+
+from fecocodec.errors import InputError
+from fecocodec.formats.colmap import find_colmap_model, read_colmap
+from fecocodec.formats.input_file import StrPath
+from fecocodec.formats.posed_photographs import PosedPhotographs
+from fecocodec.formats.realestate10k import find_realestate10k, read_realestate10k
+from fecocodec.formats.transforms_json import find_transforms_json, read_transforms_json
+
+
+def read_cameras(path: StrPath) -> PosedPhotographs:
+    """Return the cameras of a scene folder, or of a camera file given itself, in the first format found.
+
+    Raises InputError where there are none, or they cannot be read. Images are not looked at.
+    """
+    path = Path(path)
+    try:
+        scene = _find_cameras(path)
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions.") from error
+    if scene is None and path.is_file():
+        raise InputError(f"{path}: not a camera file; give the folder that holds images and cameras.")
+    if scene is None:
+        raise InputError(
+            f"{path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera "
+            "file."
+        )
+    return scene
+
+
+def _find_cameras(path: Path) -> PosedPhotographs | None:
+    if not path.exists():
+        raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
+    if transforms := find_transforms_json(path):
+        return read_transforms_json(transforms)
+    if model := find_colmap_model(path):
+        return read_colmap(path, model)
+    if camera_text := find_realestate10k(path):
+        return read_realestate10k(camera_text)
+    return None

@@ -1,0 +1,64 @@
+"""Files that others made: regular files of bounded size, read whole or not at all."""
+
+import errno
+import json
+import os
+import stat
+from pathlib import Path
+
+from fecocodec.errors import InputError
+
+StrPath = str | os.PathLike[str]
+
+MAX_FILE_BYTES = 512 << 20
+MAX_IMAGE_PIXELS = 1 << 26  # 64 megapixels; checked before an image is decoded
+
+
+def require_regular_file(path: Path) -> None:
+    """Refuse what is not a regular file of at most MAX_FILE_BYTES, without opening it (a pipe would block).
+
+    Raises InputError for a device, a pipe or a file that is too long, and OSError where there is no such file, it is a
+    folder, or the system does not let us look at it.
+    """
+    found = os.stat(path)
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(f"{path}: a pipe or a device cannot be read here; give a regular file.")
+    if found.st_size > MAX_FILE_BYTES:
+        raise InputError(
+            f"{path}: the file has {found.st_size} bytes, but at most {MAX_FILE_BYTES} are read; give a smaller file."
+        )
+
+
+def read_file(path: Path, remedy: str = "check the path") -> bytes:
+    """Return the bytes of a regular file. Raises InputError, which ends in `remedy`, where it cannot be read."""
+    try:
+        require_regular_file(path)
+        return path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be read ({reason}); {remedy}.") from error
+
+
+def read_text(path: Path, remedy: str = "check the path") -> str:
+    """Return the text of a regular UTF-8 file, without a byte order mark. Raises InputError as `read_file` does."""
+    try:
+        return read_file(path, remedy).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: this is not text in UTF-8; {remedy}.") from error
+
+
+def read_json(path: Path, remedy: str = "export it again") -> object:
+    """Return the value in a JSON file. Raises InputError that names the line where it is broken."""
+    text = read_text(path, remedy)
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{path}, line {error.lineno}, column {error.colno}: broken JSON ({error.msg}); {remedy}."
+        ) from error
+    except (ValueError, RecursionError) as error:  # an integer of thousands of digits, or lists nested too deeply
+        raise InputError(
+            f"{path}: this JSON has a number of thousands of digits, or is nested too deeply; {remedy}."
+        ) from error

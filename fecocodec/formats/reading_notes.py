@@ -1,0 +1,46 @@
+"""What a user of `read_views` may not expect: one sentence each, for the user to judge."""
+
+from collections import Counter
+
+from fecocodec.formats.framing import kept_share
+from fecocodec.formats.lens import Lens
+
+LEAST_KEPT_SHARE = 0.75  # of a photograph's area, by the centre crop
+LARGEST_FOCAL = 2.5  # image sides: a field of view of 23 degrees
+
+
+def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int]) -> list[str]:
+    """Notes on photographs of several sizes or orientations, and on crops; size: (height, width) of all after it."""
+    notes = []
+    sizes = Counter((lens.width, lens.height) for lens in pinholes)
+    if len(sizes) > 1:
+        found = ", ".join(f"{count} of {width}x{height}" for (width, height), count in sizes.most_common(4))
+        kind = "orientations" if len({lens.width > lens.height for lens in pinholes}) > 1 else "sizes"
+        notes.append(
+            f"the photographs have several {kind} ({found}); all are cropped and resized to "
+            f"{size[1]}x{size[0]}; choose photographs of one size by `views`."
+        )
+    shares = [kept_share(lens, size) for lens in pinholes]
+    least = min(shares)
+    if least < LEAST_KEPT_SHARE:
+        worst = shares.index(least)
+        lens = pinholes[worst]
+        notes.append(
+            f"the crop to {size[1]}x{size[0]} leaves {100 * least:.0f}% of {names[worst]} "
+            f"({lens.width}x{lens.height}); choose a `size` of the photographs' shape to keep more."
+        )
+    return notes
+
+
+def lens_notes(pinholes: list[Lens], names: list[str]) -> list[str]:
+    """A note where focal lengths look as if they were for larger images than the ones stored."""
+    focal = [lens.fx / max(lens.width, lens.height) for lens in pinholes]
+    largest = max(focal)
+    if largest <= LARGEST_FOCAL:
+        return []
+    lens, name = pinholes[focal.index(largest)], names[focal.index(largest)]
+    return [
+        f"the focal length of {name} is {lens.fx:.0f} pixels for an image of {lens.width}x{lens.height}, a very narrow "
+        "field of view; if the image was reduced after its camera was computed, give the camera file the size (w, h) "
+        "that fl_x is for."
+    ]

@@ -1,0 +1,106 @@
+"""Cheap errors come before any large library is loaded; input that cannot be read exits with 1, wrong usage with 2."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from fecosplat_cli.output import in_options
+
+NO_TORCH = """
+import sys
+sys.modules["torch"] = None  # importing it fails
+from fecosplat_cli.main import run
+sys.exit(run(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("encode", "missing", "-o", "a.fcs"), "missing: no such folder; give the folder that holds images"),
+        (("encode", ".", "-o", "a.splat"), "a.splat: files of kind .splat are not written here; use .fcs."),
+        (("encode", ".", "-o", "no/a.fcs"), "no/a.fcs: the folder no does not exist"),
+        (("encode", ".", "-o", "a.fcs", "--lambda", "7"), "lambda is 7"),
+        (("decode", "missing", "-o", "a.ply"), "missing: there is no such file; check the path."),
+        (("render", "missing", "-o", "out"), "missing: there is no such file; check the path."),
+        (("render", "in.fcs", "-o", "out", "--cameras", "missing"), "missing: no such folder"),
+        (("eval", "missing", "--index", "i.json", "-o", "out"), "missing: there is no such file; check the path."),
+        (("stress", "missing", "--index", "i.json", "-o", "out"), "missing: there is no such file; check the path."),
+        (("info", "missing"), "missing: there is no such file; check the path."),
+    ],
+)
+def test_without_torch(arguments: tuple[str, ...], sentence: str, tmp_path: Path) -> None:
+    (tmp_path / "in.fcs").write_bytes(b"")
+    command = [sys.executable, "-c", NO_TORCH, *arguments]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (1, "")
+    assert result.stderr.startswith(f"fecosplat: {sentence}") and result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [("info",), ("decode", "-o", "a.ply"), ("encode", "-o", "a.fcs")])
+def test_a_file_without_permission_is_no_wrong_usage(
+    fecosplat, tmp_path: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The superuser may read everything, so the check that the parser of options would make is made to fail."""
+    closed = tmp_path / "closed"
+    closed.write_bytes(b"")
+    monkeypatch.setattr("os.access", lambda *_arguments, **_options: False)
+    monkeypatch.chdir(tmp_path)
+    assert fecosplat(arguments[0], closed, *arguments[1:]).code == 1
+
+
+@pytest.mark.parametrize("views", ["9" * 5000, "spread:" + "9" * 5000, "auto:3"])
+def test_views_of_thousands_of_digits(fecosplat, photographs: Path, output: Path, views: str) -> None:
+    result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", views)
+    assert result.code in (1, 2) and "Traceback" not in result.err
+    assert "is not spread:COUNT" in result.err or "no view is called" in result.err
+
+
+def test_arguments_of_the_library_are_named_as_options() -> None:
+    assert in_options("change `views` or `size`; not `file_path`.") == "change --views or --size; not `file_path`."
+
+
+def test_the_library_as_a_module_names_the_command() -> None:
+    result = subprocess.run([sys.executable, "-m", "fecocodec"], capture_output=True, text=True)
+    assert (result.returncode, result.stdout) == (1, "")
+    assert result.stderr == (
+        "fecocodec is the library; run the command as `fecosplat`, or as `python -m fecosplat_cli`.\n"
+    )
+
+
+def test_warnings_of_python_and_numpy_do_not_reach_the_terminal() -> None:
+    program = (
+        "import fecosplat_cli.main as command\n"
+        "def warn(arguments=None):\n"
+        "    import warnings, numpy\n"
+        "    warnings.warn('for developers'); numpy.float32(1e38) * numpy.float32(1e38); return 0\n"
+        "command.run = warn; command.main()"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("systems", "package"), [("codec", "flip_evaluator"), ("images", "imagecodecs"), ("gaussians", "gsply")]
+)
+def test_missing_packages_are_reported_before_any_work(
+    fecosplat, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, systems: str, package: str
+) -> None:
+    monkeypatch.setattr("fecocodec.evaluation.extras.find_spec", lambda name: None if name == package else object())
+    result = fecosplat("eval", tmp_path / "no", "--index", "no", "-o", tmp_path / "out", "--systems", systems)
+    assert (result.code, result.out) == (1, "")
+    assert result.err == (
+        f"fecosplat: measuring needs packages that are not installed ({package}); pip install 'fecosplat[eval]'.\n"
+    )
+
+
+def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    from fecosplat_cli.progress import progress_bar
+
+    seconds = iter((0.0, 10.0, 31.0, 31.0, 40.0, 62.0, 62.0))
+    monkeypatch.setattr("fecosplat_cli.progress.monotonic", lambda: next(seconds))
+    with progress_bar() as on_progress:
+        for tenth in range(1, 5):
+            on_progress("refining", tenth / 10)
+    assert capsys.readouterr() == ("", "refining: 20% done\nrefining: 40% done\n")

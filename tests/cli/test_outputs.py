@@ -1,0 +1,75 @@
+"""What `-o` may be: endings that are not written are refused before any work, and `-` is standard output."""
+
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from refusals import assert_refused
+
+from fecocodec.formats.images import read_image
+from fecocodec.formats.ply import read_ply
+
+
+@pytest.mark.parametrize("name", ["a.splat", "a.ply", "a.jpg"])
+def test_encode_writes_fcs_only(fecosplat, photographs: Path, output: Path, name: str) -> None:
+    result = fecosplat("encode", photographs, "-o", output / name)
+    assert_refused(result, output, f"{output / name}: files of kind .{name[2:]} are not written here; use .fcs.")
+
+
+@pytest.mark.parametrize("name", ["a.splat", "a.fcs", "a.jpg"])
+def test_decode_refuses_other_endings(fecosplat, stream_file: Path, output: Path, name: str) -> None:
+    result = fecosplat("decode", stream_file, "-o", output / name)
+    assert_refused(result, output, f"{output / name}: files of kind .{name[2:]} are not written here; use .ply.")
+
+
+@pytest.mark.parametrize("name", ["a.splat", "a.ply", "a.gif"])
+def test_render_refuses_other_endings(fecosplat, coded_scene: Path, output: Path, name: str) -> None:
+    result = fecosplat("render", coded_scene, "-o", output / name)
+    assert_refused(result, output, f"{output / name}: files of kind .{name[2:]} are not written here; use a folder...")
+
+
+@pytest.mark.parametrize("command", ["encode", "render"])
+def test_standard_output_is_refused_where_it_is_not_meant(
+    fecosplat, photographs: Path, coded_scene: Path, output: Path, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(output)
+    result = fecosplat(command, photographs if command == "encode" else coded_scene, "-o", "-")
+    assert_refused(result, output, "-: the result is not written to standard output; give the name of a file.")
+
+
+def test_decode_writes_to_standard_output(fecosplat, coded_scene: Path, output: Path) -> None:
+    command = [sys.executable, "-m", "fecosplat_cli", "decode", coded_scene, "-o"]
+    piped = subprocess.run([*command, "-"], capture_output=True, check=True)
+    subprocess.run([*command, output / "a.ply"], capture_output=True, check=True)
+    assert piped.stdout == (output / "a.ply").read_bytes()
+    assert read_ply(output / "a.ply").count > 0
+    assert piped.stderr.startswith(b"-: ")
+
+
+def test_decode_to_a_terminal_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from fecosplat_cli.output import write_stdout
+
+    from fecocodec.errors import OutputError
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr(sys, "stdout", Terminal())
+    with pytest.raises(OutputError, match="standard output: this is a terminal"):
+        write_stdout(b"data")
+
+
+def test_decode_to_standard_output_leaves_no_room_for_json(fecosplat, stream_file: Path) -> None:
+    result = fecosplat("decode", stream_file, "-o", "-", "--json")
+    assert (result.code, result.out) == (2, "") and "leave --json out" in result.err
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.webp"])
+def test_render_writes_one_picture(fecosplat, coded_scene: Path, photographs: Path, output: Path, name: str) -> None:
+    arguments = ("--cameras", photographs, "--views", "1")
+    assert fecosplat("render", coded_scene, "-o", output / name, *arguments).code == 0
+    assert [path.name for path in output.iterdir()] == [name]
+    assert read_image(output / name).shape == (3, 64, 96)

@@ -1,0 +1,86 @@
+"""Signals end a command with one line and no part of a file, however early they come."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# Sends the signal to itself when a module is first imported, as a user who presses Ctrl-C at that moment does.
+AT_IMPORT = """
+import os, signal, sys
+number, module = int(sys.argv.pop(1)), sys.argv.pop(1)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), number)
+
+from fecosplat_cli.main import main
+sys.meta_path.insert(0, Interrupt())
+main()
+"""
+
+# Writes half of an output file, says so, and waits.
+WHILE_WRITING = """
+import sys, time
+from pathlib import Path
+import fecosplat_cli.main as command
+from fecocodec.formats.atomic import write_atomically
+
+def write(arguments=None):
+    with write_atomically(Path(sys.argv[1]), overwrite=False) as temporary:
+        temporary.write_bytes(b"half")
+        print("writing", flush=True)
+        time.sleep(60)
+
+command.run = write
+command.main()
+"""
+LINES = {
+    signal.SIGINT: "fecosplat: interrupted\n",
+    signal.SIGTERM: "fecosplat: terminated\n",
+    signal.SIGHUP: "fecosplat: the terminal was closed\n",
+}
+
+
+@pytest.mark.parametrize("module", ["click", "fecosplat_cli.encode", "numpy", "torch"])
+def test_ctrl_c_while_libraries_load_is_one_line(module: str, photographs: Path, output: Path) -> None:
+    arguments = ["encode", photographs, "-o", output / "a.fcs"]
+    command = [sys.executable, "-c", AT_IMPORT, str(int(signal.SIGINT)), module, *arguments]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert (result.returncode, result.stdout, result.stderr) == (130, "", LINES[signal.SIGINT])
+    assert list(output.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", LINES)
+def test_a_signal_while_writing_leaves_no_part_of_a_file(number: signal.Signals, output: Path) -> None:
+    command = [sys.executable, "-c", WHILE_WRITING, output / "a.fcs"]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_all)
+    assert child.stdout is not None and child.stdout.readline() == "writing\n"
+    assert [path.read_bytes() for path in output.iterdir()] == [b"half"]
+    child.send_signal(number)
+    _, err = child.communicate(timeout=20)
+    assert (child.returncode, err) == (128 + number, LINES[number])
+    assert list(output.iterdir()) == []
+
+
+def heed_all() -> None:
+    """Whoever runs the tests in the background has signals ignored, and children inherit that."""
+    for number in LINES:
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def test_a_signal_that_is_ignored_stays_ignored() -> None:
+    """As `nohup` does with SIGHUP."""
+    program = (
+        "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "from fecosplat_cli.signals import EndingSignals\n"
+        "with EndingSignals(): print(signal.getsignal(signal.SIGHUP) is signal.SIG_IGN)"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout == "True\n"

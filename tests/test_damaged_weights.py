@@ -1,0 +1,65 @@
+"""Weights files and checkpoints that are damaged or hostile end in an error of ours."""
+
+import dataclasses
+import math
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+
+import fecocodec
+from fecocodec.checkpoint import RECEIVER_FILE, SHIPPED, Weights, config_of, find_receiver
+from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.errors import ModelError
+from fecocodec.training.checkpoint import load_checkpoint
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("synthesis_depth", 10**9),
+        ("synthesis_depth", 0),
+        ("state_channels", -1),
+        ("predictor_channels", [176, 10**9]),
+        ("neighbour_fade", math.nan),
+        ("largest_gain", math.inf),
+        ("largest_gain", -1.0),
+    ],
+)
+def test_a_configuration_out_of_range_is_refused(name: str, value: object) -> None:
+    stored = dataclasses.asdict(ReceiverConfig()) | {name: value}
+    with pytest.raises(ModelError, match=f"file: {name} in its configuration is out of range; reinstall the package"):
+        config_of(Weights({}, {"receiver": stored}, b""), "receiver", ReceiverConfig(), Path("file"))
+
+
+@pytest.mark.parametrize("config", [ReceiverConfig(), SenderConfig()])
+def test_this_version_s_configurations_are_in_range(config: object) -> None:
+    stored = {name: list(v) if isinstance(v, tuple) else v for name, v in dataclasses.asdict(config).items()}
+    assert config_of(Weights({}, {"end": stored}, b""), "end", config, Path("file")) == config
+
+
+def test_weights_that_are_a_folder(tmp_path: Path) -> None:
+    (tmp_path / RECEIVER_FILE).mkdir()
+    with pytest.raises(ModelError, match=r"the weights cannot be read \(Is a directory\); name the folder of a model"):
+        find_receiver(b"model id", tmp_path)
+
+
+def test_the_folder_of_weights_may_be_text(tmp_path: Path) -> None:
+    vector = Path(__file__).parent.parent / "bitstream_spec" / "vectors" / "valid" / "scene-compact-1.fcs"
+    shutil.copytree(SHIPPED / "compact-1", tmp_path / "copy")
+    assert fecocodec.decode(vector.read_bytes(), weights=str(tmp_path)).count > 0
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"\x80\x02.", b"\x80\x02K\x01.", b"cos\nsystem\n."])
+def test_a_checkpoint_that_is_none(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "last.pt").write_bytes(content)
+    with pytest.raises(ModelError, match="not a training checkpoint"):
+        load_checkpoint(tmp_path / "last.pt")
+
+
+@pytest.mark.parametrize("value", [3, [1, 2], torch.zeros(2)])
+def test_a_checkpoint_of_another_kind(tmp_path: Path, value: object) -> None:
+    torch.save(value, tmp_path / "last.pt")
+    with pytest.raises(ModelError, match="not a training checkpoint"):
+        load_checkpoint(tmp_path / "last.pt")
