@@ -17,7 +17,8 @@ HOME_OF_LIBRARY = {
     "OpenEXR": ("fecocodec/formats/exr.py",),
     "PIL": ("fecocodec/formats/",),
     "gsplat": ("fecocodec/rendering/cuda.py",),
-    "scipy": ("fecocodec/geometry/neighbours.py",),
+    # The receiver needs scipy for its neighbour search alone.
+    "scipy": ("fecocodec/geometry/neighbours.py", "fecocodec/formats/", "fecocodec/training/", "fecocodec/evaluation/"),
     "safetensors": ("fecocodec/checkpoint.py",),
     "click": ("cli/",),
     "rich": ("cli/",),

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
 
 Point = tuple[float, float]  # (rate, quality in dB)
 
@@ -51,42 +52,5 @@ def _mean_difference(anchor: Float[np.ndarray, "_ 2"], test: Float[np.ndarray, "
     if not low < high:
         return None
     x = np.linspace(low, high, _NUM_SAMPLES)
-    return float(np.trapezoid(interpolate(test, x) - interpolate(anchor, x), x) / (high - low))
-
-
-def interpolate(curve: Float[np.ndarray, "point 2"], x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Monotone piecewise cubic through at least two points, whose first column rises; x lies inside it."""
-    knots, values = curve.T
-    slopes = _slopes(knots, values)
-    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    width = np.diff(knots)[left]
-    t = (x - knots[left]) / width
-    start = (1 + 2 * t) * (1 - t) ** 2 * values[left] + t * (1 - t) ** 2 * width * slopes[left]
-    end = t**2 * (3 - 2 * t) * values[left + 1] + t**2 * (t - 1) * width * slopes[left + 1]
-    interpolated: np.ndarray = start + end
-    return interpolated
-
-
-def _slopes(knots: Float[np.ndarray, " point"], values: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Derivative at each knot: weighted harmonic means of the secants inside, one-sided formula at the ends."""
-    steps, secants = np.diff(knots), np.diff(values) / np.diff(knots)
-    if len(knots) == 2:
-        return np.repeat(secants, 2)
-    slopes = np.zeros(len(knots))
-    before, after = 2 * steps[1:] + steps[:-1], steps[1:] + 2 * steps[:-1]
-    is_monotone = secants[:-1] * secants[1:] > 0
-    with np.errstate(divide="ignore"):
-        inner = (before + after) / (before / secants[:-1] + after / secants[1:])
-    slopes[1:-1] = np.where(is_monotone, inner, 0.0)
-    slopes[0] = _end_slope(steps[0], steps[1], secants[0], secants[1])
-    slopes[-1] = _end_slope(steps[-1], steps[-2], secants[-1], secants[-2])
-    return slopes
-
-
-def _end_slope(step: float, next_step: float, secant: float, next_secant: float) -> float:
-    slope = ((2 * step + next_step) * secant - step * next_secant) / (step + next_step)
-    if slope * secant <= 0:
-        return 0.0
-    if secant * next_secant <= 0 and abs(slope) > 3 * abs(secant):
-        return 3 * secant
-    return slope
+    difference = PchipInterpolator(*test.T)(x) - PchipInterpolator(*anchor.T)(x)
+    return float(np.trapezoid(difference, x) / (high - low))

@@ -5,23 +5,13 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
+from fecocodec.evaluation.extras import require_extra
 from fecocodec.evaluation.systems.reconstruction import Reconstruction
 from fecocodec.geometry.views import Views
 
 ERROR_GAIN = 4.0  # a difference of a quarter of the range is drawn in the last colour
 MAX_ROWS = 4
 # Viridis at nine even steps (van der Walt and Smith, 2015), sRGB.
-_VIRIDIS = (
-    (0.267, 0.005, 0.329),
-    (0.279, 0.175, 0.483),
-    (0.230, 0.322, 0.546),
-    (0.173, 0.449, 0.558),
-    (0.128, 0.567, 0.551),
-    (0.158, 0.684, 0.502),
-    (0.369, 0.789, 0.383),
-    (0.678, 0.864, 0.190),
-    (0.993, 0.906, 0.144),
-)
 
 
 def strip(views: Views, num_context: int, found: Reconstruction) -> Float[Tensor, "3 height width"]:
@@ -38,12 +28,9 @@ def strip(views: Views, num_context: int, found: Reconstruction) -> Float[Tensor
 
 
 def in_colour(values: Float[Tensor, "height width"]) -> Float[Tensor, "3 height width"]:
-    """Values in [0, 1] as viridis colours."""
-    table = torch.tensor(_VIRIDIS)
-    position = values.clamp(0, 1) * (len(table) - 1)
-    left = position.long().clamp_max(len(table) - 2)
-    part = (position - left)[..., None]
-    return rearrange((1 - part) * table[left] + part * table[left + 1], "h w rgb -> rgb h w")
+    """Values in [0, 1] as viridis colours. Raises InputError where matplotlib is not installed."""
+    colours = require_extra("matplotlib", "drawing strips").colormaps["viridis"](values.clamp(0, 1).numpy())
+    return rearrange(torch.from_numpy(colours).float(), "h w rgba -> rgba h w")[:3]
 
 
 def _relative_disparity(depth: Float[Tensor, "height width"], views: Views) -> Float[Tensor, "height width"]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from fecocodec.errors import InputError
 from fecocodec.formats.colmap_binary import read_binary_model
@@ -61,11 +62,7 @@ def _world_to_camera(image: ColmapImage, place: str) -> Float[np.ndarray, "4 4"]
         )
     w, x, y, z = quaternion / norm
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = Rotation.from_quat((x, y, z, w)).as_matrix()
     matrix[:3, 3] = require_numbers(image.translation, (3,), place)
     return matrix
 

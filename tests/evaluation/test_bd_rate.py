@@ -1,10 +1,8 @@
 """Bjontegaard differences of curves whose difference is known."""
 
-import numpy as np
 import pytest
-from scipy.interpolate import PchipInterpolator
 
-from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate, interpolate
+from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate
 
 ANCHOR = [(3.0, 20.0), (6.0, 22.5), (12.0, 24.0), (30.0, 25.1), (60.0, 25.4)]
 
@@ -18,12 +16,6 @@ def test_half_the_bytes_is_minus_50_percent() -> None:
 def test_a_decibel_more_is_plus_one() -> None:
     better = [(rate, quality + 1) for rate, quality in ANCHOR]
     assert bd_psnr(ANCHOR, better) == pytest.approx(1.0, abs=1e-9)
-
-
-def test_interpolation_is_that_of_scipy() -> None:
-    curve = np.array([(0.0, 1.0), (1.0, 3.0), (1.5, 3.1), (4.0, 2.0), (5.0, 2.5)])
-    x = np.linspace(0, 5, 101)
-    np.testing.assert_allclose(interpolate(curve, x), PchipInterpolator(*curve.T)(x), atol=1e-12)
 
 
 def test_points_that_another_beats_do_not_count() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
@@ -102,7 +103,5 @@ def _with_cameras(views: Views, **changed: Tensor) -> Views:
 
 
 def _rotation(axis: Float[Tensor, "3"], radians: float) -> Float[Tensor, "3 3"]:
-    """Rodrigues' formula."""
-    x, y, z = axis.tolist()
-    cross = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return torch.eye(3) + math.sin(radians) * cross + (1 - math.cos(radians)) * cross @ cross
+    """Rotation matrix about a unit axis."""
+    return torch.from_numpy(Rotation.from_rotvec(radians * axis.double().numpy()).as_matrix()).float()

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
+from scipy.spatial.transform import Rotation
 
 BOX, ELLIPSOID, CYLINDER, CONE = range(4)
 """Kinds of solid. Each fills the local cube [-1, 1]^3; cylinders and cones stand along y, the apex is up (-y)."""
@@ -104,17 +105,10 @@ class Builder:
 
 def yaw_rotation(angle: float) -> Float[ndarray, "3 3"]:
     """Return the rotation about the vertical axis by an angle in radians."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+    return Rotation.from_euler("y", angle).as_matrix()
 
 
 def random_rotation(rng: np.random.Generator) -> Float[ndarray, "3 3"]:
     """Draw a uniformly distributed rotation (from a normalised random quaternion)."""
-    w, x, y, z = (lambda q: q / np.linalg.norm(q))(rng.standard_normal(4))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    w, x, y, z = rng.standard_normal(4)
+    return Rotation.from_quat((x, y, z, w)).as_matrix()
