@@ -11,7 +11,6 @@ from fecocodec.geometry.views import Views
 
 ERROR_GAIN = 4.0  # a difference of a quarter of the range is drawn in the last colour
 MAX_ROWS = 4
-# Viridis at nine even steps (van der Walt and Smith, 2015), sRGB.
 
 
 def strip(views: Views, num_context: int, found: Reconstruction) -> Float[Tensor, "3 height width"]:
