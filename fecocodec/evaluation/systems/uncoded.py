@@ -6,8 +6,7 @@ from torch import Tensor
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import MAX_SH_DEGREE
-from fecocodec.receiver.emission import emit
+from fecocodec.receiver.emission import EmissionConfig, emit
 from fecocodec.receiver.state import State
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.latent_coding import EstimatedLatent
@@ -29,7 +28,7 @@ def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) ->
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
     optimise = optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q)
     last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, optimise)[-1]
-    return emit(codec.receiver, State(last.state, last.inputs.condition), unpack(scene.packed), None, MAX_SH_DEGREE)
+    return emit(codec.receiver, State(last.state, last.inputs.condition), unpack(scene.packed), None, EmissionConfig())
 
 
 def without_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
