@@ -29,9 +29,15 @@ class ReceiverConfig:
     largest_gain: float = 9.1206  # of latents at lambda 1e-5
     gain_exponent: float = 0.4
     # What another view contradicts (`receiver/free_space.py`).
-    contradicting_colour: float = 0.12  # squared distance of sRGB colours in [0, 1] at which half is believed
-    contradicting_lead: float = 0.1  # logarithm of the ratio of depths at which half is believed: 10% nearer
-    contradicting_lead_width: float = 0.07
+    free_space_colour: float = 0.12  # squared distance of sRGB colours in [0, 1] that gives half of a violation
+    free_space_lead: float = 0.1  # logarithm of the ratio of depths that gives half of a violation: 10% nearer
+    free_space_lead_width: float = 0.07
+    # With three views or more.
+    free_space_protection: float = 0.5  # share of a violation dropped where the Gaussian is confirmed, the surface not
+    free_space_strictness: float = 2.0  # power of the ratio of two views' confirmation, a factor of free_space_colour
+    near_bound_depth: float = 0.7  # of the near bound: depth in another view that gives half of a violation
+    near_bound_width: float = 0.05  # of the logarithm of depth
+    near_bound_margin: float = 0.5  # around the other view's image, as a share of its sides
     # Colours by direction (`receiver/view_dependence.py`).
     view_dependence: float = 0.5  # how far a colour goes towards what another view shows, seen from there
     view_dependence_ridge: float = 0.1  # difference of unit directions at which it goes half of that way

@@ -51,7 +51,7 @@ def confirmation(
     for judge in range(views):
         others = [view for view in range(views) if view != judge]
         seen = compare(points[:, others], colour[:, others], surfaces[judge], cameras.select([judge]))
-        is_alike = 1.0 / (1.0 + (seen.squared_difference / config.contradicting_colour).square())
-        agreement = torch.exp(-(seen.lead / config.contradicting_lead).square()) * is_alike
+        is_alike = 1.0 / (1.0 + (seen.squared_difference / config.free_space_colour).square())
+        agreement = torch.exp(-(seen.lead / config.free_space_lead).square()) * is_alike
         best[others] = torch.maximum(best[others], seen.is_seen * agreement)
     return best

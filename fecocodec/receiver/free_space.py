@@ -21,9 +21,6 @@ from fecocodec.receiver.near_bound import near_bound_violation
 from fecocodec.receiver.sampling import sample_at
 
 POOLED = 2  # side of the blocks of Gaussians whose mean is a view's surface
-# These belong into ReceiverConfig when its weights are next written.
-PROTECTION = 0.5  # share of a violation that is dropped where the Gaussian is confirmed and the surface is not
-STRICTNESS = 2.0  # power of the ratio of two views' confirmation that scales the difference of colour
 
 
 @torch.no_grad()
@@ -69,7 +66,7 @@ def _violation(
     """The strongest violation in one scene."""
     views = cameras.num_views
     has_third_views = views > 2
-    strongest = near_bound_violation(points, cameras) if has_third_views else torch.zeros_like(points[0])
+    strongest = near_bound_violation(points, cameras, config) if has_third_views else torch.zeros_like(points[0])
     confirmed = torch.zeros_like(strongest)
     if has_third_views:
         confirmed = confirmation(points, colour, surfaces, cameras, config)
@@ -78,13 +75,16 @@ def _violation(
     for judge in range(views):
         others = [view for view in range(views) if view != judge]
         seen = compare(points[:, others], colour[:, others], surfaces[judge], cameras.select([judge]))
-        tolerance = torch.full_like(share[others], config.contradicting_colour)
+        tolerance = torch.full_like(share[others], config.free_space_colour)
         if has_third_views:
-            tolerance = tolerance * (share[others] / share[judge].clamp_min(1e-6)).clamp(max=1.0) ** STRICTNESS
+            tolerance = (
+                tolerance
+                * (share[others] / share[judge].clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
+            )
         violation = _in_front(seen, tolerance, config)
         if has_third_views:
             surface = sample_at(pooled[judge], seen.uv)[0]
-            violation = violation * (1.0 - PROTECTION * confirmed[others] * (1.0 - surface))
+            violation = violation * (1.0 - config.free_space_protection * confirmed[others] * (1.0 - surface))
         strongest[others] = torch.maximum(strongest[others], violation)
     return strongest
 
@@ -93,6 +93,6 @@ def _in_front(
     seen: Comparison, tolerance: Float[Tensor, " other"], config: ReceiverConfig
 ) -> Float[Tensor, "other h2 w2"]:
     """The violation by position and colour alone."""
-    nearer = torch.sigmoid((seen.lead - config.contradicting_lead) / config.contradicting_lead_width)
+    nearer = torch.sigmoid((seen.lead - config.free_space_lead) / config.free_space_lead_width)
     difference = seen.squared_difference.square()
     return seen.is_seen * nearer * difference / (difference + tolerance.square()[:, None, None]).clamp_min(1e-20)
