@@ -7,9 +7,9 @@ from jaxtyping import Float
 from fecocodec.errors import InputError
 from fecocodec.formats.framing import framed_intrinsics
 from fecocodec.formats.posed_photographs import PosedPhotographs, stored_lens
-from fecocodec.formats.view_choice import MAX_VIEWS
 from fecocodec.geometry.depth_range import bounds_of_depths
 from fecocodec.geometry.frustum_overlap import covisibility_estimate
+from fecocodec.limits import MAX_VIEWS
 
 MAX_AUTO_VIEWS = 8
 # Chosen on 91 training captures: with 8 views, 83% share a measured covisibility of half or more with a neighbour.
