@@ -53,15 +53,17 @@ Examples:
 @click.option(
     "--prune",
     is_flag=True,
-    help="Leave out Gaussians that pictures near the cameras need not have, and let the others stand for them (takes "
-    "seconds).",
+    help="Prune Gaussians with little contribution near the cameras and refit the rest (takes seconds).",
+)
+@click.option(
+    "--merge", is_flag=True, help="Merge Gaussians of flat, alike areas: a fifth fewer, for some hundredths of a dB."
 )
 @click.option(
     "--sh-degree",
     type=click.IntRange(0, 1),
     default=1,
     show_default=True,
-    help="1: colours depend on where they are seen from. 0: they do not, and the .ply is a third smaller.",
+    help="1: view-dependent colours. 0: constant colours; the .ply is a third smaller.",
 )
 @click.option(
     "--background-layer/--no-background-layer",
@@ -82,6 +84,7 @@ def command(
     stages: int | None,
     partial: bool,
     prune: bool,
+    merge: bool,
     sh_degree: int,
     has_background: bool,
     model: Path | None,
@@ -108,6 +111,7 @@ def command(
     from fecocodec import decode
     from fecocodec.formats.ply import ply_bytes, write_ply
     from fecocodec.receiver.background import DEFAULT_BACKGROUND
+    from fecocodec.receiver.merging import MergingConfig
 
     from .device import require_device
 
@@ -118,6 +122,7 @@ def command(
             stages="intact" if partial else stages or "all",
             sh_degree=sh_degree,
             background=DEFAULT_BACKGROUND if has_background else None,
+            merging=MergingConfig() if merge else None,
             device=device,
             model=model,
             max_pixels=max_pixels,

@@ -3,6 +3,7 @@
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import Literal
 
 import click
 
@@ -54,6 +55,11 @@ Examples:
 @click.option("--size", callback=parse_size, metavar="WxH", help="Crop to the centre, resize to WIDTHxHEIGHT pixels.")
 @click.option("--near", type=float, help="Nearest depth of the scene, in its unit of length.  [default: estimated]")
 @click.option("--far", type=float, help="Farthest depth of the scene.  [default: estimated]")
+@click.option(
+    "--background",
+    type=click.Choice(["white", "black"]),
+    help="Composite transparent photographs on this colour.  [default: nothing is decoded where they are transparent]",
+)
 @click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
 @click.option(
     "--effort",
@@ -78,6 +84,7 @@ def command(
     size: tuple[int, int] | None,
     near: float | None,
     far: float | None,
+    background: Literal["white", "black"] | None,
     stages: int,
     effort: str,
     model: Path | None,
@@ -109,7 +116,7 @@ def command(
     chosen = resolve(views_folder, views)
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)
-        scene = read_views(views_folder, views=chosen, size=size, near=near, far=far)
+        scene = read_views(views_folder, views=chosen, size=size, near=near, far=far, background=background)
         with naming(views_folder, OF_VIEWS):
             if target is None:
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)

@@ -22,6 +22,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     from .command_line import command_line
     from .output import in_options, say
+    from .terminal import printable
 
     try:
         code = command_line.main(arguments, prog_name="fecosplat", standalone_mode=False)

@@ -10,7 +10,7 @@ import click
 
 from fecocodec.errors import OutputError
 
-_OPTIONS = ("views", "size", "near", "far", "overwrite")  # arguments of the library that are options here
+_OPTIONS = ("views", "size", "near", "far", "background", "overwrite")  # arguments of the library that are options here
 
 
 def print_json(value: object) -> None:

@@ -45,10 +45,10 @@ def test_weights_that_are_a_folder(tmp_path: Path) -> None:
         find_receiver(b"model id", tmp_path)
 
 
-def test_the_folder_of_weights_may_be_text(tmp_path: Path) -> None:
+def test_the_folder_of_a_model_may_be_text(tmp_path: Path) -> None:
     vector = Path(__file__).parent.parent / "bitstream_spec" / "vectors" / "valid" / "scene-compact-1.fcs"
     shutil.copytree(SHIPPED / "compact-1", tmp_path / "copy")
-    assert fecocodec.decode(vector.read_bytes(), weights=str(tmp_path)).count > 0
+    assert fecocodec.decode(vector.read_bytes(), model=str(tmp_path / "copy")).gaussians.count > 0
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"\x80\x02.", b"\x80\x02K\x01.", b"cos\nsystem\n."])

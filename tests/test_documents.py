@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from fecosplat_cli.main import COMMANDS, command_line
+from fecosplat_cli.command_line import command_line
+from fecosplat_cli.main import COMMANDS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = (

@@ -182,12 +182,51 @@ def test_decoded_gaussians_can_be_refined(data: bytes, random_weights: Path) -> 
 
 
 def test_gaussians_of_cells_that_are_not_covered_are_dropped(data: bytes, random_weights: Path) -> None:
-    stream, everything = read_stream(data), decode(data, model=random_weights / MODEL).gaussians
+    stream, everything = read_stream(data), decode(data, model=random_weights / MODEL, background=None).gaussians
     cells = torch.rand(2, 16, 16, generator=torch.Generator().manual_seed(0)) < 0.3
     covered = write_stream(replace(stream, coverage=cells_to_bits(cells)))
     assert read_prefix(covered, 1).coverage == cells_to_bits(cells)
     kept = cells.repeat_interleave(2, dim=1).repeat_interleave(2, dim=2).flatten()
-    assert_equal(decode(covered, model=random_weights / MODEL).gaussians, everything.keep(kept))
+    assert_equal(decode(covered, model=random_weights / MODEL, background=None).gaussians, everything.keep(kept))
+
+
+@pytest.fixture(scope="module")
+def transparent(views: Views) -> Views:
+    """The views with a transparent left half, an edge at a third of the opacity, and one opaque pixel in the left."""
+    alpha = torch.ones(2, 64, 64)
+    alpha[:, :, :32], alpha[:, :, 32:36], alpha[1, 5, 6] = 0.0, 0.33, 0.5
+    return replace(views, alpha=alpha)
+
+
+def test_no_gaussians_are_emitted_for_transparent_cells(transparent: Views, data: bytes, random_weights: Path) -> None:
+    coded = encode(transparent, lmbda=1e-4, model=random_weights / MODEL)
+    assert read_stream(coded).payloads == read_stream(data).payloads
+    is_emitted = torch.zeros(2, 32, 32, dtype=torch.bool)
+    is_emitted[:, :, 18:], is_emitted[1, 2:4, 2:4] = True, True  # two Gaussians a cell of four pixels, each way
+    everything = decode(data, model=random_weights / MODEL, background=None).gaussians
+    received = decode(coded, model=random_weights / MODEL, background=None).gaussians
+    assert_equal(received, everything.keep(is_emitted.flatten()))
+
+
+def test_no_background_layer_continues_a_transparent_border(
+    transparent: Views, data: bytes, random_weights: Path
+) -> None:
+    alpha = torch.zeros(2, 64, 64)
+    alpha[:, 24:40, 24:40] = 1.0
+    for shown, has_layer in ((alpha, False), (transparent.alpha, True)):
+        coded = encode(replace(transparent, alpha=shown), lmbda=1e-4, model=random_weights / MODEL)
+        plain, filled = (
+            decode(coded, model=random_weights / MODEL, background=background).gaussians
+            for background in (None, DEFAULT_BACKGROUND)
+        )
+        assert (filled.count > plain.count) == has_layer
+        whole_layer = decode(data, model=random_weights / MODEL).gaussians.count - 2 * 32 * 32
+        assert filled.count - plain.count < whole_layer
+
+
+def test_opaque_views_have_no_coverage_section(views: Views, data: bytes, random_weights: Path) -> None:
+    opaque = replace(views, alpha=torch.full((2, 64, 64), 0.5))
+    assert encode(opaque, lmbda=1e-4, model=random_weights / MODEL) == data
 
 
 def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from click.testing import CliRunner
-from fecosplat_cli.main import command_line
+from fecosplat_cli.command_line import command_line
 from jaxtyping import Float
 from PIL import Image
 from torch import Tensor

@@ -32,7 +32,9 @@ def open_scenes(root: Path, size: tuple[int, int] | None = None) -> EntryReader:
     if is_chunk_folder(root):
         chunks = ChunkFolder(root)
         return lambda entry: chunks.scene(entry.scene).views(_frames(entry), size=size or _size(entry))
-    return lambda entry: read_views(_folder(root, entry), views=_frames(entry), size=size or _size(entry))
+    return lambda entry: read_views(
+        _folder(root, entry), views=_frames(entry), size=size or _size(entry), background="white"
+    )
 
 
 def _frames(entry: IndexEntry) -> tuple[int, ...]:

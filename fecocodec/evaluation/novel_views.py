@@ -32,7 +32,7 @@ class Score:
 def evaluate(system: System, root: Path, entries: tuple[IndexEntry, ...], size: tuple[int, int]) -> Iterator[Score]:
     """Scores of the entries one by one. root: folder of scene folders. size: (height, width)."""
     for entry in entries:
-        views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size)
+        views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size, background="white")
         yield score(system, entry.name, views, len(entry.context))
 
 

@@ -28,9 +28,10 @@ class ExrImage:
     alpha: Float[Tensor, "height width"] | None = None
 
 
-def read_exr(path: Path) -> ExrImage:
-    """Read colour (RGB, RGBA composited on white, or luminance Y), depth and opacity.
+def read_exr(path: Path, background: float = 1.0) -> ExrImage:
+    """Read colour (RGB, RGBA composited on a background, or luminance Y), depth and opacity.
 
+    background: its linear light, the same in all channels; 1 is white.
     Light above 1 is clipped; NaN counts as 0. Raises InputError where the file cannot be read, has no colour, or more
     than MAX_IMAGE_PIXELS pixels.
     """
@@ -39,7 +40,7 @@ def read_exr(path: Path) -> ExrImage:
     alpha = None
     if "RGBA" in channels:  # OpenEXR colour is premultiplied by alpha
         alpha = _plane(channels["RGBA"][..., 3])
-        linear = [_plane(channels["RGBA"][..., channel]) + (1 - alpha) for channel in range(3)]
+        linear = [_plane(channels["RGBA"][..., channel]) + background * (1 - alpha) for channel in range(3)]
     elif "RGB" in channels:
         linear = [_plane(channels["RGB"][..., channel]) for channel in range(3)]
     elif "Y" in channels:

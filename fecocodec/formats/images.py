@@ -1,12 +1,12 @@
 """Read and write photographs: PNG, JPEG, WebP and OpenEXR.
 
 The stored pixels count, never the EXIF orientation: camera files are written for the pixels as they are stored.
-Transparent pixels are composited on white, the convention of NeRF's synthetic scenes.
+Transparent pixels are composited on white by default, the convention of NeRF's synthetic scenes.
 """
 
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from einops import rearrange
@@ -20,6 +20,8 @@ from fecocodec.formats.exr import ExrImage, read_exr, read_exr_size, write_exr
 from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.pillow_images import decode_with_pillow, size_with_pillow
 
+Background = Literal["white", "black"]
+LEVELS: dict[Background, float] = {"white": 1.0, "black": 0.0}  # the same in sRGB and in linear light
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")
 _SAVE_OPTIONS: dict[str, dict[str, Any]] = {
     ".png": {},
@@ -38,19 +40,19 @@ def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
 
 
 def read_image_and_alpha(
-    path: StrPath,
+    path: StrPath, background: Background = "white"
 ) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Read an image as `read_image` does, and its opacity in [0, 1], or None where it has no such channel."""
+    """Read an image as `read_image` does, but on any background, and its opacity in [0, 1]; None: without opacity."""
     path = Path(path)
     if path.suffix.lower() == ".exr":
-        image = read_exr(path)
+        image = read_exr(path, LEVELS[background])
         return image.colour, image.alpha
-    return _on_white(torch.from_numpy(decode_with_pillow(path, path)))
+    return _composited(torch.from_numpy(decode_with_pillow(path, path)), LEVELS[background])
 
 
 def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:
     """`read_image` for the bytes of a PNG, JPEG or WebP file; messages begin with `place`."""
-    return _on_white(torch.from_numpy(decode_with_pillow(BytesIO(data), place)))[0]
+    return _composited(torch.from_numpy(decode_with_pillow(BytesIO(data), place)), LEVELS["white"])[0]
 
 
 def read_image_size(path: StrPath) -> tuple[int, int]:
@@ -78,11 +80,11 @@ def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwr
         Image.fromarray(bytes_hwc).save(temporary, **_SAVE_OPTIONS[suffix])
 
 
-def _on_white(
-    pixels: Float[Tensor, "channel height width"],
+def _composited(
+    pixels: Float[Tensor, "channel height width"], level: float
 ) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Composite 4 channels on white; 3 channels are returned as they are, without opacity."""
+    """Composite 4 channels on grey of that level; 3 channels are returned as they are, without opacity."""
     if len(pixels) == 3:
         return pixels, None
     colour, alpha = pixels[:3], pixels[3].clone()
-    return colour.mul_(alpha).add_(1 - alpha), alpha
+    return colour.mul_(alpha).add_(level * (1 - alpha)), alpha

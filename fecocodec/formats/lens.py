@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.container.camera_rules import MAX_CENTRE, MAX_FOCAL, MIN_FOCAL
+from fecocodec.container.camera_rules import MAX_FOCAL, MAX_PRINCIPAL_POINT, MIN_FOCAL
 from fecocodec.errors import InputError
 
 MAX_SIDE_PX = 10**6  # of the image that a camera is for
@@ -64,7 +64,7 @@ class Lens:
 def require_representable(lens: Lens, place: str) -> None:
     """Raise InputError that begins with `place` where a stream cannot hold this focal length or principal point."""
     for focal, centre, side in ((lens.fx, lens.cx, lens.width), (lens.fy, lens.cy, lens.height)):
-        if not MIN_FOCAL <= focal / side <= MAX_FOCAL or not abs(centre / side) <= MAX_CENTRE:
+        if not MIN_FOCAL <= focal / side <= MAX_FOCAL or not abs(centre / side) <= MAX_PRINCIPAL_POINT:
             raise InputError(
                 f"{place}: the focal length is {focal / side:.3g} and the principal point {centre / side:.3g} image "
                 f"sides, but {MIN_FOCAL:.3g} to {MAX_FOCAL:.0f} are possible; correct the camera."

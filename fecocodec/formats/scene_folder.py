@@ -13,7 +13,7 @@ from torch import Tensor
 from fecocodec.errors import InputError
 from fecocodec.formats.camera_files import read_cameras
 from fecocodec.formats.framing import common_size, crop_and_resize, framed_intrinsics, require_size
-from fecocodec.formats.images import read_image_and_alpha
+from fecocodec.formats.images import Background, read_image_and_alpha
 from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.lens import Lens, undistort
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, stored_lens
@@ -54,6 +54,7 @@ def read_views(
     size: tuple[int, int] | None = None,
     near: float | None = None,
     far: float | None = None,
+    background: Background | None = None,
 ) -> Views:
     """Read the views of a scene folder (or of a camera file in it).
 
@@ -64,10 +65,14 @@ def read_views(
     views: which ones, see `choose_views`; None for all, or for `auto_views` where there are more than 16.
     near, far: bounds of depth in scene units; where missing, those of the camera file, else of its sparse points, else
     estimated from the images (`estimate_depth_range`).
+    background: transparent images are composited on this colour, and `alpha` of the result is None. By default they are
+    composited on white, and `alpha` holds their opacity.
     Raises InputError where the folder, a camera or an image cannot be used.
     """
     chosen = _choose(Path(path), views, size)
-    unbounded = _read_unbounded(chosen)
+    unbounded = _read_unbounded(chosen, background or "white")
+    if background is not None:
+        unbounded = replace(unbounded, alpha=None)
     cameras = _with_depth_bounds(chosen, near, far, partial(estimate_depth_range, unbounded))
     return replace(unbounded, cameras=cameras)
 
@@ -130,10 +135,10 @@ def _chosen_photographs(
     return photographs, [note]
 
 
-def _read_unbounded(chosen: _Chosen) -> Views:
+def _read_unbounded(chosen: _Chosen, background: Background = "white") -> Views:
     """Undistorted images of one size; near and far are not known yet."""
     pixels = [
-        _framed_pixels(photograph.path, lenses, chosen.image_size)
+        _framed_pixels(photograph.path, lenses, chosen.image_size, background)
         for photograph, lenses in zip(chosen.photographs, chosen.lenses, strict=True)
     ]
     has_alpha = any(len(channels) == 4 for channels in pixels)
@@ -144,10 +149,10 @@ def _read_unbounded(chosen: _Chosen) -> Views:
 
 
 def _framed_pixels(
-    path: Path, lenses: tuple[Lens, Lens], image_size: tuple[int, int]
+    path: Path, lenses: tuple[Lens, Lens], image_size: tuple[int, int], background: Background
 ) -> Float[Tensor, "channel height width"]:
     """Colour, and opacity as a fourth channel where the image has it, undistorted and brought to `image_size`."""
-    colour, alpha = read_image_and_alpha(path)
+    colour, alpha = read_image_and_alpha(path, background)
     pixels = colour if alpha is None else torch.cat((colour, alpha[None]))
     lens, pinhole = lenses
     return crop_and_resize(undistort(pixels, lens, pinhole), pinhole, image_size)[0]

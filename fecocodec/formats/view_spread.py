@@ -7,9 +7,9 @@ from jaxtyping import Float
 from fecocodec.errors import InputError
 from fecocodec.formats.framing import framed_intrinsics
 from fecocodec.formats.posed_photographs import PosedPhotographs, stored_lens
-from fecocodec.formats.view_choice import MAX_VIEWS
 from fecocodec.geometry.depth_range import bounds_of_depths
 from fecocodec.geometry.frustum_overlap import covisibility_estimate
+from fecocodec.limits import MAX_VIEWS
 
 MAX_AUTO_VIEWS = 8
 # Chosen on 91 training captures: with 8 views, 83% share a measured covisibility of half or more with a neighbour.
@@ -49,10 +49,10 @@ def _grown(scene: PosedPhotographs, count: int, least_overlap: float) -> list[in
     chosen = [int(centrality.argmax())]
     while len(chosen) < count:
         others = [index for index in range(len(overlap)) if index not in chosen]
-        closest = baseline[np.ix_(others, chosen)].min(axis=1)
+        closest = baseline[np.ix_(np.array(others), np.array(chosen))].min(axis=1)
         apart = [index for index, distance in zip(others, closest, strict=True) if distance >= _LEAST_BASELINE]
         candidates = np.array(apart or others)
-        largest = overlap[np.ix_(candidates, chosen)].max(axis=1)
+        largest = overlap[np.ix_(candidates, np.array(chosen))].max(axis=1)
         best = _best(largest, centrality[candidates])
         if largest[best] < least_overlap:
             break

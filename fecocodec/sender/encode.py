@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import EXCESS_UNIT, Header, Stream, quantise_lambda, write_stream
@@ -11,6 +13,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.coverage import LEAST_OPACITY, coverage_of
 from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
@@ -33,7 +36,8 @@ def encode(
     lmbda: price of a bit per pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. effort: "fast",
     "default" or "best", from the fastest encoding to the least bytes at equal quality, or a configuration of one's own.
     num_stages: 1 leaves the feedback stage out. model: folder of the weights of both ends, None for the default shipped
-    model.
+    model. Where `views` has `alpha`, the stream says which cells of the views are transparent, and decoders emit no
+    Gaussians for them.
 
     Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
     """
@@ -76,7 +80,8 @@ def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...
     first, last = (int(stage.inputs.lambda_q[0]) for stage in (stages[0], stages[-1]))
     excess = (first - last) // EXCESS_UNIT
     header = Header(codec.model_id, scene.num_views, *scene.image_size, last, digests, excess)
-    return write_stream(Stream(header, scene.packed, tuple(stage.coded.payload for stage in stages)))
+    payloads = tuple(stage.coded.payload for stage in stages)
+    return write_stream(Stream(header, scene.packed, payloads, coverage=coverage_of(scene.alpha, header)))
 
 
 def check_views(views: Views, num_stages: int) -> None:
@@ -92,3 +97,16 @@ def check_views(views: Views, num_stages: int) -> None:
         raise InputError(f"{num_stages} stages were asked for; choose 1 or 2.")
     if not bool(views.images.isfinite().all()):
         raise InputError("a view holds values that are not finite; check the images.")
+    if views.alpha is not None:
+        _check_alpha(views.alpha, (count, height, width))
+
+
+def _check_alpha(alpha: Float[Tensor, "*shape"], shape: tuple[int, int, int]) -> None:
+    if tuple(alpha.shape) != shape:
+        raise InputError(f"alpha has the shape {tuple(alpha.shape)}, the images need {shape}; give one value a pixel.")
+    if not bool(alpha.isfinite().all()):
+        raise InputError("alpha holds values that are not finite; check the images.")
+    if not bool((alpha >= LEAST_OPACITY).any()):
+        raise InputError(
+            "every pixel of the views is transparent; correct the images, or ignore their opacity by a `background`."
+        )

@@ -21,13 +21,15 @@ class Scene:
     """One scene on the networks' device.
 
     packed: cameras as the stream holds them. cameras: the same, normalised, as a batch of one scene. images: sRGB in
-    [0, 1], on the coding grid, as a batch of one scene. image_size: (height, width) of the views as given.
+    [0, 1], on the coding grid, as a batch of one scene. image_size: (height, width) of the views as given. alpha: of
+    `Views`, at that size.
     """
 
     packed: PackedCameras
     cameras: Cameras
     images: Float[Tensor, "1 view 3 h w"]
     image_size: tuple[int, int]
+    alpha: Float[Tensor, "view height width"] | None
 
     @property
     def num_views(self) -> int:
@@ -39,7 +41,7 @@ def prepare_scene(views: Views, device: torch.device) -> Scene:
     packed = _pack_checked(views.cameras)
     normalised, _ = normalise_scene(unpack(packed))
     images = resample_to_grid(views.images.float().clone()).to(device)
-    return Scene(packed, normalised.to(device).as_batch(), images[None], views.image_size)
+    return Scene(packed, normalised.to(device).as_batch(), images[None], views.image_size, views.alpha)
 
 
 def _pack_checked(cameras: Cameras) -> PackedCameras:

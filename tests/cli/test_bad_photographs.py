@@ -79,8 +79,8 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
     ),
     "name with a line break": (
         editing(lambda cameras: cameras["frames"][0].update(file_path="view\n0.png")),
-        "{folder}/transforms.json, frame 0 (view 0.png): there is no image {folder}/view 0.png; put it there or leave "
-        "this view out by --views.",
+        "{folder}/transforms.json, frame 0 (view\\n0.png): there is no image {folder}/view\\n0.png; put it there or "
+        "leave this view out by --views.",
     ),
     "singular pose": (
         setting_pose(1, [1, 0, 0, 0]),
@@ -105,7 +105,8 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
     ),
     "lens that a stream cannot hold": (
         editing(lambda cameras: cameras.update(fl_x=96e6)),
-        "{folder}: the views' cameras: camera 1 of 4: focal length fx is 1000000.0 image sides, ...",
+        "{folder}/transforms.json, frame 0 (view_0.png): the focal length is 1e+06 and the principal point 0.5 image "
+        "sides, but 0.0156 to 256 are possible; correct the camera.",
     ),
 }
 

@@ -26,5 +26,5 @@ def test_bad_lists_are_refused(fecosplat: CommandLine, tmp_path: Path) -> None:
     outside = fecosplat(*arguments, "--lambdas", "1.0")
     assert outside.code == 1 and "lambda is 1.0, outside the range" in outside.err
     missing = fecosplat(*arguments)
-    assert missing.code == 1 and "index.json: cannot be read" in missing.err
+    assert missing.code == 1 and "index.json: there is no such file" in missing.err
     assert not (tmp_path / "out").exists()

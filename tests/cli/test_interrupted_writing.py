@@ -27,7 +27,7 @@ def stall(source, target):
     print("writing", flush=True)
     time.sleep(600)
 
-atomic.os.replace = stall
+atomic.os.link = atomic.os.replace = stall
 from fecosplat_cli.main import run
 sys.exit(run(arguments))
 """

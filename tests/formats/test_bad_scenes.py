@@ -350,7 +350,7 @@ def test_point_ids_of_colmap_beyond_63_bits(point_id, tmp_path):
 @pytest.mark.parametrize("focal", [1e308, 1e9, 1e-9])
 def test_focal_lengths_out_of_range(focal, scene):
     edit(scene, lambda cameras: cameras["frames"][1].update(fl_x=focal))
-    expected = r"frame 1 \(images/001\.png\): the focal length is .* image sides, but 0\.000977 to 1024 are possible"
+    expected = r"frame 1 \(images/001\.png\): the focal length is .* image sides, but 0\.0156 to 256 are possible"
     assert re.search(expected, message(scene))
 
 

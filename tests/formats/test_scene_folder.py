@@ -300,3 +300,8 @@ def test_transparency_is_kept_beside_the_images(tmp_path):
     views = read(folder)
     torch.testing.assert_close(views.alpha, torch.tensor([1.0, 0.2])[:, None, None].expand(2, 80, 96))
     assert torch.equal(views.select([1]).alpha, views.alpha[1:])
+    on_white, on_black = (read(folder, background=colour) for colour in ("white", "black"))
+    assert on_white.alpha is None and on_black.alpha is None
+    assert torch.equal(on_white.images, views.images)
+    torch.testing.assert_close(on_white.images[1] - on_black.images[1], torch.full((3, 80, 96), 0.8))
+    assert torch.equal(on_black.images[0], views.images[0])

@@ -39,6 +39,11 @@ def with_skew(views: Views) -> Views:
         (with_skew(example_views(2)), "camera 2: its intrinsics have a skew"),
         (replace(example_views(2), images=torch.full((2, 3, 64, 64), float("nan"))), "not finite"),
         (replace(example_views(2), images=torch.rand(3, 3, 64, 64)), "3 images were given with 2 cameras"),
+        (replace(example_views(2), alpha=torch.zeros(2, 64, 64)), "every pixel of the views is transparent"),
+        (
+            replace(example_views(2), alpha=torch.full((2, 64, 64), float("nan"))),
+            "alpha holds values that",
+        ),
         (example_views(17), "give 1 to 16"),
         (example_views(2, 63, 64), "sides must be 64 to 1024"),
         (example_views(1, 64, 1025), "sides must be 64 to 1024"),

@@ -1,0 +1,28 @@
+"""The coverage section of transparent photographs: which cells of the coding grid show something opaque."""
+
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from fecocodec.coding.coverage_cells import cells_to_bits
+from fecocodec.container import Header, coverage_grid
+
+LEAST_OPACITY = 0.5  # of a pixel that counts as opaque
+
+
+def coverage_of(alpha: Float[Tensor, "view height width"] | None, header: Header) -> bytes | None:
+    """Return `Stream.coverage` for the opacity of the views as given; None where all cells are covered."""
+    if alpha is None:
+        return None
+    cells = covered_cells(alpha, coverage_grid(header))
+    return None if bool(cells.all()) else cells_to_bits(cells)
+
+
+def covered_cells(
+    alpha: Float[Tensor, "view height width"], grid: tuple[int, int, int]
+) -> Bool[Tensor, "view row column"]:
+    """Return whether each cell holds, wholly or in part, a pixel of at least LEAST_OPACITY; grid: see `coverage_grid`.
+
+    Cells divide the image evenly, because the coding grid covers exactly the image.
+    """
+    return F.adaptive_max_pool2d(alpha[:, None].float(), grid[1:])[:, 0] >= LEAST_OPACITY
