@@ -15,7 +15,7 @@ from fecocodec.config import is_in_range
 from fecocodec.errors import ModelError
 
 SHIPPED = Path(__file__).parent / "weights"
-DEFAULT_MODEL = "compact-1"
+DEFAULT_MODEL = "compact-2"
 RECEIVER_FILE, SENDER_FILE = "receiver.safetensors", "sender.safetensors"
 MODEL_ID_BYTES = 8
 

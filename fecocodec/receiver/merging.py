@@ -97,8 +97,9 @@ def _box_mean(values: Float32[np.ndarray, "view row column 3"]) -> Float32[np.nd
     padded = np.pad(values, ((0, 0), (_REACH, _REACH), (_REACH, _REACH), (0, 0)), mode="edge")
     rows, columns = values.shape[1:3]
     width = 2 * _REACH + 1
-    summed = sum(padded[:, shift : shift + rows] for shift in range(width))
-    return sum(summed[:, :, shift : shift + columns] for shift in range(width)) / np.float32(width**2)
+    summed = np.add.reduce([padded[:, shift : shift + rows] for shift in range(width)])
+    mean: np.ndarray = np.add.reduce([summed[:, :, shift : shift + columns] for shift in range(width)])
+    return mean / np.float32(width**2)
 
 
 def _cells(values: Shaped[np.ndarray, "view row column"]) -> Shaped[np.ndarray, "view row2 column2 4"]:

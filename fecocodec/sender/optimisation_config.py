@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import InputError
 from fecocodec.layers.blocks import RateCondition
-from fecocodec.sender.distortion import Distortion, MseDistortion
+from fecocodec.sender.distortion import Distortion, LogDistortion
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class OptimisationConfig:
     max_steps_unheld: int = 6
     max_views_of_direct_gradients: int = 4
     ssim_stride: int = 3
-    distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
+    distortion: Distortion = LogDistortion()  # noqa: RUF009 - frozen
 
     def steps_of_last(self, num_pixels: int, lambda_q: int) -> int:
         """Number of steps of the last stage of a scene with so many pixels, coded at this lambda."""

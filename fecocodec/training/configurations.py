@@ -8,6 +8,7 @@ from typing import Literal
 from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
 from fecocodec.errors import InputError
+from fecocodec.sender.distortion import Distortion, LogDistortion, MseDistortion
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.schedule import Schedule
 
@@ -20,7 +21,7 @@ class Configuration:
 
     shapes: of the batches of each process. lambda_range: least and largest lambda; log(lambda) is uniform between them.
     precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
-    `fine_tuning`).
+    `fine_tuning`). distortion: D of the loss.
 
     Raises InputError if lambda_range is empty or exceeds that of the codec.
     """
@@ -32,6 +33,7 @@ class Configuration:
     receiver: ReceiverConfig = field(default_factory=ReceiverConfig)
     sender: CodecConfig = field(default_factory=SenderConfig)
     frozen: tuple[str, ...] = ()
+    distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
         lowest, highest = self.lambda_q_range
@@ -63,11 +65,12 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
         "compact": Configuration(
             shapes=BatchShapes(
                 num_scenes=2,
-                view_shares=((2, 0.8), (3, 0.08), (4, 0.06), (6, 0.04), (8, 0.02)),
+                view_shares=((2, 0.66), (3, 0.08), (4, 0.15), (6, 0.04), (8, 0.07)),
                 num_target=2,
                 sizes=((128, 128), (96, 160), (160, 96), (96, 128), (160, 160), (128, 192)),
             ),
             schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
+            distortion=LogDistortion(),
         ),
         "paper-re10k": Configuration(
             shapes=BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=4, sizes=((256, 256),)),

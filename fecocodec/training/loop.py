@@ -14,7 +14,6 @@ from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.distortion import Distortion, MseDistortion
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
 from fecocodec.sender.model import Sender
@@ -38,7 +37,7 @@ ALONE_EVERY = 8  # steps: the last of every eight codes stage 1 alone
 class RunSettings:
     """Settings of a training run.
 
-    device: where the networks run, `cpu` or `cuda:N`; batches are drawn on the CPU. distortion: D of the loss.
+    device: where the networks run, `cpu` or `cuda:N`; batches are drawn on the CPU.
     """
 
     folder: Path
@@ -49,7 +48,6 @@ class RunSettings:
     log_every: int = 50
     save_every_minutes: float = 5.0
     samples_every_minutes: float = 15.0
-    distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
 
 
 class Trainer:
@@ -149,7 +147,7 @@ class Trainer:
         batch, num_stages = self._draw_batch()
         outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages)
         weight = schedule.disparity_weight_at(self.step)
-        loss, parts = loss_of(batch, outcomes, matched, weight, self.settings.distortion)
+        loss, parts = loss_of(batch, outcomes, matched, weight, self.settings.configuration.distortion)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
