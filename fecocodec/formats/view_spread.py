@@ -51,12 +51,12 @@ def _grown(scene: PosedPhotographs, count: int, least_overlap: float) -> list[in
         others = [index for index in range(len(overlap)) if index not in chosen]
         closest = baseline[np.ix_(others, chosen)].min(axis=1)
         apart = [index for index, distance in zip(others, closest, strict=True) if distance >= _LEAST_BASELINE]
-        candidates = np.array(apart or others)
+        candidates = apart or others
         largest = overlap[np.ix_(candidates, chosen)].max(axis=1)
         best = _best(largest, centrality[candidates])
         if largest[best] < least_overlap:
             break
-        chosen.append(int(candidates[best]))
+        chosen.append(candidates[best])
     return chosen
 
 
