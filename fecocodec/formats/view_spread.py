@@ -49,14 +49,14 @@ def _grown(scene: PosedPhotographs, count: int, least_overlap: float) -> list[in
     chosen = [int(centrality.argmax())]
     while len(chosen) < count:
         others = [index for index in range(len(overlap)) if index not in chosen]
-        closest = baseline[np.ix_(np.array(others), np.array(chosen))].min(axis=1)
+        closest = baseline[np.ix_(others, chosen)].min(axis=1)
         apart = [index for index, distance in zip(others, closest, strict=True) if distance >= _LEAST_BASELINE]
-        candidates = np.array(apart or others)
-        largest = overlap[np.ix_(candidates, np.array(chosen))].max(axis=1)
+        candidates = apart or others
+        largest = overlap[np.ix_(candidates, chosen)].max(axis=1)
         best = _best(largest, centrality[candidates])
         if largest[best] < least_overlap:
             break
-        chosen.append(int(candidates[best]))
+        chosen.append(candidates[best])
     return chosen
 
 
