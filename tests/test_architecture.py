@@ -91,6 +91,7 @@ def test_library_neither_prints_nor_exits() -> None:
     offenders = [
         f"{file.relative_to(ROOT)}:{node.lineno}"
         for file in python_files("fecocodec")
+        if file.name != "__main__.py"  # not the library: what `python -m fecocodec` runs
         for node in ast.walk(ast.parse(file.read_text()))
         if (isinstance(node, ast.Call) and ast.unparse(node.func) in {"print", "exit", "sys.exit", "os.getenv"})
         or (isinstance(node, ast.Attribute) and ast.unparse(node) == "os.environ")

@@ -29,7 +29,7 @@ import json, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from fecocodec.receiver.decode import decode
-gaussians = decode(Path(sys.argv[2]).read_bytes(), model=Path(sys.argv[3])).gaussians
+gaussians = decode(Path(sys.argv[2]).read_bytes(), model=Path(sys.argv[3]), background=None).gaussians
 print(json.dumps([gaussians.count, sorted(name for name in sys.modules if name.startswith("fecocodec."))]))
 """
 
@@ -68,7 +68,9 @@ def test_every_visible_cell_becomes_a_gaussian(
     decoded = decode(data, model=random_weights / MODEL, background=None)
     gaussians = decoded.gaussians
     grid_height, grid_width = grid_size(height, width)
-    assert gaussians.count == num_views * grid_height * grid_width // 4
+    num_cells = num_views * grid_height * grid_width // 4
+    # From three views on, random networks put some Gaussians before another camera's near bound, which fades them out.
+    assert gaussians.count == num_cells if num_views < 3 else 0.85 * num_cells < gaussians.count <= num_cells
     assert all(bool(field.isfinite().all()) for field in gaussians.fields())
     header = read_stream(data).header
     assert (header.num_views, header.height, header.width) == (num_views, height, width)
@@ -91,7 +93,8 @@ def test_gaussians_lie_in_the_world_near_the_pixels_they_stand_for(
     data: bytes, views: Views, random_weights: Path
 ) -> None:
     cameras, size = views.cameras, 32
-    means = decode(data, model=random_weights / MODEL).gaussians.means.view(2, size, size, 3)
+    decoded = decode(data, model=random_weights / MODEL, background=None)
+    means = decoded.gaussians.means.view(2, size, size, 3)
     row, column = torch.meshgrid(torch.arange(size) + 0.5, torch.arange(size) + 0.5, indexing="ij")
     for view in range(2):
         uv, depth, _ = (field[0] for field in cameras.select([view]).project(means[view]))

@@ -18,11 +18,11 @@ def with_new_crc(header: bytes) -> bytes:
 
 
 def of_version(data: bytes, major: int) -> bytes:
-    return with_new_crc(data[:8] + bytes([major]) + data[9:50]) + data[50:]
+    return with_new_crc(data[:8] + bytes([major]) + data[9:48]) + data[48:]
 
 
 def of_model(data: bytes, model_id: bytes) -> bytes:
-    return with_new_crc(data[:10] + model_id + data[18:50]) + data[50:]
+    return with_new_crc(data[:10] + model_id + data[18:48]) + data[48:]
 
 
 def with_flipped_bit(data: bytes, byte: int) -> bytes:
@@ -30,7 +30,7 @@ def with_flipped_bit(data: bytes, byte: int) -> bytes:
 
 
 def with_another_digest(data: bytes) -> bytes:
-    return with_new_crc(data[:30] + bytes(8) + data[38:50]) + data[50:]
+    return with_new_crc(data[:28] + bytes(8) + data[36:48]) + data[48:]
 
 
 def offset(data: bytes, name: str) -> int:
@@ -48,12 +48,12 @@ BAD_STREAMS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
         "header at byte 0: the file ends after 0 bytes, the header needs 8; copy or download it again.",
     ),
     "newer version": (
-        lambda data: of_version(data, 2),
-        "header at byte 8: format version 2.0 is newer than 1.x, which this program reads; install a newer fecosplat.",
+        lambda data: of_version(data, 3),
+        "header at byte 8: format version 3.0 is newer than 2.x, which this program reads; install a newer fecosplat.",
     ),
     "cut in the header": (
         lambda data: data[:40],
-        "header at byte 0: the file ends after 40 bytes, the header needs 50; copy or download it again.",
+        "header at byte 0: the file ends after 40 bytes, the header needs 48; copy or download it again.",
     ),
     "cut in the first stage": (
         lambda data: data[: offset(data, "B2") - 1],
@@ -69,7 +69,7 @@ BAD_STREAMS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     ),
     "corrupted cameras": (
         lambda data: with_flipped_bit(data, 60),
-        "section cameras at byte 50: CRC-32 is ...",
+        "section cameras at byte 48: CRC-32 is ...",
     ),
     "corrupted payload": (
         lambda data: with_flipped_bit(data, len(data) - 1),

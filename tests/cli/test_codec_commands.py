@@ -207,7 +207,8 @@ def test_render_into_a_file_that_is_no_image_is_refused(fecosplat, stream_file: 
     output.write_text("precious")
     result = fecosplat("render", stream_file, "-o", output)
     assert result.code == 1
-    assert result.err == f"fecosplat: {output}: is a file; give a folder, or a name that ends in .png or .exr.\n"
+    kinds = ".png or .jpg or .jpeg or .webp or .exr"
+    assert result.err == f"fecosplat: {output}: files of kind .txt are not written here; use a folder or {kinds}.\n"
     assert output.read_text() == "precious"
 
 

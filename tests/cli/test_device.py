@@ -1,4 +1,4 @@
-"""A CUDA device without the renderer for it: refused before any input is read, where the command would render there."""
+"""A CUDA device without its renderer: refused before the content of any input is read, where it would be used."""
 
 import sys
 from pathlib import Path
@@ -12,6 +12,8 @@ WITHOUT_GSPLAT = (
     "run `pip install gsplat`, or stay on the CPU (--device cpu)."
 )
 
+PHOTOGRAPHS, GAUSSIANS = "a folder of photographs", "a file of Gaussians"
+
 
 @pytest.fixture(autouse=True)
 def cuda_without_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,17 +25,25 @@ def cuda_without_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("encode", "missing", "-o", "a.fcs"),
-        ("encode", "missing", "-o", "a.fcs", "--target-kib", "8"),
-        ("encode", "missing", "-o", "a.fcs", "--stages", "1"),
-        ("render", "missing.ply", "-o", "images", "--cameras", "missing"),
+        ("encode", PHOTOGRAPHS, "-o", "a.fcs"),
+        ("encode", PHOTOGRAPHS, "-o", "a.fcs", "--target-kib", "8"),
+        ("encode", PHOTOGRAPHS, "-o", "a.fcs", "--stages", "1"),
+        ("render", GAUSSIANS, "-o", "images", "--cameras", PHOTOGRAPHS),
         ("train", "run"),
     ],
 )
 def test_what_renders_there_is_refused(
-    fecosplat, output: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+    fecosplat,
+    photographs: Path,
+    tmp_path: Path,
+    output: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
 ) -> None:
     monkeypatch.chdir(output)
+    paths = {PHOTOGRAPHS: photographs, GAUSSIANS: tmp_path / "never-read.ply"}
+    paths[GAUSSIANS].write_bytes(b"not read")
+    arguments = tuple(str(paths.get(argument, argument)) for argument in arguments)
     assert_refused(fecosplat(*arguments, "--device", "cuda"), output, WITHOUT_GSPLAT)
 
 

@@ -16,7 +16,7 @@ from fecocodec.receiver.merging import MergingConfig, merged
 from fecocodec.receiver.symmetric_matrices import adjugate_form, from_axes, to_axes
 from fecocodec.rendering.rasterizer import render
 
-SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-1.fcs"
+SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-2.fcs"
 SIDE = 32  # Gaussians a side
 CONFIG = MergingConfig()
 

@@ -29,7 +29,7 @@ def test_the_compact_configuration_draws_mostly_two_views_and_every_shape_it_nam
     shapes = CONFIGURATIONS["compact"].shapes
     batches = drawn(shapes, 1500)
     counts = Counter(shape.num_context for shape in batches)
-    assert 0.75 < counts[2] / len(batches) < 0.85
+    assert 0.6 < counts[2] / len(batches) < 0.72
     assert set(counts) == {2, 3, 4, 6, 8}
     assert {shape.size for shape in batches} == set(shapes.sizes)
 
