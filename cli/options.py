@@ -1,4 +1,4 @@
-"""Options that several commands share, and the reading of their values."""
+"""Options shared by several commands, and the parsing of their values."""
 
 import os
 import re
@@ -13,12 +13,12 @@ from fecocodec.limits import DEFAULT_MAX_PIXELS
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-# A path; the library checks whether it can be read, and names the file in its message (exit code 1, not 2).
+# Not checked by click: the library checks the path and names it in its message (exit code 1, not 2).
 FILE_PATH = click.Path(readable=False, path_type=Path)
 
 
 def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
-    """WIDTHxHEIGHT, as users of photographs write it, becomes the library's `(height, width)`."""
+    """Parse WIDTHxHEIGHT to `(height, width)` in pixels, the order that the library uses."""
     if value is None:
         return None
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", value)
@@ -36,9 +36,9 @@ def json_option(function: Function) -> Function:
 
 
 def model_option(function: Function) -> Function:
-    return click.option("--model", type=FILE_PATH, metavar="FOLDER", help="The weights.  [default: those that ship]")(
-        function
-    )
+    return click.option(
+        "--model", type=FILE_PATH, metavar="FOLDER", help="Folder of the model weights.  [default: the shipped model]"
+    )(function)
 
 
 def device_option(function: Function) -> Function:
@@ -48,7 +48,7 @@ def device_option(function: Function) -> Function:
         show_default=True,
         metavar="NAME",
         callback=_parse_device,
-        help="Where networks run: cpu, cuda, or cuda:N.",
+        help="Device that runs the networks: cpu, cuda or cuda:N.",
     )(function)
 
 
@@ -59,7 +59,7 @@ def max_pixels_option(function: Function) -> Function:
         default=DEFAULT_MAX_PIXELS,
         show_default=True,
         metavar="NUMBER",
-        help="Refuse a .fcs file whose views have more pixels in all; memory is proportional to it.",
+        help="Reject a .fcs file whose views together have more pixels than this. Memory grows in proportion.",
     )(function)
 
 
@@ -70,7 +70,7 @@ def threads_option(function: Function) -> Function:
         callback=_limit_threads,
         expose_value=False,
         is_eager=True,
-        help="Processor threads to use at most.  [default: all cores]",
+        help="Maximum number of CPU threads.  [default: all cores]",
     )(function)
 
 
@@ -81,7 +81,7 @@ def _parse_device(ctx: click.Context, param: click.Parameter, value: str) -> str
 
 
 def _limit_threads(ctx: click.Context, param: click.Parameter, value: int | None) -> None:
-    """Numeric libraries read these variables once, when they load; commands load them after parsing."""
+    """Set the environment variables that numeric libraries read when they are imported, which is after parsing."""
     if value is None:
         return
     for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
