@@ -94,6 +94,7 @@ def run(machines: tuple[Machine, ...], folder: Path) -> dict[str, dict[str, Any]
 
 
 def start(machine: Machine, folder: Path) -> subprocess.Popen[str]:
+    """Start the child process of a machine."""
     script = Path(__file__).with_name("conformance_machine.py")
     return subprocess.Popen(
         [machine.python, script, folder, machine.name.replace("/", "_"), machine.number_type, machine.device],
@@ -126,6 +127,7 @@ def report(machine: Machine, facts: dict[str, Any], folder: Path) -> bool:
 
 
 def rows(path: Path) -> torch.Tensor:
+    """Read a table of Gaussians, one per row."""
     return torch.from_numpy(np.load(path))
 
 

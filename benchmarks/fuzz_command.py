@@ -81,6 +81,7 @@ def outcome(data: bytes, folder: Path, options: tuple[str, ...]) -> str:
 
 
 def is_finite(path: Path) -> bool:
+    """Return whether the PLY file exists and all its values are finite."""
     return path.exists() and all(bool(field.isfinite().all()) for field in read_ply(path).fields())
 
 

@@ -67,6 +67,7 @@ def bound_memory() -> None:
 
 
 def mutants(seed: int, files: int, minutes: float) -> Iterator[bytes]:
+    """Yield mutated streams until one of the limits is reached."""
     random, end = Random(seed), time.monotonic() + 60 * minutes
     for _ in range(files):
         if time.monotonic() > end:
@@ -75,6 +76,7 @@ def mutants(seed: int, files: int, minutes: float) -> Iterator[bytes]:
 
 
 def judge(data: bytes) -> str:
+    """Return the verdict on a stream, or the unexpected exception as text."""
     try:
         return verdict(data)
     except Exception as error:  # any other exception is a finding
@@ -82,6 +84,7 @@ def judge(data: bytes) -> str:
 
 
 def keep(data: bytes, found: str) -> None:
+    """Save a stream and its verdict to out/fuzz/, named by its digest."""
     FOUND.mkdir(parents=True, exist_ok=True)
     name = hashlib.sha256(data).hexdigest()[:16]
     (FOUND / f"{name}.fcs").write_bytes(data)

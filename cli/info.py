@@ -91,6 +91,7 @@ def summary_fields(summary: StreamSummary) -> dict[str, object]:
 
 
 def print_summary(summary: StreamSummary) -> None:
+    """Print the summary as text: fields, then a table of sections with their offsets and sizes."""
     header = summary.header
     depth = "unknown" if summary.near is None or summary.far is None else f"{summary.near:.6g} to {summary.far:.6g}"
     print_fields(

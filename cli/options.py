@@ -28,20 +28,24 @@ def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) ->
 
 
 def overwrite_option(function: Function) -> Function:
+    """Add --overwrite."""
     return click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")(function)
 
 
 def json_option(function: Function) -> Function:
+    """Add --json, passed as `as_json`."""
     return click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")(function)
 
 
 def model_option(function: Function) -> Function:
+    """Add --model; None for the shipped model."""
     return click.option(
         "--model", type=FILE_PATH, metavar="FOLDER", help="Folder of the model weights.  [default: the shipped model]"
     )(function)
 
 
 def device_option(function: Function) -> Function:
+    """Add --device. Only the form of the name is checked, see `require_device`."""
     return click.option(
         "--device",
         default="cpu",
@@ -53,6 +57,7 @@ def device_option(function: Function) -> Function:
 
 
 def max_pixels_option(function: Function) -> Function:
+    """Add --max-pixels, the limit on decoded pixels."""
     return click.option(
         "--max-pixels",
         type=click.IntRange(min=1),
@@ -64,6 +69,7 @@ def max_pixels_option(function: Function) -> Function:
 
 
 def threads_option(function: Function) -> Function:
+    """Add --threads, which sets environment variables and is not passed to the command."""
     return click.option(
         "--threads",
         type=click.IntRange(min=1),

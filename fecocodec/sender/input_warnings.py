@@ -49,16 +49,19 @@ def _warnings_about_cameras(cameras: Cameras) -> list[str]:
     warnings = []
     ratio = float(cameras.far / cameras.near)
     if ratio > LARGEST_DEPTH_RATIO:
-        warnings.append(f"far is {ratio:.0f} times near, depth will be coarse; give tighter bounds (--near, --far).")
+        warnings.append(f"far is {ratio:.0f} times near, so depth will be coarse; give tighter bounds (--near, --far).")
     if cameras.num_views == 1:
-        return [*warnings, "one view has no parallax, its depth is a guess; add a view from another place."]
+        return [
+            *warnings,
+            "one view has no parallax, so its depth is unreliable; add a view from another position.",
+        ]
     points = _sample_points(cameras)
     overlap = _largest_overlap(points, cameras)
     alone = [str(view) for view in range(cameras.num_views) if overlap[view] < LEAST_OVERLAP]
     if alone:
         warnings.append(f"views that hardly overlap with any other: {', '.join(alone)}; choose views that overlap.")
     if _largest_parallax(points, cameras) < LEAST_PARALLAX_DEGREES:
-        warnings.append("the cameras are almost at one position, depth is a guess; choose views from farther apart.")
+        warnings.append("the cameras are almost at one position, so depth is unreliable; choose views farther apart.")
     return warnings
 
 
@@ -66,7 +69,7 @@ def _warnings_about_images(images: Float[Tensor, "view 3 height width"]) -> list
     warnings = []
     brightness = images.mean(dim=(1, 2, 3))
     if float(brightness.max() / brightness.min().clamp_min(1e-3)) > LARGEST_EXPOSURE_RATIO:
-        warnings.append("the views differ much in brightness; use one exposure and white balance for all.")
+        warnings.append("the views differ much in brightness; use the same exposure and white balance for all.")
     if not DARKEST <= float(brightness.mean()) <= BRIGHTEST:
         warnings.append("the views are almost black or white; expose them so that surfaces can be distinguished.")
     return warnings
@@ -85,8 +88,8 @@ def _warnings_about_axes(views: Views) -> list[str]:
     if turned < max(LEAST_AGREEMENT, LEAST_GAIN * given):
         return []
     return [
-        "the photographs fit together much better with every camera's y and z axes reversed; check whether the camera "
-        "file has OpenCV axes where OpenGL ones belong, or the other way round."
+        "the depths of the views agree much better with y and z axes reversed in all cameras; check whether the "
+        "camera file uses OpenCV axes instead of OpenGL axes, or the reverse."
     ]
 
 

@@ -33,6 +33,7 @@ class Scene:
 
     @property
     def num_views(self) -> int:
+        """Number of context views."""
         return self.images.shape[1]
 
 

@@ -91,6 +91,7 @@ class SceneEncoder:
 
     @property
     def num_views(self) -> int:
+        """Number of context views of each scene."""
         return self.images.shape[1]
 
     @property

@@ -47,6 +47,7 @@ class Verdict:
 
     @property
     def is_passed(self) -> bool:
+        """Whether the rule is satisfied."""
         return not self.complaint
 
 
@@ -64,7 +65,7 @@ class StressSuite:
         self._codec = codec
         self._lambda_q = quantise_lambda(lmbda)
         (self._baseline,) = (s for s in image_systems(codec) if (s.name, s.setting) == BASELINE)
-        self._easy: dict[str, tuple[_Outcome, float]] = {}  # by scene: ours, and the baseline's PSNR
+        self._easy: dict[str, tuple[_Outcome, float]] = {}  # by scene: outcome of the codec, PSNR of the baseline
 
     def judge(self, case: StressCase) -> Verdict:
         """Run a case and check its rule. Every error is a failure, except an InputError if the rule is "refused"."""
@@ -154,11 +155,11 @@ def _complaint(rule: str, found: _Outcome, easy: _Outcome, warnings: tuple[str, 
     if rule == "warned" and not warnings:
         return "the sender gave no warning"
     if rule == "same bytes" and read_stream(found.data).payloads != read_stream(easy.data).payloads:
-        return "the payloads differ from those of the easy version"
+        return "the payloads differ from those of the reference"
     if rule in ("same bytes", "same picture") and difference > SAME_PICTURE_DB:
-        return f"the picture differs by {difference:.3f} dB from the easy version's"
+        return f"the PSNR differs by {difference:.3f} dB from that of the reference"
     if rule == "same quality" and difference > SAME_QUALITY_DB:
-        return f"the quality differs by {difference:.2f} dB from the easy version's"
+        return f"the PSNR differs by {difference:.2f} dB from that of the reference"
     return ""
 
 
