@@ -1,7 +1,7 @@
-"""Time and memory of encode, decode and info against their bounds: `make bench`.
+"""Benchmark time and memory of encode, decode and info against their required bounds: `make bench`.
 
-In-process times are medians after a warm-up; whole processes are started cold, with their peak resident memory. Run it
-on an idle machine: other work on the same cores shows up in every figure.
+In-process times are medians after a warm-up. Whole processes are measured from a cold start, with their peak resident
+memory. Run it on an idle machine, because other load changes all results.
 """
 
 import argparse
@@ -34,7 +34,7 @@ Progress = Callable[[str, float], None]
 
 
 def measure(call: Callable[[Progress], object], repeats: int) -> tuple[float, str]:
-    """Median seconds of a warm call, and its steps' medians as text."""
+    """Return the median seconds of a call after warm-up, and the medians of its steps as text."""
     call(lambda _task, _fraction: None)
     runs = [_seconds_by_step(call) for _ in range(repeats)]
     steps = {task: statistics.median(run[task] for run in runs) for task in runs[0]}
@@ -50,7 +50,7 @@ def _seconds_by_step(call: Callable[[Progress], object]) -> dict[str, float]:
 
 
 def convolution_speed(repeats: int = 50) -> float:
-    """Gflop/s of this machine in the receiver's commonest layer, a warm median: most of decoding is such work."""
+    """Return the median Gflop/s of this machine in the most frequent layer of the receiver, after warm-up."""
     layer, x = torch.nn.Conv2d(96, 96, 3, padding=1), torch.randn(2, 96, 64, 64).to(memory_format=torch.channels_last)
     seconds = []
     with torch.inference_mode():
@@ -62,7 +62,10 @@ def convolution_speed(repeats: int = 50) -> float:
 
 
 def bench_scene(codec: Codec, views: Views, label: str, repeats: int, bounds: tuple[float, float]) -> bytes:
-    """Warm decode and encode of one scene, in process."""
+    """Measure decoding and encoding of one scene in this process, after warm-up. Returns the stream.
+
+    bounds: required seconds of decoding and of encoding.
+    """
     lambda_q = quantise_lambda(LAMBDA)
     data = encode_with(codec, views, lambda_q, 2)
     decoded, steps = measure(lambda progress: decode(data, on_progress=progress), repeats)
@@ -74,7 +77,7 @@ def bench_scene(codec: Codec, views: Views, label: str, repeats: int, bounds: tu
     return data
 
 
-# A child's peak memory starts at that of the process that forks it, so this small one stands in between.
+# The peak memory of a child includes that of the process that forks it, so a small process starts the command.
 LAUNCHER = """
 import json, resource, subprocess, sys, time
 begin = time.perf_counter()
@@ -85,7 +88,10 @@ print(json.dumps([code, seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru
 
 
 def bench_process(label: str, arguments: list[str], bounds: tuple[float, float | None], repeats: int = 3) -> None:
-    """Median wall time and peak resident memory of a whole `fecosplat` process."""
+    """Measure the median wall time and the peak resident memory of a whole `fecosplat` process.
+
+    bounds: required seconds, and required GiB or None.
+    """
     program = str(Path(sys.executable).with_name("fecosplat"))
     runs = []
     for _ in range(repeats):
@@ -102,7 +108,7 @@ def bench_process(label: str, arguments: list[str], bounds: tuple[float, float |
 
 
 def bench_rendering(codec: Codec, views: Views, data: bytes, repeats: int) -> None:
-    """One image of the decoded Gaussians, forward and with gradients, on one thread."""
+    """Measure rendering of one image of the decoded Gaussians, forward and backward, on one thread."""
     gaussians = decode(data).gaussians
     camera = views.cameras.select([0])
     threads = torch.get_num_threads()
@@ -124,7 +130,7 @@ def _seconds(call: Callable[[], object]) -> float:
 
 
 def repeated(views: Views, count: int) -> Views:
-    """So many views by repeating those there are, each copy moved a little: timing does not depend on the content."""
+    """Return `count` views by repeating the given ones, each copy slightly moved. Timing does not depend on content."""
     chosen = views.select([view % len(views.images) for view in range(count)])
     extrinsics = chosen.cameras.extrinsics.clone()
     extrinsics[:, 0, 3] += 0.01 * chosen.cameras.near * torch.arange(count)
@@ -132,9 +138,9 @@ def repeated(views: Views, count: int) -> Views:
 
 
 def main() -> None:
-    """Print a Markdown table: what, measured, bound, breakdown."""
+    """Print a Markdown table: task, measured value, bound, time by step."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=15)
+    parser.add_argument("--repeats", type=int, default=15, help="number of measured calls  [default: 15]")
     arguments = parser.parse_args()
     codec = load_codec(SHIPPED / DEFAULT_MODEL, "cpu")
     square = read_views(EXAMPLE, size=(256, 256))

@@ -1,8 +1,8 @@
-"""Time and memory of the paper's sender (profile `paper`, depthsplat-small) against their bounds: `make bench-paper`.
+"""Benchmark the paper's sender (profile `paper`, depthsplat-small) against required bounds: `make bench-paper`.
 
-Each case is a process of its own. Its extractor's weights are random, its codec is the shipped one: neither time nor
-memory depends on their values. Run it on an idle machine; where other work shares the cores, the seconds of processor
-time, divided by the threads, say more than those on the wall.
+Each case runs in its own process. The weights of the extractor are random, because time and memory do not depend on
+them; the other networks are the shipped ones. Run it on an idle machine. If other processes share the cores, CPU time
+divided by the number of threads is more reliable than wall time.
 """
 
 import argparse
@@ -33,7 +33,11 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 
 @dataclass(frozen=True)
 class Case:
-    """What is coded, and the most it may take. size: (height, width). matching_scale: 2 halves the cost volume."""
+    """One benchmark case and its bounds.
+
+    size: (height, width) in pixels. matching_scale: 2 builds the cost volume at half resolution. seconds, gibibytes:
+    required bounds.
+    """
 
     num_views: int
     size: tuple[int, int]
@@ -48,7 +52,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Taken:
-    """Seconds on the wall and of processor time, and the peak of the process so far in GiB."""
+    """Wall time and CPU time in seconds, and the peak resident memory of the process so far in GiB."""
 
     wall: float
     processor: float
@@ -63,7 +67,7 @@ CASES = (
 
 
 def paper_profile(matching_scale: int) -> Codec:
-    """The shipped receiver and codec under an untrained extractor of the paper's."""
+    """Return the shipped codec with an untrained extractor of the paper's profile."""
     folder = SHIPPED / DEFAULT_MODEL
     receiver, model_id = load_receiver(folder / RECEIVER_FILE)
     sender = Sender(PaperSenderConfig(matching_scale=matching_scale), receiver.config)
@@ -72,7 +76,7 @@ def paper_profile(matching_scale: int) -> Codec:
 
 
 def run_case(case: Case) -> Iterator[tuple[str, Taken]]:
-    """Features alone, then the whole of encoding."""
+    """Measure the extraction of features, then the whole encoding."""
     codec = paper_profile(case.matching_scale)
     views = repeated(read_views(EXAMPLE, size=case.size), case.num_views)
     lambda_q = quantise_lambda(LAMBDA)
@@ -90,9 +94,9 @@ def run_case(case: Case) -> Iterator[tuple[str, Taken]]:
 
 
 def main() -> None:
-    """Print a Markdown table: what, seconds, memory, bounds."""
+    """Print a Markdown table: task, time, memory, bounds."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--case", type=int, help=argparse.SUPPRESS)  # what a child process runs
+    parser.add_argument("--case", type=int, help=argparse.SUPPRESS)  # used for child processes
     arguments = parser.parse_args()
     if arguments.case is not None:
         case = CASES[arguments.case]

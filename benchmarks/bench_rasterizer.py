@@ -1,7 +1,7 @@
-"""Median times of the CPU rasteriser, projection and spherical harmonics included.
+"""Benchmark the CPU rasteriser, including projection and spherical harmonics: `python benchmarks/bench_rasterizer.py`.
 
-The scene stands for a decoded pair of 256x256 views: 32,768 Gaussians, about as wide as a pixel, seen at 256x256.
-Usage: python benchmarks/bench_rasterizer.py
+The synthetic scene resembles a decoded pair of 256x256 views: 32,768 Gaussians with a standard deviation of about one
+pixel, rendered at 256x256. Times are medians.
 """
 
 from statistics import median
@@ -19,7 +19,10 @@ REPEATS = 25
 
 
 def decoded_scene(scale_px: float, num_harmonics: int) -> tuple[Gaussians, Cameras]:
-    """Gaussians spread evenly over the image at depths 1 to 5, with standard deviations around scale_px pixels."""
+    """Return Gaussians uniformly distributed over the image at depths 1 to 5, and one camera.
+
+    scale_px: median standard deviation of the Gaussians in pixels. num_harmonics: (SH degree + 1) squared.
+    """
     generator = torch.Generator().manual_seed(0)
     uniform = torch.rand(NUM_GAUSSIANS, 3, generator=generator)
     depth = 1.0 + 4.0 * uniform[:, 2:]
@@ -35,7 +38,7 @@ def decoded_scene(scale_px: float, num_harmonics: int) -> tuple[Gaussians, Camer
 
 
 def measure(scale_px: float, num_harmonics: int) -> tuple[float, float]:
-    """Median milliseconds of the forward and of the backward pass."""
+    """Return the median milliseconds of the forward pass and of the backward pass."""
     gaussians, cameras = decoded_scene(scale_px, num_harmonics)
     leaves = Gaussians(*(field.requires_grad_() for field in gaussians.fields()))
     gradient = torch.randn(1, 3, SIZE, SIZE, generator=torch.Generator().manual_seed(1))

@@ -1,9 +1,11 @@
-"""The same symbols everywhere, and how far Gaussians differ: `python benchmarks/conformance.py` (or `--cuda`).
+"""Check that all configurations decode the same symbols, and Gaussians within tolerance.
 
-Every machine below is a process of its own with other threads, vector instructions, number type, torch or device. Each
-checks the golden vectors, encodes the bundled scene at three lambdas, and decodes what all of them have written; a
-symbol that differs, or a Gaussian beyond the tolerance, is an error. `--python PATH` adds the torch of another
-environment.
+    python benchmarks/conformance.py [--cuda] [--python PATH]
+
+Each configuration below ("machine") runs in its own process, with its own number of threads, vector instructions,
+number type, torch version or device. It checks the golden vectors, encodes the bundled scene at three lambdas, and
+decodes the streams of all configurations. A different symbol, or a Gaussian beyond the tolerance, is an error.
+`--python PATH` adds the interpreter of another environment, such as one with another version of torch.
 """
 
 import argparse
@@ -31,6 +33,8 @@ SCALAR = {**SSE41, "MKL_CBWR": "COMPATIBLE", "NPY_DISABLE_CPU_FEATURES": "AVX2 F
 
 @dataclass(frozen=True)
 class Machine:
+    """One configuration. environment: additional environment variables. number_type: "fp32" or "bf16"."""
+
     name: str
     environment: dict[str, str] = field(default_factory=dict)
     number_type: str = "fp32"
@@ -51,9 +55,11 @@ CUDA = (Machine("CUDA", device="cuda"), Machine("CUDA bf16", number_type="bf16",
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cuda", action="store_true", help="also on the CUDA device, without which nothing is checked")
-    parser.add_argument("--python", action="append", default=[], help="another environment's interpreter")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cuda", action="store_true", help="also check the CUDA device; fails if there is none")
+    parser.add_argument(
+        "--python", action="append", default=[], help="also check with this interpreter; can be repeated"
+    )
     options = parser.parse_args()
     if options.cuda and not torch.cuda.is_available():
         print("conformance: there is no CUDA device on this machine; nothing was checked", file=sys.stderr)
@@ -67,7 +73,7 @@ def main() -> int:
 
 
 def run(machines: tuple[Machine, ...], folder: Path) -> dict[str, dict[str, Any]]:
-    """All encode, then all decode what is there; one works at a time."""
+    """Run all machines one at a time: all encode, then all decode every stream. Returns the output of each by name."""
     children: dict[str, subprocess.Popen[str]] = {}
     facts = {}
     try:
@@ -88,10 +94,11 @@ def run(machines: tuple[Machine, ...], folder: Path) -> dict[str, dict[str, Any]
 
 
 def start(machine: Machine, folder: Path) -> subprocess.Popen[str]:
+    """Start the child process of a machine."""
     script = Path(__file__).with_name("conformance_machine.py")
     return subprocess.Popen(
         [machine.python, script, folder, machine.name.replace("/", "_"), machine.number_type, machine.device],
-        # Threads that wait sleep: where there are more of them than cores, they would keep others from working.
+        # Waiting threads sleep instead of spinning, which matters if there are more threads than cores.
         env={**os.environ, "OMP_WAIT_POLICY": "PASSIVE", **machine.environment},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -100,7 +107,7 @@ def start(machine: Machine, folder: Path) -> subprocess.Popen[str]:
 
 
 def report(machine: Machine, facts: dict[str, Any], folder: Path) -> bool:
-    """Print what was found; whether the Gaussians are within the tolerance of FORMAT.md, section 15."""
+    """Print the result, and return whether the Gaussians are within the tolerance of FORMAT.md, section 15."""
     kind = f"torch {facts['torch']}, {facts['capability']}, {facts['threads']} threads, {machine.number_type}"
     print(
         f"{machine.name}: {kind}: {facts['vectors']} vectors and {facts['streams']} streams of all machines, "
@@ -120,6 +127,7 @@ def report(machine: Machine, facts: dict[str, Any], folder: Path) -> bool:
 
 
 def rows(path: Path) -> torch.Tensor:
+    """Read a table of Gaussians, one per row."""
     return torch.from_numpy(np.load(path))
 
 

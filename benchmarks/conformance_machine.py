@@ -1,4 +1,4 @@
-"""One machine of `conformance.py`: checks the golden vectors, encodes, waits, decodes what all have written."""
+"""Child process of `conformance.py`: check the golden vectors, encode, wait, and decode the streams of all."""
 
 import json
 import sys
@@ -41,7 +41,7 @@ def main(folder: Path, name: str, number_type: str, device: str) -> None:
     (folder / f"of {name}").mkdir()
     with half:
         for path in streams:
-            # Raises where a digest does not hold: what is compared afterwards is floating point alone.
+            # Raises if the digest of the symbols does not match, so only floating-point differences remain.
             rows = table(decode(path.read_bytes(), device=device, background=None).gaussians)
             np.save(folder / f"of {name}" / f"{path.stem}.npy", rows.float().numpy())
     facts |= {"streams": len(streams), "seconds": time.perf_counter() - started}
@@ -49,7 +49,10 @@ def main(folder: Path, name: str, number_type: str, device: str) -> None:
 
 
 def check_vectors() -> int:
-    """How many good vectors have exactly the symbols that are expected; AssertionError at the first that has not."""
+    """Check that the valid golden vectors decode to the expected symbols, and return their number.
+
+    Raises AssertionError at the first difference.
+    """
     expected = json.loads((VECTORS / EXPECTED).read_text())["good"]
     for name, entry in expected.items():
         assert expectation(Vector((VECTORS / name).read_bytes(), entry["breaks"])) == entry, name

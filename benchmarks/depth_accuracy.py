@@ -1,11 +1,11 @@
-"""Depth of decoded Gaussians against exact depth, on procedural scenes that no training run draws.
+"""Measure the depth error of decoded Gaussians on procedural scenes that are not used for training.
 
     python benchmarks/depth_accuracy.py MODEL_FOLDER [--textures FOLDER] [--scenes 40] [--lambdas 1e-2 1e-3 1e-4]
 
-Scenes are two context and two target views of 256x256 pixels, drawn with a seed of their own. Depth is rendered from
-what a receiver makes of the file (expected depth, z along the optical axis). The error is |depth - exact| / exact, at
-pixels that are covered (alpha over 1/2); context views and target views apart. What a constant depth would give, the
-best for each scene, stands beside it.
+Each scene has two context and two target views of 256x256 pixels, generated with a separate seed. Depth is the expected
+depth along the optical axis, rendered from the decoded Gaussians. The error is |depth - exact| / exact over covered
+pixels (alpha > 1/2), reported separately for context views and target views. For comparison, the error of the best
+constant depth of each scene is reported.
 """
 
 import argparse
@@ -25,18 +25,18 @@ from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures, textures_from_folder
 from fecocodec.training.samples import Sample
 
-SEED = 20_261_121_001  # trainers seed their generators with small numbers
+SEED = 20_261_121_001  # differs from all seeds of training, which are small numbers
 NUM_PATTERNS, NUM_CONTEXT, NUM_TARGET = 100, 2, 2
 LEAST_ALPHA = 0.5
 
 
 def relative_errors(depth: Float[Tensor, " pixel"], exact: Float[Tensor, " pixel"]) -> Float[Tensor, " pixel"]:
-    """|depth - exact| / exact."""
+    """Return |depth - exact| / exact."""
     return (depth - exact).abs() / exact
 
 
 def errors_of(codec: Codec, sample: Sample, lambda_q: int) -> dict[str, float]:
-    """Mean relative error of one scene at context and at target views, median at targets, and covered share."""
+    """Encode and decode one scene, and return its relative depth errors and the fraction of covered pixels."""
     assert sample.depth is not None
     context = sample.views.select(list(range(NUM_CONTEXT)))
     gaussians = decode_with(codec.receiver, encode_with(codec, context, lambda_q)).gaussians
@@ -58,18 +58,18 @@ def errors_of(codec: Codec, sample: Sample, lambda_q: int) -> dict[str, float]:
 
 
 def constant_error(exact: Float[Tensor, " pixel"]) -> float:
-    """The least mean relative error that one depth for all pixels can have, among the scene's own quantiles."""
+    """Return the smallest mean relative error of a constant depth, chosen among quantiles of the exact depth."""
     candidates = exact.quantile(torch.linspace(0.05, 0.95, 19))
     return min(float(relative_errors(candidate.expand_as(exact), exact).mean()) for candidate in candidates)
 
 
 def main() -> None:
-    """Print one line per lambda: the mean over scenes of each figure, and the median scene's error at targets."""
+    """Print one line per lambda: mean over scenes of each quantity, and the median over scenes of the target error."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("model", type=Path)
-    parser.add_argument("--textures", type=Path, help="folder of images to paint the scenes with, besides patterns")
-    parser.add_argument("--scenes", type=int, default=40)
-    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("model", type=Path, help="folder of the weights")
+    parser.add_argument("--textures", type=Path, help="folder of images for textures, besides the built-in patterns")
+    parser.add_argument("--scenes", type=int, default=40, help="number of scenes  [default: 40]")
+    parser.add_argument("--size", type=int, default=256, help="image side in pixels  [default: 256]")
     parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-2, 1e-3, 1e-4])
     arguments = parser.parse_args()
     textures = pattern_textures(NUM_PATTERNS)

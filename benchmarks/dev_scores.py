@@ -1,4 +1,4 @@
-"""Rate and quality on an evaluation index, from encoded and decoded bytes.
+"""Measure rate and quality on an evaluation index, from encoded and decoded bytes.
 
 python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--effort best]
 """
@@ -15,15 +15,16 @@ from fecocodec.sender.optimisation_config import EFFORTS
 
 
 def main() -> None:
-    """Print one line per lambda: mean over entries, then the mean PSNR by kind of entry (name without digits)."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    for name in ("model", "root", "index"):
-        parser.add_argument(name, type=Path)
+    """Print one line per lambda: means over entries, then the mean PSNR by kind of entry (name without digits)."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("model", type=Path, help="folder of the weights")
+    parser.add_argument("root", type=Path, help="folder with one folder per scene")
+    parser.add_argument("index", type=Path, help="evaluation index (JSON)")
     parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5])
-    parser.add_argument("--views", type=int, default=2, help="only entries with so many context views")
-    parser.add_argument("--stages", type=int, default=2)
-    parser.add_argument("--effort", choices=EFFORTS, default="default", help="as `fecosplat encode` takes it")
-    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--views", type=int, default=2, help="number of context views of the entries  [default: 2]")
+    parser.add_argument("--stages", type=int, default=2, help="number of stages  [default: 2]")
+    parser.add_argument("--effort", choices=EFFORTS, default="default", help="as for `fecosplat encode`")
+    parser.add_argument("--size", type=int, default=256, help="image side in pixels  [default: 256]")
     arguments = parser.parse_args()
     codec = load_codec(arguments.model, "cpu")
     entries = tuple(e for e in read_index(arguments.index) if len(e.context) == arguments.views)

@@ -1,8 +1,8 @@
-"""Silent corruption: `python benchmarks/flip_payloads.py --flips 10000`.
+"""Test the detection of corrupted payloads: `python benchmarks/flip_payloads.py --flips 10000`.
 
-Single bits and bursts of up to 64 bits are flipped in the coded latents of the golden vectors, as they would be on a
-disk, and again under checksums that were made to hold, where only the coder's end and the digest are left to notice.
-None may decode to other symbols without an error.
+Single bits and bursts of up to 64 bits are flipped in the coded latents of the golden vectors. The test runs twice:
+with the original checksums, and with recomputed checksums, which leaves only the final state of the coder and the
+digest to detect the error. No corrupted stream may decode to other symbols without an error.
 """
 
 import argparse
@@ -33,11 +33,11 @@ PAYLOAD_KINDS = (0xA0, 0xB0)
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--flips", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--flips", type=int, default=10_000, help="number of corrupted streams  [default: 10000]")
+    parser.add_argument("--seed", type=int, default=0, help="seed of random numbers  [default: 0]")
     options = parser.parse_args()
     files = [path for folder in ("valid", "uncommon") for path in sorted((VECTORS / folder).glob("*.fcs"))]
-    # One flip in twenty hits a released model's scene, which takes as long as a hundred of the others.
+    # One flip in twenty is in a scene of a released model, which takes a hundred times as long as the others.
     small = [path.read_bytes() for path in files if not path.stem.startswith("scene-") and path.stat().st_size < 4000]
     scenes = [path.read_bytes() for path in files if path.stem.startswith("scene-")]
     wrong = 0
@@ -49,6 +49,7 @@ def main() -> int:
 
 
 def outcomes(small: list[bytes], scenes: list[bytes], flips: int, random: Random, seals: bool) -> Iterator[str]:
+    """Yield the outcome of each flip. seals: whether checksums are recomputed after the flip."""
     for number in range(flips):
         streams = scenes if number % 20 == 0 else small
         data = streams[int(random.random() * len(streams))]
@@ -57,7 +58,7 @@ def outcomes(small: list[bytes], scenes: list[bytes], flips: int, random: Random
 
 
 def flipped(data: bytes, random: Random) -> bytes:
-    """A bit, or (every other time) a burst of up to 64 with a random pattern, within one payload."""
+    """Flip a single bit or, with probability 1/2, a random pattern of up to 64 bits, within one payload."""
     payloads = [
         (start + 9, start + 9 + int.from_bytes(data[start + 1 : start + 5], "little"))
         for start in section_starts(data)
@@ -72,6 +73,7 @@ def flipped(data: bytes, random: Random) -> bytes:
 
 
 def outcome(original: bytes, changed: bytes) -> str:
+    """Decode the corrupted stream, and return what detected the error, "same symbols" or "NOT NOTICED"."""
     try:
         found = decode_symbols(read_stream(changed))
     except BitstreamError as error:

@@ -1,7 +1,8 @@
-"""The container's parsers under atheris, which follows code coverage (`make fuzz`).
+"""Coverage-guided fuzzing of the container parsers with atheris (`make fuzz`).
 
-`python benchmarks/fuzz_atheris.py -max_total_time=300`; options are libFuzzer's.
-Half of the changes keep checksums that hold, or nothing behind them would be reached.
+    python benchmarks/fuzz_atheris.py -max_total_time=300
+
+Options are those of libFuzzer. Half of the mutated files get recomputed checksums, to reach the code behind the checks.
 """
 
 import sys
@@ -24,15 +25,16 @@ READERS = (read_stream, read_intact, inspect, lambda data: read_prefix(data, 1),
 
 
 def read_all(data: bytes) -> None:
+    """Run all parsers on the data."""
     for read in READERS:
         try:
             read(data)
         except (BitstreamError, InputError):
-            continue  # refused, as it should be; anything else ends the run
+            continue  # expected; any other exception ends the run
 
 
 def change(data: bytes, most: int, seed: int) -> bytes:
-    """libFuzzer's own mutation, every other time under checksums that hold."""
+    """Mutate with libFuzzer; recompute the checksums with probability 1/2."""
     changed = atheris.Mutate(data, most)
     return sealed(bytearray(changed))[:most] if Random(seed).random() < 0.5 else changed
 

@@ -1,7 +1,8 @@
-"""Mutated scenes through `fecosplat decode` itself, networks included: `python benchmarks/fuzz_command.py`.
+"""Fuzz `fecosplat decode`, networks included, with mutated scenes: `python benchmarks/fuzz_command.py`.
 
-Every call must end in a PLY of finite values (exit code 0, or 3 with `--partial`, which every other call gets), or in
-one sentence and an empty folder (exit code 1). Ends with exit code 1 and the stream in out/fuzz/ where one does not.
+Every call must write a PLY file of finite values (exit code 0, or 3 with `--partial`, which every other call uses), or
+print one sentence and write nothing (exit code 1). Streams that violate this are saved to out/fuzz/, and the exit code
+of this script is 1.
 """
 
 import argparse
@@ -30,8 +31,8 @@ from tests.fuzzing.verdicts import MOST_PIXELS  # noqa: E402
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--files", type=int, default=2000, help="how many  [default: 2000]")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--files", type=int, default=2000, help="number of mutated files  [default: 2000]")
+    parser.add_argument("--seed", type=int, default=0, help="seed of random numbers  [default: 0]")
     options = parser.parse_args()
     torch.set_num_threads(1)
     scenes = [path.read_bytes() for path in sorted(VECTORS.glob("valid/scene-*.fcs"))]
@@ -53,7 +54,7 @@ def main() -> int:
 
 
 def is_large(data: bytes) -> bool:
-    """Whether decoding would take the time of a scene of another size, which says nothing about hostile input."""
+    """Return whether the header declares more pixels than the original scenes; decoding would only take longer."""
     try:
         header = read_prefix(data, 1).header
     except FecoError:
@@ -62,24 +63,25 @@ def is_large(data: bytes) -> bool:
 
 
 def outcome(data: bytes, folder: Path, options: tuple[str, ...]) -> str:
-    """`refused`, `decoded`, `partly decoded`, or `WRONG` and why."""
+    """Run the command; return "refused", "decoded", "partly decoded", or "WRONG" with the reason."""
     source, output = folder / "scene.fcs", folder / "output" / "scene.ply"
     output.parent.mkdir(exist_ok=True)
     source.write_bytes(data)
-    said = io.StringIO()
-    with redirect_stderr(said):
+    stderr = io.StringIO()
+    with redirect_stderr(stderr):
         code = run(["decode", str(source), "-o", str(output), *options])
     if code == 1:
-        is_sentence = said.getvalue().count("\n") == 1 and said.getvalue().startswith("fecosplat: ")
+        is_sentence = stderr.getvalue().count("\n") == 1 and stderr.getvalue().startswith("fecosplat: ")
         is_empty = not any(output.parent.iterdir())
-        return "refused" if is_sentence and is_empty else f"WRONG refusal: {said.getvalue()}"
+        return "refused" if is_sentence and is_empty else f"WRONG refusal: {stderr.getvalue()}"
     if code not in (0, 3) or not is_finite(output):
-        return f"WRONG: exit code {code}: {said.getvalue()}"
+        return f"WRONG: exit code {code}: {stderr.getvalue()}"
     output.unlink()
     return "decoded" if code == 0 else "partly decoded"
 
 
 def is_finite(path: Path) -> bool:
+    """Return whether the PLY file exists and all its values are finite."""
     return path.exists() and all(bool(field.isfinite().all()) for field in read_ply(path).fields())
 
 

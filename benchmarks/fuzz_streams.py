@@ -1,7 +1,10 @@
-"""Mutated streams by the thousand: `python benchmarks/fuzz_streams.py --files 1000000` or `--minutes 10` (`make fuzz`).
+"""Fuzz the decoder with mutated streams (`make fuzz`).
 
-Every one must decode or be refused with an error of ours, within two seconds of processor time and without an
-allocation over one GiB. What does neither is kept in out/fuzz/ and ends the run with exit code 1.
+    python benchmarks/fuzz_streams.py --files 1000000
+    python benchmarks/fuzz_streams.py --minutes 10
+
+Every stream must decode or raise one of the library's errors, within two seconds of CPU time and one GiB of additional
+memory. Streams that violate this are saved to out/fuzz/, and the exit code is 1.
 """
 
 import argparse
@@ -28,16 +31,16 @@ FOUND = ROOT / "out" / "fuzz"
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--files", type=int, default=sys.maxsize)
-    parser.add_argument("--minutes", type=float, default=float("inf"))
-    parser.add_argument("--seed", type=int, default=0)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--files", type=int, default=sys.maxsize, help="stop after this number of streams")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after this time")
+    parser.add_argument("--seed", type=int, default=0, help="seed of random numbers  [default: 0]")
     options = parser.parse_args()
     if options.files == sys.maxsize and options.minutes == float("inf"):
         parser.error("give --files or --minutes")
     torch.set_num_threads(1)
     for data in corpus():
-        verdict(data)  # tables and model are loaded before memory is bounded
+        verdict(data)  # load tables and the model before memory is limited
     bound_memory()
     counts, slowest = Counter[str](), 0.0
     for number, data in enumerate(mutants(options.seed, options.files, options.minutes), 1):
@@ -57,13 +60,14 @@ def main() -> int:
 
 
 def bound_memory() -> None:
-    """An allocation of a GiB beyond what the process has now fails, as a MemoryError that is no error of ours."""
+    """Limit the address space to MOST_BYTES more than now. A larger allocation raises MemoryError, a finding."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + MOST_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
 def mutants(seed: int, files: int, minutes: float) -> Iterator[bytes]:
+    """Yield mutated streams until one of the limits is reached."""
     random, end = Random(seed), time.monotonic() + 60 * minutes
     for _ in range(files):
         if time.monotonic() > end:
@@ -72,13 +76,15 @@ def mutants(seed: int, files: int, minutes: float) -> Iterator[bytes]:
 
 
 def judge(data: bytes) -> str:
+    """Return the verdict on a stream, or the unexpected exception as text."""
     try:
         return verdict(data)
-    except Exception as error:  # whatever comes through is what we are looking for
+    except Exception as error:  # any other exception is a finding
         return f"{type(error).__name__}: {error}"
 
 
 def keep(data: bytes, found: str) -> None:
+    """Save a stream and its verdict to out/fuzz/, named by its digest."""
     FOUND.mkdir(parents=True, exist_ok=True)
     name = hashlib.sha256(data).hexdigest()[:16]
     (FOUND / f"{name}.fcs").write_bytes(data)

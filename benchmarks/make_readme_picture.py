@@ -1,7 +1,7 @@
 """Draw `docs/overview.webp`, the first picture of the README: `python benchmarks/make_readme_picture.py`.
 
-Each column is one file of the bundled scene, encoded, decoded and rendered by the command line with its defaults. The
-first row is the left camera, the second row a camera half-way between the two, where there is no photograph.
+The first column shows the photographs. Each other column shows one encoded file of the bundled scene, made and rendered
+by the command line with default options: the left camera above, a camera half-way between the two below.
 """
 
 import json
@@ -31,7 +31,7 @@ def main() -> None:
 
 
 def _decoded_column(folder: Path, lmbda: str) -> tuple[str, str, Image.Image, str, Image.Image]:
-    """(heading, caption, picture at the left camera, caption, picture at the camera between)."""
+    """Return (heading, caption, image at the left camera, caption, image at the camera half-way)."""
     stream, cameras = folder / f"{lmbda}.fcs", folder / "between"
     _fecosplat("encode", SCENE, "-o", stream, "--lambda", lmbda)
     _fecosplat("render", stream, "-o", folder / lmbda)
@@ -45,7 +45,7 @@ def _decoded_column(folder: Path, lmbda: str) -> tuple[str, str, Image.Image, st
 
 
 def _write_camera_between(folder: Path) -> None:
-    """Write a `transforms.json` with one camera half-way; the bundled cameras look the same way, so positions do."""
+    """Write a `transforms.json` with one camera half-way. The bundled cameras are parallel: only positions differ."""
     scene = json.loads((SCENE / "transforms.json").read_text())
     left, right = scene["frames"]
     for row in range(3):
@@ -62,7 +62,7 @@ def _fecosplat(*arguments: object) -> None:
 
 
 def _draw(columns: list[tuple[str, str, Image.Image, str, Image.Image]]) -> Image.Image:
-    """A heading and two captioned pictures a column."""
+    """Draw each column: a heading and two images with captions."""
     width, height = columns[0][2].size
     row = height + CAPTION_PX
     sheet = Image.new("RGB", (len(columns) * (width + GAP_PX) - GAP_PX, 2 * row + CAPTION_PX), "white")

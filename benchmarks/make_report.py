@@ -1,7 +1,7 @@
-"""The report docs/report.md with its charts: `make report ROOT=scenes INDEX=index.json`.
+"""Generate the report docs/report.md and its charts: `make report ROOT=scenes INDEX=index.json`.
 
-A run that was interrupted goes on where it stopped; other weights are measured anew. Run it on an idle machine: other
-work on the same cores shows up in every second that is reported.
+An interrupted run resumes where it stopped; measurements of other weights are not reused. Run it on an idle machine,
+because other load changes the timings.
 """
 
 import argparse
@@ -14,15 +14,19 @@ from fecocodec.evaluation.report.plan import ReportPlan, quick
 
 
 def main() -> None:
-    """Say what is measured and when; exit code 1 where a measurement failed."""
+    """Print the start of each study. The exit code is 1 if a measurement failed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("root", type=Path, help="folder of scenes or chunks")
     parser.add_argument("index", type=Path, help="evaluation index (JSON)")
     parser.add_argument("--model", type=Path, default=SHIPPED / DEFAULT_MODEL, help="folder of the weights")
-    parser.add_argument("--work", type=Path, default=Path("out/report"), help="results, kept for the next time")
+    parser.add_argument(
+        "--work", type=Path, default=Path("out/report"), help="folder of measurements, reused by the next run"
+    )
     parser.add_argument("--output", type=Path, default=Path("docs"), help="folder of report.md and report/")
-    parser.add_argument("--entries", type=int, default=ReportPlan.entries, help="pairs of context views")
-    parser.add_argument("--quick", action="store_true", help="a few small pictures: to see that it works")
+    parser.add_argument(
+        "--entries", type=int, default=ReportPlan.entries, help="number of two-view entries for rate and quality"
+    )
+    parser.add_argument("--quick", action="store_true", help="a few small images, to test the script")
     arguments = parser.parse_args()
     plan = ReportPlan(
         arguments.root, arguments.index, arguments.model, arguments.work, arguments.output, arguments.entries

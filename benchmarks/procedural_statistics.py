@@ -1,8 +1,8 @@
-"""What procedural training scenes look like, in numbers: quantiles over samples, as a Markdown table on stdout.
+"""Print statistics of procedural training scenes: quantiles over samples, as a Markdown table.
 
     python benchmarks/procedural_statistics.py [NUM_SAMPLES]
 
-Samples are two context and two target views of 128x128 pixels on built-in textures, seed 0.
+A sample has two context and two target views of 128x128 pixels, with built-in textures. The seed is 0.
 """
 
 import sys
@@ -21,7 +21,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def shared(sample: Sample, first: int, second: int) -> float:
-    """Share of the pixels of one view whose surface the other shows unhidden (depth agrees within 2%)."""
+    """Return the fraction of pixels of view `first` that are visible in view `second` (depth agrees within 2%)."""
     assert sample.depth is not None
     cameras = sample.views.cameras
     points = pixel_rays(cameras, *SIZE)[first : first + 1] * sample.depth[first][None, ..., None]
@@ -34,6 +34,7 @@ def shared(sample: Sample, first: int, second: int) -> float:
 
 
 def describe(sample: Sample) -> dict[str, float]:
+    """Return the statistics of one sample by name."""
     assert sample.depth is not None
     cameras, images = sample.views.cameras, sample.views.images
     baseline = float((cameras.extrinsics[1, :3, 3] - cameras.extrinsics[0, :3, 3]).norm())

@@ -1,11 +1,10 @@
-"""More views against two: the same target views of the same scenes, from all context views of an entry or from two.
+"""Compare coding of all context views of an entry with coding of two of them, at the same target views.
 
     python benchmarks/view_counts.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-3 1e-4]
 
-For every entry with more than two context views: the whole set is coded, then each pair of them, each as a file of its
-own. "best pair" chooses for every entry the pair with the best mean PSNR at the targets, which no sender can know;
-"nearest pair" takes the two whose cameras are nearest to the targets', which a sender may; "mean pair" is what two
-views give on average.
+For every entry with more than two context views, the whole set and each pair are encoded to separate files. "best pair"
+is the pair with the best mean PSNR at the targets, which a sender cannot know. "nearest pair" has the cameras nearest
+to those of the targets, which a sender can know. "mean pair" is the mean over all pairs.
 """
 
 import argparse
@@ -25,20 +24,23 @@ from fecocodec.sender.codec import load_codec
 
 
 def score_of(system: System, views: Views, chosen: tuple[int, ...], num_context: int) -> Score:
-    """Code some of the context views, compare all target views."""
+    """Encode the chosen context views, and measure quality at all target views."""
     targets = range(num_context, len(views.images))
     return score(system, "", views.select([*chosen, *targets]), len(chosen))
 
 
 def nearest_pair(views: Views, num_context: int) -> tuple[int, ...]:
-    """The two context views whose cameras are nearest to the targets' in the mean."""
+    """Return the two context views with the smallest mean distance of their cameras to those of the targets."""
     centres = views.cameras.extrinsics[:, :3, 3]
     distance = torch.cdist(centres[:num_context], centres[num_context:]).mean(dim=1)
     return tuple(sorted(distance.argsort()[:2].tolist()))
 
 
 def compare(system: System, root: Path, entry: IndexEntry, size: tuple[int, int]) -> list[float]:
-    """PSNR in dB: all views, nearest pair, best pair, mean of the pairs; then KiB of all views and of the mean pair."""
+    """Return PSNR in dB of all views, nearest pair, best pair and mean pair, then KiB of all views and mean pair.
+
+    size: (height, width) in pixels.
+    """
     count = len(entry.context)
     views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size)
     every = score_of(system, views, tuple(range(count)), count)
@@ -51,13 +53,16 @@ def compare(system: System, root: Path, entry: IndexEntry, size: tuple[int, int]
 
 
 def main() -> None:
-    """Print one line per entry and lambda, and the means of each number of views."""
+    """Print one line per entry and lambda, then the means for each number of views."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("model", "root", "index"):
-        parser.add_argument(name, type=Path)
+    parser.add_argument("model", type=Path, help="folder of the weights")
+    parser.add_argument("root", type=Path, help="folder with one folder per scene")
+    parser.add_argument("index", type=Path, help="evaluation index (JSON)")
     parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-3])
-    parser.add_argument("--most-views", type=int, default=4, help="leave out entries with more (8 views have 28 pairs)")
-    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument(
+        "--most-views", type=int, default=4, help="skip entries with more views (8 views have 28 pairs)"
+    )
+    parser.add_argument("--size", type=int, default=256, help="image side in pixels  [default: 256]")
     arguments = parser.parse_args()
     codec = load_codec(arguments.model, "cpu")
     entries = [entry for entry in read_index(arguments.index) if 2 < len(entry.context) <= arguments.most_views]

@@ -1,1 +1,1 @@
-"""The `fecosplat` command: parse, call the library, print. One file a command."""
+"""The `fecosplat` command line: parse the arguments, call the library, print the result. One module per command."""

@@ -1,4 +1,4 @@
-"""The group of commands: finds a command's file when it is named."""
+"""The command group, which imports a command's module only when that command is run."""
 
 from importlib import import_module
 
@@ -10,7 +10,7 @@ from .main import COMMANDS
 
 
 class LazyGroup(click.Group):
-    """Imports a command's file when the command is named, so that one command's libraries never slow another."""
+    """Click group with lazy subcommands: the libraries of one command do not slow down the start of another."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -25,13 +25,13 @@ class LazyGroup(click.Group):
 @click.group(
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="`fecosplat COMMAND --help` shows the options of a command, with examples.",
+    epilog="Run `fecosplat COMMAND --help` for the options of a command and examples.",
 )
 @click.version_option(__version__, prog_name="fecosplat", message="%(prog)s %(version)s")
 def command_line() -> None:
-    """Compress posed photographs of a scene into a small .fcs file, and decode it to 3D Gaussians.
+    """Compress posed photographs of a scene to a small .fcs file, and decode that file to 3D Gaussians.
 
     \b
-      fecosplat encode photos/ -o scene.fcs     photographs with cameras -> a few kilobytes
-      fecosplat decode scene.fcs -o scene.ply   -> Gaussians for any 3DGS viewer
+      fecosplat encode photos/ -o scene.fcs     photographs and cameras -> a file of a few kilobytes
+      fecosplat decode scene.fcs -o scene.ply   the file -> 3D Gaussians for any 3DGS viewer
     """

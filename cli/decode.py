@@ -1,4 +1,4 @@
-"""`fecosplat decode`: a .fcs file in, Gaussians as a PLY out."""
+"""`fecosplat decode`: decode a .fcs file to a PLY file of 3D Gaussians."""
 
 from pathlib import Path
 from time import perf_counter
@@ -29,7 +29,7 @@ DECODED = {1: "stage 1 could be", 2: "the two stages could be"}
 
 @click.command(
     "decode",
-    short_help="Turn a .fcs file into Gaussians (.ply).",
+    short_help="Decode a .fcs file to 3D Gaussians (.ply).",
     epilog="""\b
 Examples:
   fecosplat decode scene.fcs -o scene.ply
@@ -38,39 +38,45 @@ Examples:
 )
 @click.argument("stream", metavar="FILE.fcs", type=FILE_PATH)
 @click.option(
-    "-o", "--output", required=True, type=FILE_PATH, help="Where to write the Gaussians (3DGS .ply); - is stdout."
+    "-o", "--output", required=True, type=FILE_PATH, help="Output file (3DGS .ply); - writes to standard output."
 )
 @click.option(
     "--stages",
     type=click.IntRange(1, 2),
-    help="Decode only the first stage: a preview, also of a file that was cut after it.  [default: all]",
+    help="Number of stages to decode. 1 gives a preview, and also works for a file that was truncated after stage 1.  "
+    "[default: all]",
 )
 @click.option(
     "--partial",
     is_flag=True,
-    help=f"Of a damaged file, decode the stages that are intact; exit code {PARTLY_DECODED} says that some were not.",
+    help=f"Decode the intact stages of a damaged file. The exit code is {PARTLY_DECODED} if a stage could not be "
+    "decoded.",
 )
 @click.option(
     "--prune",
     is_flag=True,
-    help="Prune Gaussians with little contribution near the cameras and refit the rest (takes seconds).",
+    help="Prune Gaussians that contribute little to views near the cameras, and refit the rest (takes seconds).",
 )
 @click.option(
-    "--merge", is_flag=True, help="Merge Gaussians of flat, alike areas: a fifth fewer, for some hundredths of a dB."
+    "--merge",
+    is_flag=True,
+    help="Merge neighbouring Gaussians of similar colour on flat surfaces: about 20% fewer Gaussians for a loss of a "
+    "few hundredths of a dB.",
 )
 @click.option(
     "--sh-degree",
     type=click.IntRange(0, 1),
     default=1,
     show_default=True,
-    help="1: view-dependent colours. 0: constant colours; the .ply is a third smaller.",
+    help="Degree of the spherical harmonics. 1: view-dependent colours. 0: constant colours, and a .ply that is a "
+    "third smaller.",
 )
 @click.option(
     "--background-layer/--no-background-layer",
     "has_background",
     default=True,
     show_default=True,
-    help="Fill what no photograph shows with blurred Gaussians; without them it is black.",
+    help="Fill regions that no photograph shows with blurred Gaussians. Without them these regions are black.",
 )
 @model_option
 @max_pixels_option
@@ -93,9 +99,9 @@ def command(
     overwrite: bool,
     as_json: bool,
 ) -> int:
-    """Decode FILE.fcs to 3D Gaussians in the frame and unit of length of the photographs' cameras.
+    """Decode FILE.fcs to 3D Gaussians, in the coordinate frame and unit of length of the input cameras.
 
-    The result is a .ply with the usual 3DGS properties, which viewers such as SuperSplat open.
+    The output is a .ply file with the standard 3DGS properties. Viewers such as SuperSplat open it.
     """
     if partial and stages is not None:
         raise click.UsageError("--partial decodes all intact stages; leave --stages out.")

@@ -1,4 +1,4 @@
-"""Whether the device named on the command line can be used: asked before any work."""
+"""Early checks that the device given by `--device` can be used."""
 
 import torch
 
@@ -7,7 +7,7 @@ from fecocodec.rendering.cuda import gsplat_rasterization
 
 
 def require_device(name: str) -> None:
-    """Raise InputError where this machine does not have the device `cpu`, `cuda` or `cuda:N`."""
+    """Raise InputError if this machine does not have the device. name: `cpu`, `cuda` or `cuda:N`."""
     index = torch.device(name).index or 0
     if name != "cpu" and index >= torch.cuda.device_count():
         raise InputError(
@@ -17,7 +17,10 @@ def require_device(name: str) -> None:
 
 
 def require_rendering_device(name: str) -> None:
-    """`require_device` for work that renders there, which on CUDA devices is done by gsplat."""
+    """Check a device on which Gaussians are rendered; rendering on CUDA needs gsplat.
+
+    Raises InputError if the device, or gsplat for a CUDA device, is missing.
+    """
     require_device(name)
     if name != "cpu":
         gsplat_rasterization()

@@ -1,4 +1,4 @@
-"""`fecosplat encode`: a folder of posed photographs in, a .fcs file out."""
+"""`fecosplat encode`: encode a folder of posed photographs to a .fcs file."""
 
 from functools import partial
 from pathlib import Path
@@ -34,7 +34,7 @@ Examples:
   fecosplat encode photos/ -o scene.fcs --target-kib 8""",
 )
 @click.argument("views_folder", metavar="VIEWS", type=FILE_PATH)
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="Where to write the stream (.fcs).")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Output file (.fcs).")
 @click.option(
     "--lambda",
     "lmbda",
@@ -42,32 +42,32 @@ Examples:
     default=1e-3,
     show_default=True,
     metavar="NUMBER",
-    help="Weight of the rate, 1e-5 to 1e-2: smaller is better quality and a larger file.",
+    help="Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file.",
 )
 @rate_control_options
 @click.option(
     "--views",
     callback=parse_selection,
     metavar="WHICH",
-    help="Which views: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N that overlap, or auto.  "
-    "[default: all; auto beyond 16]",
+    help="Views to encode: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N overlapping views, or auto for at "
+    "most eight overlapping views.  [default: all, or auto for more than 16 photographs]",
 )
-@click.option("--size", callback=parse_size, metavar="WxH", help="Crop to the centre, resize to WIDTHxHEIGHT pixels.")
-@click.option("--near", type=float, help="Nearest depth of the scene, in its unit of length.  [default: estimated]")
-@click.option("--far", type=float, help="Farthest depth of the scene.  [default: estimated]")
+@click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels.")
+@click.option("--near", type=float, help="Nearest depth of the scene, in scene units.  [default: estimated]")
+@click.option("--far", type=float, help="Farthest depth of the scene, in scene units.  [default: estimated]")
 @click.option(
     "--background",
     type=click.Choice(["white", "black"]),
-    help="Composite transparent photographs on this colour.  [default: nothing is decoded where they are transparent]",
+    help="Composite transparent photographs on this colour.  [default: transparent regions decode to no Gaussians]",
 )
-@click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Stages to code.")
+@click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Number of stages to encode.")
 @click.option(
     "--effort",
     type=click.Choice(["fast", "default", "best"]),
     default="default",
     show_default=True,
-    help="Time spent on smaller files at equal quality: fast takes a third of the default's time, best three times as "
-    "much.",
+    help="Encoding effort: more effort gives a smaller file at equal quality. fast takes about a third of the time of "
+    "default, best about three times as long.",
 )
 @model_option
 @device_option
@@ -92,16 +92,16 @@ def command(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Compress the photographs in the folder VIEWS to one small file.
+    """Compress the photographs in the folder VIEWS to a .fcs file.
 
-    VIEWS holds images (PNG, JPEG, WebP, EXR) and their cameras: a transforms.json (nerfstudio, instant-ngp), a COLMAP
-    sparse model, or a RealEstate10K camera file.
+    VIEWS contains images (PNG, JPEG, WebP, EXR) and their cameras: a transforms.json (nerfstudio, instant-ngp), a
+    COLMAP sparse model, or a RealEstate10K camera file.
     """
     start = perf_counter()
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
     require_ending(output, (".fcs",))
-    quantise_lambda(lmbda)  # refuses a value outside the range before a view is read
+    quantise_lambda(lmbda)  # raises for a value outside the range, before any view is read
     target = target_of(target_kib, target_psnr, stages)
     require_photographs(views_folder)
 
@@ -112,7 +112,7 @@ def command(
     if stages == 1 and effort == "fast":
         require_device(device)
     else:
-        require_rendering_device(device)  # latents are optimised, and feedback is computed, on renderings
+        require_rendering_device(device)  # optimisation and feedback render on this device
     chosen = resolve(views_folder, views)
     with progress_bar() as on_progress:
         on_progress("reading views", 0.0)
@@ -123,7 +123,7 @@ def command(
             else:
                 coder = partial(encode_to_target, target=target)
             data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress)
-    for warning in (*scene.notes, *check_input(scene, effort)):  # after everything that refuses views
+    for warning in (*scene.notes, *check_input(scene, effort)):  # only after all checks that can reject the views
         say(printable(f"warning: {in_options(warning)}"))
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)

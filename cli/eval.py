@@ -1,4 +1,4 @@
-"""`fecosplat eval`: rate and quality of decoded files on an evaluation index, beside alternatives."""
+"""`fecosplat eval`: measure rate and quality of the codec, and of alternatives, on an evaluation index."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -21,7 +21,7 @@ DEFAULT_LAMBDAS = "1e-2,3e-3,1e-3,3e-4,1e-4,1e-5"
 
 
 def parse_lambdas(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, ...]:
-    """Numbers with commas between; whether the codec has them is for the library to say."""
+    """Parse comma-separated numbers. The library checks that each is a valid lambda."""
     try:
         return tuple(float(number) for number in value.split(","))
     except ValueError as error:
@@ -40,23 +40,42 @@ Examples:
   fecosplat eval re10k/test --index evaluation_index_re10k.json -o results/ --lambdas 1e-2,1e-4""",
 )
 @click.argument("root", metavar="ROOT", type=FILE_PATH)
-@click.option("--index", required=True, type=FILE_PATH, help="Which frames are context and target (JSON).")
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of results; a run that is there goes on.")
-@click.option("--lambdas", callback=parse_lambdas, default=DEFAULT_LAMBDAS, show_default=True, metavar="LIST")
+@click.option("--index", required=True, type=FILE_PATH, help="Evaluation index (JSON): context and target frames.")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Results folder; an interrupted run is resumed.")
+@click.option(
+    "--lambdas",
+    callback=parse_lambdas,
+    default=DEFAULT_LAMBDAS,
+    show_default=True,
+    metavar="LIST",
+    help="Comma-separated values of lambda to measure.",
+)
 @click.option(
     "--systems",
     "groups",
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="What to measure: codec, fast and best (other efforts), pruned, ablations (or "
-    "stage-1, no-context, no-feedback), images (compressed photographs), gaussians (splats), trivial.",
+    help="Comma-separated systems to measure: codec; fast and best (other efforts); pruned; ablations (or one of "
+    "stage-1, no-context, no-feedback); images (compressed photographs); gaussians (compressed Gaussians); trivial.",
 )
 @model_option
-@click.option("--views", "num_context", type=click.IntRange(min=1), help="Only entries with so many context views.")
-@click.option("--most", type=click.IntRange(min=1), help="At most so many entries, evenly spread over the index.")
-@click.option("--size", callback=parse_size, metavar="WxH", help="[default: 256x256, from three views on 448x256]")
-@click.option("--strips/--no-strips", default=True, show_default=True, help="Pictures: target, decoded, error, depth.")
+@click.option(
+    "--views", "num_context", type=click.IntRange(min=1), help="Use only entries with this number of context views."
+)
+@click.option("--most", type=click.IntRange(min=1), help="Use at most this many entries, evenly spaced over the index.")
+@click.option(
+    "--size",
+    callback=parse_size,
+    metavar="WxH",
+    help="Centre-crop and resize all views to this size.  [default: 256x256 for up to two context views, else 448x256]",
+)
+@click.option(
+    "--strips/--no-strips",
+    default=True,
+    show_default=True,
+    help="Write an image per entry with target, decoded view, error and depth side by side.",
+)
 @threads_option
 @json_option
 def command(
@@ -72,14 +91,16 @@ def command(
     strips: bool,
     as_json: bool,
 ) -> None:
-    """Encode the context views of every entry of INDEX, decode the file, and compare with its target views.
+    """Encode the context views of every entry of the index, decode the file, and compare renderings with the target
+    views.
 
-    ROOT holds a folder a scene (transforms.json, COLMAP), or RealEstate10K, ACID or DL3DV chunks as pixelSplat writes
-    them. Bytes are those of whole files. The output folder gets entries.tsv, summary.tsv, comparisons.tsv,
-    summary.json and strips/; an interrupted run goes on where it stopped, and a scene that fails is named at the end.
+    ROOT contains one folder per scene (transforms.json, COLMAP), or RealEstate10K, ACID or DL3DV chunks in the format
+    of pixelSplat. The rate is the size of the whole file. Results are written to entries.tsv, summary.tsv,
+    comparisons.tsv, summary.json and strips/. An interrupted run resumes where it stopped. Scenes that fail are listed
+    at the end.
     """
     for lmbda in lambdas:
-        quantise_lambda(lmbda)  # refuses a value outside the range before anything is read
+        quantise_lambda(lmbda)  # raises for a value outside the range, before anything is read
 
     from fecocodec.evaluation.extras import require_packages
 

@@ -1,4 +1,4 @@
-"""The image files of a rendering: their names, and writing all of them or none."""
+"""Names of the image files of a rendering, and writing all of them or none."""
 
 import os
 from collections.abc import Iterator
@@ -14,14 +14,15 @@ from .paths import require_ending
 if TYPE_CHECKING:
     from fecocodec import Rendering
 
-FOLDER_SUFFIXES = (".png", ".exr")  # of the files in a folder: colour, and linear colour with depth
-FILE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")  # of a single image
+FOLDER_SUFFIXES = (".png", ".exr")  # written per view to a folder: sRGB colour, and linear colour with depth
+FILE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")  # accepted for a single output file
 
 
 def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: bool) -> list[list[Path]]:
-    """Return the files to write for each view. Raises OutputError for those that cannot be written.
+    """Return the files to write for each view. Raises OutputError if one of them cannot be written.
 
-    output: a folder, or a file for a single view, by its ending.
+    output: a folder, or, if it ends in one of FILE_SUFFIXES, the file for a single view. stem: first part of the file
+    names in a folder. names: of the views, second part of the file names.
     """
     is_image = output.suffix.lower() in FILE_SUFFIXES and not os.path.isdir(output)
     if not is_image and not os.path.isdir(output):
@@ -42,10 +43,10 @@ def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: b
 
 
 def write_image_files(rendering: "Rendering", files: list[list[Path]], *, overwrite: bool) -> None:
-    """Write every view of a rendering to its files, in a folder that is made where it is missing.
+    """Write every view of a rendering to its files. The folder is created if it does not exist.
 
-    Where one cannot be written, new files are removed again; each that was overwritten is complete, old or new.
-    Raises OutputError.
+    If a file cannot be written, the new files are removed. A file that existed before then holds either its old or its
+    new contents, each complete. Raises OutputError.
     """
     from fecocodec.formats.exr import ExrImage, write_exr
     from fecocodec.formats.images import write_image
@@ -61,20 +62,21 @@ def write_image_files(rendering: "Rendering", files: list[list[Path]], *, overwr
 
 @contextmanager
 def _folder(folder: Path) -> Iterator[None]:
-    """Make a folder and those above it; remove the ones that were made where the block fails."""
+    """Create a folder and its missing parents; remove the created ones if the block raises."""
     missing = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
     try:
         make_folder(folder)
         yield
     except BaseException:
         for path in missing:
-            with suppress(OSError):  # it was not made, or something else is in it now
+            with suppress(OSError):  # it was not created, or is no longer empty
                 path.rmdir()
         raise
 
 
 @contextmanager
 def _all_or_none(files: list[Path]) -> Iterator[None]:
+    """Remove those of the files that did not exist before if the block raises."""
     new = [file for file in files if not file.exists()]
     try:
         yield

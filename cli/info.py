@@ -1,4 +1,4 @@
-"""`fecosplat info`: what a .fcs file holds, or how many parameters the networks have."""
+"""`fecosplat info`: describe the contents of a .fcs file, or count the parameters of the networks."""
 
 from pathlib import Path
 
@@ -11,12 +11,12 @@ from .naming import naming
 from .options import FILE_PATH, json_option
 from .output import print_columns, print_fields, print_json
 
-GIB_OF_PROGRAM, GIB_PER_MEGAPIXEL = 0.4, 0.25  # of memory, measured from 0.1 to 16 megapixels
+GIB_OF_PROGRAM, GIB_PER_MEGAPIXEL = 0.4, 0.25  # memory of `decode`: linear fit to 0.1 to 16 megapixels
 
 
 @click.command(
     "info",
-    short_help="Describe a .fcs file, or the networks.",
+    short_help="Describe a .fcs file, or count the networks' parameters.",
     epilog="""\b
 Examples:
   fecosplat info scene.fcs
@@ -30,12 +30,13 @@ Examples:
     type=click.Choice(["compact", "paper"]),
     is_flag=False,
     flag_value="compact",
-    help="Show the number of parameters of a profile's networks by module and side; compact if none is named.",
+    help="Show the number of parameters of each module, at the sender and at the receiver. Without a value: compact.",
 )
 @json_option
 def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
-    """Describe FILE.fcs: its views, its stages, and where its bytes go. A damaged file is described as far as possible,
-    and the exit code is then 1.
+    """Show the views and stages of FILE.fcs, and the size of each section.
+
+    A damaged file is described as far as possible; the exit code is then 1.
     """
     if profile is not None and stream is None:
         from .model_table import print_parameters
@@ -55,7 +56,7 @@ def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
 
 
 def summary_fields(summary: StreamSummary) -> dict[str, object]:
-    """The summary as JSON has it; the names are part of the command line's interface."""
+    """Return the summary as a JSON object. Its keys are part of the public interface of the command line."""
     header = summary.header
     return {
         "format_version": f"{header.version.major}.{header.version.minor}",
@@ -90,6 +91,7 @@ def summary_fields(summary: StreamSummary) -> dict[str, object]:
 
 
 def print_summary(summary: StreamSummary) -> None:
+    """Print the summary as text: fields, then a table of sections with their offsets and sizes."""
     header = summary.header
     depth = "unknown" if summary.near is None or summary.far is None else f"{summary.near:.6g} to {summary.far:.6g}"
     print_fields(
@@ -116,5 +118,5 @@ def _lambda(header: Header) -> str:
 
 
 def decoding_gib(header: Header) -> float:
-    """Return an estimate of the memory that decoding takes, in GiB."""
+    """Return the estimated peak memory of decoding, in GiB."""
     return GIB_OF_PROGRAM + GIB_PER_MEGAPIXEL * header.num_pixels / 2**20

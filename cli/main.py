@@ -1,7 +1,7 @@
-"""Entry point: run one command, and turn every foreseen failure into one sentence and an exit code.
+"""Entry point: run one command, and report every expected error as one sentence and an exit code.
 
-Exit codes: 0 done, 1 the input or output cannot be used, 2 wrong usage, 3 only part of a damaged file could be decoded
-(`decode --partial`), 128 + N ended by signal N (130 for Ctrl-C).
+Exit codes: 0 success; 1 the input or output cannot be used; 2 wrong usage; 3 only part of a damaged file could be
+decoded (`decode --partial`); 128 + N terminated by signal N (130 for Ctrl-C).
 """
 
 import sys
@@ -15,7 +15,7 @@ INTERRUPTED = 130
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run one command line (the process's own where none is given) and return its exit code."""
+    """Run one command line and return its exit code. arguments: None for those of the process (`sys.argv`)."""
     import click
 
     from fecocodec import FecoError
@@ -27,7 +27,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         code = command_line.main(arguments, prog_name="fecosplat", standalone_mode=False)
     except FecoError as error:
-        say(printable(f"fecosplat: {in_options(str(error))}"))  # file names may hold control characters
+        say(printable(f"fecosplat: {in_options(str(error))}"))  # file names can contain control characters
         return 1
     except click.ClickException as error:
         error.show()
@@ -39,7 +39,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def main() -> NoReturn:
-    """The console script. Imports nothing large before signals are handled."""
+    """Run the console script. Signal handlers are installed before any large import."""
     with EndingSignals() as signals:
         try:
             from .process import prepare_process

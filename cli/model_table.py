@@ -1,4 +1,4 @@
-"""Parameters of the networks by module and side, for `fecosplat info --parameters`."""
+"""Number of parameters of each module, for `fecosplat info --parameters`."""
 
 from fecocodec.sender.parameters import PUBLISHED, ParameterRow, parameter_table
 
@@ -6,9 +6,9 @@ from .output import print_columns, print_json
 
 
 def print_parameters(profile: str, as_json: bool) -> None:
-    """One row a module, then the sums: all that `decode` loads, and all that `encode` loads.
+    """Print one row per module, then the totals that `decode` and `encode` load.
 
-    Beside the sums of the profile `paper` stand those of the paper's Table 1.
+    For the profile `paper`, the totals of the paper's Table 1 are printed next to ours.
     """
     table = parameter_table(profile)
     published = PUBLISHED if profile == "paper" else {}
@@ -33,7 +33,7 @@ def _fields(row: ParameterRow, published: dict[str, float]) -> dict[str, object]
 
 
 def _beside(row: ParameterRow) -> str:
-    """The published count and how far ours is from it."""
+    """Return the published number of parameters and the relative difference of ours, as text."""
     if row.module not in PUBLISHED:
         return ""
     published = PUBLISHED[row.module]

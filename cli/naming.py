@@ -1,4 +1,7 @@
-"""Naming the file or folder in what goes wrong with it; the library was given its contents and does not know it."""
+"""Error context: prefix library errors with the file or folder that was read.
+
+The library receives the contents of a file, not its path, so it cannot name the file in its messages.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +15,7 @@ OF_VIEWS = (InputError,)
 
 @contextmanager
 def naming(path: Path, kinds: tuple[type[FecoError], ...] = OF_STREAM) -> Iterator[None]:
-    """Put the name before an error of these kinds."""
+    """Prefix the message of every error of these kinds that the block raises with `path`."""
     try:
         yield
     except kinds as error:

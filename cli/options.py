@@ -1,4 +1,4 @@
-"""Options that several commands share, and the reading of their values."""
+"""Options shared by several commands, and the parsing of their values."""
 
 import os
 import re
@@ -13,12 +13,12 @@ from fecocodec.limits import DEFAULT_MAX_PIXELS
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-# A path; the library checks whether it can be read, and names the file in its message (exit code 1, not 2).
+# Not checked by click: the library checks the path and names it in its message (exit code 1, not 2).
 FILE_PATH = click.Path(readable=False, path_type=Path)
 
 
 def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
-    """WIDTHxHEIGHT, as users of photographs write it, becomes the library's `(height, width)`."""
+    """Parse WIDTHxHEIGHT to `(height, width)` in pixels, the order that the library uses."""
     if value is None:
         return None
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", value)
@@ -28,49 +28,55 @@ def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) ->
 
 
 def overwrite_option(function: Function) -> Function:
+    """Add --overwrite."""
     return click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")(function)
 
 
 def json_option(function: Function) -> Function:
+    """Add --json, passed as `as_json`."""
     return click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")(function)
 
 
 def model_option(function: Function) -> Function:
-    return click.option("--model", type=FILE_PATH, metavar="FOLDER", help="The weights.  [default: those that ship]")(
-        function
-    )
+    """Add --model; None for the shipped model."""
+    return click.option(
+        "--model", type=FILE_PATH, metavar="FOLDER", help="Folder of the model weights.  [default: the shipped model]"
+    )(function)
 
 
 def device_option(function: Function) -> Function:
+    """Add --device. Only the form of the name is checked, see `require_device`."""
     return click.option(
         "--device",
         default="cpu",
         show_default=True,
         metavar="NAME",
         callback=_parse_device,
-        help="Where networks run: cpu, cuda, or cuda:N.",
+        help="Device that runs the networks: cpu, cuda or cuda:N.",
     )(function)
 
 
 def max_pixels_option(function: Function) -> Function:
+    """Add --max-pixels, the limit on decoded pixels."""
     return click.option(
         "--max-pixels",
         type=click.IntRange(min=1),
         default=DEFAULT_MAX_PIXELS,
         show_default=True,
         metavar="NUMBER",
-        help="Refuse a .fcs file whose views have more pixels in all; memory is proportional to it.",
+        help="Reject a .fcs file whose views together have more pixels than this. Memory grows in proportion.",
     )(function)
 
 
 def threads_option(function: Function) -> Function:
+    """Add --threads, which sets environment variables and is not passed to the command."""
     return click.option(
         "--threads",
         type=click.IntRange(min=1),
         callback=_limit_threads,
         expose_value=False,
         is_eager=True,
-        help="Processor threads to use at most.  [default: all cores]",
+        help="Maximum number of CPU threads.  [default: all cores]",
     )(function)
 
 
@@ -81,7 +87,7 @@ def _parse_device(ctx: click.Context, param: click.Parameter, value: str) -> str
 
 
 def _limit_threads(ctx: click.Context, param: click.Parameter, value: int | None) -> None:
-    """Numeric libraries read these variables once, when they load; commands load them after parsing."""
+    """Set the environment variables that numeric libraries read when they are imported, which is after parsing."""
     if value is None:
         return
     for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):

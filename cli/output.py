@@ -1,4 +1,4 @@
-"""What a command prints: data on stdout, messages on stderr."""
+"""Printing: data to stdout, messages to stderr."""
 
 import json
 import re
@@ -10,23 +10,23 @@ import click
 
 from fecocodec.errors import OutputError
 
-_OPTIONS = ("views", "size", "near", "far", "background", "overwrite")  # arguments of the library that are options here
+_OPTIONS = ("views", "size", "near", "far", "background", "overwrite")  # library arguments with an option of that name
 
 
 def print_json(value: object) -> None:
-    """Machine-readable result on stdout."""
+    """Print a value as JSON to stdout. Raises OutputError if writing fails, as the other printing functions do."""
     _print(json.dumps(value, indent=2))
 
 
 def print_fields(fields: Sequence[tuple[str, str]]) -> None:
-    """Names and values on stdout, values aligned."""
+    """Print (name, value) pairs to stdout, one per line, with aligned values."""
     width = max(len(name) for name, _ in fields)
     for name, value in fields:
         _print(f"{name:<{width}}  {value}")
 
 
 def print_columns(rows: Sequence[Sequence[str]]) -> None:
-    """Rows of equally many cells on stdout, aligned; whole numbers are set to the right."""
+    """Print a table to stdout. All rows have the same number of cells; whole numbers are right-aligned."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = (_aligned(cell, width) for cell, width in zip(row, widths, strict=True))
@@ -34,7 +34,7 @@ def print_columns(rows: Sequence[Sequence[str]]) -> None:
 
 
 def write_stdout(data: bytes) -> None:
-    """Binary data on stdout. Raises OutputError where that is a terminal, or writing fails."""
+    """Write binary data to stdout. Raises OutputError if stdout is a terminal, or if writing fails."""
     if sys.stdout.isatty():
         raise OutputError("standard output: this is a terminal; send the data to a file or another program.")
     with _stdout_errors():
@@ -43,12 +43,12 @@ def write_stdout(data: bytes) -> None:
 
 
 def say(sentence: str) -> None:
-    """A message to the user, on stderr."""
+    """Print a message to stderr."""
     click.echo(sentence, err=True)
 
 
 def in_options(sentence: str) -> str:
-    """Return a sentence of the library with its arguments (`views`) under the names of the options (--views)."""
+    """Replace names of library arguments (`views`) in a message by the names of the options (--views)."""
     return re.sub(rf"`({'|'.join(_OPTIONS)})`", r"--\1", sentence)
 
 

@@ -1,4 +1,4 @@
-"""Checks of paths that need no large library, so that a wrong path is reported at once."""
+"""Path checks that need no large library, so that a wrong path is reported immediately."""
 
 import os
 import re
@@ -7,13 +7,13 @@ from pathlib import Path
 from fecocodec.errors import InputError, OutputError
 
 STDOUT = Path("-")
-_IS_EXTENSION = re.compile(r"\.[A-Za-z]{2,5}")  # of a file format; `.v2` and `.1` are parts of a name
+_IS_EXTENSION = re.compile(r"\.[A-Za-z]{2,5}")  # a file format; `.v2` and `.1` are parts of a name
 
 
 def require_ending(output: Path, endings: tuple[str, ...]) -> None:
-    """Refuse the ending of a format that is not written here, and `-` for stdout; a name without ending is accepted.
+    """Raise OutputError if the extension is not one of `endings`, or if the path is `-` (stdout).
 
-    Raises OutputError.
+    A name without an extension is accepted.
     """
     suffix = output.suffix.lower()
     if output == STDOUT:
@@ -23,16 +23,16 @@ def require_ending(output: Path, endings: tuple[str, ...]) -> None:
 
 
 def require_photographs(folder: Path) -> None:
-    """Refuse a folder of photographs that does not exist, in the library's words. Raises InputError."""
+    """Raise InputError if a folder of photographs does not exist, with the message of the library."""
     require_input(folder, "no such folder; give the folder that holds images and cameras.")
 
 
 def require_input(path: Path, missing: str = "there is no such file; check the path.") -> None:
-    """Refuse an input that does not exist. missing: the end of the sentence for it. Raises InputError."""
+    """Raise InputError if an input does not exist or cannot be read. missing: message for one that does not exist."""
     try:
         os.stat(path)
     except FileNotFoundError as error:
         raise InputError(f"{path}: {missing}") from error
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+    except (OSError, ValueError) as error:  # ValueError: not a valid file name
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions.") from error

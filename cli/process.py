@@ -1,4 +1,4 @@
-"""Settings of a command's own process, made before libraries load; results do not depend on them."""
+"""Process-wide settings, applied before libraries are imported. They do not change results."""
 
 import ctypes
 import os
@@ -6,16 +6,17 @@ import sys
 import warnings
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's <malloc.h>
-_LARGEST_MMAP_THRESHOLD = 32 * 2**20  # what glibc accepts
+_LARGEST_MMAP_THRESHOLD = 32 * 2**20  # maximum that glibc accepts
 _NEVER = 2**31 - 1
 
 
 def prepare_process() -> None:
-    """Reduce encoding time by about a tenth, and hide warnings of Python and numpy, which are for developers.
+    """Tune OpenMP and malloc, and hide Python and NumPy warnings, which are meant for developers.
 
-    Torch's threads spin for milliseconds while they wait, on processors that the rasteriser's threads need: let them
-    sleep sooner. Freed memory of an image's size goes back to the system and has to be cleared when it is allocated
-    again: keep it. Settings in the environment, PYTHONWARNINGS among them, take precedence.
+    OpenMP threads of torch spin for milliseconds while they wait and occupy cores that the rasteriser needs; a lower
+    spin count lets them sleep earlier. malloc returns large freed blocks to the operating system, which clears them
+    when they are allocated again; higher thresholds keep them in the process. Settings in the environment take
+    precedence, PYTHONWARNINGS included.
     """
     if not sys.warnoptions:
         warnings.simplefilter("ignore")

@@ -1,4 +1,4 @@
-"""Progress of long work on stderr: a bar on a terminal, a line now and then in a pipe or log."""
+"""Progress of long work on stderr: a progress bar on a terminal, occasional lines in a pipe or log file."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ SECONDS_BETWEEN_LINES = 30.0
 
 @contextmanager
 def progress_bar() -> Iterator[OnProgress]:
-    """Yield a callback that takes the name of the current step and the fraction of all work done, in [0, 1]."""
+    """Yield a callback that takes the name of the current step and the completed fraction of all work, in [0, 1]."""
     if not sys.stderr.isatty():
         yield _lines()
         return
@@ -30,7 +30,7 @@ def progress_bar() -> Iterator[OnProgress]:
 
 
 def _lines() -> OnProgress:
-    """Print a line at most every SECONDS_BETWEEN_LINES; nothing for work that takes less."""
+    """Return a callback that prints at most one line every SECONDS_BETWEEN_LINES, and none for shorter work."""
     last = monotonic()
 
     def report(step: str, fraction: float) -> None:

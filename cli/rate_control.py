@@ -1,4 +1,4 @@
-"""Options of `fecosplat encode` for rate control: a file size or a quality instead of a lambda."""
+"""Rate-control options of `fecosplat encode`: a target file size or quality instead of a lambda."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
@@ -18,13 +18,13 @@ def rate_control_options(function: Function) -> Function:
             "--target-kib",
             type=click.FloatRange(min=0.0, min_open=True),
             metavar="KIB",
-            help="Choose lambda for the best quality in a file of at most this many KiB.",
+            help="Choose lambda automatically: the best quality in a file of at most this many KiB.",
         ),
         click.option(
             "--target-psnr",
             type=click.FloatRange(min=0.0, min_open=True),
             metavar="DB",
-            help="Choose lambda for the smallest file whose decoded context views have at least this PSNR.",
+            help="Choose lambda automatically: the smallest file whose decoded context views have at least this PSNR.",
         ),
     )
     for option in reversed(options):
@@ -33,9 +33,9 @@ def rate_control_options(function: Function) -> Function:
 
 
 def target_of(target_kib: float | None, target_psnr: float | None, stages: int) -> "Target | None":
-    """The target that the options name; None: encode at --lambda.
+    """Return the rate-control target, or None to encode at --lambda.
 
-    Raises UsageError for options that contradict each other.
+    Raises UsageError for options that exclude each other.
     """
     if target_kib is None and target_psnr is None:
         return None

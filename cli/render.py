@@ -1,4 +1,4 @@
-"""`fecosplat render`: Gaussians seen by cameras, as PNG (colour) and EXR (linear colour and depth)."""
+"""`fecosplat render`: render Gaussians to PNG (sRGB colour) and EXR (linear colour and depth)."""
 
 from pathlib import Path
 from time import perf_counter
@@ -42,23 +42,35 @@ Examples:
 )
 @click.argument("scene", metavar="FILE", type=FILE_PATH)
 @click.option(
-    "-o", "--output", required=True, type=FILE_PATH, help="A folder, or a .png, .jpg, .webp or .exr file for one view."
+    "-o",
+    "--output",
+    required=True,
+    type=FILE_PATH,
+    help="Output folder, or a .png, .jpg, .webp or .exr file for a single view.",
 )
 @click.option(
     "--cameras",
     "cameras_folder",
     type=FILE_PATH,
-    help="Folder of photographs whose cameras to render.  [default: the cameras in the .fcs file]",
+    help="Folder of photographs; render their cameras.  [default: the cameras in the .fcs file]",
 )
 @click.option(
     "--views",
     callback=parse_selection,
     metavar="WHICH",
-    help="Which views of --cameras: 0,5 or a.jpg,b.jpg or spread:N or auto.",
+    help="Views of --cameras to render: 0,5 or a.jpg,b.jpg or spread:N or auto.  [default: all]",
 )
-@click.option("--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: its own]")
-@click.option("--stages", type=click.IntRange(1, 2), help="Decode only the first stage.  [default: all]")
-@click.option("--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True)
+@click.option(
+    "--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: that of the photographs]"
+)
+@click.option("--stages", type=click.IntRange(1, 2), help="Number of stages to decode.  [default: all]")
+@click.option(
+    "--background",
+    type=click.Choice(list(BACKGROUNDS)),
+    default="black",
+    show_default=True,
+    help="Colour of pixels that no Gaussian covers.",
+)
 @model_option
 @max_pixels_option
 @device_option
@@ -81,7 +93,8 @@ def command(
 ) -> None:
     """Render the Gaussians of FILE (.fcs or .ply) to PNG and EXR images.
 
-    PNG holds sRGB colour; EXR holds linear colour and, in channel Z, depth along the optical axis in scene units.
+    PNG files contain sRGB colour. EXR files contain linear colour and, in channel Z, the depth along the optical axis
+    in scene units.
     """
     is_ply = scene.suffix.lower() == ".ply"
     if cameras_folder is None and (views or size or is_ply):
@@ -133,7 +146,7 @@ def command(
 def _cameras_of_folder(
     folder: Path, selection: Selection | None, size: tuple[int, int] | None
 ) -> tuple["Cameras", tuple[int, int], tuple[str, ...]]:
-    """Return the chosen cameras of a folder of photographs, (height, width), and a name for each view."""
+    """Return the selected cameras of a folder of photographs, (height, width) in pixels, and one name per view."""
     from fecocodec.formats.scene_folder import read_view_cameras
 
     cameras, image_size, files = read_view_cameras(folder, views=resolve(folder, selection), size=size)
@@ -141,7 +154,7 @@ def _cameras_of_folder(
 
 
 def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names, or, where two views are called alike (left/a.png, right/a.png), the names with a number in front."""
+    """Return unique names: if two views share a name (left/a.png, right/a.png), each name gets a number in front."""
     if len(set(names)) == len(names):
         return names
     return tuple(f"{view:02d}_{name}" for view, name in enumerate(names))
@@ -153,4 +166,4 @@ def _require_device(name: str, scene: Path) -> None:
     if scene.suffix.lower() == ".ply":
         require_rendering_device(name)
     else:
-        require_device(name)  # for the networks: what they decode is rendered on the CPU
+        require_device(name)  # for the networks; decoded Gaussians are rendered on the CPU

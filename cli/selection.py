@@ -1,4 +1,4 @@
-"""Which views of a folder: `0,5`, `left.jpg,right.jpg`, `spread:4` or `auto`."""
+"""View selection by `--views`: `0,5`, `left.jpg,right.jpg`, `spread:4` or `auto`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from .naming import OF_VIEWS, naming
 
 @dataclass(frozen=True)
 class Spread:
-    """That many views, as far apart as overlap allows."""
+    """`count` views, as far apart as possible while they overlap."""
 
     count: int
 
@@ -41,7 +41,7 @@ def parse_selection(ctx: click.Context, param: click.Parameter, value: str | Non
 
 
 def resolve(folder: Path, selection: Selection | None) -> tuple[int | str, ...] | None:
-    """Return the views to ask the library for: `spread` and `auto` are chosen from the cameras of the folder."""
+    """Return the `views` argument for the library. `spread` and `auto` are resolved with the cameras of the folder."""
     if not isinstance(selection, Spread | Auto):
         return selection
     from fecocodec.formats.camera_files import read_cameras

@@ -1,4 +1,4 @@
-"""End a command on Ctrl-C, SIGTERM or SIGHUP as an error would: unfinished files are removed on the way out."""
+"""Terminate a command cleanly on Ctrl-C, SIGTERM or SIGHUP: an exception unwinds it and removes unfinished files."""
 
 import signal
 from types import FrameType
@@ -8,10 +8,10 @@ _DESCRIPTIONS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "th
 
 
 class EndingSignals:
-    """A context in which these signals raise SystemExit and are recorded; those that are ignored stay ignored.
+    """Context manager in which these signals raise SystemExit and are recorded. Signals that were ignored stay ignored.
 
-    The record counts, because a library that is interrupted while it loads may raise another error instead. Where it
-    goes on as if nothing had happened, SystemExit is raised again every SECONDS_TO_END.
+    Check `received` to detect a signal: a library that is interrupted during its import can raise another error
+    instead. If a library catches SystemExit and continues, it is raised again every SECONDS_TO_END.
     """
 
     def __init__(self) -> None:
@@ -19,12 +19,12 @@ class EndingSignals:
 
     @property
     def description(self) -> str:
-        """What happened, for the message on stderr."""
+        """Text for the message on stderr; empty if no signal was received."""
         return "" if self.received is None else _DESCRIPTIONS[signal.Signals(self.received).name]
 
     def __enter__(self) -> "EndingSignals":
         for number in _ending_signals():
-            if signal.getsignal(number) is not signal.SIG_IGN:  # as `nohup` and shells ask for
+            if signal.getsignal(number) is not signal.SIG_IGN:  # set by `nohup` and by shells
                 signal.signal(number, self._end)
         return self
 
@@ -47,7 +47,7 @@ class EndingSignals:
 
 
 def _repeat_after(seconds: float) -> None:
-    """Start the timer behind SIGALRM; 0 stops it."""
+    """Start the interval timer that sends SIGALRM; 0 stops it."""
     if hasattr(signal, "setitimer"):
         signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
 

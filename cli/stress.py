@@ -1,4 +1,4 @@
-"""`fecosplat stress`: stress cases from given scenes and a drawn room, each with a rule to keep."""
+"""`fecosplat stress`: run stress cases through the codec and check a pass criterion (rule) for each."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -27,19 +27,33 @@ Examples:
   fecosplat stress scenes/ --index index.json -o results/ --most 1 --lambda 1e-4""",
 )
 @click.argument("root", metavar="ROOT", type=FILE_PATH)
-@click.option("--index", required=True, type=FILE_PATH, help="Which frames are context and target (JSON).")
-@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder for stress.tsv.")
-@click.option("--most", type=click.IntRange(min=1), default=2, show_default=True, help="Scenes to make cases from.")
-@click.option("--lambda", "lmbda", type=float, default=1e-3, show_default=True, metavar="NUMBER")
+@click.option("--index", required=True, type=FILE_PATH, help="Evaluation index (JSON): context and target frames.")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Output folder of stress.tsv.")
+@click.option(
+    "--most",
+    type=click.IntRange(min=1),
+    default=2,
+    show_default=True,
+    help="Maximum number of scenes from the index to derive cases from.",
+)
+@click.option(
+    "--lambda",
+    "lmbda",
+    type=float,
+    default=1e-3,
+    show_default=True,
+    metavar="NUMBER",
+    help="Rate-distortion trade-off, as in `fecosplat encode`.",
+)
 @model_option
 @threads_option
 @json_option
 def command(root: Path, index: Path, output: Path, most: int, lmbda: float, model: Path | None, as_json: bool) -> None:
-    """Make stress cases (dark, blurred, wrong poses, other units, no overlap, mirrors ...) from two-view entries of
-    INDEX and from a drawn room, and compare each with the reference of the same scene.
+    """Derive stress cases (dark, blurred, wrong poses, other units, no overlap, mirrors ...) from two-view entries of
+    the index and from a synthetic room, and compare each with the unperturbed version of the same scene.
 
-    Exit code 1 where a rule is broken: a value that is not finite, a crash, a missing warning, a changed unit of length
-    or order of views that changes the result.
+    The exit code is 1 if a rule is violated: a crash, a value that is not finite, a missing warning, or a result that
+    depends on the unit of length or on the order of the views.
     """
     require_input(root)
     require_input(index)

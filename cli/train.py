@@ -1,4 +1,4 @@
-"""`fecosplat train`: train the networks on procedural scenes and photographs."""
+"""`fecosplat train`: train the networks on procedural scenes and on photographs."""
 
 import re
 from dataclasses import replace
@@ -20,7 +20,7 @@ _SCHEDULE_FIELDS = (
 
 
 def _parse_views(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[tuple[int, float], ...] | None:
-    """`2` or `2:0.8,4:0.2`: numbers of context views and how likely each is."""
+    """Parse `2` or `2:0.8,4:0.2` to pairs of a number of context views and its probability."""
     if value is None:
         return None
     if not re.fullmatch(r"\d{1,3}(:\d*\.?\d+)?(,\d{1,3}(:\d*\.?\d+)?)*", value):
@@ -46,53 +46,73 @@ Examples:
 @click.argument("folder", metavar="FOLDER", type=FILE_PATH)
 @click.option(
     "--config", "name", default="compact", show_default=True, metavar="NAME",
-    help="compact, paper-re10k or paper-dl3dv. The options below that have no default override it.",
+    help="Training configuration: compact, paper-re10k or paper-dl3dv. Options below without a default override it.",
 )  # fmt: skip
-@click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes (transforms.json each).")
-@click.option("--textures", type=FILE_PATH, help="Folder of images for procedural surfaces, besides built-in patterns.")
+@click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes, each with a transforms.json.")
+@click.option(
+    "--textures", type=FILE_PATH, help="Folder of images that texture procedural scenes, besides the built-in patterns."
+)
 @click.option(
     "--max-minutes", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
-    help="Stop cleanly after so long.",
+    help="Save a checkpoint and stop after this time.",
 )  # fmt: skip
-@click.option("--steps", "num_steps", type=int, help="Length of the schedule.")
-@click.option("--one-stage-steps", "one_stage_until", type=int, help="Steps that train stage 1 alone.")
-@click.option("--bypass-steps", "bypass_until", type=int, help="Steps before the rate counts.")
-@click.option("--scenes", "num_scenes", type=int, help="Scenes a step and process, of the first --views and --size.")
-@click.option("--views", "view_shares", callback=_parse_views, help="Context views: 2, or shares such as 2:0.8,4:0.2.")
-@click.option("--targets", "num_target", type=int, help="Target views of a scene.")
-@click.option("--size", "sizes", multiple=True, callback=_parse_sizes, metavar="WxH", help="Repeat it for several.")
+@click.option("--steps", "num_steps", type=int, help="Number of training steps.")
+@click.option("--one-stage-steps", "one_stage_until", type=int, help="Number of first steps that train stage 1 only.")
 @click.option(
-    "--side", type=int, help="A single, square size: --side 128 is --size 128x128. Small ones need --views 2."
+    "--bypass-steps", "bypass_until", type=int, help="Number of first steps without rate term and quantisation."
 )
-@click.option("--learning-rate", type=float)
-@click.option("--lambda-range", type=float, nargs=2, help="Least and largest lambda.")
-@click.option("--photograph-share", type=float, nargs=2, help="At start and end.")
-@click.option("--depth-weight", "disparity_weight", type=float, nargs=2, help="At start and end.")
-@click.option("--precision", type=click.Choice(["float32", "bfloat16"]), help="Of convolutions and attention.")
-@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True)
-@click.option("--from", "start", type=FILE_PATH, help="Begin with the weights of the model in this folder.")
+@click.option(
+    "--scenes",
+    "num_scenes",
+    type=int,
+    help="Batch size: scenes per step and process, for the first --views and --size.",
+)
+@click.option(
+    "--views",
+    "view_shares",
+    callback=_parse_views,
+    help="Number of context views: 2, or probabilities such as 2:0.8,4:0.2.",
+)
+@click.option("--targets", "num_target", type=int, help="Number of target views per scene.")
+@click.option(
+    "--size", "sizes", multiple=True, callback=_parse_sizes, metavar="WxH",
+    help="Image size in pixels. Repeat the option for several sizes.",
+)  # fmt: skip
+@click.option("--side", type=int, help="Square image size: --side 128 is --size 128x128. Small sizes need --views 2.")
+@click.option("--learning-rate", type=float, help="Peak learning rate.")
+@click.option("--lambda-range", type=float, nargs=2, help="Smallest and largest lambda.")
+@click.option("--photograph-share", type=float, nargs=2, help="Fraction of photographs, at the first and last step.")
+@click.option(
+    "--depth-weight", "disparity_weight", type=float, nargs=2, help="Weight of the depth loss, at first and last step."
+)
+@click.option(
+    "--precision", type=click.Choice(["float32", "bfloat16"]), help="Number type of convolutions and attention."
+)
+@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Seed of random numbers.")
+@click.option("--from", "start", type=FILE_PATH, help="Initialise with the weights of the model in this folder.")
 @click.option(
     "--extractor-weights", "extractor", type=FILE_PATH,
-    help="Begin with the extractor of a model's folder, or of a DepthSplat, Depth Anything V2 or UniMatch checkpoint.",
+    help="Initialise the extractor from a model folder, or from a DepthSplat, Depth Anything V2 or UniMatch file.",
 )  # fmt: skip
 @click.option(
-    "--freeze", "frozen", multiple=True, type=click.Choice(["receiver", "extractor"]), help="Leave it as it is."
-)
+    "--freeze", "frozen", multiple=True, type=click.Choice(["receiver", "extractor"]),
+    help="Do not train this part. Repeat the option for both.",
+)  # fmt: skip
 @click.option(
     "--entropy-steps",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="When the schedule has ended, steps of the entropy model alone: fewer bytes at equal quality.",
+    help="After the last training step, train the entropy model alone for this many steps, which reduces the rate.",
 )
 @click.option(
     "--entropy-scenes",
     type=click.IntRange(min=1),
     default=400,
     show_default=True,
-    help="Scenes a process whose latents those steps learn from.",
+    help="Number of scenes per process that --entropy-steps trains on.",
 )
-@click.option("--export", "model", type=FILE_PATH, help="When done, write the weights files of a model to this folder.")
+@click.option("--export", "model", type=FILE_PATH, help="Write the weights of the trained model to this folder.")
 @device_option
 @threads_option
 def command(
@@ -111,9 +131,10 @@ def command(
     device: str,
     **overrides: Any,
 ) -> None:
-    """Train in FOLDER, going on from its checkpoint if there is one; writes last.pt, log.csv and samples/ there.
+    """Train the networks. FOLDER receives the checkpoint last.pt, log.csv and samples/; training resumes from its
+    checkpoint if there is one.
 
-    Started by torchrun, as in the last example, several processes train together.
+    Start several processes with torchrun, as in the last example, for data-parallel training.
     """
     from fecocodec.training.configurations import configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
@@ -140,7 +161,7 @@ def command(
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if entropy_steps and trainer.step < configuration.schedule.num_steps:
             if is_first():
-                say("entropy model: left for when the schedule has ended; run the same command again")
+                say("entropy model: not trained before the last step of the schedule; run the same command again")
         elif entropy_steps:
             for row in train_entropy_model(trainer, EntropyPhase(entropy_steps, entropy_scenes)):
                 if is_first():
@@ -150,7 +171,7 @@ def command(
 
 
 def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":
-    """The configuration with every option that was given in place of its own value."""
+    """Return the configuration with the given options in place of its own values."""
     given = {name: value for name, value in overrides.items() if value is not None}
     if "side" in given:
         given["sizes"] = ((given["side"], given["side"]),)

@@ -1,12 +1,12 @@
-"""A sender around an extractor that is not ours: DISK's dense descriptors (Tyszkiewicz et al. 2020), through kornia.
+"""Train a sender with a third-party extractor: the dense descriptors of DISK (Tyszkiewicz et al., 2020) from kornia.
 
-Needs `pip install kornia`. Trains the adapter and the sender's half of the codec for a while, receiver and extractor
-frozen, so that the files it makes decode with the receiver everybody has:
+Needs `pip install kornia`. The adapter and the other networks of the sender are trained; receiver and extractor are
+frozen, so that the shipped receiver decodes the resulting files.
 
     python examples/larger_extractor.py SCENES OUT --minutes 30 [--disk depth]
 
-SCENES: folders with transforms.json, or chunks of RealEstate10K. OUT gets a model's folder. `--disk depth` fetches the
-published weights of DISK; without it they are random, which shows that everything fits together and no more.
+SCENES: folders with transforms.json, or chunks of RealEstate10K. OUT: receives the model folder. `--disk depth`
+downloads the published weights of DISK. Without it the weights are random, which is enough only to test the script.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from fecocodec.training.sources import open_sources
 
 
 class DiskExtractor:
-    """The three methods of `fecocodec.sender.extractors.adapter.LargeExtractor`."""
+    """DISK with the interface of `fecocodec.sender.extractors.adapter.LargeExtractor`."""
 
     def __init__(self, network: DISK) -> None:
         self.network = network.eval().requires_grad_(False)
@@ -38,7 +38,7 @@ class DiskExtractor:
         return self.network.desc_dim
 
     def features(self, images: Tensor, cameras: Cameras) -> Tensor:
-        """Descriptors of every pixel of every view; DISK looks at each view alone and needs no cameras."""
+        """Return the dense descriptors of every view. DISK processes each view independently, without cameras."""
         self.network.to(images.device)
         _, descriptors = self.network.heatmap_and_dense_descriptors(rearrange(images, "b v c h w -> (b v) c h w"))
         return rearrange(descriptors, "(b v) c h w -> b v c h w", b=len(images))
@@ -51,7 +51,7 @@ class DiskExtractor:
 
 
 def train(extractor: DiskExtractor, scenes: Path, out: Path, minutes: float, model: Path) -> None:
-    """Begin with a trained model's codec, train what is the sender's own, and write the model's two files to `out`."""
+    """Initialise the codec from a trained model, train the sender, and write the two weights files to `out`."""
     configuration = replace(configuration_named("compact"), frozen=("receiver",))
     sources = open_sources(scenes, None, configuration)
     sender = adapted_sender(extractor, configuration.receiver)

@@ -4,7 +4,7 @@
     data = fecocodec.encode(views, lmbda=1e-3)
     decoded = fecocodec.decode(data)  # decoded.gaussians, decoded.cameras, ...
 
-Names are loaded on first use, so that what needs no network (`fecosplat info FILE`) does not wait for torch.
+Public names are imported on first use, so that code without networks (`fecosplat info FILE`) does not import torch.
 """
 
 from importlib import import_module
@@ -74,7 +74,7 @@ _MODULE_OF = {
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name when it is first asked for (PEP 562)."""
+    """Import a public name on first access (PEP 562)."""
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'fecocodec' has no attribute {name!r}")
     value: object = getattr(import_module(_MODULE_OF[name]), name)

@@ -1,6 +1,6 @@
-"""Make this folder's images, depth and transforms.json from the pair that scikit-image carries (see README.md).
+"""Generate the images, depth and transforms.json of this folder from the stereo pair of scikit-image (see README.md).
 
-Needs scikit-image beside the project's own dependencies: `python make_example.py`.
+Needs scikit-image in addition to the dependencies of the project: `python make_example.py`.
 """
 
 import json
@@ -18,8 +18,8 @@ from fecocodec.geometry.depth_range import bounds_of_depths
 from fecocodec.geometry.views import Views
 
 SIZE = (256, 384)  # height, width in pixels
-REDUCTION = 4  # scikit-image's pair is the original one reduced by this factor
-# The original calibration (calib.txt of the Motorcycle scene), pixel centres at whole numbers.
+REDUCTION = 4  # the pair of scikit-image is the original pair, downscaled by this factor
+# The original calibration (calib.txt of the Motorcycle scene) in pixels, with pixel centres at integers.
 FOCAL_LENGTH, CENTRE_X, CENTRE_Y, CENTRE_X_SHIFT = 3979.911, 1244.772, 1019.507, 124.343
 BASELINE = 0.193001  # metres
 DEPTH_FILE = "left_depth.png"  # 16 bits: millimetres along the optical axis of the left camera, 0 without ground truth
@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def _original_cameras(near: float, far: float) -> dict:
-    """The right camera stands one baseline to the right of the left one; both look the same way."""
+    """Return the cameras of the pair. They are parallel; the right one is one baseline to the right of the left one."""
     frames = []
     for file_name, x, centre_x in (("left.png", 0, CENTRE_X), ("right.png", BASELINE, CENTRE_X + CENTRE_X_SHIFT)):
         pose = np.eye(4)
@@ -64,7 +64,7 @@ def _original_cameras(near: float, far: float) -> dict:
 
 
 def _at_reduced_pixels(depth: np.ndarray, views: Views) -> np.ndarray:
-    """Nearest samples of a map of the original left image at the pixel centres of the reduced one."""
+    """Sample a map of the original left image at the pixel centres of the downscaled one, by nearest neighbour."""
     height, width = views.image_size
     intrinsics = views.cameras.intrinsics_px(height, width)[0].double().numpy()
     scale = FOCAL_LENGTH / REDUCTION / np.array([intrinsics[0, 0], intrinsics[1, 1]])

@@ -1,8 +1,8 @@
-"""Bjontegaard's comparison of two rate-distortion curves.
+"""Bjontegaard metrics: BD-rate and BD-PSNR of two rate-distortion curves.
 
-Bjontegaard, "Calculation of average PSNR differences between RD-curves", VCEG-M33, 2001, with the piecewise cubic
-interpolation that replaced his polynomial in the standards' common test conditions (PCHIP: Fritsch and Carlson,
-"Monotone Piecewise Cubic Interpolation", 1980).
+Bjontegaard, "Calculation of average PSNR differences between RD-curves", VCEG-M33, 2001, with piecewise cubic
+interpolation instead of a polynomial, as in the common test conditions of the video standards (PCHIP: Fritsch and
+Carlson, "Monotone Piecewise Cubic Interpolation", 1980).
 """
 
 from collections.abc import Sequence
@@ -17,9 +17,9 @@ _NUM_SAMPLES = 1001
 
 
 def bd_rate(anchor: Sequence[Point], test: Sequence[Point]) -> float | None:
-    """Mean difference in rate at equal quality, in percent: -50 means that `test` needs half the rate of `anchor`.
+    """Return the mean rate difference at equal quality, in percent: -50 means that `test` needs half the rate.
 
-    None where the curves have no quality in common, or fewer than two points that are not dominated.
+    Returns None if the quality ranges do not overlap, or if a curve has fewer than two Pareto-optimal points.
     """
     ours, theirs = _front(test), _front(anchor)
     difference = _mean_difference(_swapped(theirs), _swapped(ours))
@@ -27,12 +27,15 @@ def bd_rate(anchor: Sequence[Point], test: Sequence[Point]) -> float | None:
 
 
 def bd_psnr(anchor: Sequence[Point], test: Sequence[Point]) -> float | None:
-    """Mean difference in quality at equal rate, in dB, positive where `test` is better; None as for `bd_rate`."""
+    """Return the mean quality difference at equal rate, in dB; positive if `test` is better.
+
+    Returns None if the rate ranges do not overlap, or if a curve has fewer than two Pareto-optimal points.
+    """
     return _mean_difference(_front(anchor), _front(test))
 
 
 def _front(points: Sequence[Point]) -> Float[np.ndarray, "point 2"]:
-    """(log rate, quality) of the points that no other beats in both, by rising rate: both columns rise strictly."""
+    """Return (log rate, quality) of the Pareto-optimal points, ordered by rate; both columns increase strictly."""
     front: list[Point] = []
     for rate, quality in sorted(points, key=lambda point: (point[0], -point[1])):
         if not front or quality > front[-1][1]:
@@ -45,7 +48,7 @@ def _swapped(curve: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"
 
 
 def _mean_difference(anchor: Float[np.ndarray, "_ 2"], test: Float[np.ndarray, "_ 2"]) -> float | None:
-    """Mean of test(x) - anchor(x) over the x that both curves reach."""
+    """Return the mean of test(x) - anchor(x) over the common range of x, or None if there is none."""
     if min(len(anchor), len(test)) < 2:
         return None
     low, high = max(anchor[0, 0], test[0, 0]), min(anchor[-1, 0], test[-1, 0])

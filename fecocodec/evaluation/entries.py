@@ -1,4 +1,4 @@
-"""From an entry of an evaluation index to its views."""
+"""Read the views of an entry of an evaluation index."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,23 +9,23 @@ from fecocodec.formats.evaluation_index import IndexEntry
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.views import Views
 
-PAIR_SIZE = (256, 256)  # (height, width) of the field's two-view protocol
-SEVERAL_SIZE = (256, 448)  # and of its protocol for more views
+PAIR_SIZE = (256, 256)  # (height, width) of the usual two-view protocol
+SEVERAL_SIZE = (256, 448)  # (height, width) of the usual protocol with more views
 
 EntryReader = Callable[[IndexEntry], Views]
 
 
 def protocol_size(num_context: int) -> tuple[int, int]:
-    """(height, width) in pixels that views are cropped and resized to: 256x256 for up to two, 256x448 for more."""
+    """Return (height, width) in pixels to which views are cropped and resized: 256x256 for up to two, else 256x448."""
     return PAIR_SIZE if num_context <= 2 else SEVERAL_SIZE
 
 
 def open_scenes(root: Path, size: tuple[int, int] | None = None) -> EntryReader:
-    """A reader of entries: their context views, then their target views.
+    """Return a function that reads the views of an entry: context views first, then target views.
 
-    root: holds a folder a scene (`transforms.json`, COLMAP ...), or chunks as pixelSplat writes them. size: (height,
-    width), by default that of the protocol. The reader raises InputError for a scene or frame that cannot be used, this
-    function where there is no such folder.
+    root: contains one folder per scene (`transforms.json`, COLMAP ...), or chunks in the format of pixelSplat. size:
+    (height, width) in pixels; None for `protocol_size`. Raises InputError if the folder does not exist; the returned
+    function raises it for a scene or frame that cannot be used.
     """
     if not root.is_dir():
         raise InputError(f"{root}: there is no such folder; give the one that holds the scenes or chunks.")

@@ -1,4 +1,4 @@
-"""A whole evaluation in a folder: records, averages, comparisons and strips."""
+"""Run an evaluation and write its results to a folder: records, averages, comparisons and strips."""
 
 import hashlib
 import json
@@ -25,16 +25,18 @@ from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import load_codec
 
 RECORDS = "measurements.jsonl"
-STRIP_LAMBDA = 1e-3  # strips are drawn at the lambda nearest to it
+STRIP_LAMBDA = 1e-3  # strips are drawn at the nearest measured lambda
 
-OnMeasured = Callable[[Measurement, float], None]  # (what was measured, fraction of all done)
+OnMeasured = Callable[[Measurement, float], None]  # (measurement, completed fraction of all measurements)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to evaluate. root: scenes or chunks. model: folder of the weights. size: (height, width), None: protocol.
+    """Specification of an evaluation.
 
-    num_context: only entries with so many context views; most: at most so many entries, evenly spread; None: all.
+    root: folder of scenes or chunks. index: evaluation index (JSON). model: folder of the weights. output: results
+    folder. groups: see `systems_of`. size: (height, width) in pixels, None for `protocol_size`. num_context: use only
+    entries with this number of context views. most: use at most this many entries, evenly spaced. None: no limit.
     """
 
     root: Path
@@ -51,7 +53,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Report:
-    """Results of an evaluation. failures: the measurements with an error."""
+    """Results of an evaluation. failures: measurements with an error."""
 
     averages: tuple[Average, ...]
     comparisons: tuple[Comparison, ...]
@@ -59,9 +61,10 @@ class Report:
 
 
 def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fraction: None) -> Report:
-    """Measure what the folder does not hold yet, and write its tables.
+    """Run all measurements that the results folder does not contain yet, and write its tables.
 
-    Raises FecoError where nothing can be measured; a scene that fails is reported with the others' results.
+    A scene that fails does not stop the evaluation; it is listed in `Report.failures`. Raises FecoError if nothing can
+    be measured.
     """
     require_packages(plan.groups)
     entries = choose_entries(read_index(plan.index), plan.num_context, plan.most, plan.index)
@@ -84,7 +87,10 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
 def choose_entries(
     entries: Sequence[IndexEntry], num_context: int | None, most: int | None, index: Path
 ) -> tuple[IndexEntry, ...]:
-    """Those with so many context views, thinned evenly to `most`; raises InputError where none is left."""
+    """Return the entries with `num_context` context views (None: all), at most `most` of them, evenly spaced.
+
+    index: path for the error message. Raises InputError if no entry has this number of context views.
+    """
     chosen = [entry for entry in entries if num_context in (None, len(entry.context))]
     if not chosen:
         raise InputError(f"{index}: has no entry with {num_context} context views; leave the number out.")
@@ -94,7 +100,10 @@ def choose_entries(
 
 
 def weights_label(model: Path, size: tuple[int, int] | None) -> str:
-    """Text that changes with the weights of either end and with the size views are brought to."""
+    """Return a text that identifies the weights of sender and receiver, and the image size if it is given.
+
+    Raises ModelError if the weights cannot be read.
+    """
     try:
         both = [(model / name).read_bytes() for name in (RECEIVER_FILE, SENDER_FILE)]
     except OSError as error:
@@ -104,7 +113,7 @@ def weights_label(model: Path, size: tuple[int, int] | None) -> str:
 
 
 def write_tables(folder: Path, found: Sequence[Measurement], report: Report) -> None:
-    """`entries.tsv`, `summary.tsv`, `comparisons.tsv` and `summary.json`, each replaced as a whole."""
+    """Write `entries.tsv`, `summary.tsv`, `comparisons.tsv` and `summary.json`, each atomically."""
     summary = {
         "machine": describe_machine(),
         "averages": [asdict(row) for row in report.averages],

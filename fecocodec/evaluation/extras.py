@@ -1,4 +1,4 @@
-"""Packages that only measuring needs: loaded when used, with a sentence where they are missing."""
+"""Optional packages of the `eval` extra: imported on use, with a clear error if they are missing."""
 
 from collections.abc import Iterable
 from importlib import import_module
@@ -11,9 +11,9 @@ _PACKAGES_OF_SYSTEMS = {"images": ("imagecodecs",), "gaussians": ("gsply",)}
 
 
 def require_packages(systems: Iterable[str]) -> None:
-    """Refuse an evaluation of these groups of systems before any work where a package is missing.
+    """Check, before any work, that the packages for these groups of systems are installed.
 
-    Raises InputError, which names the packages and the extra that installs them.
+    Raises InputError that names the missing packages and the extra that installs them.
     """
     needed = {"flip_evaluator"}.union(*(_PACKAGES_OF_SYSTEMS.get(name, ()) for name in systems))
     if missing := sorted(name for name in needed if find_spec(name) is None):
@@ -23,7 +23,7 @@ def require_packages(systems: Iterable[str]) -> None:
 
 
 def require_extra(library: str, purpose: str) -> ModuleType:
-    """Import a library of the `eval` extra. Raises InputError, which says how to install it, where it is missing."""
+    """Import a library of the `eval` extra. Raises InputError with installation instructions if it is missing."""
     try:
         return import_module(library)
     except ImportError as error:

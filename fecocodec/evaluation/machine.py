@@ -1,4 +1,4 @@
-"""Where and when something was measured: without it a number of seconds says nothing."""
+"""Description of the machine and software of a measurement, without which timings have no meaning."""
 
 import platform
 from contextlib import suppress
@@ -11,7 +11,7 @@ import fecocodec
 
 
 def describe_machine() -> dict[str, str]:
-    """Processor, threads, versions and date, as text."""
+    """Return processor, number of threads, instruction set, versions and date, as text."""
     return {
         "processor": _processor(),
         "threads": str(torch.get_num_threads()),

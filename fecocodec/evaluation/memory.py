@@ -9,7 +9,7 @@ _PROCESS = Path("/proc/self")
 
 
 def give_back_freed_memory() -> None:
-    """Return freed heap memory to the operating system, so that it counts in no peak; glibc only."""
+    """Return freed heap memory to the operating system, so that it does not count in the next peak (glibc only)."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
@@ -17,13 +17,13 @@ def give_back_freed_memory() -> None:
 
 
 def forget_peak() -> None:
-    """Reset the peak to the memory held now; no effect where the system has no such counter."""
+    """Reset the peak to the current resident memory. No effect on systems without this counter."""
     with suppress(OSError):
         (_PROCESS / "clear_refs").write_text("5")
 
 
 def peak_mib() -> float | None:
-    """Peak resident memory in MiB since `forget_peak`, None where the system does not report it."""
+    """Return the peak resident memory in MiB since `forget_peak`, or None if the system does not report it."""
     with suppress(OSError):
         for line in (_PROCESS / "status").read_text().splitlines():
             if line.startswith("VmHWM:"):

@@ -1,4 +1,4 @@
-"""The novel-view protocol: encode context views to bytes, decode the bytes, render at target views, compare."""
+"""The novel-view protocol: encode the context views, decode the bytes, render the target views, measure quality."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from fecocodec.rendering.rasterizer import render
 
 @dataclass(frozen=True)
 class Score:
-    """Quality of one coded scene; PSNR in dB and SSIM are means over views, num_bytes is the whole file."""
+    """Rate and quality of one coded scene. PSNR (dB) and SSIM are means over views. num_bytes: size of the file."""
 
     name: str
     num_bytes: int
@@ -30,20 +30,20 @@ class Score:
 
 
 def evaluate(system: System, root: Path, entries: tuple[IndexEntry, ...], size: tuple[int, int]) -> Iterator[Score]:
-    """Scores of the entries one by one. root: folder of scene folders. size: (height, width)."""
+    """Yield the score of each entry. root: folder with one folder per scene. size: (height, width) in pixels."""
     for entry in entries:
         views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size, background="white")
         yield score(system, entry.name, views, len(entry.context))
 
 
 def score(system: System, name: str, views: Views, num_context: int) -> Score:
-    """Code the first `num_context` views, compare all."""
-    found = system.reconstruct(views, num_context)
-    quality, structure = psnr(found.images, views.images), ssim(found.images, views.images)
+    """Encode the first `num_context` views, and measure the quality of all views."""
+    result = system.reconstruct(views, num_context)
+    quality, structure = psnr(result.images, views.images), ssim(result.images, views.images)
     return Score(
         name=name,
-        num_bytes=found.num_bytes,
-        num_gaussians=0 if found.gaussians is None else found.gaussians.count,
+        num_bytes=result.num_bytes,
+        num_gaussians=0 if result.gaussians is None else result.gaussians.count,
         target_psnr=float(quality[num_context:].mean()),
         target_ssim=float(structure[num_context:].mean()),
         context_psnr=float(quality[:num_context].mean()),
@@ -52,5 +52,5 @@ def score(system: System, name: str, views: Views, num_context: int) -> Score:
 
 @torch.no_grad()
 def render_views(gaussians: Gaussians, views: Views) -> Float[Tensor, "view 3 height width"]:
-    """Render Gaussians at the views' cameras, clamped to [0, 1]."""
+    """Render Gaussians at the cameras of the views: sRGB, clamped to [0, 1]."""
     return render(gaussians, views.cameras, views.image_size).color.clamp(0.0, 1.0)

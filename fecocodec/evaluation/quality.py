@@ -1,4 +1,4 @@
-"""How far images are from photographs, in several metrics."""
+"""Image quality in several metrics."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,15 +11,14 @@ from torch import Tensor
 from fecocodec.evaluation.extras import require_extra
 from fecocodec.rendering.metrics import MS_SSIM_LEAST_SIDE, ms_ssim, psnr, ssim
 
-LPIPS_BACKBONE = "alexnet-owt-7be5be79.pth"  # what torchvision calls AlexNet's weights
+LPIPS_BACKBONE = "alexnet-owt-7be5be79.pth"  # file name of AlexNet's weights in torchvision
 
 
 @dataclass(frozen=True)
 class Quality:
-    """Means over images. psnr in dB; ssim, ms_ssim: 1 is equal; flip, lpips: 0 is equal.
+    """Means over images. psnr in dB; ssim and ms_ssim are 1, flip and lpips are 0 for identical images.
 
-    ms_ssim: None for sides under 176 pixels. lpips: None where the package or its weights are not installed; no other
-    metric stands in for it.
+    ms_ssim: None if a side is shorter than 176 pixels. lpips: None if the weights of its backbone are not installed.
     """
 
     psnr: float
@@ -33,7 +32,10 @@ class Quality:
 def measure_quality(
     images: Float[Tensor, "image 3 height width"], targets: Float[Tensor, "image 3 height width"]
 ) -> Quality:
-    """Both sRGB in [0, 1]. Raises InputError where a package of the `eval` extra is missing."""
+    """Measure the quality of images. images, targets: sRGB in [0, 1].
+
+    Raises InputError if a package of the `eval` extra is missing.
+    """
     return Quality(
         psnr=float(psnr(images, targets).mean()),
         ssim=float(ssim(images, targets).mean()),
@@ -52,7 +54,7 @@ def _flip(images: Tensor, targets: Tensor) -> float:
 
 
 def _lpips(images: Tensor, targets: Tensor) -> float | None:
-    """Zhang et al., "The Unreasonable Effectiveness of Deep Features", 2018, AlexNet; nothing is downloaded."""
+    """Zhang et al., "The Unreasonable Effectiveness of Deep Features", 2018, with AlexNet. Downloads nothing."""
     if not Path(torch.hub.get_dir(), "checkpoints", LPIPS_BACKBONE).is_file():
         return None
     library = require_extra("lpips", "LPIPS")

@@ -1,4 +1,4 @@
-"""Measurements as lines of JSON, each appended at once, so that an interrupted run can be resumed."""
+"""Measurements in a JSON Lines file. Each is appended immediately, so that an interrupted run can be resumed."""
 
 import json
 from collections.abc import Callable
@@ -10,10 +10,11 @@ from fecocodec.errors import InputError, OutputError
 
 @dataclass(frozen=True)
 class Measurement:
-    """One entry through one system. Metrics are means over views: of the target views, `context_psnr` of the context.
+    """Result of one system on one entry. Metrics are means over the target views; `context_psnr` over context views.
 
-    bits_per_pixel: of a context view. peak_mib: resident memory of the process while it was measured, None where the
-    system does not report it. error: why there are no other values, else empty.
+    setting: operating point, see `System`. model: label of the weights. bits_per_pixel: bits of the whole file per
+    pixel of the context views. peak_mib: peak resident memory of the process during the measurement, None if the system
+    does not report it. error: message if the measurement failed, in which case the other values are not set.
     """
 
     entry: str
@@ -39,26 +40,27 @@ class Measurement:
 
     @property
     def key(self) -> tuple[str, str, str, str]:
+        """Identity of the measurement: (entry, system, setting, model)."""
         return self.entry, self.system, self.setting, self.model
 
 
 class RecordFile:
-    """Measurements in a file of JSON lines; those that are there are known, failures are not and are tried again."""
+    """Measurements backed by a JSON Lines file. Those in the file are not repeated, except failed ones."""
 
     def __init__(self, path: Path) -> None:
-        """Raises InputError where the file is there but holds something else."""
+        """Read the file if it exists. Raises InputError if it does not contain measurements."""
         self.path = path
         self.measurements: dict[tuple[str, str, str, str], Measurement] = {}
         for measurement in _read(path) if path.exists() else ():
             self.measurements[measurement.key] = measurement
 
     def is_known(self, key: tuple[str, str, str, str]) -> bool:
-        """Whether it was measured without an error."""
+        """Return whether there is a measurement with this key and without an error."""
         known = self.measurements.get(key)
         return known is not None and not known.error
 
     def add(self, measurement: Measurement) -> None:
-        """Remember it, and append it to the file; raises OutputError where that fails."""
+        """Store a measurement and append it to the file. Raises OutputError if writing fails."""
         self.measurements[measurement.key] = measurement
         try:
             with self.path.open("a") as file:
@@ -69,12 +71,12 @@ class RecordFile:
             ) from error
 
     def select(self, wanted: Callable[[Measurement], bool]) -> tuple[Measurement, ...]:
-        """Those without an error for which `wanted` holds, in the order they were measured."""
-        return tuple(found for found in self.measurements.values() if not found.error and wanted(found))
+        """Return the measurements without an error for which `wanted` is true, in the order of measurement."""
+        return tuple(m for m in self.measurements.values() if not m.error and wanted(m))
 
 
 def _read(path: Path) -> tuple[Measurement, ...]:
-    """The measurements of a file; a last line that an interruption has cut is removed from it."""
+    """Read the measurements of a file. An incomplete last line, left by an interruption, is removed from the file."""
     try:
         data = path.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]

@@ -1,4 +1,4 @@
-"""Measure and record every entry with every system; optionally draw strips."""
+"""Measure every entry with every system, record the results, and optionally draw strips."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -16,7 +16,7 @@ Draw = Callable[[IndexEntry, System, Views, Reconstruction], None]
 
 
 def draw_nothing(entry: IndexEntry, system: System, views: Views, reconstruction: Reconstruction) -> None:
-    """No strips."""
+    """Draw no strips."""
 
 
 def measure_all(
@@ -27,10 +27,10 @@ def measure_all(
     model: str,
     draw: Draw = draw_nothing,
 ) -> Iterator[Measurement]:
-    """Measure everything that `records` does not hold yet; yields all measurements.
+    """Run the measurements that `records` does not contain yet, and yield all measurements.
 
-    model: id of the weights, part of what makes a measurement known. An entry or system that fails is recorded with
-    its error and loses nothing else.
+    read: reads the views of an entry. model: label of the weights, part of the key of a measurement. draw: called after
+    each new measurement. A failure is recorded with its error and does not affect other measurements.
     """
     for entry in entries:
         missing = [system for system in systems if not records.is_known(_key(entry, system, model))]
@@ -51,11 +51,11 @@ def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: 
     num_context = len(entry.context)
     forget_peak()
     try:
-        found = system.reconstruct(views, num_context)
+        result = system.reconstruct(views, num_context)
         peak = peak_mib()
-        target = measure_quality(found.images[num_context:], views.images[num_context:])
-        draw(entry, system, views, found)
-    except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:  # a scene must not lose the others
+        target = measure_quality(result.images[num_context:], views.images[num_context:])
+        draw(entry, system, views, result)
+    except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:  # one failure must not stop the evaluation
         return _failure(entry, system, model, error)
     height, width = views.image_size
     return Measurement(
@@ -63,17 +63,17 @@ def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: 
         num_context=num_context,
         height=height,
         width=width,
-        num_bytes=found.num_bytes,
-        bits_per_pixel=8 * found.num_bytes / (num_context * height * width),
-        num_gaussians=found.gaussians.count if found.gaussians else 0,
+        num_bytes=result.num_bytes,
+        bits_per_pixel=8 * result.num_bytes / (num_context * height * width),
+        num_gaussians=result.gaussians.count if result.gaussians else 0,
         psnr=target.psnr,
         ssim=target.ssim,
         ms_ssim=target.ms_ssim,
         flip=target.flip,
         lpips=target.lpips,
-        context_psnr=float(psnr(found.images[:num_context], views.images[:num_context]).clamp_max(99.0).mean()),
-        encode_seconds=found.encode_seconds,
-        decode_seconds=found.decode_seconds,
+        context_psnr=float(psnr(result.images[:num_context], views.images[:num_context]).clamp_max(99.0).mean()),
+        encode_seconds=result.encode_seconds,
+        decode_seconds=result.decode_seconds,
         peak_mib=peak,
     )
 

@@ -1,4 +1,4 @@
-"""How time, memory and bytes grow with the number of views and with their pixels, in a room that is drawn."""
+"""Scaling study: time, memory and file size against the number of views and pixels, on a synthetic room."""
 
 from dataclasses import dataclass
 from time import perf_counter
@@ -14,13 +14,13 @@ from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
 
 LAMBDA = 1e-3
-REPEAT_BELOW = 2**18  # pixels of all views: shorter measurements are repeated, the fastest counts
+REPEAT_BELOW = 2**18  # pixels of all views below which a measurement is repeated and the minimum is taken
 REPEATS = 3
 
 
 @dataclass(frozen=True)
 class Load:
-    """One measurement. pixels: of all views."""
+    """One measurement. side: image side in pixels. pixels: of all views. peak_mib: resident memory, None if unknown."""
 
     num_views: int
     side: int
@@ -32,11 +32,11 @@ class Load:
 
 
 def measure_load(codec: Codec, num_views: int, side: int) -> Load:
-    """Encode and decode so many square views of the painted room."""
+    """Encode and decode `num_views` square views of the textured room. side: image side in pixels."""
     poses = along_a_line(num_views)[:num_views]
     views = photograph(Room(painted), poses, (side, side))
     lambda_q, pixels = quantise_lambda(LAMBDA), num_views * side * side
-    give_back_freed_memory()  # of a larger load before
+    give_back_freed_memory()  # of a previous, larger measurement
     forget_peak()
     encode_seconds, decode_seconds = [], []
     for _ in range(REPEATS if pixels < REPEAT_BELOW else 1):
@@ -50,7 +50,10 @@ def measure_load(codec: Codec, num_views: int, side: int) -> Load:
 
 
 def exponent(amounts: list[float], costs: list[float]) -> float | None:
-    """Slope of log(cost) over log(amount) by least squares: 1 is proportional. None for fewer than two amounts."""
+    """Return the least-squares slope of log(cost) over log(amount); 1 is proportional.
+
+    Returns None for fewer than two different amounts.
+    """
     if len(set(amounts)) < 2:
         return None
     return float(np.polyfit(np.log(amounts), np.log(costs), 1)[0])

@@ -1,10 +1,13 @@
-"""Seconds of each step of a call, from its progress messages."""
+"""Measure the time of each processing step of a call from its progress messages."""
 
 from time import perf_counter
 
 
 class StepClock:
-    """A progress callback that sums the seconds between messages, each under the message that began them."""
+    """Progress callback that measures the seconds of each step. seconds: by name of the step, filled on the next call.
+
+    A step lasts from its message to the next one.
+    """
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
@@ -15,7 +18,7 @@ class StepClock:
         self._task = task
 
     def close(self) -> None:
-        """End the last step."""
+        """Record the end of the current step; call this after the measured call returns."""
         now = perf_counter()
         self.seconds[self._task] = self.seconds.get(self._task, 0.0) + now - self._since
         self._since = now

@@ -1,4 +1,4 @@
-"""Averages over entries, as rows of a table."""
+"""Averages over entries, and comparisons of rate-distortion curves, as rows of tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -13,7 +13,10 @@ OURS = "fecosplat"
 
 @dataclass(frozen=True)
 class Average:
-    """One system on so many entries. Means, but for the seconds (medians) and the memory (the largest)."""
+    """Average of one system at one setting over `entries` entries.
+
+    Fields are means over entries, except for seconds (medians) and peak_mib (maximum). None: not available.
+    """
 
     system: str
     setting: str
@@ -34,7 +37,7 @@ class Average:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Ours against a baseline's curve: rate at equal PSNR in percent, PSNR at equal rate in dB; None: no overlap."""
+    """BD metrics of our curve against that of a baseline: rate in percent, PSNR in dB. None: curves do not overlap."""
 
     baseline: str
     bd_rate: float | None
@@ -42,11 +45,11 @@ class Comparison:
 
 
 def averages(measurements: Sequence[Measurement]) -> tuple[Average, ...]:
-    """One average a system and setting, over the entries that every one of them has (failures drop an entry)."""
+    """Return one average per system and setting, over the entries that all of them have measured without error."""
     points: dict[tuple[str, str], dict[str, Measurement]] = {}
-    for found in measurements:
-        if not found.error:
-            points.setdefault((found.system, found.setting), {})[found.entry] = found
+    for measurement in measurements:
+        if not measurement.error:
+            points.setdefault((measurement.system, measurement.setting), {})[measurement.entry] = measurement
     if not points:
         return ()
     common = set.intersection(*(set(by_entry) for by_entry in points.values()))
@@ -54,10 +57,10 @@ def averages(measurements: Sequence[Measurement]) -> tuple[Average, ...]:
 
 
 def compare(rows: Sequence[Average], ours: str = OURS) -> tuple[Comparison, ...]:
-    """Our curve against that of every other system with at least two settings.
+    """Compare our curve with that of every other system that has at least two settings.
 
-    Variants of one codec that share settings (values of lambda) are compared at those: curves through more points of
-    the one than of the other differ where the variants do not.
+    Variants of one codec are compared at their common settings (values of lambda), because interpolation through
+    different numbers of points would add a difference.
     """
     curves: dict[str, dict[str, Point]] = {}
     for row in rows:
@@ -103,7 +106,10 @@ def _mean_if_all(values: Sequence[float | None]) -> float | None:
 
 
 def as_tsv(rows: Sequence[Any]) -> str:
-    """Frozen dataclasses of one kind as a header line and one line a row; six significant digits, nothing for None."""
+    """Format dataclass instances of one type as TSV: a header line, then one line per row.
+
+    Floats have six significant digits; None is an empty cell.
+    """
     if not rows:
         return ""
     lines = ["\t".join(asdict(rows[0]))]

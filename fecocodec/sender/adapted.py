@@ -1,7 +1,7 @@
-"""Senders with a third-party extractor: construction, and loading from their weights file.
+"""Construct and load senders with a third-party extractor.
 
-The file (`serialise_sender`) holds the adapter and the sender's half of the codec, and the fingerprint of the
-extractor they were trained with.
+Their weights file (see `serialise_sender`) contains the adapter, the other networks of the sender, and the fingerprint
+of the extractor that they were trained with. It does not contain the weights of the extractor.
 """
 
 from pathlib import Path
@@ -15,13 +15,19 @@ from fecocodec.sender.model import Sender
 
 
 def adapted_sender(extractor: LargeExtractor, receiver: ReceiverConfig) -> Sender:
-    """An untrained sender around the extractor, for a receiver of these sizes; begin with `adopt_codec`."""
+    """Return an untrained sender with this extractor, for a receiver with this configuration.
+
+    Call `adopt_codec` before training to start from a trained codec.
+    """
     config = AdaptedSenderConfig(fingerprint=extractor.fingerprint(), extractor_channels=extractor.num_channels())
     return Sender(config, receiver, AdaptedExtractor(extractor, receiver.state_channels))
 
 
 def load_adapted_sender(path: Path, extractor: LargeExtractor, receiver: ReceiverConfig, model_id: bytes) -> Sender:
-    """Sender ready to encode, as `load_sender`; raises ModelError also where it was trained with another extractor."""
+    """Load a sender with a third-party extractor for encoding; arguments as for `load_sender`.
+
+    Raises ModelError as `load_sender` does, and if the sender was trained with another extractor.
+    """
     weights = read_weights(path)
     config = config_of(weights, "sender", AdaptedSenderConfig(), path)
     require_receiver(weights, model_id, path)
@@ -35,10 +41,10 @@ def load_adapted_sender(path: Path, extractor: LargeExtractor, receiver: Receive
 
 
 def adopt_codec(sender: Sender, trained: Sender) -> None:
-    """Copy g_a, h_a and E_fb of a trained sender into one with another extractor; the extractor stays as it is.
+    """Copy g_a, h_a and E_fb from `trained` to `sender`, which has another extractor. The extractor is not changed.
 
-    With a receiver that stays frozen, files of both senders then decode with the same receiver.
-    Raises ModelError where the two have other sizes.
+    If the receiver is frozen during training, the same receiver decodes the streams of both senders.
+    Raises ModelError if tensor shapes differ.
     """
     for name in ("analysis", "hyper_analysis", "feedback"):
         tensors = getattr(trained, name).state_dict()

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from fecocodec.config import CodecConfig, ReceiverConfig
 from fecocodec.layers.blocks import Block2d, BlockChain, RateCondition, downsample
 
-LARGEST_LATENT = 2.0**15  # far beyond any trained latent; keeps a wild input codable
+LARGEST_LATENT = 2.0**15  # far above trained latents; bounds the symbols of unusual inputs
 
 
 class Analysis(nn.Module):
@@ -35,7 +35,7 @@ class Analysis(nn.Module):
 
 
 class HyperAnalysis(nn.Module):
-    """y (1/8) -> 3x3 conv -> two halvings -> z (1/32)."""
+    """y (1/8) -> signed log -> 3x3 conv -> two convolutions of stride 2 -> z (1/32)."""
 
     def __init__(self, receiver: ReceiverConfig) -> None:
         super().__init__()
@@ -49,5 +49,5 @@ class HyperAnalysis(nn.Module):
         )
 
     def forward(self, y: Float[Tensor, "item latent h8 w8"]) -> Float[Tensor, "item hyper h32 w32"]:
-        compressed = torch.sign(y) * torch.log1p(y.abs())  # latents span decades over lambda
+        compressed = torch.sign(y) * torch.log1p(y.abs())  # the range of y varies by decades with lambda
         return F.hardtanh(self.layers(compressed), -LARGEST_LATENT, LARGEST_LATENT)

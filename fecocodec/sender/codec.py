@@ -1,4 +1,4 @@
-"""The codec as a whole: the sender's and the receiver's networks, loaded from one model folder."""
+"""The complete codec: networks of the sender and of the receiver, loaded from one model folder."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +16,7 @@ from fecocodec.sender.model import Sender
 
 @dataclass(frozen=True)
 class Codec:
-    """The networks of both ends on one device. model_id: of the receiver, as streams carry it."""
+    """Networks of sender and receiver on one device. model_id: id of the receiver, as stored in streams."""
 
     sender: Sender
     receiver: Receiver
@@ -24,14 +24,17 @@ class Codec:
 
     @property
     def device(self) -> torch.device:
-        """Where the networks run."""
+        """Device of the networks."""
         return next(self.receiver.parameters()).device
 
 
 @lru_cache(maxsize=2)
 @torch.inference_mode(False)
 def load_codec(folder: Path, device: str) -> Codec:
-    """Load both networks of a model folder. Raises ModelError where a file is missing, damaged or does not match."""
+    """Load both networks of a model folder. device: "cpu", "cuda" or "cuda:N".
+
+    Raises ModelError if a file is missing or damaged, or if the two files are of different models.
+    """
     receiver, model_id = load_receiver(folder / RECEIVER_FILE)
     sender = load_sender(folder / SENDER_FILE, receiver.config, model_id)
     for network in (sender, receiver):

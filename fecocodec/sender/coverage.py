@@ -1,4 +1,4 @@
-"""The coverage section of transparent photographs: which cells of the coding grid show something opaque."""
+"""Coverage section of a stream: the cells of the coding grid that contain opaque pixels of the photographs."""
 
 import torch.nn.functional as F
 from jaxtyping import Bool, Float
@@ -7,11 +7,14 @@ from torch import Tensor
 from fecocodec.coding.coverage_cells import cells_to_bits
 from fecocodec.container import Header, coverage_grid
 
-LEAST_OPACITY = 0.5  # of a pixel that counts as opaque
+LEAST_OPACITY = 0.5  # pixels with at least this opacity count as opaque
 
 
 def coverage_of(alpha: Float[Tensor, "view height width"] | None, header: Header) -> bytes | None:
-    """Return `Stream.coverage` for the opacity of the views as given; None where all cells are covered."""
+    """Return `Stream.coverage`, or None if all cells are covered.
+
+    alpha: opacity in [0, 1] at the size of the input views; None for opaque views.
+    """
     if alpha is None:
         return None
     cells = covered_cells(alpha, coverage_grid(header))
@@ -21,7 +24,7 @@ def coverage_of(alpha: Float[Tensor, "view height width"] | None, header: Header
 def covered_cells(
     alpha: Float[Tensor, "view height width"], grid: tuple[int, int, int]
 ) -> Bool[Tensor, "view row column"]:
-    """Return whether each cell holds, wholly or in part, a pixel of at least LEAST_OPACITY; grid: see `coverage_grid`.
+    """Return whether each cell overlaps a pixel with an opacity of at least LEAST_OPACITY. grid: see `coverage_grid`.
 
     Cells divide the image evenly, because the coding grid covers exactly the image.
     """

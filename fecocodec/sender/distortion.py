@@ -1,4 +1,4 @@
-"""Per-view distortion D, the same for training and for optimising latents."""
+"""Per-view distortion D, used for training and for the optimisation of latents."""
 
 import math
 from dataclasses import dataclass
@@ -13,8 +13,10 @@ from fecocodec.rendering.metrics import ssim
 
 @runtime_checkable
 class Distortion(Protocol):
-    """renderings, images [*batch view 3 h w], sRGB -> D of each view. target_weight: of a target view in training,
-    against 1 for a context view."""
+    """Callable (renderings, images) -> D of each view. Both are sRGB; images are in [0, 1], renderings may exceed it.
+
+    target_weight: weight of a target view in training; a context view has weight 1.
+    """
 
     @property
     def target_weight(self) -> float: ...
@@ -29,7 +31,7 @@ class Distortion(Protocol):
 
 @dataclass(frozen=True)
 class MseDistortion:
-    """D = mean squared error + 0.03 (1 - SSIM). ssim_stride: see `metrics.ssim`."""
+    """D = MSE + ssim_weight (1 - SSIM). ssim_stride: see `metrics.ssim`."""
 
     target_weight: ClassVar[float] = 2.0
     ssim_weight: float = 0.03
@@ -46,7 +48,10 @@ class MseDistortion:
 
 @dataclass(frozen=True)
 class LogDistortion:
-    """D = 0.01 log(mean squared error + 2e-4) + 0.01 (1 - SSIM): views count by their PSNR, not by their error."""
+    """D = log_weight log(MSE + least_error) + ssim_weight (1 - SSIM).
+
+    The logarithm makes D linear in the PSNR of a view, so that views with a large error do not dominate the mean.
+    """
 
     target_weight: ClassVar[float] = 3.0
     log_weight: float = 0.01
@@ -65,6 +70,6 @@ class LogDistortion:
 
 
 def mean_psnr(renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]) -> float:
-    """PSNR in dB of all views together, at most 100, of renderings clamped to [0, 1]."""
+    """Return the PSNR in dB, at most 100, over all pixels of all views. Renderings are clamped to [0, 1]."""
     squared = float((renderings.clamp(0, 1) - images).square().mean())
     return -10.0 * math.log10(max(squared, 1e-10))

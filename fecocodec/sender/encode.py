@@ -33,20 +33,22 @@ def encode(
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream.
 
-    lmbda: price of a bit per pixel against squared error, in [1e-5, 1e-2]; larger means smaller files. effort: "fast",
-    "default" or "best", from the fastest encoding to the least bytes at equal quality, or a configuration of one's own.
-    num_stages: 1 leaves the feedback stage out. model: folder of the weights of both ends, None for the default shipped
-    model. Where `views` has `alpha`, the stream says which cells of the views are transparent, and decoders emit no
-    Gaussians for them.
+    lmbda: weight of the rate (bits per pixel) against the distortion, in [1e-5, 1e-2]; larger values give smaller
+    files. effort: "fast", "default" or "best", or an `OptimisationConfig`; more effort gives a smaller file at equal
+    quality. num_stages: 1 omits the feedback stage. device: "cpu", "cuda" or "cuda:N". model: folder of the weights of
+    sender and receiver, None for the default shipped model. on_progress: called with the name of the current step and
+    the completed fraction.
 
-    Raises InputError for views or options that cannot be coded, ModelError where weights are missing.
+    If `views` has `alpha`, the stream marks the transparent cells, and decoders emit no Gaussians for them.
+
+    Raises InputError for views or options that cannot be encoded, ModelError if weights cannot be loaded.
     """
     lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort)
     check_views(views, num_stages)
     return encode_with(load_codec(model_folder(model), device), views, lambda_q, num_stages, config, on_progress)
 
 
-@torch.inference_mode(False)  # tensors made in a caller's inference mode have no gradients, which optimisation needs
+@torch.inference_mode(False)  # the optimisation needs gradients, which inference-mode tensors cannot have
 @torch.no_grad()
 def encode_with(
     codec: Codec,
@@ -56,7 +58,10 @@ def encode_with(
     config: OptimisationConfig = DEFAULT,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
-    """Encode with networks that are loaded. Raises InputError for cameras that a stream cannot hold."""
+    """Encode with loaded networks. lambda_q: quantised lambda, see `quantise_lambda`. Views must pass `check_views`.
+
+    Raises InputError for cameras that a stream cannot represent.
+    """
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
     return assemble(codec, scene, write_stages(encoder, lambda_q, num_stages, config, on_progress))
@@ -69,13 +74,13 @@ def write_stages(
     config: OptimisationConfig,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> tuple[Stage[WrittenLatent], ...]:
-    """Optimise the latents of each stage of one scene and code them to bytes."""
+    """Optimise the latents of each stage of one scene and entropy-code them."""
     optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
     return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, on_progress)
 
 
 def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...]) -> bytes:
-    """The stream of these stages."""
+    """Return the bytes of the stream with these coded stages."""
     digests = tuple(stage.coded.digest for stage in stages)
     first, last = (int(stage.inputs.lambda_q[0]) for stage in (stages[0], stages[-1]))
     excess = (first - last) // EXCESS_UNIT
@@ -85,7 +90,7 @@ def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...
 
 
 def check_views(views: Views, num_stages: int) -> None:
-    """Raise InputError for views or a number of stages that cannot be coded."""
+    """Raise InputError for views or a number of stages that cannot be encoded."""
     count, (height, width) = len(views.images), views.image_size
     if not 1 <= count <= MAX_VIEWS:
         raise InputError(f"{count} views were given; give 1 to {MAX_VIEWS} (--views chooses some).")

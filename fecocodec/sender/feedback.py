@@ -10,10 +10,10 @@ from fecocodec.layers.blocks import BlockChain, RateCondition
 
 
 class FeedbackExtractor(nn.Module):
-    """concat(I, I - I1_hat) -> pixel unshuffle 4 -> with errors of depth -> 1x1 conv -> 2D blocks at 1/4 -> F2.
+    """concat(pixel unshuffle 4 of (I, I - I1_hat), depth errors) -> 1x1 conv -> 2D blocks at 1/4 -> F2.
 
-    The paper concatenates I and I1_hat; the difference carries the same information at a better scale.
-    Depth errors are added to it, see `depth_feedback`.
+    The paper concatenates I and I1_hat. The difference carries the same information at a scale that suits the network.
+    The depth errors are an addition to the paper, see `depth_feedback`.
     """
 
     def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:
@@ -28,6 +28,6 @@ class FeedbackExtractor(nn.Module):
         depth_errors: Float[Tensor, "item 2 h4 w4"],
         condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """Images and renderings sRGB in [0, 1], sides multiples of 4; depth_errors as `depth_feedback` gives them."""
+        """Return F2. images, renderings: sRGB in [0, 1], sides multiples of 4. depth_errors: see `depth_feedback`."""
         stacked = torch.cat((2.0 * images - 1.0, 4.0 * (images - renderings)), dim=1)
         return self.blocks(self.input(torch.cat((F.pixel_unshuffle(stacked, 4), depth_errors), dim=1)), condition)

@@ -1,4 +1,4 @@
-"""Warnings about views that will reconstruct badly, from cameras and images alone, before any network runs."""
+"""Warnings about views that will give a poor reconstruction, from cameras and images alone, without networks."""
 
 from dataclasses import replace
 
@@ -12,22 +12,23 @@ from fecocodec.geometry.depth_range import share_of_agreed_depths
 from fecocodec.geometry.views import Views
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 
-LEAST_PARALLAX_DEGREES = 0.5  # between lines of sight to a typical point; two pixels of 256 at a common focal length
-LEAST_OVERLAP = 0.2  # share of a view's sample points that another view sees
-LARGEST_DEPTH_RATIO = 1000.0
-LARGEST_EXPOSURE_RATIO = 1.5  # between mean brightnesses of views
-DARKEST, BRIGHTEST = 0.04, 0.96  # mean of all views
-# Of the pixels of one view, the share that finds a common depth with another view when all axes are reversed, and how
-# many times as many that is as with the axes given. Right axes of real captures reached both 0.15 and a gain of 2.2.
+LEAST_PARALLAX_DEGREES = 0.5  # between the viewing rays of a typical point: about two pixels of a 256-pixel image
+LEAST_OVERLAP = 0.2  # fraction of the sample points of a view that another view sees
+LARGEST_DEPTH_RATIO = 1000.0  # far / near
+LARGEST_EXPOSURE_RATIO = 1.5  # between the mean sRGB values of two views
+DARKEST, BRIGHTEST = 0.04, 0.96  # mean sRGB value of all views
+# The axes are reported as reversed if, with y and z negated, the fraction of pixels with a consistent depth is at least
+# LEAST_AGREEMENT, and at least LEAST_GAIN times the fraction with the axes as given. Correct axes of real captures
+# reached a fraction of 0.15 after negation, or a gain of 2.2.
 LEAST_AGREEMENT = 0.15
 LEAST_GAIN = 6.0
-_GRID = 8  # sample points a side
+_GRID = 8  # sample points per image side
 
 
 def check_input(views: Views, effort: str | OptimisationConfig = "default") -> tuple[str, ...]:
-    """One sentence per property of the views that costs quality, such as no parallax; empty for good views.
+    """Return one sentence per property of the views that reduces quality, such as too little parallax.
 
-    effort: as `encode` takes it.
+    effort: as for `encode`. The result is empty if nothing is wrong. Raises InputError for an unknown effort.
     """
     return (
         *_warnings_about_cameras(views.cameras),
@@ -48,16 +49,19 @@ def _warnings_about_cameras(cameras: Cameras) -> list[str]:
     warnings = []
     ratio = float(cameras.far / cameras.near)
     if ratio > LARGEST_DEPTH_RATIO:
-        warnings.append(f"far is {ratio:.0f} times near, depth will be coarse; give tighter bounds (--near, --far).")
+        warnings.append(f"far is {ratio:.0f} times near, so depth will be coarse; give tighter bounds (--near, --far).")
     if cameras.num_views == 1:
-        return [*warnings, "one view has no parallax, its depth is a guess; add a view from another place."]
+        return [
+            *warnings,
+            "one view has no parallax, so its depth is unreliable; add a view from another position.",
+        ]
     points = _sample_points(cameras)
     overlap = _largest_overlap(points, cameras)
     alone = [str(view) for view in range(cameras.num_views) if overlap[view] < LEAST_OVERLAP]
     if alone:
         warnings.append(f"views that hardly overlap with any other: {', '.join(alone)}; choose views that overlap.")
     if _largest_parallax(points, cameras) < LEAST_PARALLAX_DEGREES:
-        warnings.append("the cameras are almost at one position, depth is a guess; choose views from farther apart.")
+        warnings.append("the cameras are almost at one position, so depth is unreliable; choose views farther apart.")
     return warnings
 
 
@@ -65,14 +69,17 @@ def _warnings_about_images(images: Float[Tensor, "view 3 height width"]) -> list
     warnings = []
     brightness = images.mean(dim=(1, 2, 3))
     if float(brightness.max() / brightness.min().clamp_min(1e-3)) > LARGEST_EXPOSURE_RATIO:
-        warnings.append("the views differ much in brightness; use one exposure and white balance for all.")
+        warnings.append("the views differ much in brightness; use the same exposure and white balance for all.")
     if not DARKEST <= float(brightness.mean()) <= BRIGHTEST:
         warnings.append("the views are almost black or white; expose them so that surfaces can be distinguished.")
     return warnings
 
 
 def _warnings_about_axes(views: Views) -> list[str]:
-    """OpenCV and OpenGL cameras differ in the signs of y and z. Cameras side by side fit together either way."""
+    """Detect OpenGL axes given as OpenCV axes, or the reverse: they differ in the signs of y and z.
+
+    Cameras side by side that look in the same direction are consistent either way and give no warning.
+    """
     given = share_of_agreed_depths(views)
     if LEAST_GAIN * given >= 1.0:
         return []
@@ -81,28 +88,33 @@ def _warnings_about_axes(views: Views) -> list[str]:
     if turned < max(LEAST_AGREEMENT, LEAST_GAIN * given):
         return []
     return [
-        "the photographs fit together much better with every camera's y and z axes reversed; check whether the camera "
-        "file has OpenCV axes where OpenGL ones belong, or the other way round."
+        "the depths of the views agree much better with y and z axes reversed in all cameras; check whether the "
+        "camera file uses OpenCV axes instead of OpenGL axes, or the reverse."
     ]
 
 
 def _sample_points(cameras: Cameras) -> Float[Tensor, "view n 3"]:
-    """World points on a grid of each view's rays, at the geometric mean of near and far."""
+    """Return world points on a grid of pixel rays of each view, at the geometric mean of near and far."""
     depth = (cameras.near * cameras.far).sqrt()
     return camera_to_world_points(cameras, depth * pixel_rays(cameras, _GRID, _GRID)).flatten(1, 2)
 
 
 def _largest_overlap(points: Float[Tensor, "view n 3"], cameras: Cameras) -> Float[Tensor, " view"]:
-    """For each view the largest share of its points that some other view has in its picture."""
+    """Return, for each view, the fraction of its points that project into the image of the best other view."""
     share = cameras.project(points).is_visible.float().mean(dim=-1).T.clone()
     share.fill_diagonal_(0.0)
     return share.amax(dim=1)
 
 
 def _largest_parallax(points: Float[Tensor, "view n 3"], cameras: Cameras) -> float:
-    """Largest angle in degrees, median over a view's points, between its own line of sight and another view's."""
+    """Return the parallax in degrees: the angle between the rays of two views to a point.
+
+    Median over the points of a view, maximum over pairs of views.
+    """
     sight = points[:, None] - cameras.extrinsics[None, :, None, :3, 3]
     sight = sight / sight.norm(dim=-1, keepdim=True).clamp_min(1e-20)
     own = sight.diagonal(dim1=0, dim2=1).permute(2, 0, 1)[:, None]
-    angle = 2.0 * torch.asin(((sight - own).norm(dim=-1) / 2.0).clamp(max=1.0))  # exact for small angles, unlike acos
+    angle = 2.0 * torch.asin(
+        ((sight - own).norm(dim=-1) / 2.0).clamp(max=1.0)
+    )  # accurate for small angles, unlike acos
     return float(torch.rad2deg(angle).median(dim=-1).values.max())

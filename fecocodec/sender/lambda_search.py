@@ -1,4 +1,4 @@
-"""The next lambda of a search, from encodings at other lambdas: the secant method with bounded slopes."""
+"""Search for lambda by the secant method with bounded slopes: the next lambda, given the encodings so far."""
 
 import math
 from collections.abc import Sequence
@@ -6,17 +6,18 @@ from dataclasses import dataclass
 
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 
-# Typical change of the margin per step of lambda_q, on training scenes: ln(bytes) and dB.
+# Typical change of the margin per unit of lambda_q, on training scenes: ln(bytes) and dB.
 SIZE_SLOPE, PSNR_SLOPE = 0.0015, -0.003
-SIZE_TOLERANCE, PSNR_TOLERANCE = 0.02, 0.05  # margins from 0 to this are close enough; half of it is aimed at
-LARGEST_SLOPE_RATIO = 5.0  # between a secant and the typical slope; steeper and flatter ones are noise
+SIZE_TOLERANCE, PSNR_TOLERANCE = 0.02, 0.05  # margins in [0, tolerance] end the search, which aims at the middle
+LARGEST_SLOPE_RATIO = 5.0  # bound of secant slope / typical slope, and of its inverse; limits the effect of noise
 
 
 @dataclass(frozen=True)
 class Point:
-    """One encoding. margin: how far inside the target, negative outside: ln(target / bytes), or PSNR - target in dB.
+    """One encoding, compared with the target.
 
-    slope: typical change of the margin per step of lambda_q. tolerance: the largest margin that is close enough.
+    margin: ln(target / bytes), or PSNR - target in dB; negative if the target is missed. slope: typical change of the
+    margin per unit of lambda_q. tolerance: largest margin at which the search ends.
     """
 
     lambda_q: int
@@ -26,25 +27,26 @@ class Point:
 
     @classmethod
     def of_size(cls, lambda_q: int, num_bytes: int, target_bytes: float) -> "Point":
-        """A file of `num_bytes` where at most `target_bytes` are wanted."""
+        """Return the point of a file of `num_bytes`, for a target of at most `target_bytes`."""
         return cls(lambda_q, math.log(target_bytes / num_bytes), SIZE_SLOPE, SIZE_TOLERANCE)
 
     @classmethod
     def of_psnr(cls, lambda_q: int, psnr: float, target_psnr: float) -> "Point":
-        """A file of this PSNR in dB where at least `target_psnr` is wanted."""
+        """Return the point of a file with this PSNR in dB, for a target of at least `target_psnr`."""
         return cls(lambda_q, psnr - target_psnr, PSNR_SLOPE, PSNR_TOLERANCE)
 
 
 def is_inside(point: Point) -> bool:
-    """Whether the target is reached closely."""
+    """Return whether the target is reached within the tolerance."""
     return 0.0 <= point.margin <= point.tolerance
 
 
 def next_lambda_q(fast: Sequence[Point], full: Sequence[Point] = ()) -> int:
-    """The lambda_q at which the margin should be half of the tolerance, in [0, LAMBDA_Q_MAX].
+    """Return the lambda_q, in [0, LAMBDA_Q_MAX], at which the margin is expected to be half of the tolerance.
 
-    From the fast encodings' curve, or, where there are full encodings, from theirs. Every attempt after the third that
-    leaves the target unreached goes twice as far inside. Never one that a full encoding has tried.
+    fast: encodings without optimisation, used until there is a full encoding. full: encodings with optimisation. While
+    no full encoding reaches the target, the margin aimed at doubles with each one from the third on. The result is
+    never the lambda_q of a full encoding, unless the end of the range is reached.
     """
     points = full or fast
     tries_outside = max(0, len(full) - 2) if all(point.margin < 0.0 for point in full) else 0
@@ -64,7 +66,7 @@ def _nearest(points: Sequence[Point], aim: float) -> list[Point]:
 
 
 def _slope(points: Sequence[Point]) -> float:
-    """Slope of the secant through the first two points, within a factor of the typical slope."""
+    """Return the slope of the secant through the first two points, bounded by LARGEST_SLOPE_RATIO."""
     typical = points[0].slope
     if len(points) == 1 or points[0].lambda_q == points[1].lambda_q:
         return typical

@@ -1,4 +1,4 @@
-"""Latents to bytes, for `SceneEncoder.run`, and the differentiable estimate of the same for their optimisation."""
+"""Latent coders for `SceneEncoder.run`: entropy coding to bytes, and a differentiable estimate of the rate."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from fecocodec.sender.scene_encoder import LatentCoder, StageInputs
 
 @dataclass(frozen=True)
 class WrittenLatent:
-    """Payload of one stage. digest: over its symbols, for the header."""
+    """Coded latent of one stage. payload: entropy-coded y and z. digest: of the symbols, stored in the header."""
 
     y_hat: Float[Tensor, "view latent h8 w8"]
     payload: bytes
@@ -22,14 +22,14 @@ class WrittenLatent:
 
 @dataclass(frozen=True)
 class EstimatedLatent:
-    """Latent after coding with gradients. bits: estimated, of each item."""
+    """Quantised latent with straight-through gradients. bits: estimated number of bits of each item."""
 
     y_hat: Float[Tensor, "item latent h8 w8"]
     bits: Float[Tensor, " item"]
 
 
 def write_latents(codec: Codec) -> LatentCoder[WrittenLatent]:
-    """Code y and z = h_a(y) of one scene to a payload. The coder raises InputError for a latent with NaN."""
+    """Return a coder that codes y and z = h_a(y) of one scene to bytes. It raises InputError for a latent with NaN."""
 
     def code(y: Tensor, inputs: StageInputs) -> WrittenLatent:
         z = codec.sender.hyper_analysis(y)
@@ -41,7 +41,10 @@ def write_latents(codec: Codec) -> LatentCoder[WrittenLatent]:
 
 
 def estimate_bits(codec: Codec) -> LatentCoder[EstimatedLatent]:
-    """Bits of y as the prior estimates them, with gradients straight through the rounding; z has none."""
+    """Return a coder that estimates the bits of y by the prior, with straight-through gradients for the rounding.
+
+    z is computed from a detached y, and its bits are not counted.
+    """
 
     def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
         z = codec.sender.hyper_analysis(y.detach())

@@ -1,7 +1,7 @@
 """Optimise the latents for D + price * R before coding, by gradient descent through the receiver and the rasteriser.
 
-Campos et al., "Content Adaptive Optimization for Neural Image Compression", 2019, for images. Receivers are unaffected.
-A few steps save half of the bytes, also at views between the photographs (docs/experiments.md).
+Follows Campos et al., "Content Adaptive Optimization for Neural Image Compression", 2019, who optimise latents of
+images. The stream format and the receiver do not change. Results: docs/experiments.md.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 
 @dataclass(frozen=True)
 class HeldViews:
-    """Views that the optimisation keeps as they are."""
+    """Views between the context views, rendered before the optimisation, which penalises changes of them."""
 
     cameras: Cameras
     images: Float[Tensor, "view 3 h w"]
@@ -35,9 +35,9 @@ class HeldViews:
 def optimiser(
     encoder: SceneEncoder, config: OptimisationConfig, estimate: LatentCoder[EstimatedLatent], lambda_q: int
 ) -> Optimise:
-    """The `optimise` of `SceneEncoder.run` for one scene whose last stage is coded at `lambda_q`.
+    """Return the `optimise` argument of `SceneEncoder.run` for one scene whose last stage is coded at `lambda_q`.
 
-    estimate: y -> y_hat and bits, differentiable.
+    estimate: differentiable coder, (y, inputs) -> y_hat and bits.
     """
     num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
 
@@ -56,9 +56,9 @@ def optimise_latents(
     y: Float[Tensor, "view latent h8 w8"],
     num_steps: int,
 ) -> Float[Tensor, "view latent h8 w8"]:
-    """y of one stage after `num_steps` of gradient descent on D + price R.
+    """Return y of one stage after `num_steps` steps of gradient descent on D + price * R.
 
-    D is measured on the context views as rendered after this stage, R is what `estimate` returns.
+    D is the distortion of the context views, rendered after this stage. R is the rate that `estimate` returns.
     """
     if num_steps == 0:
         return y
@@ -83,10 +83,10 @@ def optimise_latents(
 def descend(
     start: Float[Tensor, "view latent h8 w8"], objective: Objective, num_steps: int, first_length: float
 ) -> Float[Tensor, "view latent h8 w8"]:
-    """Normalised gradient descent from `start`; step lengths (root mean squares) fall linearly from the first to zero.
+    """Run normalised gradient descent from `start`. The RMS length of the steps decreases linearly to zero.
 
-    A step that raises the objective is taken back and the following ones are halved. The last step is not checked,
-    which would take half as long as a step.
+    first_length: RMS of the first step, in units of y. A step that increases the objective is undone, and the following
+    steps are halved. The last step is not checked, because a check takes half as long as a step.
     """
     y = best_y = start.detach()
     best, direction, longest = float("inf"), torch.zeros_like(y), first_length
@@ -104,7 +104,7 @@ def descend(
 
 @torch.no_grad()
 def hold_views_between(encoder: SceneEncoder, gaussians: Gaussians) -> HeldViews | None:
-    """Render views between the context views; None where no two cameras look a similar way."""
+    """Render views between the context views; None if no two cameras have similar viewing directions."""
     cameras = cameras_between(encoder.cameras.scene(0))
     if cameras is None:
         return None
@@ -114,7 +114,7 @@ def hold_views_between(encoder: SceneEncoder, gaussians: Gaussians) -> HeldViews
 def _distortion(
     encoder: SceneEncoder, config: OptimisationConfig, gaussians: Gaussians, held: HeldViews | None
 ) -> Float[Tensor, ""]:
-    """D of the context views, and the squared error of the held views."""
+    """Return D of the context views plus the weighted mean squared change of the held views."""
     rendered = render(gaussians, encoder.cameras.scene(0), encoder.size).color
     distortion = config.distortion(rendered, encoder.images[0], config.ssim_stride).mean()
     if held is None:
@@ -129,10 +129,10 @@ def _gaussians(
     state: Float[Tensor, "view channel h4 w4"],
     condition: RateCondition,
 ) -> Gaussians:
-    """The Gaussians of a state, without view-dependent colours, which would hide errors of depth from the gradient.
+    """Predict the Gaussians of a state. Colours are constant: view-dependent colours would compensate depth errors.
 
-    For few views gradients skip the residual branches of the predictor: what latents gain through these helps the
-    context views alone, and costs bytes and time (docs/experiments.md).
+    For few views, gradients skip the residual branches of the predictor. Gradients through these branches improve only
+    the context views, and cost rate and time (docs/experiments.md).
     """
     is_direct = encoder.num_views <= config.max_views_of_direct_gradients
     with direct_gradients() if is_direct else nullcontext():

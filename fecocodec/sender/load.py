@@ -1,4 +1,4 @@
-"""The sender from its weights file and back."""
+"""Load and serialise the weights of the sender."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -14,9 +14,10 @@ _CONFIGS: tuple[CodecConfig, ...] = (SenderConfig(), PaperSenderConfig(), Adapte
 
 
 def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender:
-    """Sender ready to encode for the receiver of this model id and these sizes.
+    """Load a sender for encoding: evaluation mode, no gradients.
 
-    Raises ModelError for a missing, damaged or foreign file, and for one that was trained with another receiver.
+    receiver, model_id: configuration and id of the receiver that decodes its streams. Raises ModelError for a missing,
+    damaged or unknown file, and for a sender that was trained with another receiver.
     """
     weights = read_weights(path)
     config = config_of(weights, "sender", _config_like(weights, path), path)
@@ -27,7 +28,7 @@ def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender
 
 
 def require_receiver(weights: Weights, model_id: bytes, path: Path) -> None:
-    """Raises ModelError where a sender's file was made for another receiver."""
+    """Raise ModelError if the weights of a sender were trained for another receiver."""
     if weights.config.get(RECEIVER_ID) != model_id.hex():
         raise ModelError(
             f"{path}: this sender was made for the receiver {weights.config.get(RECEIVER_ID)}, the one beside it is "
@@ -36,14 +37,14 @@ def require_receiver(weights: Weights, model_id: bytes, path: Path) -> None:
 
 
 def serialise_sender(sender: Sender, model_id: bytes) -> bytes:
-    """Bytes of the sender's weights file, fp16. model_id: of the receiver it was trained with."""
+    """Return the bytes of the sender's weights file, in fp16. model_id: id of the receiver it was trained with."""
     config = sender.config
     described = {"sender": asdict(config), EXTRACTOR: config.extractor, RECEIVER_ID: model_id.hex()}
     return serialise_weights(dict(sender.state_dict()), described)
 
 
 def _config_like(weights: Weights, path: Path) -> CodecConfig:
-    """A configuration of the class that the file's extractor has; files of before there were two are compact."""
+    """Return a default configuration for the extractor named in the file. Old files name none: they are compact."""
     name = weights.config.get(EXTRACTOR, SenderConfig.extractor)
     for config in _CONFIGS:
         if config.extractor == name:

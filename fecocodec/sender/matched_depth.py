@@ -1,4 +1,4 @@
-"""Matched depth, and its difference to the receiver's depth as feedback."""
+"""Depth from matching, and its difference from the decoded depth as feedback for stage 2."""
 
 from dataclasses import dataclass
 
@@ -6,14 +6,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-DIFFERENCE_SCALE = 10.0  # differences of relative disparity are a few hundredths
+DIFFERENCE_SCALE = 10.0  # input scaling: typical differences of relative disparity are a few hundredths
 
 
 @dataclass(frozen=True)
 class MatchedDepth:
-    """Depth from matching, before fusion; item = (batch view), no gradient.
+    """Depth from matching, before fusion; item = (batch view). Has no gradient.
 
-    agreement: cross-view consistency in [0, 1]; 0 where no other view confirms the depth.
+    relative_disparity: in [0, 1], 0 at far and 1 at near. agreement: cross-view consistency in [0, 1]; 0 where no other
+    view confirms the depth.
     """
 
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
@@ -21,9 +22,10 @@ class MatchedDepth:
 
 
 def depth_feedback(matched: MatchedDepth, decoded: Float[Tensor, "item 1 h4 w4"]) -> Float[Tensor, "item 2 h4 w4"]:
-    """Input of E_fb: matched minus decoded relative disparity, weighted by the agreement; the agreement.
+    """Return the depth input of E_fb: the weighted difference matched - decoded, and its weight (the agreement).
 
-    A view's own Gaussians look right at its own camera at any depth, so that renderings hardly show depth errors.
+    decoded: relative disparity predicted by the receiver. The Gaussians of a view render correctly at its own camera at
+    any depth, so depth errors are hardly visible in the renderings.
     """
     difference = DIFFERENCE_SCALE * (matched.relative_disparity - decoded)
     return torch.cat((matched.agreement * difference, matched.agreement), dim=1).detach()

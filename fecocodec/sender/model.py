@@ -1,4 +1,4 @@
-"""The sender's own networks; encoding also needs the receiver's, for S1 and G1."""
+"""Networks of the sender. Encoding also needs the networks of the receiver, for S1 and G1."""
 
 from typing import Any
 
@@ -14,15 +14,15 @@ from fecocodec.sender.feedback import FeedbackExtractor
 
 
 class Sender(nn.Module):
-    """E_mv, E_fb, g_a and h_a; g_a and h_a are shared by the two stages, E_mv depends on the profile."""
+    """E_mv, E_fb, g_a and h_a. g_a and h_a are shared by both stages; E_mv depends on the profile."""
 
     def __init__(
         self, config: CodecConfig, receiver: ReceiverConfig, extractor: AdaptedExtractor | None = None
     ) -> None:
-        """extractor: made by `adapted_sender`; None for the one that the configuration describes."""
+        """extractor: third-party extractor, see `adapted_sender`; None for the one that the configuration describes."""
         super().__init__()
         self.config = config
-        # CompactExtractor, DepthSplatSmall or AdaptedExtractor: each has `match`, `fuse` and, of both, `forward`.
+        # CompactExtractor, DepthSplatSmall or AdaptedExtractor. All have `match`, `fuse`, and `forward`, which is both.
         self.extractor: Any = extractor or _extractor(config, receiver.state_channels)
         self.feedback = FeedbackExtractor(config, receiver)
         self.analysis = Analysis(config, receiver)

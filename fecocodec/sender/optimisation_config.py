@@ -1,4 +1,4 @@
-"""How latents are optimised: number and size of the steps, objective, and the presets of `--effort`."""
+"""Configuration of the latent optimisation: number and size of the steps, objective, and presets of `--effort`."""
 
 import math
 from dataclasses import dataclass, replace
@@ -13,24 +13,23 @@ from fecocodec.sender.distortion import Distortion, LogDistortion
 class OptimisationConfig:
     """Number and size of the steps, and the objective.
 
-    num_steps: for the last stage; a first stage that is not the last gets half as many and one. extra_step_below: one
-    step more below each of these quantised lambdas, where bits alone improve little. num_steps_large: in place of
-    `num_steps` for scenes of more than `large_pixels`. max_pixels: no step for larger scenes, whose gradients need
-    several GiB. Pixels are those of all views on the coding grid.
+    num_steps: number of steps for the last stage; stage 1 of two gets half of them plus one. extra_step_below: one step
+    is added for each of these values that exceeds the quantised lambda. num_steps_large: replaces `num_steps` for
+    scenes with more than `large_pixels`. max_pixels: larger scenes get no steps, because gradients would need several
+    GiB. Pixels are counted over all views on the coding grid.
 
-    step_size, step_size_unscaled: root mean square of the first step, in quantisation steps and in latents divided by
-    their gain; the longer one counts. The first bounds the bytes that a step adds, the second matters where
-    quantisation is fine.
+    step_size, step_size_unscaled: RMS of the first step, in quantisation steps and in units of y / gain. The larger of
+    the two is used: the first limits the bits that a step adds, the second takes over when quantisation is fine.
 
-    rate_weight, price_exponent: a bit per pixel costs rate_weight * lambda at lambda 1e-2, and falls with lambda to the
-    power price_exponent: context views, which alone are compared, gain more per bit than views between them, the more
-    so the finer they are coded.
+    rate_weight, price_exponent: the price of a bit per pixel is rate_weight * lambda at lambda = 1e-2, and proportional
+    to lambda ** price_exponent below. An exponent under 1 corrects for overfitting: D sees only the context views,
+    which gain more per bit than views between them, and the more so the smaller lambda is.
 
-    held_weight, max_steps_unheld: with more steps than that, views between the context views are kept as they were
-    before the first step, at this weight. Many steps overfit the context views.
+    held_weight, max_steps_unheld: with more steps than max_steps_unheld, changes of the renderings between the context
+    views are penalised with this weight, because many steps overfit the context views.
 
-    max_views_of_direct_gradients: for more views, gradients also pass the residual branches of the predictor.
-    ssim_stride: 3 takes a quarter of the time of SSIM and changes it by less than a thousandth.
+    max_views_of_direct_gradients: with more views, gradients also pass through the residual branches of the predictor.
+    ssim_stride: stride of the SSIM windows, see `metrics.ssim`. distortion: D of the objective.
     """
 
     num_steps: int = 4
@@ -49,14 +48,14 @@ class OptimisationConfig:
     distortion: Distortion = LogDistortion()  # noqa: RUF009 - frozen
 
     def steps_of_last(self, num_pixels: int, lambda_q: int) -> int:
-        """Number of steps of the last stage of a scene with so many pixels, coded at this lambda."""
+        """Return the number of steps of the last stage. num_pixels: of all views. lambda_q: quantised lambda."""
         if num_pixels > self.max_pixels:
             return 0
         num_steps = self.num_steps if num_pixels <= self.large_pixels else self.num_steps_large
         return num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
 
     def with_steps(self, num_steps: int) -> "OptimisationConfig":
-        """The same with exactly so many steps, unless the scene has more than `max_pixels`."""
+        """Return a copy with exactly `num_steps` steps, for all scenes of up to `max_pixels`."""
         return replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=())
 
 
@@ -67,7 +66,7 @@ EFFORTS = {"fast": FAST, "default": DEFAULT, "best": BEST}
 
 
 def config_of_effort(effort: "str | OptimisationConfig") -> OptimisationConfig:
-    """The preset of this name, or the configuration itself. Raises InputError for a name that does not exist."""
+    """Return the preset with this name; a configuration is returned unchanged. Raises InputError for unknown names."""
     if isinstance(effort, OptimisationConfig):
         return effort
     if effort not in EFFORTS:
@@ -76,15 +75,15 @@ def config_of_effort(effort: "str | OptimisationConfig") -> OptimisationConfig:
 
 
 def steps_of_first(num_steps: int) -> int:
-    """Steps of stage 1 where stage 2 gets `num_steps`: stage 2 corrects what they leave."""
+    """Return the number of steps of stage 1 if stage 2 has `num_steps`. Stage 2 corrects the remaining errors."""
     return min(num_steps, num_steps // 2 + 1)
 
 
 def price_of_rate(config: OptimisationConfig, lambda_q: int) -> float:
-    """Price of a bit per pixel, in units of D; also for a stage-1 lambda above 1e-2."""
+    """Return the price of a bit per pixel, in units of D. The lambda of stage 1 may exceed 1e-2."""
     return config.rate_weight * LAMBDA_MAX * math.exp(config.price_exponent * (lambda_q - LAMBDA_Q_MAX) / STEPS_PER_E)
 
 
 def step_size(config: OptimisationConfig, condition: RateCondition) -> float:
-    """Root mean square of the first step, in quantisation steps."""
+    """Return the RMS of the first step, in quantisation steps."""
     return max(config.step_size, config.step_size_unscaled * float(condition.latent_gain[0]))

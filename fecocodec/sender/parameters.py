@@ -1,4 +1,4 @@
-"""Number of parameters of each module, and the side that needs it."""
+"""Number of parameters of each module of sender and receiver."""
 
 from dataclasses import dataclass
 
@@ -14,9 +14,10 @@ from fecocodec.sender.model import Sender
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """Size of a module.
+    """Number of parameters of a module.
 
-    side: "receiver" for modules that `decode` loads (the sender needs them too), "sender" for the others, "sum".
+    side: "receiver" for modules that `decode` loads (the sender loads them too), "sender" for the other modules, "sum"
+    for totals.
     """
 
     module: str
@@ -30,14 +31,14 @@ _PROFILES: dict[str, CodecConfig] = {"compact": SenderConfig(), "paper": PaperSe
 
 
 def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
-    """The modules of a profile ("compact" or "paper"), then the receiver's sum and the whole sender's with it.
+    """Return one row per module of a profile ("compact" or "paper"), then the totals of `decode` and of `encode`.
 
-    The paper's extractor is shown part by part. Raises InputError for a profile that does not exist.
+    The extractor of the paper has one row per submodule. Raises InputError for an unknown profile.
     """
     if profile not in _PROFILES:
         raise InputError(f"There is no profile '{profile}'; choose one of {', '.join(_PROFILES)}.")
     config = ReceiverConfig()
-    with torch.device("meta"):  # sizes without memory
+    with torch.device("meta"):  # shapes without allocation
         receiver, sender = Receiver(config), Sender(_PROFILES[profile], config)
     modules = [("receiver", name, module) for name, module in receiver.named_children()]
     modules += [("sender", name, module) for name, module in _parts(sender)]
@@ -48,7 +49,7 @@ def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
 
 
 def _parts(sender: Sender) -> list[tuple[str, nn.Module]]:
-    """The sender's modules; an extractor of named parts is given as those."""
+    """Return the modules of the sender by name; DepthSplatSmall is split into its submodules."""
     parts = []
     for name, module in sender.named_children():
         if isinstance(module, DepthSplatSmall):

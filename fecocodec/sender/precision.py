@@ -15,17 +15,18 @@ from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
 
-# Their forward passes compute cameras, depths or correlations, so that only their parts are converted.
+# Their forward passes compute projections, depths or correlations, so only their submodules are converted.
 _CONVERTED_BY_PART = (nn.ModuleDict, nn.ModuleList, Sender, Receiver, CompactExtractor, DepthSplatSmall, Predictor)
-# Integers, 3D positions, and the conditioning of all blocks.
+# Not converted: integer arithmetic, 3D positions, and the conditioning of all blocks.
 _KEPT = (LatentPrior, NeighbourAttention, RateEmbedding)
-_KEPT_HEADS = ("depth_head", "matching_head")  # depth, and the features whose products are matched
+_KEPT_HEADS = ("depth_head", "matching_head")  # depth, and the features of the cost volume
 
 
 def run_in_bfloat16(networks: nn.Module, device: str) -> None:
-    """Let the convolutional and attention parts of both ends compute in bfloat16; parameters stay float32.
+    """Make the convolutional and attention modules compute in bfloat16, in place. Parameters stay in float32.
 
-    Values between the parts are float32, and so are cameras, depth, Gaussians, rendering, rate and loss.
+    The inputs and outputs of these modules are float32, as are cameras, depth, Gaussians, rendering, rate and loss.
+    device: where the networks run, such as "cpu" or "cuda".
     """
     for part in _convertible(networks):
         part.forward = _in_bfloat16(part.forward, torch.device(device).type)

@@ -1,7 +1,7 @@
-"""Rate control: choose lambda for a file size or a quality.
+"""Rate control: choose lambda for a target file size or a target quality.
 
-Cheap encodings without optimisation find where the target lies on the rate-distortion curve, as bytes and PSNR fall
-with lambda in practice. A few full encodings then correct the difference between the two by the secant method.
+File size and PSNR decrease with lambda in practice. A few fast encodings without optimisation locate the target on the
+rate-distortion curve; a few full encodings then correct the remaining difference by the secant method.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,21 +25,21 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 
 FIRST_LAMBDA_Q = 1179  # lambda 1e-3
 NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS = 3, 3
-NEARBY_LAMBDA_Q = 64  # between two lambdas so close the curve is a line
-# What the default number of steps gains at equal lambda, on training scenes: ln(bytes) and dB.
+NEARBY_LAMBDA_Q = 64  # the curve is nearly linear over this distance, so the fast search ends
+# Gain of the default number of optimisation steps at equal lambda, on training scenes: ln(bytes) and dB.
 SIZE_GAIN, PSNR_GAIN = 0.13, 0.7
 
 
 @dataclass(frozen=True)
 class AtMostKib:
-    """The best quality in a file of at most `kib` KiB."""
+    """Target: the best quality in a file of at most `kib` KiB."""
 
     kib: float
 
 
 @dataclass(frozen=True)
 class AtLeastPsnr:
-    """The smallest file whose decoded context views have at least this PSNR in dB."""
+    """Target: the smallest file whose decoded context views have at least this PSNR in dB."""
 
     psnr: float
 
@@ -49,7 +49,7 @@ Target = AtMostKib | AtLeastPsnr
 
 @dataclass(frozen=True)
 class Attempt:
-    """One encoding. psnr: of the decoded context views, in dB."""
+    """One encoding. data: the stream. psnr: PSNR of the decoded context views, in dB."""
 
     lambda_q: int
     data: bytes
@@ -68,10 +68,10 @@ def encode_to_target(
     model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
-    """Encode views to a `.fcs` stream of at most this size, or of at least this quality. Options: see `encode`.
+    """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
 
-    Raises InputError for views that cannot be coded and for a target that no lambda reaches, ModelError where weights
-    are missing.
+    target: `AtMostKib` or `AtLeastPsnr`. Raises InputError for views that cannot be encoded and for a target that no
+    lambda reaches, ModelError if weights cannot be loaded.
     """
     check_views(views, num_stages=2)
     config = config_of_effort(effort)
@@ -87,7 +87,7 @@ def encode_to_target_with(
     config: OptimisationConfig = DEFAULT,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> bytes:
-    """The same with networks that are loaded; the views are matched once."""
+    """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
 
@@ -100,7 +100,7 @@ def encode_to_target_with(
 
 
 def search(encoder: Encoder, target: Target, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
-    """The best of a few encodings that reach the target. Raises InputError where the end of the range does not."""
+    """Return the best of a few encodings that reach the target. Raises InputError if no lambda reaches it."""
     fast: list[Point] = []
     lambda_q = FIRST_LAMBDA_Q
     for number in range(NUM_FAST_ENCODINGS):
@@ -118,9 +118,10 @@ def search(encoder: Encoder, target: Target, config: OptimisationConfig, on_prog
 
 
 def _is_done(full: Sequence[Attempt], target: Target) -> bool:
-    """Whether an attempt is close enough, or several were made and one reaches the target.
+    """Return whether the search can end.
 
-    Raises InputError where the attempt that comes closest to reaching it, at an end of the range, does not.
+    It ends if an attempt is within the tolerance, or if one reaches the target and no better attempt is left to make.
+    Raises InputError if the attempt at the favourable end of the lambda range misses the target.
     """
     points = [_point(attempt, target) for attempt in full]
     if any(is_inside(point) for point in points):
@@ -137,7 +138,7 @@ def _is_done(full: Sequence[Attempt], target: Target) -> bool:
 
 
 def _best(full: Sequence[Attempt], target: Target) -> Attempt:
-    """Of the attempts that reach the target, the best quality or the fewest bytes."""
+    """Return the attempt with the best PSNR, or the fewest bytes, among those that reach the target."""
     reached = [attempt for attempt in full if _point(attempt, target).margin >= 0.0]
     if isinstance(target, AtMostKib):
         return max(reached, key=lambda attempt: attempt.psnr)
@@ -151,7 +152,7 @@ def _point(attempt: Attempt, target: Target) -> Point:
 
 
 def _expected(fast: Point, target: Target, config: OptimisationConfig) -> Point:
-    """The point where the full encoding of this lambda is expected."""
+    """Return the expected point of the full encoding at the lambda of this fast encoding."""
     if config.num_steps == 0:
         return fast
     return replace(fast, margin=fast.margin + (SIZE_GAIN if isinstance(target, AtMostKib) else PSNR_GAIN))

@@ -1,4 +1,4 @@
-"""A scene as the networks take it: photographs on the coding grid, and the cameras that the receiver will have."""
+"""Input of the networks: photographs on the coding grid, and the cameras as the receiver will decode them."""
 
 from dataclasses import dataclass
 
@@ -20,9 +20,9 @@ from fecocodec.geometry.views import Views
 class Scene:
     """One scene on the networks' device.
 
-    packed: cameras as the stream holds them. cameras: the same, normalised, as a batch of one scene. images: sRGB in
-    [0, 1], on the coding grid, as a batch of one scene. image_size: (height, width) of the views as given. alpha: of
-    `Views`, at that size.
+    packed: cameras as stored in the stream. cameras: the same cameras, normalised, as a batch of one scene. images:
+    sRGB in [0, 1], on the coding grid, as a batch of one scene. image_size: (height, width) of the input views in
+    pixels. alpha: opacity of the input views in [0, 1], at `image_size`; None for opaque views.
     """
 
     packed: PackedCameras
@@ -33,11 +33,15 @@ class Scene:
 
     @property
     def num_views(self) -> int:
+        """Number of context views."""
         return self.images.shape[1]
 
 
 def prepare_scene(views: Views, device: torch.device) -> Scene:
-    """Pack and normalise the cameras, resample the images. Raises InputError for cameras that a stream cannot hold."""
+    """Pack and normalise the cameras, and resample the images to the coding grid.
+
+    Raises InputError for cameras that a stream cannot represent.
+    """
     packed = _pack_checked(views.cameras)
     normalised, _ = normalise_scene(unpack(packed))
     images = resample_to_grid(views.images.float().clone()).to(device)

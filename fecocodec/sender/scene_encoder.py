@@ -1,7 +1,7 @@
-"""The pass over the stages: stage I and stage II of the paper, for one scene or a batch of scenes.
+"""Run the coding stages (stage I and stage II of the paper) for one scene or a batch of scenes.
 
-Encoding, rate control, training, the entropy phase, ablations and the uncoded upper bound all run this pass. They
-differ in how a latent is coded (bytes, noise, not at all) and in what is done to it before (nothing, optimisation).
+Used by encoding, rate control, training, the entropy phase, ablations and the uncoded upper bound. They differ in the
+coder of the latents (bytes, additive noise, none) and in the optimisation of the latents before coding.
 """
 
 from collections.abc import Callable
@@ -26,10 +26,11 @@ from fecocodec.sender.stage_lambdas import stage_lambdas
 
 @dataclass(frozen=True)
 class StageInputs:
-    """What both ends know before stage k; item = (batch view).
+    """Information available to sender and receiver before stage k; item = (batch view).
 
-    stage: 1 or 2, as networks are conditioned on it. is_last: no stage follows. state: S_{k-1}, at every position or a
-    single one that stands for all. y_hat: of stage k - 1, None in stage 1.
+    stage: 1 or 2, the stage that networks are conditioned on. is_last: whether no stage follows. lambda_q: quantised
+    lambda of this stage. state: S_{k-1}; its spatial size is 1x1 if it is the same at every position. y_hat: coded
+    latent of stage k - 1, None in stage 1.
     """
 
     stage: int
@@ -42,7 +43,7 @@ class StageInputs:
 
 @runtime_checkable
 class CodedLatent(Protocol):
-    """A latent after coding, with whatever the coder adds: bytes, estimated bits."""
+    """Latent after coding. Coders add further fields, such as bytes or estimated bits."""
 
     @property
     def y_hat(self) -> Float[Tensor, "item latent h8 w8"]: ...
@@ -55,7 +56,7 @@ Optimise = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Float[Ten
 
 @dataclass(frozen=True)
 class StageRendering:
-    """The Gaussians predicted after a stage, and their rendering of each scene, context views first."""
+    """Prediction after a stage, and its rendering of each scene, context views first."""
 
     prediction: Prediction
     scenes: tuple[Rendering, ...]
@@ -63,7 +64,7 @@ class StageRendering:
 
 @dataclass(frozen=True)
 class Stage(Generic[Coded]):
-    """Stage k after coding. y: before coding. state: S_k. feedback: rendering of stage k - 1, None in stage 1."""
+    """Result of stage k. y: latent before coding. state: S_k. feedback: rendering of stage k - 1, None in stage 1."""
 
     inputs: StageInputs
     y: Float[Tensor, "item latent h8 w8"]
@@ -73,12 +74,12 @@ class Stage(Generic[Coded]):
 
 
 def not_optimised(y: Tensor, inputs: StageInputs) -> Tensor:
-    """The latent as the analysis transform gives it."""
+    """Return the output of the analysis transform unchanged: no optimisation."""
     return y
 
 
 class SceneEncoder:
-    """Codec, photographs and cameras, and what does not depend on lambda: matching and F1, computed once.
+    """Encoder of a batch of scenes. Matching and F1 do not depend on lambda and are computed once.
 
     images [batch view 3 h w] -> E_mv -> F1 -> g_a(., S0) -> y1 -> coder -> y1_hat -> U(S0, g_s(.)) -> S1
     S1 -> P -> rendering -> E_fb(I, .) -> F2 -> g_a(., S1) -> y2 -> coder -> y2_hat -> U(S1, g_s(.)) -> S2
@@ -90,6 +91,7 @@ class SceneEncoder:
 
     @property
     def num_views(self) -> int:
+        """Number of context views of each scene."""
         return self.images.shape[1]
 
     @property
@@ -99,12 +101,12 @@ class SceneEncoder:
 
     @property
     def num_pixels(self) -> int:
-        """Of all views of all scenes."""
+        """Number of pixels of all views of all scenes."""
         return self.images[:, :, 0].numel()
 
     @cached_property
     def matching(self) -> Any:
-        """What the extractor's matching returns: `relative_disparity` and `depth` (MatchedDepth)."""
+        """Output of the extractor's `match`; has at least `relative_disparity` and `depth` (MatchedDepth)."""
         return self.codec.sender.extractor.match(self.images, self.cameras)
 
     @cached_property
@@ -121,9 +123,10 @@ class SceneEncoder:
         optimise: Optimise = not_optimised,
         on_progress: OnProgress = lambda _task, _fraction: None,
     ) -> tuple[Stage[Coded], ...]:
-        """Run the stages. A third stage and later ones, which streams cannot hold, work as the second does.
+        """Run the stages and return their results.
 
-        lambda_q: of each scene's last stage. code: y, inputs -> object with `y_hat`. optimise: y, inputs -> better y.
+        lambda_q: quantised lambda of the last stage of each scene. num_stages: streams hold at most two; later stages
+        repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs) -> optimised y.
         """
         on_progress("matching views", 0.0)
         features, state, y_hat = self.features, self.initial_state, None  # F1, S0
@@ -148,7 +151,7 @@ class SceneEncoder:
 
     @property
     def initial_state(self) -> Float[Tensor, "item channel 1 1"]:
-        """S0, which is the same at every position."""
+        """S0. It is the same at every position, hence 1x1."""
         return self.codec.receiver.update.start(self.images.shape[0] * self.num_views, 1, 1)
 
     def analyse(
@@ -166,17 +169,17 @@ class SceneEncoder:
         return self.codec.receiver.next_state(inputs.state, y_hat, inputs.condition)
 
     def predict(self, state: Float[Tensor, "item channel h4 w4"], condition: RateCondition) -> Prediction:
-        """G_k = P(S_k) of all scenes."""
+        """Return G_k = P(S_k) of all scenes."""
         return self.codec.receiver.predict(state, self.cameras, condition)
 
     def render(self, stage: Stage[Any]) -> StageRendering:
-        """The context views as the receiver can render them after a stage; for a batch of one scene."""
+        """Render the context views as the receiver does after a stage. Requires a batch of one scene."""
         prediction, cameras = self.predict(stage.state, stage.inputs.condition), self.cameras.scene(0)
         gaussians = self.codec.receiver.appearance(prediction, cameras)
         return StageRendering(prediction, (render(gaussians, cameras, self.size),))
 
     def feedback(self, rendering: StageRendering, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
-        """F_{k+1} = E_fb(I, I_k_hat, depth errors). No gradient flows back into the stage before."""
+        """F_{k+1} = E_fb(I, I_k_hat, depth errors). Gradients do not reach the previous stage."""
         rendered = torch.cat([scene.color[: self.num_views] for scene in rendering.scenes]).detach()
         disparity = rearrange(rendering.prediction.relative_disparity, "b v h w -> (b v) 1 h w")
         return self.features_of_errors(rendered, disparity, condition)
@@ -187,7 +190,7 @@ class SceneEncoder:
         disparity: Float[Tensor, "item 1 h4 w4"],
         condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """E_fb of the photographs against these renderings, and of matched against these relative disparities."""
+        """Apply E_fb. rendered: I_k_hat, sRGB in [0, 1]. disparity: relative disparity predicted after stage k."""
         images = rearrange(self.images, "b v rgb h w -> (b v) rgb h w")
         errors = depth_feedback(self.matching.depth, disparity)
         features: Tensor = self.codec.sender.feedback(images, rendered, errors, condition)

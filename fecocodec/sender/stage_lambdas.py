@@ -1,4 +1,4 @@
-"""The lambda of each stage."""
+"""Allocation of lambda to the stages."""
 
 from typing import TypeVar
 
@@ -7,14 +7,15 @@ from torch import Tensor
 
 from fecocodec.container import EXCESS_UNIT
 
-STAGE_1_OFFSET = 229  # 256 ln 6, in units of the header
+STAGE_1_OFFSET = 229  # in units of the header, EXCESS_UNIT steps of lambda_q each: a factor of 6
 LambdaQ = TypeVar("LambdaQ", int, Int[Tensor, " batch"])
 
 
 def stage_lambdas(lambda_q: LambdaQ, num_stages: int) -> list[LambdaQ]:
-    """Quantised lambda of each stage: `lambda_q`, but six times that lambda in a stage 1 that stage 2 follows.
+    """Return the quantised lambda of each stage. lambda_q: quantised lambda of the last stage.
 
-    Stage 2 sees and corrects the errors of stage 1, so that its bits are worth less (docs/experiments.md).
+    If stage 2 follows, lambda of stage 1 is six times larger: stage 2 corrects the errors of stage 1, so bits of stage
+    1 are worth less (docs/experiments.md).
     """
     if num_stages == 1:
         return [lambda_q]

@@ -89,7 +89,7 @@ def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: py
     pictures = set(re.findall(r"\]\((report/\w+\.png)\)", text))
     assert pictures == {f"report/{path.name}" for path in (plan.output / "report").glob("*.png")}
     assert len(pictures) == 9 and sum((plan.output / path).stat().st_size for path in pictures) < 1_500_000
-    assert "Weights `compact` (0123)" in text and "torch" in text and "0 of 1 cases keep their rule" in text
+    assert "Weights `compact` (0123)" in text and "torch" in text and "0 of 1 cases satisfy their rule" in text
     assert re.search(r"\| JPEG XL \| -50\.0 \|", text), "ours needs half the bytes of what was made to need twice"
     page = (plan.output / "report" / "charts.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org/2000/svg", "") and "https://" not in page

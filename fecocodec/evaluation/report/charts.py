@@ -1,4 +1,4 @@
-"""Charts as data: drawn as PNG by `png`, and as a page that one can hover by `page`."""
+"""Data of charts: `png` draws them as images, `page` as an interactive page with tooltips."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Mark:
-    """One point. note: shown beside the pointer."""
+    """One point of a chart. note: text of its tooltip."""
 
     x: float
     y: float
@@ -15,7 +15,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Series:
-    """Marks of one name and colour. is_line: whether they are joined, in the order given."""
+    """Marks with one name and colour. is_line: whether they are connected by a line, in the given order."""
 
     name: str
     marks: tuple[Mark, ...]
@@ -24,7 +24,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Chart:
-    """name: of its file. front: the marks that no other beats, drawn as a stepped line; empty without one."""
+    """A scatter or line chart. name: file name without extension. front: Pareto front, drawn as a step line."""
 
     name: str
     title: str
@@ -37,7 +37,7 @@ class Chart:
 
 
 def pareto_front(marks: Iterable[Mark]) -> tuple[Mark, ...]:
-    """The marks for which no other has both less x and more y, by rising x."""
+    """Return the Pareto-optimal marks (small x, large y), ordered by x."""
     front: list[Mark] = []
     for mark in sorted(marks, key=lambda mark: (mark.x, -mark.y)):
         if not front or mark.y > front[-1].y:

@@ -1,4 +1,4 @@
-"""Bytes and Gaussians against the complexity of the scene, and what `decode --prune` saves."""
+"""Report section: file size and number of Gaussians against scene complexity, and the effect of `decode --prune`."""
 
 from collections.abc import Mapping, Sequence
 from statistics import fmean
@@ -12,14 +12,15 @@ from fecocodec.evaluation.systems.pruned import PRUNED
 
 LEAST_FEWER_GAUSSIANS, LARGEST_LOSS_DB = 20.0, 0.05  # required by the project
 TEXT = """\
-Complexity is the size of the context photographs as JPEG XL at distance 1. Files and Gaussians are those of the codec
-at lambda 1e-3: of drawn rooms, from bare walls to {waves} patterns added up, and of photographs.
+Complexity is measured as the size of the context views as JPEG XL at distance 1. File sizes and numbers of Gaussians
+are those of the codec at lambda 1e-3, for photographs and for synthetic rooms whose walls have no pattern or the sum of
+up to {waves} patterns.
 
 {bytes_chart}
 
 {gaussians_chart}
 
-Gaussians that `decode --prune` removes from files at lambda 1e-3, and the PSNR it costs.
+Effect of `decode --prune` on files at lambda 1e-3: fraction of Gaussians removed, and loss of PSNR.
 
 {pruning}
 """
@@ -31,8 +32,11 @@ def complexity_section(
     complexity: Mapping[str, float],
     needs: Sequence[Need],
 ) -> Section:
-    """rate: some pairs through every system, pruned ones among them. photographs: more pairs at one lambda.
-    complexity: KiB of the context photographs of these by entry. needs: of drawn rooms."""
+    """Return the section.
+
+    rate: measurements of all systems, including the pruned one. photographs: measurements of more pairs at one lambda.
+    complexity: size of the context views in KiB, by entry of `photographs`. needs: measurements of synthetic rooms.
+    """
     at_lambda = [m for m in photographs if m.system == OURS and m.setting == f"lambda {LAMBDA:g}" and not m.error]
     shown = [(m, complexity[m.entry]) for m in at_lambda]
     kib = Chart(
@@ -73,7 +77,7 @@ def _density(measurement: Measurement) -> float:
 
 
 def _pruning(found: Sequence[Measurement]) -> str:
-    """Means over entries, and the largest loss of an entry."""
+    """Return a table with means over entries and the largest loss of an entry."""
     whole = {(m.entry, m.setting): m for m in found if m.system == OURS and not m.error}
     pairs = [
         (whole[m.entry, m.setting], m)

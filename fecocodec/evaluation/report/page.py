@@ -1,4 +1,4 @@
-"""All charts on one page without external resources; marks are labelled under the pointer."""
+"""HTML page with all charts as interactive graphics with tooltips, without external resources."""
 
 import json
 from dataclasses import asdict
@@ -11,9 +11,9 @@ TEMPLATE = "page.html"
 
 
 def html_page(title: str, subtitle: str, charts: tuple[Chart, ...]) -> str:
-    """The page's text; charts travel in it as JSON."""
+    """Return the HTML text. The charts are embedded as JSON."""
     template = files(__package__).joinpath(TEMPLATE).read_text()
-    data = json.dumps([asdict(chart) for chart in charts]).replace("<", "\\u003c")  # no tag ends the script early
+    data = json.dumps([asdict(chart) for chart in charts]).replace("<", "\\u003c")  # no `</script>` inside the script
     parts = {"@TITLE@": escape(title), "@SUBTITLE@": escape(subtitle), "@CHARTS@": data}
     for mark, text in parts.items():
         template = template.replace(mark, text)

@@ -1,4 +1,4 @@
-"""How much work a report is."""
+"""Size of the studies of a report."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -6,12 +6,18 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class ReportPlan:
-    """root, index: scenes and evaluation index. model: folder of the weights. work: results, kept for the next time.
+    """Specification of a report.
 
-    output: folder that gets `report.md` and `report/`. entries: pairs for rate and quality; speed_entries: of these for
-    seconds; complexity_entries: pairs for bytes against complexity, None: all; entries_of_more_views: others, coded at
-    one lambda; stress_scenes: pairs that stress cases are made from, 0: no stress cases.
-    few_lambdas: for all but the main curve. sides, view_counts: image sizes and numbers of views of the scaling study.
+    root, index: scenes and evaluation index. model: folder of the weights. work: folder of measurements, reused by the
+    next run. output: folder that receives `report.md` and `report/`.
+
+    Numbers of two-view entries: entries, for rate and quality; speed_entries, of those, for timings;
+    complexity_entries, for file size against complexity (None: all); stress_scenes, to derive stress cases from (0: no
+    stress cases). entries_of_more_views: number of entries with more than two context views.
+
+    lambdas: of the main curve. few_lambdas: of the other curves. sides, view_counts: image sides in pixels and numbers
+    of views of the scaling study. room_side, num_waves: image side and numbers of patterns of the synthetic rooms.
+    size: (height, width) of photographs, None for `protocol_size`.
     """
 
     root: Path
@@ -34,7 +40,7 @@ class ReportPlan:
 
 
 def quick(plan: ReportPlan) -> ReportPlan:
-    """The same report from a few small images: a test that it can be made, without meaningful numbers."""
+    """Return a plan with a few small images, to test the generation of the report. The numbers have no meaning."""
     return replace(
         plan,
         entries=1,

@@ -1,4 +1,4 @@
-"""A chart as a PNG file, through matplotlib."""
+"""Draw a chart as a PNG file with matplotlib."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ MARKERS = "osD^vP*Xhp<>d8"
 
 
 def write_png(chart: Chart, path: Path) -> None:
-    """Replace the file. Raises InputError where matplotlib is not installed, OutputError where writing fails."""
+    """Write or replace the file. Raises InputError if matplotlib is not installed, OutputError if writing fails."""
     figure = require_extra("matplotlib.figure", "drawing charts").Figure(SIZE_INCHES, DPI, layout="constrained")
     axes = figure.subplots()
     _draw(chart, axes)

@@ -1,4 +1,4 @@
-"""Rate and quality of the codec, of alternatives, and of ablations."""
+"""Report sections: rate and quality of the codec, of alternatives, and of ablations."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,30 +12,32 @@ from fecocodec.evaluation.systems.pruned import PRUNED
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 
 TEXT = """\
-Bytes are those of whole files, cameras included; quality is that of target views, which no sender sees, rendered from
-decoded files; means over pairs of context views ({entries} of them). Baselines: context photographs as JPEG XL, AVIF,
-WebP or JPEG, from which the receiver makes Gaussians with our networks, uncoded (it then needs the sender's networks,
-too; *optimised at the receiver*: it also renders and optimises the latents as our encoder does, towards the
-photographs it decoded); our uncoded Gaussians, of optimised latents, as PLY, compressed PLY or SPZ. *nearest view*
-copies a photograph (not drawn);
-*best plane* warps both by one plane, chosen by looking at the target. *{best}* is
-`encode --effort best`.
+The rate is the size of the whole file, cameras included. Quality is measured at target views, which the sender does not
+have, rendered from decoded files. All numbers are means over {entries} pairs of context views. Baselines:
+
+- *JPEG XL*, *AVIF*, *WebP*, *JPEG*: the sender transmits compressed context views, and the receiver computes Gaussians
+  with our networks, without coding of latents. It therefore also needs the networks of the sender. *optimised at the
+  receiver*: the receiver also optimises the latents towards the decoded photographs, as our encoder does.
+- *PLY*, *compressed PLY*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding.
+- *nearest view*: a copy of the nearest context view (not drawn). *best plane*: both context views, warped by the plane
+  that fits the target view best.
+
+*{best}* is `encode --effort best`.
 
 {chart}
 
-BD figures are ours against each, and those of *{best}*: bytes at equal PSNR, and PSNR at
-equal bytes. A dash: the curves have no such range in common, or the other is one point. Variants of ours are compared
-at the lambdas that both have.
+BD-rate and BD-PSNR of our codec, and of *{best}*, against each baseline: difference in bytes at equal PSNR, and in PSNR
+at equal bytes. A dash means that the curves do not overlap, or that the baseline is a single point. Variants of our
+codec are compared at their common lambdas.
 
 {comparisons}
 
 {averages}
 """
 ABLATION_TEXT = """\
-A part is removed at inference and nothing is trained again: this is how much the trained networks depend on it. *effort
-fast* leaves out the optimisation of the latents before coding.
-Gaussians at 1/4 or 1/1 of the resolution and three stages are not among them: the weights have four Gaussians a cell,
-and the format has two stages; docs/experiments.md has short training runs of both.
+A part is removed at inference without retraining, which shows how much the trained networks depend on it. *effort fast*
+omits the optimisation of the latents before coding. Gaussians at 1/4 or 1/1 of the resolution and a third stage would
+need other weights or another format; docs/experiments.md contains short training runs of both.
 
 {chart}
 
@@ -45,14 +47,14 @@ HEADS = ("BD-rate, %", "BD-PSNR, dB")
 
 
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
-    """Rate and distortion, ablations, and entries of more views."""
+    """Return the sections on rate and quality, ablations, and entries with more than two context views."""
     rows = averages(found)
     hidden = (*ABLATION_NAMES, FAST, PRUNED)
     main, ablated = (
         _rows(rows, lambda name: name not in hidden),
         _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES, FAST)),
     )
-    drawn = _curves([row for row in main if row.system != NEAREST])  # so far below all others that they would be lines
+    drawn = _curves([row for row in main if row.system != NEAREST])  # its PSNR would compress the axis
     chart = Chart("rate_distortion", "Rate and quality", "KiB a scene", "PSNR of target views, dB", drawn, True)
     parts = Chart("ablations", "Without some part", "KiB a scene", "PSNR of target views, dB", _curves(ablated), True)
     entries = max((row.entries for row in rows), default=0)
@@ -73,7 +75,7 @@ def _rows(rows: Sequence[Average], is_wanted: Callable[[str], bool]) -> list[Ave
 
 
 def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
-    """One series per system; a system without bytes is a horizontal line."""
+    """Return one series per system. A system that transmits nothing is drawn as a horizontal line."""
     rates = [row.kib for row in rows if row.kib > 0]
     series = []
     for name in dict.fromkeys(row.system for row in rows):
@@ -85,7 +87,7 @@ def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
 
 
 def _comparisons(rows: Sequence[Average], *variants: str) -> str:
-    """BD figures of ours against the others, and of variants of ours."""
+    """Return a table of the BD metrics of our codec and of its variants against the other systems."""
     figures = {ours: {c.baseline: c for c in compare(rows, ours)} for ours in (OURS, *variants)}
     heads = [f"{ours}: {figure}" for ours in figures for figure in HEADS]
     lines = []

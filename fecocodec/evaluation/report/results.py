@@ -1,4 +1,4 @@
-"""Results of studies in a file of JSON lines: each written when it is known, so that an interrupted report goes on."""
+"""Results of studies in a JSON Lines file, each written immediately, so that an interrupted report can be resumed."""
 
 import json
 from collections.abc import Mapping
@@ -9,25 +9,25 @@ from fecocodec.errors import InputError, OutputError
 
 
 class ResultFile:
-    """Results by key, of one set of weights; results of other weights in the file are ignored."""
+    """Results by key, for one set of weights. Results of other weights in the file are ignored."""
 
     def __init__(self, path: Path, label: str) -> None:
-        """label: changes with the weights. Raises InputError where the file holds something else."""
+        """label: identifies the weights. Raises InputError if the file does not contain results."""
         self._path, self._label = path, label
         self._known: dict[str, dict[str, Any]] = {}
         try:
             lines = path.read_text().splitlines() if path.exists() else []
-            rows = [json.loads(line) for line in lines if line.endswith("}")]  # an interruption may cut the last one
+            rows = [json.loads(line) for line in lines if line.endswith("}")]  # the last line may be incomplete
             self._known = {row["key"]: row["values"] for row in rows if row["label"] == label}
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not results of this version ({error}); give another work folder.") from error
 
     def known(self) -> Mapping[str, dict[str, Any]]:
-        """All results in the order of measurement."""
+        """Return all results in the order of measurement."""
         return self._known
 
     def add(self, key: str, values: dict[str, Any]) -> None:
-        """Append; raises OutputError where that fails."""
+        """Store a result and append it to the file. Raises OutputError if writing fails."""
         self._known[key] = values
         try:
             with self._path.open("a") as file:
@@ -40,7 +40,7 @@ class ResultFile:
             ) from error
 
     def _is_cut(self) -> bool:
-        """Whether the file's last line has no end."""
+        """Return whether the last line of the file is incomplete."""
         if not self._path.exists():
             return False
         data = self._path.read_bytes()

@@ -1,4 +1,4 @@
-"""How cost grows with pixels and with views."""
+"""Report section: scaling of time, memory and file size with the number of pixels and views."""
 
 from collections.abc import Sequence
 
@@ -7,10 +7,10 @@ from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.scaling import Load, exponent
 
 TEXT = """\
-Square pictures of a painted room, lambda 1e-3. The exponent e says that cost grows as pixels to the power e: 1 is
-proportional. It is fitted over all measurements of the row's kind; small pictures pull it down, because what a call
-costs whatever its size counts among them, and so do large ones, where the encoder takes one optimisation step (above
-2^19 pixels of all views) or none (above 2^20) in place of four.
+Square images of a synthetic room at lambda 1e-3. The exponent e means that the cost grows as pixels^e; 1 is
+proportional. It is fitted over all measurements of a row. Two effects reduce it: the constant cost of a call dominates
+for small images, and the encoder uses one optimisation step above 2^19 pixels (over all views) and none above 2^20,
+instead of four.
 
 {chart}
 
@@ -21,7 +21,7 @@ costs whatever its size counts among them, and so do large ones, where the encod
 
 
 def scaling_section(loads: Sequence[Load], room_side: int) -> Section:
-    """loads: two views of several sides, and several views of one side."""
+    """Return the section. loads: two views at several image sides, and several views at `room_side`."""
     by_side = sorted((load for load in loads if load.num_views == 2), key=lambda load: load.pixels)
     by_views = sorted((load for load in loads if load.side == room_side), key=lambda load: load.pixels)
     kinds = {"two views of more pixels": by_side, f"more views of {room_side}x{room_side}": by_views}

@@ -1,4 +1,4 @@
-"""A part of the report: a heading, Markdown under it, and the charts that it shows."""
+"""A section of the report: its title, its Markdown text, and the charts in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from fecocodec.evaluation.report.charts import Chart
 
 @dataclass(frozen=True)
 class Section:
-    """text: Markdown; a chart's place in it is `![...](report/NAME.png)`, see `picture`."""
+    """text: Markdown that includes each chart as `![...](report/NAME.png)`, see `picture`."""
 
     title: str
     text: str
@@ -16,16 +16,16 @@ class Section:
 
 
 def picture(chart: Chart) -> str:
-    """The Markdown that shows a chart's PNG beside the report."""
+    """Return the Markdown that includes the PNG file of a chart."""
     return f"![{chart.title}](report/{chart.name}.png)"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "/") for cell in line) + " |" for line in lines)
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """With so many digits after the point and no negative zero, a dash for None."""
+    """Format a number with `digits` decimals and without negative zero; None is a dash."""
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"

@@ -1,4 +1,4 @@
-"""Seconds against quality, at the sender and at the receiver, and where the seconds go."""
+"""Report section: time against quality at sender and receiver, and time per processing step."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,19 +12,19 @@ from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
 from fecocodec.evaluation.systems.pruned import PRUNED
 
 TEXT = """\
-Medians over pairs of context views ({entries} of them), warm, in one process; rendering is part of neither end. At
-equal rate: PSNR and seconds of each curve at {kib:.1f} KiB, between its points by the logarithm of bytes; a curve that
-does not reach so far is taken at its nearest end, which its note says. *effort fast*, *one thread*, *bfloat16*
-(convolutions and attention of both ends; no option of the commands), *half the size* (photographs of half the sides are
-coded, the Gaussians drawn at the whole size): the same codec, so used. Gaussian files and photographs are
-coded by libraries of their own; the receiver's time for photographs includes our networks. Only a CPU was at
-hand, so there is no other device; no weights of the paper's larger extractor are trained.
+Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU. Rendering is not included. At
+equal rate: PSNR and time of each curve at {kib:.1f} KiB, interpolated over the logarithm of the file size; a curve that
+does not cover this size is shown at its nearest end, which is stated in its tooltip. Variants of our codec: *effort
+fast*; *one thread*; *bfloat16* (convolutions and attention at both ends; not available as a command-line option);
+*half the size* (photographs of half the width and height are encoded, the Gaussians are rendered at full size).
+Gaussian files and photographs are coded by third-party libraries; the receiver time for photographs includes our
+networks. There are no trained weights of the paper's larger extractor.
 
 {sender}
 
 {receiver}
 
-All points, whatever their rate:
+All operating points, at different rates:
 
 {sender_all}
 
@@ -32,7 +32,7 @@ All points, whatever their rate:
 
 ## Where the time goes
 
-Two views of {side} pixels a side, lambda 1e-3, milliseconds of a warm call.
+Two views of {side}x{side} pixels at lambda 1e-3, in milliseconds, after warm-up.
 
 {steps}
 """
@@ -42,7 +42,10 @@ Seconds = Callable[[Average], float]
 def speed_section(
     rate: Sequence[Measurement], speed: Sequence[Measurement], steps: dict[str, dict[str, float]], side: int
 ) -> Section:
-    """rate: of all systems; those on the entries of `speed` stand beside it."""
+    """Return the section. rate: measurements of all systems, of which those on the entries of `speed` are shown.
+
+    steps: seconds by processing step, for encoding and decoding. side: image side of `steps` in pixels.
+    """
     entries = {m.entry for m in speed}
     own = {m.system for m in speed} | {PRUNED} | set(ABLATION_NAMES)
     others = [m for m in rate if m.entry in entries and m.system not in own and m.num_bytes]
@@ -72,7 +75,7 @@ ENDS: tuple[tuple[str, Seconds], ...] = (
 
 
 def _middle(rows: Sequence[Average]) -> float:
-    """KiB of the middle one of our operating points."""
+    """Return the median file size of our operating points, in KiB."""
     return sorted(row.kib for row in rows)[len(rows) // 2]
 
 

@@ -1,4 +1,4 @@
-"""The stability suite as a table."""
+"""Report section: results of the stress suite."""
 
 from collections.abc import Sequence
 
@@ -7,18 +7,22 @@ from fecocodec.evaluation.stress.suite import BASELINE, Verdict
 
 TITLE = "Where methods fail"
 TEXT = """\
-{held} of {all} cases keep their rule. Each is compared with the easy version of its scene: dB of target views lost by
-us and by the baseline (context views as {baseline}, our networks at the receiver). A negative loss: the case is easier
-to reproduce, as a dark image is. Rules: *finite*, every value is, and the PLY can be written; *warned*, the sender also
-says that quality cannot be had; *refused*, an error that says why; *same bytes*, *same picture* (0.05 dB), *same
-quality* (0.5 dB) as the easy version; *bounded*, at most 6 dB lost.
+{held} of {all} cases satisfy their rule. Each case is compared with the reference version of its scene: PSNR loss at
+target views, in dB, of our codec and of the baseline (context views as {baseline}, our networks at the receiver). A
+negative loss means that the case is easier to reproduce, such as a dark image. Rules:
+
+- *finite*: all values are finite, and the PLY file can be written;
+- *warned*: also, the sender warns about the input;
+- *refused*: an error explains why the input cannot be encoded;
+- *same bytes*, *same picture* (within 0.05 dB), *same quality* (within 0.5 dB): compared with the reference version;
+- *bounded*: the loss is at most 6 dB.
 
 {rows}
 """
 
 
 def stress_section(verdicts: Sequence[Verdict]) -> Section:
-    """One row a case; says so where none was measured."""
+    """Return the section, with one row per case."""
     if not verdicts:
         return Section(TITLE, "Not measured for this report; `fecosplat stress` does.")
     rows = [

@@ -1,4 +1,4 @@
-"""The measurements of a report, taken from an earlier run where it has them."""
+"""Run the measurements of a report; results of an earlier run are reused."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -34,9 +34,13 @@ WARM_RUNS = 3
 
 @dataclass(frozen=True)
 class Studies:
-    """All measurements. rate: pairs with every system; speed: some of them at other operating points;
-    photographs: more pairs, at one lambda; complexity: of those pairs, KiB of the photographs by entry; more_views:
-    entries of more than two views; steps: seconds by step of encoding and decoding."""
+    """All measurements of a report.
+
+    rate: two-view entries with all systems. speed: some of these entries at further operating points. photographs: more
+    two-view entries, at one lambda. complexity: size of the context views in KiB, by entry of `photographs`.
+    more_views: entries with more than two context views. steps: seconds by step, for "encode" and "decode". loads:
+    scaling study. needs: synthetic rooms. verdicts: stress cases.
+    """
 
     rate: tuple[Measurement, ...]
     speed: tuple[Measurement, ...]
@@ -50,7 +54,7 @@ class Studies:
 
 
 def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
-    """Measure everything that `plan.work` does not hold yet. Raises FecoError where nothing can be measured."""
+    """Run all measurements that `plan.work` does not contain yet. Raises FecoError if nothing can be measured."""
     codec = load_codec(plan.model, "cpu")
     make_folder(plan.work)
     label = weights_label(plan.model, plan.size)
@@ -70,7 +74,7 @@ def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
 
 
 def _measurements(plan: ReportPlan, codec: Codec, label: str, on_study: OnStudy) -> tuple[tuple[Measurement, ...], ...]:
-    """Of the rate, speed, complexity and more-views studies, which share one file: nothing is measured twice."""
+    """Run the studies of rate, speed, complexity and more views. They share one file to avoid repeated measurements."""
     index = read_index(plan.index)
     pairs = choose_entries(index, 2, plan.entries, plan.index)
     few = pairs[:: max(1, len(pairs) // plan.speed_entries)][: plan.speed_entries]
@@ -94,7 +98,7 @@ def _measurements(plan: ReportPlan, codec: Codec, label: str, on_study: OnStudy)
 
 
 def _complexity(plan: ReportPlan, entries: set[str]) -> dict[str, float]:
-    """Of these entries of the index, by name: KiB of their context photographs."""
+    """Return the size of the context views in KiB, by entry name."""
     read = open_scenes(plan.root, plan.size)
     found = [entry for entry in read_index(plan.index) if entry.name in entries]
     return {entry.name: photograph_kib(read(entry).select(list(range(len(entry.context))))) for entry in found}
@@ -131,7 +135,7 @@ def _needs(plan: ReportPlan, codec: Codec, results: ResultFile) -> tuple[Need, .
 
 
 def _steps(plan: ReportPlan, codec: Codec, results: ResultFile) -> dict[str, dict[str, float]]:
-    """Of both ends, the last of some runs: warm."""
+    """Return the seconds by step of both ends, from the last of WARM_RUNS runs."""
     key = f"two views of {plan.room_side}"
     if key not in results.known():
         runs = [_code(codec, _room(plan.room_side)) for _ in range(WARM_RUNS)]
@@ -144,7 +148,7 @@ def _room(side: int) -> Views:
 
 
 def _code(codec: Codec, views: Views) -> dict[str, dict[str, float]]:
-    """Seconds by step of both ends."""
+    """Encode and decode; return the seconds by step of both ends."""
     encoding = StepClock()
     data = encode_with(codec, views, quantise_lambda(LAMBDA), on_progress=encoding)
     encoding.close()

@@ -1,6 +1,6 @@
-"""A room whose picture is known in closed form, for what real photographs cannot be asked: any camera, any surface.
+"""A synthetic room, ray-traced analytically, for stress cases with arbitrary cameras and surfaces.
 
-The camera stands inside a box; every ray ends on one of its six faces, or at a sheet that hangs in the room.
+The camera is inside a box. Every ray hits one of the six faces, or a square sheet inside the room.
 """
 
 from collections.abc import Callable
@@ -15,18 +15,21 @@ from fecocodec.geometry.views import Views
 
 Paint = Callable[[Float[Tensor, "*pixel 3"]], Float[Tensor, "*pixel 3"]]
 
-HALF_SIZE = torch.tensor([2.0, 1.3, 2.5])  # of the room, in units
-SHEET_DEPTH, SHEET_HALF = 0.6, 0.9  # the sheet is a square in the plane z = SHEET_DEPTH
-BAR_PERIOD, BAR_WIDTH = 0.18, 0.02
+HALF_SIZE = torch.tensor([2.0, 1.3, 2.5])  # half the extent of the room along x, y, z, in scene units
+SHEET_DEPTH, SHEET_HALF = 0.6, 0.9  # the sheet is a square in the plane z = SHEET_DEPTH, with this half side
+BAR_PERIOD, BAR_WIDTH = 0.18, 0.02  # scene units
 MOST_WAVES = 24
-FOCAL = 0.8  # of the image's longer side
-SUPERSAMPLING = 2
+FOCAL = 0.8  # focal length, relative to the longer image side
+SUPERSAMPLING = 2  # rays per pixel and axis
 
 
 @dataclass(frozen=True)
 class Room:
-    """paint: colour of the walls at a point. reflection, transparency: of the sheet, both 0 without one; bars: the
-    sheet is a grid of thin bars."""
+    """Materials of the room. paint: maps points on the walls to sRGB colours in [0, 1].
+
+    transparency, reflection: of the sheet, in [0, 1]; a transparency of 1 means that there is no sheet. has_bars:
+    whether the sheet is a grid of thin bars.
+    """
 
     paint: Paint
     reflection: float = 0.0
@@ -35,12 +38,12 @@ class Room:
 
 
 def painted(points: Float[Tensor, "*pixel 3"]) -> Float[Tensor, "*pixel 3"]:
-    """Patterns enough to match any place of the walls."""
+    """Paint with enough texture to match every point of the walls."""
     return waves(points, MOST_WAVES)
 
 
 def waves(points: Float[Tensor, "*pixel 3"], count: int) -> Float[Tensor, "*pixel 3"]:
-    """So many waves (1 to 24) of different directions, the longest first, a different mix in each colour."""
+    """Paint with a sum of `count` waves (1 to MOST_WAVES) of different directions, ordered by decreasing wavelength."""
     generator = torch.Generator().manual_seed(7)
     directions = torch.randn(MOST_WAVES, 3, generator=generator)
     directions = directions / directions.norm(dim=1, keepdim=True) * torch.logspace(0.3, 1.4, MOST_WAVES)[:, None]
@@ -51,20 +54,20 @@ def waves(points: Float[Tensor, "*pixel 3"], count: int) -> Float[Tensor, "*pixe
 
 
 def blank(points: Float[Tensor, "*pixel 3"]) -> Float[Tensor, "*pixel 3"]:
-    """One grey a face, with nothing to match on it."""
+    """Paint with one constant grey per face: no texture to match."""
     face = (points.abs() / HALF_SIZE).argmax(dim=-1)
     grey = torch.tensor([0.55, 0.7, 0.62])[face] + 0.05 * (points.sum(dim=-1) > 0)
     return grey[..., None].expand(*points.shape)
 
 
 def chequered(points: Float[Tensor, "*pixel 3"]) -> Float[Tensor, "*pixel 3"]:
-    """The same tile everywhere: every match has equals."""
+    """Paint with a chequerboard: matches are ambiguous."""
     parity = (points * 4.0 + 0.01).floor().sum(dim=-1) % 2
     return (0.2 + 0.6 * parity)[..., None].expand(*points.shape)
 
 
 def photograph(room: Room, extrinsics: Float[Tensor, "view 4 4"], size: tuple[int, int]) -> Views:
-    """The room seen by these cameras (inside it); size is (height, width) in pixels."""
+    """Render the room. extrinsics: camera-to-world poses inside the room. size: (height, width) in pixels."""
     height, width = size
     focal = FOCAL * max(size)
     intrinsics = torch.tensor([[focal / width, 0, 0.5], [0, focal / height, 0.5], [0, 0, 1]])
@@ -95,7 +98,7 @@ def _look(room: Room, origins: Tensor, directions: Tensor) -> Float[Tensor, "vie
 
 
 def _wall(origins: Tensor, directions: Tensor) -> Float[Tensor, "view height width 3"]:
-    """Where rays that begin inside the box leave it."""
+    """Return the points where rays from inside the box hit its faces."""
     safe = torch.where(directions.abs() < 1e-9, torch.full_like(directions, 1e-9), directions)
     distance = ((torch.sign(safe) * HALF_SIZE - origins) / safe).amin(dim=-1, keepdim=True)
     return origins + distance * directions

@@ -1,4 +1,4 @@
-"""The stress cases: how each is made from a reference scene, and the rule that it must keep."""
+"""The stress cases: how each is derived from a reference scene, and the rule that its result must satisfy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ ROOM_SIZE = (192, 192)
 
 @dataclass(frozen=True)
 class Trial:
-    """Context views, then target views."""
+    """Input of one trial. views: context views, then target views."""
 
     views: Views
     num_context: int
@@ -32,11 +32,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class StressCase:
-    """harder: makes the case's trial. easy: the trial that it is compared with, on the same kind of scene.
+    """One stress case. harder: creates its trial. easy: creates the reference trial of the same scene.
 
-    rule: "finite" (every Gaussian and image is, opacities in [0, 1], the PLY can be written); "warned": also, the
-    sender says that quality cannot be had; "refused": InputError instead; "same picture": also within 0.05 dB of the
-    easy trial; "same bytes": also the same payloads; "same quality": within 0.5 dB.
+    rule: pass criterion. "finite": all Gaussians and images are finite, and the PLY can be written. "refused": the
+    sender raises InputError. The other rules require "finite" and in addition: "warned", at least one input warning;
+    "same picture", PSNR within 0.05 dB of the reference; "same bytes", also equal payloads; "same quality", PSNR within
+    0.5 dB of the reference.
     """
 
     name: str
@@ -46,7 +47,7 @@ class StressCase:
 
 
 def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
-    """Cases made from a pair of photographs with targets; name: of the scene, in front of the cases' names."""
+    """Return the cases derived from two context views with target views. name: scene name, prefix of the case names."""
     views, two = pair.views, pair.num_context
     made: list[tuple[str, Callable[[], Views], str]] = [
         ("night with noise", lambda: perturbations.exposed(views, _all(views, 0.02), noise=0.03), "finite"),
@@ -96,7 +97,7 @@ def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
 
 
 def room_cases() -> tuple[StressCase, ...]:
-    """Cases in a room that is drawn, against the same room painted so that everything can be matched."""
+    """Return the cases in a synthetic room. Their reference is the fully textured room, seen by parallel cameras."""
     plain = Room(painted)
     surfaces = {
         "no texture": Room(blank),

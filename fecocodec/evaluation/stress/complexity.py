@@ -1,4 +1,4 @@
-"""Bytes and Gaussians of drawn rooms, from blank walls to many patterns."""
+"""File size and number of Gaussians of synthetic rooms, from blank walls to many superimposed patterns."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -17,10 +17,10 @@ LAMBDA = 1e-3
 
 @dataclass(frozen=True)
 class Need:
-    """Size of one coded room. num_waves: patterns added up on its walls, 0: one grey per wall.
+    """Size of one coded room. num_waves: number of superimposed patterns on its walls, 0 for one grey per wall.
 
-    photograph_kib: size of its context views as JPEG XL at distance 1, our measure of complexity.
-    gaussians_per_pixel: of a context view.
+    photograph_kib: size of the context views as JPEG XL at distance 1, the measure of complexity. kib: size of the
+    coded file. gaussians_per_pixel: number of Gaussians per pixel of the context views.
     """
 
     num_waves: int
@@ -30,7 +30,7 @@ class Need:
 
 
 def measure_need(codec: Codec, num_waves: int, side: int) -> Need:
-    """Two square views of the room with so many patterns."""
+    """Encode and decode two square views of the room with `num_waves` patterns. side: image side in pixels."""
     paint = partial(waves, count=num_waves) if num_waves else blank
     views = photograph(Room(paint), sideways(), (side, side)).select([0, 1])
     data = encode_with(codec, views, quantise_lambda(LAMBDA))
@@ -39,6 +39,6 @@ def measure_need(codec: Codec, num_waves: int, side: int) -> Need:
 
 
 def photograph_kib(views: Views) -> float:
-    """KiB of the views as JPEG XL at distance 1."""
+    """Return the size of the views in KiB as JPEG XL at distance 1. Raises InputError if imagecodecs is missing."""
     files = [encode_image(image, "JPEG XL", 1.0) for image in views.images]
     return sum(map(len, files)) / 1024

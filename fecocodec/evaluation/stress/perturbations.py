@@ -1,4 +1,4 @@
-"""Perturbations of views: photographs, cameras or depth bounds made worse in one way each."""
+"""Perturbations of views: each degrades the images, the cameras or the depth bounds in one way."""
 
 import math
 from dataclasses import replace
@@ -14,21 +14,24 @@ from fecocodec.geometry.views import Views
 
 
 def exposed(views: Views, gains: Float[Tensor, "view 3"], noise: float = 0.0, seed: int = 0) -> Views:
-    """Linear light times a gain a view and colour, with sensor noise (standard deviation, of the sRGB range)."""
+    """Multiply linear light by a gain per view and colour channel, and add noise.
+
+    noise: standard deviation of Gaussian noise, sRGB in [0, 1].
+    """
     light = views.images.clamp_min(1e-6) ** 2.2 * gains[:, :, None, None]
     grain = noise * torch.randn(views.images.shape, generator=torch.Generator().manual_seed(seed))
     return replace(views, images=(light ** (1 / 2.2) + grain).clamp(0, 1))
 
 
 def gains_of(views: Views, *per_view: tuple[float, float, float]) -> Float[Tensor, "view 3"]:
-    """The gains of the first views as given, 1 for the others."""
+    """Return the given (red, green, blue) gains for the first views, and 1 for the others."""
     gains = torch.ones(len(views.images), 3)
     gains[: len(per_view)] = torch.tensor(per_view)
     return gains
 
 
 def blurred(views: Views, length_px: int, num_context: int) -> Views:
-    """The context views smeared along their rows."""
+    """Apply horizontal motion blur of `length_px` pixels to the context views."""
     kernel = torch.full((3, 1, 1, length_px), 1.0 / length_px)
     padded = F.pad(views.images, (length_px // 2, length_px - 1 - length_px // 2, 0, 0), mode="replicate")
     smeared = F.conv2d(padded, kernel, groups=3)
@@ -37,7 +40,7 @@ def blurred(views: Views, length_px: int, num_context: int) -> Views:
 
 
 def turned(views: Views, degrees: float, num_context: int, seed: int = 0) -> Views:
-    """Context poses that are wrong by a rotation of that angle about a random axis."""
+    """Rotate the poses of the context views by `degrees` about random axes."""
     generator = torch.Generator().manual_seed(seed)
     extrinsics = views.cameras.extrinsics.clone()
     for view in range(num_context):
@@ -47,7 +50,7 @@ def turned(views: Views, degrees: float, num_context: int, seed: int = 0) -> Vie
 
 
 def moved(views: Views, share: float, num_context: int, seed: int = 0) -> Views:
-    """Context poses that are wrong by that share of the baseline in a random direction."""
+    """Translate the poses of the context views in random directions by a fraction `share` of the baseline."""
     generator = torch.Generator().manual_seed(seed)
     extrinsics = views.cameras.extrinsics.clone()
     baseline = (extrinsics[0, :3, 3] - extrinsics[1, :3, 3]).norm()
@@ -58,7 +61,7 @@ def moved(views: Views, share: float, num_context: int, seed: int = 0) -> Views:
 
 
 def closer_together(views: Views, share: float, num_context: int) -> Views:
-    """Context cameras that claim to stand that share of their baseline apart; the photographs are not changed."""
+    """Scale all camera positions about the centre of the context cameras by `share`; images do not change."""
     extrinsics = views.cameras.extrinsics.clone()
     middle = extrinsics[:num_context, :3, 3].mean(dim=0)
     extrinsics[:, :3, 3] = middle + share * (extrinsics[:, :3, 3] - middle)
@@ -66,18 +69,19 @@ def closer_together(views: Views, share: float, num_context: int) -> Views:
 
 
 def in_other_units(views: Views, factor: float) -> Views:
-    """The same scene in another unit of length."""
+    """Change the unit of length: multiply camera positions, near and far by `factor`."""
     extrinsics = views.cameras.extrinsics.clone()
     extrinsics[:, :3, 3] *= factor
     return _with_cameras(views, extrinsics=extrinsics, near=views.cameras.near * factor, far=views.cameras.far * factor)
 
 
 def with_bounds(views: Views, near_factor: float, far_factor: float) -> Views:
+    """Multiply the depth bounds near and far by one factor each."""
     return _with_cameras(views, near=views.cameras.near * near_factor, far=views.cameras.far * far_factor)
 
 
 def with_focal(views: Views, factor: float) -> Views:
-    """Wrong intrinsics in every camera."""
+    """Multiply the focal length of every camera by `factor`."""
     intrinsics = views.cameras.intrinsics.clone()
     intrinsics[:, 0, 0] *= factor
     intrinsics[:, 1, 1] *= factor
@@ -85,7 +89,7 @@ def with_focal(views: Views, factor: float) -> Views:
 
 
 def with_axes(views: Views, signs: tuple[float, float, float]) -> Views:
-    """Camera axes with other signs: (1, -1, -1) is OpenGL taken for OpenCV, (-1, 1, 1) is mirrored."""
+    """Multiply the camera axes by signs: (1, -1, -1) is OpenGL read as OpenCV, (-1, 1, 1) is mirrored."""
     extrinsics = views.cameras.extrinsics.clone()
     extrinsics[:, :3, :3] = extrinsics[:, :3, :3] * torch.tensor(signs)
     return _with_cameras(views, extrinsics=extrinsics)

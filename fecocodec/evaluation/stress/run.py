@@ -1,4 +1,4 @@
-"""The whole stability suite over some scenes of an evaluation index."""
+"""Run the whole stress suite on some scenes of an evaluation index."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,7 +12,10 @@ from fecocodec.sender.codec import Codec
 
 
 def read_pairs(root: Path, index: Path, most: int) -> dict[str, Trial]:
-    """At most so many two-view entries by name, evenly spread over the index. Raises InputError as `fecosplat eval`."""
+    """Read at most `most` two-view entries, evenly spaced over the index, by name.
+
+    Raises InputError if there is no such entry, or if a scene cannot be read.
+    """
     read = open_scenes(root)
     entries = choose_entries(read_index(index), 2, most, index)
     return {entry.name: Trial(read(entry), 2) for entry in entries}
@@ -21,9 +24,9 @@ def read_pairs(root: Path, index: Path, most: int) -> dict[str, Trial]:
 def run_suite(
     codec: Codec, pairs: Mapping[str, Trial], lmbda: float, known: Mapping[str, Verdict] | None = None
 ) -> Iterator[tuple[Verdict, float]]:
-    """Verdicts with the fraction of all done: cases of every pair, of the room, and repeated coding of the pairs.
+    """Yield each verdict with the completed fraction: cases of every pair, of the room, and repeated coding of pairs.
 
-    known: verdicts of an earlier run by case; they are given back without work.
+    known: verdicts of an earlier run by case, which are reused.
     """
     suite, known = StressSuite(codec, lmbda), known or {}
     cases = [case for name, pair in pairs.items() for case in cases_of(pair, name)] + list(room_cases())

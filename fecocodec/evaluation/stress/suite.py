@@ -29,9 +29,10 @@ SAME_PICTURE_DB, SAME_QUALITY_DB = 0.05, 0.5
 
 @dataclass(frozen=True)
 class Verdict:
-    """One row of the table. psnr of target views in dB, lost: against the easy version; None where nothing came out.
+    """Result of one case. psnr: of the target views, in dB. lost: PSNR loss compared with the reference, in dB.
 
-    complaint: how the rule is broken, empty where it holds. warnings: number of input warnings.
+    baseline_psnr, baseline_lost: the same for the baseline. kib: file size. These are None if encoding failed.
+    warnings: number of input warnings. complaint: how the rule is violated, empty if it is satisfied.
     """
 
     case: str
@@ -46,6 +47,7 @@ class Verdict:
 
     @property
     def is_passed(self) -> bool:
+        """Whether the rule is satisfied."""
         return not self.complaint
 
 
@@ -57,16 +59,16 @@ class _Outcome:
 
 
 class StressSuite:
-    """Checks cases one by one; results of a scene's reference are cached for the cases that follow."""
+    """Runs stress cases one by one. Results of the reference of each scene are cached."""
 
     def __init__(self, codec: Codec, lmbda: float = STRESS_LAMBDA) -> None:
         self._codec = codec
         self._lambda_q = quantise_lambda(lmbda)
         (self._baseline,) = (s for s in image_systems(codec) if (s.name, s.setting) == BASELINE)
-        self._easy: dict[str, tuple[_Outcome, float]] = {}  # by scene: ours, and the baseline's PSNR
+        self._easy: dict[str, tuple[_Outcome, float]] = {}  # by scene: outcome of the codec, PSNR of the baseline
 
     def judge(self, case: StressCase) -> Verdict:
-        """The case's verdict. An InputError is a failure unless it is the rule; other errors always are."""
+        """Run a case and check its rule. Every error is a failure, except an InputError if the rule is "refused"."""
         easy, easy_baseline = self._outcome_of_easy(case)
         trial = case.harder()
         warnings = check_input(trial.views.select(list(range(trial.num_context))))
@@ -89,14 +91,16 @@ class StressSuite:
         )
 
     def judge_generations(self, name: str, trial: Trial) -> Verdict:
-        """Encode renderings of the decoded scene again, ten times; quality is measured against the photographs."""
+        """Encode and decode a scene GENERATIONS times, each time from the renderings of the previous generation.
+
+        Quality is measured against the original photographs.
+        """
         views, context = trial.views, list(range(trial.num_context))
         first = found = self._run(trial)
         for _ in range(GENERATIONS - 1):
-            seen = replace(
-                views, images=torch.cat((render_views(found.gaussians, views)[context], views.images[len(context) :]))
-            )
-            found = self._run(Trial(seen, trial.num_context))
+            renderings = render_views(found.gaussians, views)[context]
+            rendered = replace(views, images=torch.cat((renderings, views.images[len(context) :])))
+            found = self._run(Trial(rendered, trial.num_context))
         lost = first.psnr - found.psnr
         complaint = _not_finite(found) or (
             f"{lost:.2f} dB lost in {GENERATIONS} generations" if lost > LARGEST_GENERATION_LOSS_DB else ""
@@ -115,7 +119,7 @@ class StressSuite:
 
     @staticmethod
     def name_of_generations(name: str) -> str:
-        """Name of the verdict on repeated coding of this scene."""
+        """Return the case name of repeated coding of this scene."""
         return f"{name}: {GENERATIONS} generations"
 
     def _outcome_of_easy(self, case: StressCase) -> tuple[_Outcome, float]:
@@ -126,7 +130,7 @@ class StressSuite:
         return self._easy[scene]
 
     def _run(self, trial: Trial) -> _Outcome:
-        """Encode and decode the context views, compare with the trial's own target views."""
+        """Encode and decode the context views, and measure PSNR at the target views of the trial."""
         data = encode_with(self._codec, trial.views.select(list(range(trial.num_context))), self._lambda_q)
         gaussians = decode_with(self._codec.receiver, data).gaussians
         rendered = render_views(gaussians, trial.views)[trial.num_context :]
@@ -142,7 +146,7 @@ def _verdict(case: StressCase, warnings: tuple[str, ...], complaint: str) -> Ver
 
 
 def _complaint(rule: str, found: _Outcome, easy: _Outcome, warnings: tuple[str, ...]) -> str:
-    """How the rule is broken, or an empty string."""
+    """Return how the rule is violated, or an empty string."""
     if problem := _not_finite(found):
         return problem
     difference = abs(found.psnr - easy.psnr)
@@ -151,16 +155,16 @@ def _complaint(rule: str, found: _Outcome, easy: _Outcome, warnings: tuple[str, 
     if rule == "warned" and not warnings:
         return "the sender gave no warning"
     if rule == "same bytes" and read_stream(found.data).payloads != read_stream(easy.data).payloads:
-        return "the payloads differ from those of the easy version"
+        return "the payloads differ from those of the reference"
     if rule in ("same bytes", "same picture") and difference > SAME_PICTURE_DB:
-        return f"the picture differs by {difference:.3f} dB from the easy version's"
+        return f"the PSNR differs by {difference:.3f} dB from that of the reference"
     if rule == "same quality" and difference > SAME_QUALITY_DB:
-        return f"the quality differs by {difference:.2f} dB from the easy version's"
+        return f"the PSNR differs by {difference:.2f} dB from that of the reference"
     return ""
 
 
 def _not_finite(found: _Outcome) -> str:
-    """Which value is not finite, or an empty string."""
+    """Return which value is not finite, or an empty string."""
     if not all(bool(field.isfinite().all()) for field in found.gaussians.fields()):
         return "a Gaussian is not finite"
     if not math.isfinite(found.psnr):

@@ -1,9 +1,8 @@
-"""Ablations that the shipped weights allow: a part is removed at inference, and nothing is trained again.
+"""Ablations with the shipped weights: a part is removed at inference, without retraining.
 
-They measure how much the trained system depends on a part, not how well one trained without it would do. Latents are
-optimised as by default. Every receiver decodes the streams, because only the sender differs. Gaussians at other
-resolutions and a third stage are not among them: the predictor's head has four Gaussians a cell, and the format has
-two stages.
+They show how much the trained system depends on a part, not how well a system trained without it would perform. Latents
+are optimised with the default effort. Only the sender changes, so the streams decode with the usual receiver. Gaussians
+at other resolutions and a third stage would need other weights or another format.
 """
 
 from dataclasses import replace
@@ -25,21 +24,21 @@ from fecocodec.sender.scene_encoder import SceneEncoder, StageInputs, StageRende
 
 
 class WithoutContext(SceneEncoder):
-    """g_a of stage 2 gets S0 in place of S1."""
+    """Sender whose g_a takes S0 instead of S1 in stage 2."""
 
     def analyse(self, features: Tensor, inputs: StageInputs) -> Tensor:
         return super().analyse(features, replace(inputs, state=self.initial_state))
 
 
 class WithoutFeedback(SceneEncoder):
-    """E_fb gets the photographs and the matched depth in place of stage 1's, so that it sees no error."""
+    """Sender whose E_fb takes the photographs and the matched depth instead of those of stage 1: all errors are 0."""
 
     def feedback(self, rendering: StageRendering, condition: RateCondition) -> Tensor:
         return self.features_of_errors(self.images[0], self.matching.depth.relative_disparity, condition)
 
 
 STAGE_1 = "stage-1"
-WITHOUT: dict[str, tuple[str, type[SceneEncoder]]] = {  # name of the curve
+WITHOUT: dict[str, tuple[str, type[SceneEncoder]]] = {  # option name -> (name of the curve, encoder)
     "no-context": ("no decoded context", WithoutContext),
     "no-feedback": ("no rendered feedback", WithoutFeedback),
 }
@@ -48,7 +47,7 @@ ABLATION_NAMES = ("stage 1 alone", *(name for name, _ in WITHOUT.values()))
 
 
 def ablation_system(part: str, codec: Codec, lmbda: float) -> System:
-    """The codec without its second stage ("stage-1") or a part of it (`WITHOUT`)."""
+    """Return the codec without stage 2 ("stage-1"), or without a part of it (a key of `WITHOUT`)."""
     if part == STAGE_1:
         return codec_system(codec, lmbda, num_stages=1)
     name, encoder = WITHOUT[part]

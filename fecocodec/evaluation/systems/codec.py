@@ -1,4 +1,4 @@
-"""The codec itself, from real bytes, and the same networks without coding."""
+"""The codec as a system under comparison: encode to bytes, decode them, and render."""
 
 from collections.abc import Callable
 from functools import partial
@@ -23,7 +23,7 @@ _NAME_OF_EFFORT = {"fast": FAST, "default": OURS, "best": BEST}
 
 
 def codec_system(codec: Codec, lmbda: float, num_stages: int = 2, effort: str = "default") -> System:
-    """Encode the context views at this lambda, decode the bytes. effort: see `encode`."""
+    """Return the codec at one lambda. num_stages, effort: see `encode`."""
     name = _NAME_OF_EFFORT[effort] if num_stages == 2 else "stage 1 alone"
     config, lambda_q = config_of_effort(effort), quantise_lambda(lmbda)
     encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=num_stages, config=config)
@@ -31,7 +31,7 @@ def codec_system(codec: Codec, lmbda: float, num_stages: int = 2, effort: str = 
 
 
 def stream_system(codec: Codec, name: str, setting: str, encoder: Encoder) -> System:
-    """Any way of making a stream of the context views, decoded by the receiver."""
+    """Return a system that decodes the streams of any encoder. encoder: context views -> stream."""
     return System(name, setting, partial(_reconstruct, codec, encoder))
 
 
@@ -47,6 +47,6 @@ def _reconstruct(codec: Codec, encoder: Encoder, views: Views, num_context: int)
 def rendered(
     gaussians: Gaussians, views: Views, num_bytes: int, encode_seconds: float, decode_seconds: float
 ) -> Reconstruction:
-    """The reconstruction that these Gaussians are."""
-    seen = render(gaussians, views.cameras, views.image_size)
-    return Reconstruction(num_bytes, encode_seconds, decode_seconds, gaussians, seen.color.clamp(0, 1), seen.depth)
+    """Render Gaussians at the cameras of all views, and return the reconstruction."""
+    result = render(gaussians, views.cameras, views.image_size)
+    return Reconstruction(num_bytes, encode_seconds, decode_seconds, gaussians, result.color.clamp(0, 1), result.depth)

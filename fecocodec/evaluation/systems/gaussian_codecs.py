@@ -1,4 +1,4 @@
-"""Gaussians as PLY, compressed PLY (PlayCanvas) and SPZ (Niantic) bytes and back; the latter two through gsply."""
+"""Encode and decode Gaussians as PLY, compressed PLY (PlayCanvas) and SPZ (Niantic); the latter two with gsply."""
 
 import tempfile
 from pathlib import Path
@@ -15,9 +15,10 @@ GAUSSIAN_FORMATS = ("PLY", "compressed PLY", "SPZ")
 
 
 def encode_gaussians(gaussians: Gaussians, form: str) -> bytes:
-    """The file's bytes. form: one of GAUSSIAN_FORMATS; SPZ is version 4 (zstd), positions in steps of 2^-12 units.
+    """Return the bytes of the file. form: one of GAUSSIAN_FORMATS.
 
-    Raises InputError where gsply is not installed or the form is unknown.
+    SPZ is version 4 (zstd), with positions in steps of 2^-12 scene units. Raises InputError if gsply is not installed,
+    or if the form is unknown.
     """
     with tempfile.TemporaryDirectory() as folder:
         plain = Path(folder, "scene.ply")
@@ -35,7 +36,7 @@ def encode_gaussians(gaussians: Gaussians, form: str) -> bytes:
 
 
 def decode_gaussians(data: bytes, form: str) -> Gaussians:
-    """The Gaussians of `encode_gaussians`; their order may differ from what was written."""
+    """Decode the bytes of `encode_gaussians`. The order of the Gaussians can change."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "scene.spz" if form == "SPZ" else "scene.ply")
         path.write_bytes(data)

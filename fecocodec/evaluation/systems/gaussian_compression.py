@@ -1,4 +1,4 @@
-"""The alternative of sending Gaussians: those of the uncoded networks in the file formats of splat viewers."""
+"""Baseline that transmits Gaussians, predicted without coding, in the file formats of splat viewers."""
 
 from functools import partial
 from time import perf_counter
@@ -13,7 +13,7 @@ from fecocodec.sender.optimisation_config import DEFAULT
 
 
 def gaussian_systems(codec: Codec) -> tuple[System, ...]:
-    """One system per format, latents optimised as by default; PLY is lossless: the upper bound of the codec."""
+    """Return one system per format, with the default latent optimisation. PLY is lossless: an upper bound."""
     return tuple(System(form, "uncoded networks", partial(_reconstruct, codec, form)) for form in GAUSSIAN_FORMATS)
 
 

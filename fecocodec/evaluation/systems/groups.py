@@ -1,4 +1,4 @@
-"""Groups of systems by name, as `fecosplat eval --systems` asks for them."""
+"""Groups of systems by name, for `fecosplat eval --systems`."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -31,9 +31,9 @@ LAMBDAS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
 
 
 def systems_of(groups: Sequence[str], codec: Codec, lambdas: Sequence[float]) -> tuple[System, ...]:
-    """The systems of these groups, in the order of GROUPS; those of OF_LAMBDA once for each lambda.
+    """Return the systems of these groups, in the order of GROUPS; those of OF_LAMBDA once per lambda.
 
-    Raises InputError for a group that does not exist and for a lambda outside the codec's range.
+    Raises InputError for an unknown group, and for a lambda outside the range of the codec.
     """
     named = [name for group in groups for name in ALIASES.get(group, (group,))]
     if unknown := [name for name in named if name not in GROUPS]:

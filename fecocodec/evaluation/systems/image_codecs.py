@@ -1,4 +1,4 @@
-"""Photographs as JPEG, WebP, AVIF and JPEG XL bytes and back, through imagecodecs."""
+"""Encode and decode images as JPEG, WebP, AVIF and JPEG XL with imagecodecs."""
 
 import numpy as np
 import torch
@@ -8,7 +8,7 @@ from torch import Tensor
 
 from fecocodec.evaluation.extras import require_extra
 
-# From the codec's worst up to about 2 bits a pixel of a photograph of 256x256.
+# From the lowest quality of each codec to about 2 bits per pixel for a photograph of 256x256 pixels.
 QUALITY_LADDERS: dict[str, tuple[float, ...]] = {
     "JPEG XL": (15.0, 8.0, 4.0, 2.0, 1.0),
     "AVIF": (2.0, 12.0, 30.0, 50.0, 75.0),
@@ -18,10 +18,10 @@ QUALITY_LADDERS: dict[str, tuple[float, ...]] = {
 
 
 def encode_image(image: Float[Tensor, "3 height width"], codec: str, quality: float) -> bytes:
-    """Bytes of one sRGB image in [0, 1]. codec: a key of QUALITY_LADDERS. quality: for JPEG XL the Butteraugli
-    distance, smaller is better; for the others 0 to 100, larger is better.
+    """Encode one image. image: sRGB in [0, 1]. codec: a key of QUALITY_LADDERS.
 
-    Raises InputError where imagecodecs is not installed.
+    quality: for JPEG XL the Butteraugli distance, smaller is better; for the others 0 to 100, larger is better.
+    Raises InputError if imagecodecs is not installed.
     """
     library = require_extra("imagecodecs", f"coding images as {codec}")
     pixels = np.ascontiguousarray(rearrange((image.clamp(0, 1) * 255).round().byte().numpy(), "rgb h w -> h w rgb"))
@@ -35,7 +35,7 @@ def encode_image(image: Float[Tensor, "3 height width"], codec: str, quality: fl
 
 
 def decode_image(data: bytes, codec: str) -> Float[Tensor, "3 height width"]:
-    """The image of `encode_image`."""
+    """Decode the bytes of `encode_image` to sRGB in [0, 1]. Raises InputError if imagecodecs is not installed."""
     library = require_extra("imagecodecs", f"decoding {codec}")
     decoders = {
         "JPEG XL": library.jpegxl_decode,

@@ -1,4 +1,4 @@
-"""The alternative of sending photographs: compressed context views, and our networks without coding at the receiver."""
+"""Baseline that transmits compressed context views; the receiver runs our networks without coding."""
 
 from dataclasses import replace
 from functools import partial
@@ -20,10 +20,10 @@ OPTIMISED = "AVIF"
 
 
 def image_systems(codec: Codec) -> tuple[System, ...]:
-    """One system per image codec and quality. Such a receiver needs the sender's networks; the others do not.
+    """Return one system per image codec and quality. Their receiver also needs the networks of the sender.
 
-    A receiver that has both can also render and optimise the latents towards the photographs as it decoded them;
-    measured with `OPTIMISED`.
+    With `OPTIMISED`, there is a second system whose receiver also optimises the latents towards the decoded
+    photographs.
     """
     ladders = [(name, name, ladder, FAST) for name, ladder in QUALITY_LADDERS.items()]
     ladders.append((f"{OPTIMISED}, optimised at the receiver", OPTIMISED, QUALITY_LADDERS[OPTIMISED], DEFAULT))

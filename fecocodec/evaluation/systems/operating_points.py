@@ -1,4 +1,4 @@
-"""Ways to trade seconds for quality, one curve over lambda for each."""
+"""Operating points that trade time for quality; each gives one curve over lambda."""
 
 from copy import deepcopy
 from functools import partial
@@ -17,7 +17,7 @@ from fecocodec.sender.precision import run_in_bfloat16
 
 
 def speed_systems(codec: Codec, lmbda: float) -> tuple[System, ...]:
-    """The default effort; fast; one stage; one thread; bfloat16; half the size."""
+    """Return the codec with: default effort, fast effort, one stage, one thread, bfloat16, half the image size."""
     setting, lambda_q = f"lambda {lmbda:g}", quantise_lambda(lmbda)
     default = codec_system(codec, lmbda)
     fast = codec_system(codec, lmbda, effort="fast")
@@ -30,7 +30,7 @@ def speed_systems(codec: Codec, lmbda: float) -> tuple[System, ...]:
 
 
 def in_bfloat16(codec: Codec) -> Codec:
-    """A copy of the networks whose convolutions and attention compute in bfloat16, at both ends."""
+    """Return a copy of the codec whose convolutions and attention compute in bfloat16, at both ends."""
     copy = deepcopy(codec)
     networks = nn.ModuleDict({"sender": copy.sender, "receiver": copy.receiver})
     run_in_bfloat16(networks, next(networks.parameters()).device.type)
@@ -38,7 +38,7 @@ def in_bfloat16(codec: Codec) -> Codec:
 
 
 def _at_half_size(codec: Codec, lambda_q: int, views: Views) -> bytes:
-    """Code photographs of half the sides; the Gaussians are rendered and compared at the full size."""
+    """Encode the views at half width and height. The Gaussians are rendered and compared at full size."""
     height, width = views.image_size
     return encode_with(codec, resized(views, height // 2, width // 2), lambda_q, 2)
 

@@ -1,4 +1,4 @@
-"""The codec's files, decoded with `--prune`: fewer Gaussians for seconds at the receiver."""
+"""The codec with `decode --prune`: fewer Gaussians for a longer decoding time."""
 
 from functools import partial
 from time import perf_counter
@@ -13,7 +13,7 @@ PRUNED = "fecosplat, pruned"
 
 
 def pruned_system(codec: Codec, lmbda: float) -> System:
-    """`codec_system`, followed by pruning and refitting at cameras near the context cameras."""
+    """Return `codec_system`, followed by pruning and refitting at cameras near the context cameras."""
     return System(PRUNED, f"lambda {lmbda:g}", partial(_reconstruct, codec_system(codec, lmbda)))
 
 

@@ -1,4 +1,4 @@
-"""Systems under comparison: from context views to images at every camera of an entry."""
+"""Interface of the systems under comparison: context views -> images at all cameras of an entry."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from fecocodec.geometry.views import Views
 class Reconstruction:
     """The output of a receiver.
 
-    num_bytes: of everything sent, cameras included. gaussians: None where the receiver has none. images: at
-    the cameras of all views, context views first, sRGB in [0, 1]. depth: along the optical axis in scene units, 0 where
-    nothing is seen, None where there is none. Seconds: rendering is part of neither.
+    num_bytes: size of all transmitted data, cameras included. encode_seconds, decode_seconds: without rendering.
+    gaussians: None if the receiver has none. images: at the cameras of all views, context views first, sRGB in [0, 1].
+    depth: along the optical axis in scene units, 0 where nothing is rendered; None if there is no depth.
     """
 
     num_bytes: int
@@ -31,9 +31,9 @@ class Reconstruction:
 class System:
     """One operating point of one method.
 
-    name: of the method; the systems of one name are a curve. setting: the operating point, such as "lambda 1e-3".
-    reconstruct: (views, number of context views) -> reconstruction; of the target views it may use the cameras only,
-    unless its documentation says otherwise.
+    name: of the method; systems with the same name form a curve. setting: operating point, such as "lambda 1e-3".
+    reconstruct: (views, number of context views) -> reconstruction. It uses only the cameras of the target views, not
+    their images, unless documented otherwise.
     """
 
     name: str

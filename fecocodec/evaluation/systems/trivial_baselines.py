@@ -16,12 +16,12 @@ NUM_PLANES = 48
 
 
 def trivial_baselines() -> tuple[System, ...]:
-    """Nothing is coded: their bytes are 0."""
+    """Return the trivial baselines. They transmit nothing: num_bytes is 0."""
     return (System(NEAREST, "copied", _nearest), System("best plane", "oracle", _best_plane))
 
 
 def _nearest(views: Views, num_context: int) -> Reconstruction:
-    """Each camera shows the context view whose centre is closest to its own."""
+    """Return, for each camera, a copy of the context view with the nearest camera centre."""
     begin = perf_counter()
     centres = views.cameras.extrinsics[:, :3, 3]
     nearest = torch.cdist(centres, centres[:num_context]).argmin(dim=1)
@@ -29,9 +29,9 @@ def _nearest(views: Views, num_context: int) -> Reconstruction:
 
 
 def _best_plane(views: Views, num_context: int) -> Reconstruction:
-    """Each camera shows the mean of the context views, warped by the best plane parallel to its image.
+    """Return, for each camera, the mean of the context views warped by the best fronto-parallel plane.
 
-    The plane is chosen with the view itself: an upper bound for a single plane.
+    The plane is chosen with the ground truth of each view, which gives an upper bound for a single plane.
     """
     begin = perf_counter()
     near, far = float(views.cameras.near), float(views.cameras.far)
@@ -48,7 +48,7 @@ def _best_warp(
 
 
 def _warp(views: Views, view: int, num_context: int, depth: float) -> Float[Tensor, "3 height width"]:
-    """Mean over the context views that see a point of the plane; where none does, the nearest border of all of them."""
+    """Warp the context views by a plane; mean over the views that see a point, or over clamped samples if none does."""
     cameras = views.cameras
     points = camera_to_world_points(
         cameras.select([view]), depth * pixel_rays(cameras.select([view]), *views.image_size)

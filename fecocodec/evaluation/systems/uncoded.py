@@ -1,4 +1,4 @@
-"""The codec's networks without coding: latents reach the receiver unrounded, at the smallest lambda."""
+"""The networks of the codec without coding: latents are not quantised, lambda is the smallest."""
 
 import torch
 from torch import Tensor
@@ -20,9 +20,9 @@ FINEST_LAMBDA_Q = 0
 
 @torch.no_grad()
 def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) -> Gaussians:
-    """What the receiver would decode if both latents arrived unrounded: the upper bound of the coded system.
+    """Predict the Gaussians from latents without quantisation, an upper bound for the coded system.
 
-    config: how latents are optimised towards these views, for D alone.
+    config: of the latent optimisation towards these views, which minimises D alone.
     """
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
@@ -32,5 +32,5 @@ def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) ->
 
 
 def without_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
-    """y itself, for no bits."""
+    """Return y unchanged, with zero bits."""
     return EstimatedLatent(y, y.new_zeros(len(y)))

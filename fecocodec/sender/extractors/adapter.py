@@ -1,7 +1,8 @@
-"""Any other extractor as E_mv: its full-resolution features, brought to F1 by a small trained adapter.
+"""Use a third-party extractor as E_mv: a small trained adapter maps its full-resolution features to F1.
 
-The paper builds its larger variant so (appendix, "Compression Using CodecSplat's Multi-View Feature Extractor"):
-PixelUnshuffle to 1/4 resolution, three 2D blocks; the extractor is frozen, the rest starts from a trained model.
+The paper builds its larger variant in this way (appendix, "Compression Using CodecSplat's Multi-View Feature
+Extractor"): pixel unshuffle to 1/4 resolution, then three 2D blocks. The extractor is frozen; the other networks are
+initialised from a trained model.
 """
 
 from dataclasses import dataclass
@@ -23,26 +24,29 @@ NUM_BLOCKS, HIDDEN = 3, 96
 
 @runtime_checkable
 class LargeExtractor(Protocol):
-    """What an extractor of others must offer; its weights stay its own and are in no file of ours."""
+    """Interface of a third-party extractor. Its weights are not stored in the sender's weights file."""
 
     def num_channels(self) -> int:
-        """Channels of the features."""
+        """Return the number of channels of the features."""
 
     def features(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
     ) -> Float[Tensor, "batch view channel h w"]:
-        """Features at the images' own resolution, on their device; images sRGB in [0, 1], scenes normalised to
-        near = 1, sides multiples of 32. The same input must give the same features."""
+        """Return features at the resolution of the images, on their device.
+
+        images: sRGB in [0, 1], sides multiples of 32. cameras: scenes normalised to near = 1. The features must be
+        deterministic.
+        """
 
     def fingerprint(self) -> str:
-        """A text that changes when the weights do, such as a digest; senders refuse to load with another one."""
+        """Return a text that identifies the weights, such as a digest. A sender loads only with the same text."""
 
 
 @dataclass(frozen=True)
 class AdaptedFeatures:
     """The frozen features at 1/4 resolution, before adaptation; item = (batch view).
 
-    relative_disparity: the middle of the range, for an extractor says nothing of depth here.
+    relative_disparity: constant 0.5, because a third-party extractor returns no depth.
     """
 
     unshuffled: Float[Tensor, "item channel16 h4 w4"]
@@ -50,27 +54,27 @@ class AdaptedFeatures:
 
     @property
     def depth(self) -> MatchedDepth:
-        """Nothing to go by."""
+        """Depth with zero agreement: stage 2 gets no depth feedback."""
         return MatchedDepth(self.relative_disparity, torch.zeros_like(self.relative_disparity))
 
 
 class AdaptedExtractor(nn.Module):
-    """features -> pixel unshuffle 4 -> 1x1 conv -> three 2D blocks -> F1; only the last two have parameters here."""
+    """features -> pixel unshuffle 4 -> 1x1 conv -> three 2D blocks -> F1. Parameters: 1x1 conv and blocks only."""
 
     def __init__(self, extractor: LargeExtractor, channels: int) -> None:
         super().__init__()
-        self._frozen = (extractor,)  # in a tuple, so that it is no part of this module's weights
+        self._frozen = (extractor,)  # a tuple keeps it out of this module's parameters
         self.input = nn.Conv2d(16 * extractor.num_channels(), channels, 1)
         self.blocks = nn.Sequential(*(PlainBlock2d(channels, HIDDEN) for _ in range(NUM_BLOCKS)))
 
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """F1 of every view."""
+        """Return F1 of every view. Arguments as for `LargeExtractor.features`."""
         return self.fuse(images, self.match(images, cameras))
 
     def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> AdaptedFeatures:
-        """The frozen part. Raises ModelError where its features are not of the shape that was announced."""
+        """Run the frozen extractor. Raises ModelError if its features do not have the declared shape."""
         extractor = self._frozen[0]
         with torch.no_grad():
             features = extractor.features(images, cameras)
@@ -86,5 +90,5 @@ class AdaptedExtractor(nn.Module):
     def fuse(
         self, images: Float[Tensor, "batch view 3 h w"], found: AdaptedFeatures
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """The trained part."""
+        """Run the trained adapter. The images are not used."""
         return self.blocks(self.input(found.unshuffled))

@@ -19,17 +19,19 @@ from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 from fecocodec.sender.extractors.semi_global import aggregated
 from fecocodec.sender.matched_depth import MatchedDepth
 
-PYRAMID_LEVELS = 3  # images at full, half and quarter size are matched
-FIRST_TEMPERATURES = (1.2, 1.2, 1.2, 1.8)  # logarithms: of the levels, and of the photographs' own agreement
-SHARPNESS = 0.5  # of aggregated costs, which lie further apart than those they come from
+PYRAMID_LEVELS = 3  # matching runs at full, half and quarter image size
+FIRST_TEMPERATURES = (1.2, 1.2, 1.2, 1.8)  # initial log weights of the pyramid levels and of photo-consistency
+SHARPNESS = 0.5  # factor before the softmax: aggregated scores differ more than those before aggregation
 
 
 @dataclass(frozen=True)
 class Matching:
-    """What matching the views against each other gives, before fusion; item = (batch view).
+    """Result of matching the views, before fusion; item = (batch view), all at 1/4 resolution.
 
-    relative_disparity: expectation over the softmax of `cost`, for training to judge. aggregated_disparity, confidence:
-    expectation and largest probability after aggregation. agreement: of views on the aggregated disparity.
+    cost: matching score of each depth candidate, higher is better. relative_disparity: expectation over the softmax of
+    `cost`, in [0, 1]; differentiable, for the depth loss of training. aggregated_disparity, confidence: expectation and
+    largest probability after aggregation, without gradient. agreement: cross-view consistency of the aggregated
+    disparity, in [0, 1].
     """
 
     appearance: Float[Tensor, "item stem h4 w4"]
@@ -41,15 +43,15 @@ class Matching:
 
     @property
     def depth(self) -> MatchedDepth:
-        """For the second stage's feedback."""
+        """Depth for the feedback of stage 2."""
         return MatchedDepth(self.aggregated_disparity, self.agreement)
 
 
 class CompactExtractor(nn.Module):
     """images -> CNN (1/4) -> cross-view attention (1/8) -> plane sweep -> aggregation -> U-Net (1/4 to 1/16) -> F1.
 
-    Everything before aggregation works on the images at three sizes. The U-Net also sees the pixels themselves (pixel
-    unshuffle 4): the latent must carry colour, not only geometry.
+    All steps before the aggregation run on an image pyramid of three levels. The U-Net also takes the pixels (pixel
+    unshuffle 4), because the latent must carry colour as well as geometry.
     """
 
     def __init__(self, config: SenderConfig, channels: int) -> None:
@@ -79,14 +81,15 @@ class CompactExtractor(nn.Module):
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """images: sRGB in [0, 1], sides multiples of 32. cameras: one batch dimension, normalised scenes."""
+        """Return F1. images: sRGB in [0, 1], sides multiples of 32. cameras: a batch of normalised scenes."""
         return self.fuse(images, self.match(images, cameras))
 
     def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Matching:
-        """Per-view features, exchanged between views, and the cost volume they give.
+        """Compute the features of all views, the cost volume, and depth with its cross-view consistency.
 
-        Costs are summed over an image pyramid: coarse levels settle what fine ones find ambiguous, whatever the size.
-        The photographs' own agreement joins them: windows of pixels are less sure than features, but more exact.
+        Scores are summed over an image pyramid: coarse levels resolve ambiguities of the fine ones. Photo-consistency
+        of the images is added: correlation of pixel windows is less distinctive than learned features, but localises
+        more precisely.
         """
         colours, sources = F.avg_pool2d(_flat(images), 4), nearest_views(cameras, self.config.num_source_views)
         photographs = _flat(photo_consistency(images, cameras, sources, self.config.num_candidates))
@@ -98,17 +101,17 @@ class CompactExtractor(nn.Module):
             cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
         cost = cost + photographs * self.log_temperature[PYRAMID_LEVELS].exp()
         probability = (SHARPNESS * aggregated(cost.detach(), colours)).softmax(dim=1)
-        settled = _expectation(probability)
-        agreed = agreement(rearrange(settled, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources)
+        disparity = _expectation(probability)
+        consistency = agreement(rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources)
         confidence = probability.amax(dim=1, keepdim=True)
         return Matching(
-            appearance, cost, _expectation(cost.softmax(dim=1)), _flat(agreed[:, :, None]), settled, confidence
+            appearance, cost, _expectation(cost.softmax(dim=1)), _flat(consistency[:, :, None]), disparity, confidence
         )
 
     def _match_level(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
     ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
-        """Appearance and correlations, in [-1, 1], at one level of the pyramid."""
+        """Return appearance features, and correlations in [-1, 1], at one level of the pyramid."""
         batch, views = images.shape[:2]
         appearance = self.stem(_flat(images) * 2.0 - 1.0)
         sources = nearest_views(cameras, self.config.num_source_views)
@@ -124,12 +127,12 @@ class CompactExtractor(nn.Module):
     def fuse(
         self, images: Float[Tensor, "batch view 3 h w"], matching: Matching
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """U-Net over appearance, matching and pixels."""
+        """Return F1: the U-Net applied to appearance, matching results and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
-        beside = continued(matching.aggregated_disparity, matching.agreement, _flat(images))
-        disparity = 2.0 * torch.lerp(beside, matching.aggregated_disparity, matching.agreement) - 1.0
-        found = (matching.appearance, matching.cost / 8.0, matching.agreement, disparity, matching.confidence)
-        fine = self.fine_in(self.input(torch.cat((*found, pixels), dim=1)))
+        extrapolated = continued(matching.aggregated_disparity, matching.agreement, _flat(images))
+        disparity = 2.0 * torch.lerp(extrapolated, matching.aggregated_disparity, matching.agreement) - 1.0
+        inputs = (matching.appearance, matching.cost / 8.0, matching.agreement, disparity, matching.confidence)
+        fine = self.fine_in(self.input(torch.cat((*inputs, pixels), dim=1)))
         middle = self.middle_in(self.down_fine(fine))
         coarse = self.coarse(self.down_middle(middle))
         middle = self.middle_out(middle + self.up_coarse(coarse))
@@ -141,6 +144,6 @@ def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item cha
 
 
 def _expectation(probability: Float[Tensor, "item candidate h w"]) -> Float[Tensor, "item 1 h w"]:
-    """Expected relative disparity."""
+    """Return the expected relative disparity, in [0, 1]."""
     candidates = torch.linspace(0.0, 1.0, probability.shape[1], device=probability.device)
     return torch.einsum("idhw,d->ihw", probability, candidates)[:, None]

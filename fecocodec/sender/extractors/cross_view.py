@@ -1,4 +1,4 @@
-"""Attention between views at 1/8 resolution."""
+"""Cross-view attention at 1/8 resolution."""
 
 import torch
 import torch.nn.functional as F
@@ -6,11 +6,11 @@ from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-LARGEST_KEY_SIDE = 32  # keys are pooled to at most this many positions a side: cost grows with pixels, not their square
+LARGEST_KEY_SIDE = 32  # keys are pooled to at most 32x32 positions, so that cost is linear in the number of pixels
 
 
 class CrossViewAttention(nn.Module):
-    """tokens of a view -> attention over its own and its source views' tokens -> MLP, both residual, pre-norm."""
+    """Pre-norm attention of each view to its own tokens and those of its source views, then an MLP; both residual."""
 
     def __init__(self, channels: int, num_heads: int = 4) -> None:
         super().__init__()

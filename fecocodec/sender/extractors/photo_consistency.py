@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs
-"""How well the photographs themselves agree at candidate depths: normalised cross-correlation of small windows.
+"""Photo-consistency of the images at candidate depths: normalised cross-correlation of small windows.
 
-Learned features at 1/4 resolution tell places apart; windows of pixels tell exactly where. Together they halve the
-median error of the matched depth (docs/experiments.md).
+Learned features at 1/4 resolution are distinctive; windows of pixels localise precisely. Together they halve the median
+error of the matched depth (docs/experiments.md).
 """
 
 import numpy as np
@@ -17,9 +17,9 @@ from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.kernels.compilation import compiled
 from fecocodec.kernels.threads import run_in_ranges
 
-RADIUS = 2  # of the window: 5x5 pixels of the image at half size
-LEAST_VARIANCE = np.float32(1e-3)  # of a window, all colours together; keeps noise of flat regions from matching
-_COLOURS, _SUMS = 3, 5  # of a window: three colours, the sum of their squares, of their products with the reference
+RADIUS = 2  # windows are 5x5 pixels of the image at half size
+LEAST_VARIANCE = np.float32(1e-3)  # added to window variances (sum over colours); prevents matches of noise
+_COLOURS, _SUMS = 3, 5  # statistics of a window: three colours, their squares, their products with the reference
 _SMALLEST_DEPTH = np.float32(1e-6)  # scenes are normalised to near = 1
 
 
@@ -30,10 +30,11 @@ def photo_consistency(
     sources: Int[Tensor, "batch view count"],
     num_candidates: int,
 ) -> Float[Tensor, "batch view candidate h4 w4"]:
-    """Correlation in [-1, 1] of a view's windows with those of its sources, mean over sources, no gradient.
+    """Return the correlation, in [-1, 1], of windows of each view with those of its sources; mean over the sources.
 
-    Candidates are uniform in inverse depth from 1/far to 1/near, and a window is taken to have one depth and to look
-    towards the camera. Zero where a source does not see the point.
+    images: sRGB in [0, 1], sides multiples of 4. sources: indices of the source views of each view. Candidates are
+    uniform in inverse depth from 1/far to 1/near. Windows are assumed to be fronto-parallel. A source that does not
+    see the point contributes zero. The result has no gradient.
     """
     batch, views, _, height, width = images.shape
     if not sources.shape[-1]:
@@ -55,7 +56,7 @@ def photo_consistency(
 
 
 def _mapping(cameras: Cameras, view: int, source: int) -> tuple[Float32[np.ndarray, "3 3"], Float32[np.ndarray, " 3"]]:
-    """(turn, shift): turn @ (u, v, 1) * depth + shift is the source's homogeneous image position, u and v in [0, 1]."""
+    """Return (turn, shift): turn @ (u, v, 1) * depth + shift is the homogeneous position in the source, in [0, 1]."""
     to_source = cameras.world_to_camera[source].double() @ cameras.extrinsics[view].double()
     intrinsics = cameras.intrinsics.double()
     turn = intrinsics[source] @ to_source[:3, :3] @ torch.linalg.inv(intrinsics[view])
@@ -80,15 +81,15 @@ def _correlations(
 
 
 def _share_of_window(side: int) -> Float32[np.ndarray, " side"]:
-    """One over the length of the window around each pixel of a line; windows end at the border."""
-    place = np.arange(side)
-    length = np.minimum(place + RADIUS, side - 1) - np.maximum(place - RADIUS, 0) + 1
+    """Return 1 / length of the window around each pixel of a line. Windows are cropped at the border."""
+    position = np.arange(side)
+    length = np.minimum(position + RADIUS, side - 1) - np.maximum(position - RADIUS, 0) + 1
     return np.asarray(1.0 / length, np.float32)
 
 
 @compiled
 def _own_means(reference, weight, own):
-    """What `_normalise_row` needs of the reference's windows."""
+    """Write the window means of the reference image to `own`, for `_normalise_row`."""
     _, height, width = reference.shape
     values = np.zeros((_SUMS, height + 2 * RADIUS, width + 2 * RADIUS), np.float32)
     for row in range(height):
@@ -103,7 +104,7 @@ def _own_means(reference, weight, own):
 
 @compiled
 def _correlate(start, stop, reference, own, weight, source, turn, shift, depths, volume):
-    """Normalised cross-correlation at candidates start to stop."""
+    """Write the normalised cross-correlation at candidates start to stop - 1 to `volume`."""
     _, height, width = reference.shape
     values = np.zeros((_SUMS, height + 2 * RADIUS, width + 2 * RADIUS), np.float32)
     is_seen = np.empty((height, width), np.float32)
@@ -120,7 +121,7 @@ def _correlate(start, stop, reference, own, weight, source, turn, shift, depths,
 
 @compiled
 def _sample_row(source, turn, shift, depth, row, corner, fractions, values, is_seen):
-    """Set a row's colours to the source's where the candidate's points fall, and whether that is inside."""
+    """Warp one row: sample the source at the projections of the candidate's points. is_seen: 1 inside the source."""
     _, height, width = source.shape
     v = np.float32((row + 0.5) / height)
     for column in range(width):
@@ -148,7 +149,7 @@ def _sample_row(source, turn, shift, depth, row, corner, fractions, values, is_s
 
 @compiled
 def _complete_row(values, reference, row):
-    """The squares of a row's colours, summed, and its products with the reference's, from the colours."""
+    """Compute the sum of squares of a row's colours, and of their products with the reference."""
     for column in range(reference.shape[2]):
         squares = products = np.float32(0)
         for channel in range(_COLOURS):
@@ -161,7 +162,7 @@ def _complete_row(values, reference, row):
 
 @compiled
 def _window_means(values, row, weight, columns, means):
-    """Means over the windows of one row; values are 0 around the border. columns: room for sums along them."""
+    """Write the window means of one row to `means`. values: padded with 0. columns: buffer for column sums."""
     for k in range(_SUMS):
         for column in range(columns.shape[1]):
             columns[k, column] = values[k, row, column]
@@ -177,7 +178,7 @@ def _window_means(values, row, weight, columns, means):
 
 @compiled
 def _normalise_row(own, found, is_seen, scores):
-    """Covariance over the root of both variances, from means of colours, squares and products; 0 where not seen."""
+    """Write covariance / sqrt(product of variances) of one row to `scores`, from window means; 0 if not seen."""
     for column in range(len(scores)):
         own_variance = own[_COLOURS, column]
         variance, covariance = found[_COLOURS, column], found[_COLOURS + 1, column]

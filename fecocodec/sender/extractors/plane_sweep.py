@@ -1,4 +1,4 @@
-"""Plane-sweep matching: how well each view's features agree with other views' at candidate depths."""
+"""Plane-sweep matching: correlate the features of each view with those of other views at candidate depths."""
 
 import numpy as np
 import torch
@@ -12,14 +12,14 @@ from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.kernels.compilation import compiled
 from fecocodec.kernels.threads import run_in_ranges
 
-OUTSIDE = 4.0  # image position of points behind the source camera: no pixel there
-MOST_CORRELATED = 2**14  # positions of a view up to which all pairs are correlated
-LARGEST_CORRELATION = 2**24  # entries of the correlation matrix held at once
+OUTSIDE = 4.0  # normalised image position of points behind the source camera; outside of every image
+MOST_CORRELATED = 2**14  # maximum number of positions of a view for correlating all pairs
+LARGEST_CORRELATION = 2**24  # maximum number of entries of the correlation matrix in memory
 SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
 
 def nearest_views(cameras: Cameras, count: int) -> Int[Tensor, "batch view count"]:
-    """For every view the `count` other views whose camera centres are nearest (fewer where there are fewer)."""
+    """Return, for every view, the `count` other views (all, if there are fewer) with the nearest camera centres."""
     centres = cameras.extrinsics[..., :3, 3]
     distances = torch.cdist(centres, centres)
     distances.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
@@ -32,13 +32,12 @@ def cost_volume(
     sources: Int[Tensor, "batch view count"],
     num_candidates: int,
 ) -> Float[Tensor, "batch view candidate h w"]:
-    """Mean over source views of the dot product of each view's features with those of the source, bilinearly sampled at
-    candidates uniform in inverse depth from 1/far to 1/near (Chen et al., "MVSplat", 2024, equation 2).
+    """Return the plane-sweep cost volume (Chen et al., "MVSplat", 2024, equation 2).
 
-    Features should have unit length over channels. Zero where a source does not see the point, or there is no source.
-    Where gradients are needed, or on a GPU, feature maps are not warped: all pairs of positions are correlated in one
-    matrix product, from which each candidate picks four entries, the same sum in a tenth of the time, in chunks of
-    bounded memory. Where pairs become too many (images over 512x512 pixels), candidates are sampled.
+    An entry is the dot product of the features of a view with those of a source view, sampled bilinearly at the
+    candidate's projection; mean over the source views. A source that does not see the point contributes zero; without
+    sources the volume is zero. Candidates are uniform in inverse depth from 1/far to 1/near. features: of unit length
+    over channels. sources: indices of the source views of each view.
     """
     batch, views, _, height, width = features.shape
     relative = torch.linspace(0.0, 1.0, num_candidates, device=features.device)
@@ -61,7 +60,12 @@ def correlate(
     sources: Float[Tensor, "source channel h w"],
     grid: Float[Tensor, "source point candidate 2"],
 ) -> Float[Tensor, "point candidate"]:
-    """Correlation of each reference position with the sources at its candidates' positions, mean over sources."""
+    """Correlate each reference position with the sources at the positions of its candidates; mean over sources.
+
+    grid: normalised positions (u, v) in each source. On a CPU without gradients, a kernel computes only the products
+    that are needed. Otherwise all pairs of positions are correlated in one matrix product, and each candidate picks
+    four entries; above MOST_CORRELATED positions, features are sampled instead.
+    """
     height, width = reference.shape[-2:]
     queries = rearrange(reference, "c h w -> (h w) c")
     needs_gradients = torch.is_grad_enabled() and (reference.requires_grad or sources.requires_grad)
@@ -81,7 +85,7 @@ def _without_gradient(
     sources: Float[Tensor, "source channel h w"],
     grid: Float[Tensor, "source point candidate 2"],
 ) -> Float[Tensor, "point candidate"]:
-    """Only the products that are picked, by a kernel: a tenth of the time of all pairs."""
+    """Compute only the required products, with a compiled kernel."""
     total = np.zeros(grid.shape[1:3], np.float32)
     for source, positions in zip(sources, grid, strict=True):
         arrays = [_array(x) for x in (queries, rearrange(source, "c h w -> h w c"), positions)]
@@ -95,7 +99,7 @@ def _from_all_pairs(
     index: Int[Tensor, "point candidate 4"],
     weight: Float[Tensor, "point candidate 4"],
 ) -> Float[Tensor, "point candidate"]:
-    """Products of all pairs of positions, four of which each candidate picks: fastest while there are few positions."""
+    """Compute the products of all pairs, and interpolate four for each candidate. Fastest for few positions."""
     chunk = max(1, LARGEST_CORRELATION // keys.shape[1])
     parts = zip(queries.split(chunk), index.split(chunk), weight.split(chunk), strict=True)
     return torch.cat([((q @ keys).gather(1, i.flatten(1)).view_as(w) * w).sum(dim=-1) for q, i, w in parts])
@@ -107,7 +111,7 @@ def _from_sampled_rows(
     index: Int[Tensor, "point candidate 4"],
     weight: Float[Tensor, "point candidate 4"],
 ) -> Float[Tensor, "point candidate"]:
-    """Features sampled at each candidate, then multiplied: work grows with positions, not with their square."""
+    """Sample features at each candidate, then multiply. Cost is linear in the number of positions."""
     rows = keys.T.contiguous()
     chunk = max(1, LARGEST_CORRELATION // (index.shape[1] * rows.shape[1]))
     parts = zip(queries.split(chunk), index.split(chunk), weight.split(chunk), strict=True)
@@ -124,7 +128,7 @@ def _array(tensor: Float[Tensor, "*shape"]) -> Float32[np.ndarray, "*shape"]:
 
 @compiled
 def _add_correlations(start, stop, queries, source, positions, total):  # type: ignore[no-untyped-def]
-    """Add the correlation of points start to stop with bilinearly sampled rows of the source."""
+    """Add the correlation of points start to stop - 1 with bilinearly sampled features of the source to `total`."""
     height, width, channels = source.shape
     for point in range(start, stop):
         for candidate in range(positions.shape[1]):
@@ -152,7 +156,7 @@ def _add_correlations(start, stop, queries, source, positions, total):  # type: 
 def _bilinear(
     positions: Float[Tensor, "point candidate 2"], height: int, width: int
 ) -> tuple[Int[Tensor, "point candidate 4"], Float[Tensor, "point candidate 4"]]:
-    """Flat indices and weights of the four pixels around each position; weight 0 outside the image."""
+    """Return flat indices and bilinear weights of the four pixels around each position; weight 0 outside the image."""
     size = positions.new_tensor([width, height])
     corner = positions * size - 0.5
     first = corner.floor()
@@ -173,7 +177,7 @@ def _bilinear(
 def _grid(
     points: Float[Tensor, "source point candidate 3"], intrinsics: Float[Tensor, "source 3 3"]
 ) -> Float[Tensor, "source point candidate 2"]:
-    """Normalised image positions (u, v) in the source, OUTSIDE where the point lies behind it."""
+    """Project points in source camera coordinates to normalised positions (u, v); OUTSIDE for points behind it."""
     depth = points[..., 2:]
     in_front = depth > SMALLEST_DEPTH
     projected = points @ intrinsics[:, None].transpose(-1, -2)

@@ -1,9 +1,9 @@
 # mypy: allow-untyped-defs
-"""Semi-global aggregation of a cost volume: evidence flows along the rows, columns and diagonals of an image.
+"""Semi-global aggregation of a cost volume along the rows, columns and diagonals of the image.
 
-Hirschmueller, "Stereo processing by semiglobal matching and mutual information", 2008, section 2.3: along each of eight
-directions a pixel may keep its neighbour's candidate for nothing, move by one for SMALL_STEP, or jump for LARGE_STEP.
-Both cost less where colour changes, as depth does so there, too.
+Hirschmueller, "Stereo processing by semiglobal matching and mutual information", 2008, section 2.3. Along each of eight
+directions, a change of the candidate between neighbouring pixels costs SMALL_STEP for one candidate and LARGE_STEP for
+more. Both penalties are reduced at colour edges, where depth discontinuities are likely.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ from torch import Tensor
 from fecocodec.kernels.compilation import compiled
 from fecocodec.kernels.threads import run_in_ranges
 
-SMALL_STEP, LARGE_STEP = 6.0, 36.0  # in units of the score, between pixels of one colour
-ACROSS_EDGE = 0.27  # share of it that a step costs between pixels of altogether different colours
-EDGE = 0.08  # distance of sRGB colours in [0, 1] over which the rest of it falls to 1/e
+SMALL_STEP, LARGE_STEP = 6.0, 36.0  # penalties between pixels of equal colour, in units of the score
+ACROSS_EDGE = 0.27  # factor of the penalties between pixels of very different colours
+EDGE = 0.08  # colour distance, sRGB in [0, 1], over which the factor decays from 1 towards ACROSS_EDGE
 _DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))  # rows, columns
 _FAR = np.float32(1e30)
 
@@ -25,9 +25,9 @@ _FAR = np.float32(1e30)
 def aggregated(
     score: Float[Tensor, "item candidate h w"], colours: Float[Tensor, "item 3 h w"]
 ) -> Float[Tensor, "item candidate h w"]:
-    """Mean of the eight directions' scores; higher is better, as in the volume that comes in. No gradient.
+    """Return the mean of the aggregated scores of eight directions. The result has no gradient.
 
-    colours: of the pixels, sRGB in [0, 1].
+    score: matching scores, higher is better, as in the result. colours: of the pixels, sRGB in [0, 1].
     """
     volume = np.ascontiguousarray(score.permute(0, 2, 3, 1).float().cpu().numpy())
     picture = np.ascontiguousarray(colours.permute(0, 2, 3, 1).float().cpu().numpy())
@@ -39,9 +39,9 @@ def aggregated(
 
 @compiled
 def _aggregate(start, stop, score, picture, total, rules):
-    """Add the mean over directions of items start to stop."""
+    """Add the mean over directions of items start to stop - 1 to `total`."""
     _, height, width, count = score.shape
-    path = np.empty((height, width, count + 2), np.float32)  # costs, with a candidate out of reach at each end
+    path = np.empty((height, width, count + 2), np.float32)  # costs, padded with an unreachable candidate at each end
     for item in range(start, stop):
         for direction in range(len(_DIRECTIONS)):
             down, right = _DIRECTIONS[direction]
@@ -56,7 +56,7 @@ def _aggregate(start, stop, score, picture, total, rules):
 
 @compiled
 def _follow(score, picture, path, item, row, column, from_row, from_column, rules):
-    """Cost of every candidate of a pixel, given those of the pixel before it on the path."""
+    """Compute the path cost of every candidate of a pixel from those of the previous pixel on the path."""
     _, height, width, count = score.shape
     path[row, column, 0] = path[row, column, count + 1] = _FAR
     if from_row < 0 or from_row >= height or from_column < 0 or from_column >= width:
@@ -76,7 +76,7 @@ def _follow(score, picture, path, item, row, column, from_row, from_column, rule
 
 @compiled
 def _share_of_step(colour, neighbour, rules):
-    """How much of its cost a step costs between two pixels: all of it where they have one colour."""
+    """Return the factor of the penalties between two pixels: 1 for equal colours, down to ACROSS_EDGE."""
     squared = np.float32(0)
     for channel in range(len(colour)):
         squared += (colour[channel] - neighbour[channel]) ** 2

@@ -48,7 +48,7 @@ def test_a_broken_rule_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
     assert silent.complaint == "the sender gave no warning"
     darker = case(pair, "black")
     other = suite.judge(StressCase(darker.name, darker.harder, darker.easy, "same bytes"))
-    assert other.complaint == "the payloads differ from those of the easy version"
+    assert other.complaint == "the payloads differ from those of the reference"
 
 
 def test_a_refusal_where_none_belongs_is_a_complaint(suite: StressSuite, pair: Trial) -> None:

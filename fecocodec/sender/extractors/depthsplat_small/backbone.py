@@ -42,7 +42,7 @@ class Backbone(nn.Module):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
     def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 128 h4 w4"]:
-        """images: normalised by ImageNet's mean and deviation."""
+        """Return features at 1/4 resolution. images: normalised by the ImageNet mean and standard deviation."""
         x = F.relu(F.instance_norm(self.conv1(images)))
         return self.conv2(self.layer3(self.layer2(self.layer1(x))))
 

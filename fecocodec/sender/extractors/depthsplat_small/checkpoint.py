@@ -1,8 +1,8 @@
-"""Public weights for the extractor, loaded by name: official DepthSplat checkpoints, Depth Anything V2, UniMatch.
+"""Load public weights into the extractor by name: official DepthSplat, Depth Anything V2 and UniMatch checkpoints.
 
-A checkpoint is a dict of tensors, or holds one as "state_dict" or "model". Official DepthSplat keys begin with
-`encoder.depth_predictor.`; Depth Anything V2 has `pretrained.*`, UniMatch `backbone.*` and `transformer.*`, and both
-initialise a part only.
+A checkpoint is a dict of tensors, or contains one as "state_dict" or "model". Keys of official DepthSplat checkpoints
+begin with `encoder.depth_predictor.`. Depth Anything V2 (`pretrained.*`) and UniMatch (`backbone.*`, `transformer.*`)
+initialise only a part of the extractor.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ _NESTED = ("state_dict", "model")
 
 @dataclass(frozen=True)
 class LoadReport:
-    """Names of tensors: used ones as the extractor calls them, unused ones as the file does, and those not found."""
+    """Tensor names. used, missing: names in the extractor. unused: names in the file."""
 
     used: tuple[str, ...]
     unused: tuple[str, ...]
@@ -34,10 +34,10 @@ class LoadReport:
 
 
 def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
-    """Copy every tensor of the file that the extractor has by that name; says which were used, unused and missing.
+    """Copy every tensor of the file whose name exists in the extractor. Returns the used, unused and missing names.
 
-    Raises ModelError where the file is unreadable, a tensor has another shape, none is of use, or an official
-    checkpoint lacks one or meets an extractor without the public geometry that it was trained with.
+    Raises ModelError if the file cannot be read, if a tensor has another shape, or if no name matches. For an official
+    DepthSplat checkpoint, also if a tensor is missing, or if the extractor does not have the "public" geometry.
     """
     stored = _read(path)
     is_official = any(name.startswith(OFFICIAL_PREFIX) for name in stored)
@@ -68,12 +68,12 @@ def _own_name(name: str) -> str:
 
 
 def _read(path: Path) -> dict[str, Tensor]:
-    """All tensors of a checkpoint by name, without running anything that it holds."""
+    """Read all tensors of a checkpoint by name, without executing pickled code."""
     if not path.is_file():
         raise ModelError(f"{path}: no such checkpoint; check the path.")
     try:
         contents = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # a damaged pickle can fail in every way there is
+    except Exception as error:  # a damaged pickle can raise any exception
         raise ModelError(
             f"{path}: no checkpoint, damaged, or with more than tensors in it ({type(error).__name__}); "
             "store its state_dict alone with torch.save."

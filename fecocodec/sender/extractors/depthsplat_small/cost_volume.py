@@ -1,7 +1,8 @@
 """Plane-sweep matching of the multi-view features (Chen et al., "MVSplat", 2024, equation 2).
 
-A candidate's cost is the dot product of a position's features with those of the source view where the candidate's
-point lies, over the square root of the channels, mean over source views. Points outside a source count as 0.
+The score of a candidate is the dot product of the features at a position with those of a source view at the projection
+of the candidate's point, divided by the square root of the number of channels; mean over the source views. Points
+outside a source contribute 0.
 """
 
 from collections.abc import Callable
@@ -16,16 +17,16 @@ from fecocodec.sender.extractors.plane_sweep import correlate, nearest_views
 
 NUM_CANDIDATES = 128
 _SMALLEST_DEPTH = 1e-3  # in the source camera, scene units
-_FARTHEST = 4.0  # image sizes from the middle; beyond it a position is outside in any case
+_FARTHEST = 4.0  # normalised positions are clamped to [-4, 4]; outside of every image
 
 Positions = Callable[[Cameras, int, int, Float[Tensor, " candidate"], int, int], Tensor]
-"""(cameras of a scene, view, source, candidates' depths, height, width) -> normalised positions in the source."""
+"""(cameras of a scene, view, source, candidate depths, height, width) -> normalised positions in the source."""
 
 
 def source_views(cameras: Cameras) -> Int[Tensor, "batch view count"]:
-    """The views that each view is matched with: all others of up to three, else the two nearest by camera centre.
+    """Return the source views of each view: all others if there are up to three views, else the two nearest ones.
 
-    A single view is its own source, for there is nothing else to attend to.
+    A single view is its own source.
     """
     batch, views = cameras.extrinsics.shape[:2]
     if views > 3:
@@ -35,7 +36,7 @@ def source_views(cameras: Cameras) -> Int[Tensor, "batch view count"]:
 
 
 def candidate_depths(cameras: Cameras) -> Float[Tensor, "batch candidate"]:
-    """Depths uniform in inverse depth, from far to near, in scene units."""
+    """Return candidate depths, uniform in inverse depth from far to near, in scene units."""
     share = torch.linspace(0.0, 1.0, NUM_CANDIDATES, device=cameras.near.device)
     farthest, nearest = 1.0 / cameras.far[:, None], 1.0 / cameras.near[:, None]
     return 1.0 / (farthest + share * (nearest - farthest))
@@ -44,7 +45,7 @@ def candidate_depths(cameras: Cameras) -> Float[Tensor, "batch candidate"]:
 def exact_positions(
     cameras: Cameras, view: int, source: int, depths: Float[Tensor, " candidate"], height: int, width: int
 ) -> Float[Tensor, "point candidate 2"]:
-    """Where the points behind each pixel centre lie in the source, by each camera's own intrinsics."""
+    """Project the points at each depth along the ray of each pixel centre into the source, with its own intrinsics."""
     rays = pixel_rays(cameras.select([view]), height, width)[0]
     return _projected(cameras, view, source, rays.flatten(0, 1), depths, cameras.intrinsics[source])
 
@@ -52,10 +53,10 @@ def exact_positions(
 def public_positions(
     cameras: Cameras, view: int, source: int, depths: Float[Tensor, " candidate"], height: int, width: int
 ) -> Float[Tensor, "point candidate 2"]:
-    """As the public code computes them, and its checkpoints were trained with.
+    """Compute the positions as the public code does; its checkpoints were trained with them.
 
-    The view's intrinsics serve for the source too, and the pixel of index i stands at i instead of i + 0.5 in
-    intrinsics that were merely divided by the downscaling.
+    They differ from `exact_positions` in two ways: the intrinsics of the view are also used for the source, and pixel i
+    is at position i instead of i + 0.5.
     """
     corner = pixel_rays(cameras.select([view]), height, width)[0]
     focal = cameras.intrinsics[view].diagonal()[:2] * cameras.intrinsics.new_tensor([width, height])
@@ -72,7 +73,7 @@ def _projected(
     depths: Float[Tensor, " candidate"],
     intrinsics: Float[Tensor, "3 3"],
 ) -> Float[Tensor, "point candidate 2"]:
-    """Rays of the view, taken to each depth and projected into the source, normalised by its size."""
+    """Project the points at each depth along rays of the view into the source, in normalised coordinates."""
     to_source = cameras.world_to_camera[source] @ cameras.extrinsics[view]
     points = (rays @ to_source[:3, :3].T)[:, None] * depths[:, None] + to_source[:3, 3]
     projected = points @ intrinsics.T
@@ -86,7 +87,10 @@ def cost_volume(
     sources: Int[Tensor, "batch view count"],
     positions: Positions,
 ) -> Float[Tensor, "batch view candidate h w"]:
-    """Costs of all candidates; memory is bounded by working on one view of one scene, in chunks of its positions."""
+    """Return the scores of all candidates; higher is better. Views are processed one by one to limit memory.
+
+    sources: see `source_views`. positions: `exact_positions` or `public_positions`.
+    """
     batch, views, channels, h, w = features.shape
     depths = candidate_depths(cameras)
     volumes = []
@@ -95,7 +99,7 @@ def cost_volume(
         for view in range(views):
             chosen = sources[scene, view]
             with torch.no_grad():
-                places = [positions(of_scene, view, source, depths[scene], h, w) for source in chosen.tolist()]
-            cost = correlate(features[scene, view], features[scene, chosen], torch.stack(places))
+                grids = [positions(of_scene, view, source, depths[scene], h, w) for source in chosen.tolist()]
+            cost = correlate(features[scene, view], features[scene, chosen], torch.stack(grids))
             volumes.append(cost / channels**0.5)
     return rearrange(torch.stack(volumes), "(b v) (h w) d -> b v d h w", b=batch, h=h)

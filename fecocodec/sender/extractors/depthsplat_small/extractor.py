@@ -39,9 +39,10 @@ _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the branches found, before fusion; item = (batch view), all at 1/4 resolution.
+    """Outputs of the branches, before fusion; item = (batch view), all at 1/4 resolution.
 
-    relative_disparity: expectation over the softmax of the costs. agreement: of views on it.
+    cost: matching score of each depth candidate. relative_disparity: expectation over the softmax of `cost`, in [0, 1].
+    agreement: cross-view consistency of the relative disparity, in [0, 1].
     """
 
     cost: Float[Tensor, "item candidate h4 w4"]
@@ -54,12 +55,12 @@ class Evidence:
 
     @property
     def depth(self) -> MatchedDepth:
-        """For the second stage's feedback."""
+        """Depth for the feedback of stage 2."""
         return MatchedDepth(self.relative_disparity.detach(), self.agreement)
 
 
 class Fusion(nn.ModuleDict):
-    """3x3 conv -> group norm -> GELU -> cross-view U-Net -> 3x3 conv; keys are places in the public checkpoints."""
+    """3x3 conv -> group norm -> GELU -> cross-view U-Net -> 3x3 conv. Keys are those of the public checkpoints."""
 
     def __init__(self, in_channels: int) -> None:
         super().__init__(
@@ -83,9 +84,11 @@ class DepthSplatSmall(nn.Module):
     """
 
     def __init__(self, geometry: str = "public", matching_scale: int = 1) -> None:
-        """geometry: "public" as in the public code, which its checkpoints need, or "exact", without its slips.
+        """geometry: "public" computes positions and masks as the public code does, as its checkpoints require; "exact"
+        computes them without the errors of that code (see `public_positions`, `public_masks_of_sources`).
 
-        matching_scale: 2 builds the cost volume at half the features' resolution, as the paper does for DL3DV.
+        matching_scale: 2 builds the cost volume at half the resolution of the features, as the paper does for DL3DV.
+        Raises ModelError for an unknown geometry.
         """
         super().__init__()
         if geometry not in _POSITIONS:
@@ -101,11 +104,11 @@ class DepthSplatSmall(nn.Module):
         self.regressor_residual = nn.ModuleList([nn.Conv2d(joined, CHANNELS, 1)])
 
     def forward(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Float[Tensor, "item 128 h4 w4"]:
-        """F1 of every view; images sRGB in [0, 1], sides multiples of 16."""
+        """Return F1 of every view. images: sRGB in [0, 1], sides multiples of 16. cameras: normalised scenes."""
         return self.fuse(images, self.match(images, cameras))
 
     def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Evidence:
-        """The three branches and the cost volume. Raises InputError for sides that are no multiples of 16."""
+        """Run the three branches and build the cost volume. Raises InputError if a side is not a multiple of 16."""
         if images.shape[-2] % SIDE_MULTIPLE or images.shape[-1] % SIDE_MULTIPLE:
             raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of 16.")
         views = images.shape[1]
@@ -120,9 +123,9 @@ class DepthSplatSmall(nn.Module):
         return Evidence(cost, appearance, _flat(multi_view), monocular, expected, _flat(agreed[:, :, None]), views)
 
     def fuse(self, images: Float[Tensor, "batch view 3 h w"], evidence: Evidence) -> Float[Tensor, "item 128 h4 w4"]:
-        """The U-Net over all evidence; the photographs have nothing to add."""
-        found = (evidence.cost, evidence.appearance, evidence.multi_view, evidence.monocular)
-        joined = torch.cat([part.to(evidence.appearance.dtype) for part in found], dim=1)
+        """Return F1: the U-Net applied to the outputs of the branches. The images are not used."""
+        parts = (evidence.cost, evidence.appearance, evidence.multi_view, evidence.monocular)
+        joined = torch.cat([part.to(evidence.appearance.dtype) for part in parts], dim=1)
         return self.regressor[0](joined, evidence.num_views) + self.regressor_residual[0](joined)
 
     def _multi_view(
@@ -136,7 +139,7 @@ class DepthSplatSmall(nn.Module):
     def _cost(
         self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras
     ) -> Float[Tensor, "item candidate h w"]:
-        """Costs in float32 whatever the features are in; 0 for a single view, which matches nothing."""
+        """Return matching scores, computed in float32; zero for a single view."""
         batch, views, _, h, w = features.shape
         if views == 1:
             return features.new_zeros(batch, NUM_CANDIDATES, h, w)

@@ -1,4 +1,4 @@
-"""The monocular branch: DINOv2's ViT-S/14, as Depth Anything V2 uses it, without its mask token."""
+"""The monocular branch: the ViT-S/14 of DINOv2 as used by Depth Anything V2, without the mask token."""
 
 import torch
 import torch.nn.functional as F
@@ -9,13 +9,13 @@ from torch import Tensor, nn
 CHANNELS = 384
 _DEPTH, _NUM_HEADS, _HIDDEN = 12, 6, 1536
 _PATCH = 14  # pixels
-_TRAINED_SIDE = 37  # patches a side of the position embedding
-_OFFSET = 0.1  # DINOv2 adds it to the patch count before dividing, and its weights were trained so
+_TRAINED_SIDE = 37  # side of the trained position embedding, in patches
+_OFFSET = 0.1  # added to the number of patches when the embedding is resized, as in DINOv2
 _EPSILON = 1e-6
 
 
 class LayerScale(nn.Module):
-    """A learned factor a channel."""
+    """Learned factor for each channel."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class Mlp(nn.Module):
 
 
 class Block(nn.Module):
-    """Pre-norm attention and MLP, each scaled and added."""
+    """Pre-norm attention and MLP, each with LayerScale and a residual connection."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -64,7 +64,7 @@ class Block(nn.Module):
 
 
 class PatchEmbedding(nn.Module):
-    """14x14 pixels -> token."""
+    """Map each patch of 14x14 pixels to a token."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -75,7 +75,7 @@ class PatchEmbedding(nn.Module):
 
 
 class VisionTransformer(nn.Module):
-    """image -> patches + position -> twelve blocks -> norm -> map of patches."""
+    """image -> patch tokens + position embedding -> twelve blocks -> norm -> feature map with one vector per patch."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -88,7 +88,7 @@ class VisionTransformer(nn.Module):
         nn.init.normal_(self.cls_token, std=1e-6)
 
     def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
-        """images: normalised by ImageNet's mean and deviation; sides multiples of 14."""
+        """images: normalised by the ImageNet mean and standard deviation; sides multiples of 14."""
         patches = self.patch_embed(images)
         rows, columns = patches.shape[-2:]
         tokens = rearrange(patches + self._positions(rows, columns), "i c h w -> i (h w) c")
@@ -99,7 +99,7 @@ class VisionTransformer(nn.Module):
         return rearrange(self.norm(tokens)[:, 1:], "i (h w) c -> i c h w", h=rows)
 
     def _positions(self, rows: int, columns: int) -> Float[Tensor, "1 channel rows columns"]:
-        """The position embedding, resampled from 37x37 patches."""
+        """Return the position embedding, resized from 37x37 patches."""
         trained = rearrange(self.pos_embed[:, 1:], "1 (h w) c -> 1 c h w", h=_TRAINED_SIDE)
         if rows == columns == _TRAINED_SIDE:
             return trained
@@ -110,7 +110,11 @@ class VisionTransformer(nn.Module):
 def monocular_features(
     network: VisionTransformer, images: Float[Tensor, "item 3 h w"]
 ) -> Float[Tensor, "item channel h4 w4"]:
-    """Features of each view alone at 1/4 resolution: shrunk to whole patches, resized to 1/8, doubled."""
+    """Return monocular features of each view at 1/4 resolution.
+
+    images: normalised by the ImageNet mean and standard deviation. They are resized down to whole patches; the features
+    are resized to 1/8, then to 1/4 resolution.
+    """
     h, w = images.shape[-2:]
     whole = _resize(images, (h // _PATCH * _PATCH, w // _PATCH * _PATCH))
     return _resize(_resize(network(whole), (h // 8, w // 8)), (h // 4, w // 4))

@@ -1,4 +1,4 @@
-"""The multi-view transformer: windowed attention within a view and to its sources (Xu et al., "UniMatch", 2023)."""
+"""The multi-view transformer: windowed self-attention, and attention to source views (Xu et al., "UniMatch", 2023)."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ NUM_BLOCKS = 6
 
 @dataclass(frozen=True)
 class ScoreMasks:
-    """What is added to attention scores in shifted windows."""
+    """Additive masks of attention scores in shifted windows, for self-attention and for attention to sources."""
 
     within: Float[Tensor, "window token token"]
     across: Float[Tensor, "window token keys"]
@@ -41,7 +41,7 @@ class AttentionLayer(nn.Module):
         keys: Float[Tensor, "item window keys channel"],
         mask: Float[Tensor, "window token keys"] | None,
     ) -> Float[Tensor, "item window token channel"]:
-        """What each token gathers from the keys of its window."""
+        """Return the attention output of each token over the keys of its window."""
         query, key, value = self.q_proj(x), self.k_proj(keys), self.v_proj(keys)
         return self.norm1(self.merge(F.scaled_dot_product_attention(query, key, value, mask)))
 
@@ -54,7 +54,7 @@ class AttentionLayer(nn.Module):
 
 
 class CrossAttentionLayer(AttentionLayer):
-    """Attention to other views' tokens -> MLP of token and message -> layer norm -> + x."""
+    """Attention to tokens of the source views -> MLP of (token, message) -> layer norm -> + x."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,7 +72,7 @@ class CrossAttentionLayer(AttentionLayer):
 
 
 class Block(nn.Module):
-    """Self-attention, then attention to what the source views were before this block."""
+    """Self-attention, then attention to the tokens of the source views at the input of this block."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -97,7 +97,7 @@ class Block(nn.Module):
 
 
 class MultiViewTransformer(nn.Module):
-    """CNN features (+ position in the window) -> six blocks, windows shifted in every other one."""
+    """CNN features + position encoding -> six blocks; every other block uses shifted windows."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -112,7 +112,7 @@ class MultiViewTransformer(nn.Module):
         sources: Int[Tensor, "batch view count"],
         masks: ScoreMasks,
     ) -> Float[Tensor, "batch view channel h w"]:
-        """sources: the views each view attends to, at least one."""
+        """sources: indices of the views that each view attends to, at least one."""
         h, w = features.shape[-2:]
         maps = rearrange(features, "b v c h w -> b v h w c") + position_encoding(h, w, CHANNELS, features.device)
         for number, block in enumerate(self.layers):

@@ -1,7 +1,7 @@
-"""The cross-view U-Net that fuses matching, appearance and monocular features (after latent diffusion's U-Net).
+"""The cross-view U-Net that fuses matching, appearance and monocular features (based on that of latent diffusion).
 
-Three levels of 128 channels; at its coarsest, positions of all views attend to each other. Places of the modules in
-their lists are those of the public checkpoints.
+It has three levels of 128 channels, with attention over the positions of all views at the coarsest level. The indices
+of the modules in their lists match the public checkpoints.
 """
 
 import torch
@@ -15,7 +15,7 @@ _NUM_GROUPS, _NUM_HEADS = 8, 4
 
 
 class ResBlock(nn.Module):
-    """Two (group norm, SiLU, 3x3 conv), added to the input."""
+    """Two (group norm, SiLU, 3x3 conv) with a residual connection."""
 
     def __init__(self, in_channels: int) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class ResBlock(nn.Module):
 
 
 class CrossViewAttention(nn.Module):
-    """Attention of every position of every view of a scene to all of them; no position encoding."""
+    """Self-attention over all positions of all views of a scene, without position encoding."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -59,7 +59,7 @@ class Downsample(nn.Module):
 
 
 class Upsample(nn.Module):
-    """Nearest neighbour times two -> 3x3 conv."""
+    """Nearest-neighbour upsampling by 2 -> 3x3 conv."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ class Upsample(nn.Module):
 
 
 class Stage(nn.ModuleList):
-    """Layers in turn; attention is told how many views make a scene."""
+    """Sequence of layers; passes the number of views per scene to attention layers."""
 
     def forward(self, x: Float[Tensor, "item _ _ _"], num_views: int) -> Float[Tensor, "item channel _ _"]:
         for layer in self:
@@ -79,7 +79,7 @@ class Stage(nn.ModuleList):
 
 
 class CrossViewUNet(nn.Module):
-    """conv -> down twice with a residual block a level -> middle -> up twice, joined with what came down."""
+    """conv -> two downsampling levels -> middle -> two upsampling levels with skip connections."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -104,13 +104,13 @@ class CrossViewUNet(nn.Module):
 
     def forward(self, x: Float[Tensor, "item channel h w"], num_views: int) -> Float[Tensor, "item channel h w"]:
         """item = (batch view); sides multiples of 4."""
-        on_the_way_down: list[Tensor] = []
+        skips: list[Tensor] = []
         for stage in self.input_blocks:
             x = stage(x, num_views)
-            on_the_way_down.append(x)
+            skips.append(x)
         x = self.middle_block(x, num_views)
         for stage in self.output_blocks:
-            x = stage(torch.cat((x, on_the_way_down.pop()), dim=1), num_views)
+            x = stage(torch.cat((x, skips.pop()), dim=1), num_views)
         return self.out(x)
 
 
@@ -127,7 +127,7 @@ def _conv3(in_channels: int) -> nn.Conv2d:
 
 
 def _zero(layer: nn.Conv1d | nn.Conv2d) -> nn.Module:
-    """The layer with all weights 0, so that a residual branch begins as nothing."""
+    """Initialise all parameters of a layer to 0, so that its residual branch starts as the identity."""
     for parameter in layer.parameters():
         nn.init.zeros_(parameter)
     return layer
