@@ -6,8 +6,8 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 
-# Positions relative to a camera and its neighbour: along their baseline, then along the downward axis of the image, both
-# in units of the baseline.
+# Positions relative to a camera and its neighbour: along their baseline, then along the downward axis of the image. The
+# unit is the baseline.
 STEPS = ((-0.3, 0.0), (0.5, 0.3), (0.5, -0.3), (1.3, 0.0))
 
 

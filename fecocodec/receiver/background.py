@@ -61,7 +61,7 @@ def background_layer(
     extrapolated.
     """
     axis = _axis(config, gaussians.means)
-    colour, depth, opacity = _continued(gaussians, cameras, grid, axis, config)
+    colour, depth, opacity = _extrapolated(gaussians, cameras, grid, axis, config)
     candidates = _candidates(colour, depth, opacity, cameras, axis, config)
     is_kept = (candidates.opacities > 0.0) & is_hidden(candidates, ExtendedDepth(depth, axis.centres), cameras)
     return candidates.keep(is_kept)
@@ -88,7 +88,7 @@ def _axis(config: BackgroundConfig, like: Tensor) -> _Axis:
     return _Axis(like.new_tensor(centres), like.new_tensor(all_widths))
 
 
-def _continued(
+def _extrapolated(
     gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], axis: _Axis, config: BackgroundConfig
 ) -> tuple[Float[Tensor, "view row column 3"], Float[Tensor, "view row column"], Float[Tensor, "view row column"]]:
     """Return sRGB colour and depth of each view at the cells, and the opacity at the nearest point of the image.

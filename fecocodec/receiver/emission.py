@@ -34,7 +34,7 @@ def emit(
 ) -> Gaussians:
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`, on the CPU.
 
-    cameras: of the context views, as stored in the stream. is_covered: mask over the Gaussians of the 1/2 grids, ordered
+    cameras: of the context views, as stored in the stream. is_covered: mask of the Gaussians of the 1/2 grids, ordered
     (view, row, column); Gaussians with False are dropped. None drops none. The background layer comes last.
     """
     normalised, frame = normalise_scene(cameras)

@@ -6,8 +6,8 @@ for building complex models from range images", 1996).
 
 With three or more views, a Gaussian is confirmed if its colour and depth are consistent with another view. Confirmed
 Gaussians are protected from violations against surfaces that are not confirmed. Gaussians of a view with less
-confirmation than the other view are rejected at a smaller colour difference. Gaussians closer to another camera than its
-near bound are rejected regardless of colour. FORMAT.md, section 9.1, has the formulas.
+confirmation than the other view are rejected at a smaller colour difference. Gaussians closer to another camera than
+the near bound are rejected regardless of colour. FORMAT.md, section 9.1, has the formulas.
 """
 
 import torch
@@ -52,7 +52,7 @@ def _surfaces(
     colour: Float[Tensor, "batch 3 view h2 w2"],
     opacity: Float[Tensor, "batch view h2 w2"],
 ) -> Float[Tensor, "batch view 4 h4 w4"]:
-    """Return each view's surface: colour and inverse depth of its Gaussians, averaged over blocks with opacity weights."""
+    """Return each view's surface: colour and inverse depth of its Gaussians, averaged over blocks, opacity-weighted."""
     values = torch.cat((colour, 1.0 / depth[:, None], torch.ones_like(depth)[:, None]), dim=1)
     weighted = rearrange(values * (opacity[:, None] + 1e-3), "b c v h w -> (b v) c h w")
     pooled = rearrange(F.avg_pool2d(weighted, POOLED), "(b v) c h w -> b v c h w", b=len(depth))

@@ -1,9 +1,9 @@
 """Fit degree-1 spherical harmonics to the colours seen from the other views.
 
 A Gaussian is predicted with the colour of its own view. The colour of another view at its projection differs because of
-reflections, exposure or an inaccurate depth. A colour that is linear in the viewing direction (degree 1) reproduces part
-of the difference: renderings at each view are closer to that view, and renderings between views blend them by angle
-(Buehler et al., "Unstructured Lumigraph Rendering", 2001). The fit uses decoded data only and needs no bits.
+reflections, exposure or an inaccurate depth. A colour that is linear in the viewing direction (degree 1) reproduces
+part of the difference: renderings at each view are closer to that view, and renderings between views blend them by
+angle (Buehler et al., "Unstructured Lumigraph Rendering", 2001). The fit uses decoded data only and needs no bits.
 """
 
 from dataclasses import replace
