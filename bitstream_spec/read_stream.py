@@ -284,7 +284,7 @@ def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
         require(frame.window_size <= 2**23, start, "the window of the metadata's zstd frame is above 2^23")
         content = zstandard.ZstdDecompressor().decompress(payload, allow_extra_data=False)
         value = json.loads(content.decode("utf-8"), object_pairs_hook=unique_keys, parse_int=bounded_int)
-        # Writing fails for strings that are not UTF-8 (unpaired surrogates) and numbers that JSON lacks (NaN, infinity).
+        # Writing fails for strings that are not UTF-8 (unpaired surrogates) and for NaN and infinity, which JSON lacks.
         json.dumps(value, ensure_ascii=False, allow_nan=False).encode("utf-8")
     except (zstandard.ZstdError, ValueError, RecursionError) as error:
         raise RefusedError(f"byte {start}: the metadata cannot be read ({error})") from error
