@@ -37,7 +37,7 @@ def latents_of(prior: LatentPrior, stage: int, context: torch.Tensor | None) -> 
 @pytest.mark.parametrize("stage", [1, 2])
 @pytest.mark.parametrize("prior", [LatentPrior(), lively_prior()], ids=["fresh", "lively"])
 def test_estimate_is_the_length_of_the_payload(prior: LatentPrior, stage: int, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(PRICES, stage, (0.1, 0.1))  # with higher values, more symbols depend on the rounding of table indices
+    monkeypatch.setitem(PRICES, stage, (0.1, 0.1))  # higher prices depend more on rounded table indices
     context = None if stage == 1 else latents_of(prior, 1, None)[0]
     y, z = latents_of(prior, stage, context)
     payload, coded = encode_latents(prior, y, z, 900, stage, context)

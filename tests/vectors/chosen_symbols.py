@@ -101,7 +101,7 @@ def stream_of_recipe(recipe: Recipe) -> Stream:
 
 
 def cells_covered(header: Header, every: int) -> bytes:
-    """Return a bitmap that covers the first of every `covers` cells; 0 covers none."""
+    """Return a bitmap that covers the first of each group of `every` cells; 0 covers none."""
     views, rows, columns = coverage_grid(header)
     bits = [every > 0 and cell % every == 0 for cell in range(views * rows * columns)]
     return np.packbits(np.array(bits, dtype=np.uint8)).tobytes()

@@ -19,7 +19,7 @@ from fecocodec.rendering.rasterizer import render
 from tests.vectors.gaussian_samples import nearest_depth
 
 SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
-MUCH_LESS_ALIKE = 4.0  # ratio of distances above which a row is a different Gaussian, not the same one with rounding errors
+MUCH_LESS_ALIKE = 4.0  # ratio of distances above which a row is a different Gaussian, despite rounding errors
 UNKNOWN = 1 << 40  # no shift of indices
 MOST_FAINT = 16  # Gaussians that only one machine emits, in addition to the difference of the counts
 
@@ -58,7 +58,7 @@ class Difference:
 
 
 def tolerance(kind: str) -> dict[str, float]:
-    """Return the tolerances of FORMAT.md, section 15, as a `Difference`. kind: "full" or "reduced"."""
+    """Return the tolerances of FORMAT.md, section 15, by the field names of `Difference`. kind: "full" or "reduced"."""
     text = (SPECIFICATION / "FORMAT.md").read_text().split("## 15.")[1].split("## 16.")[0]
     rows = re.findall(r"^\| `(\w+)` \| ([-.\de]+) \| ([-.\de]+) \|", text, re.MULTILINE)
     return {name: float({"full": full, "reduced": reduced}[kind]) for name, full, reduced in rows}

@@ -82,7 +82,7 @@ def released_scenes() -> dict[str, Vector]:
 
 
 def samples_of(name: str, data: bytes) -> bytes:
-    """Return reference Gaussians; those of existing scenes are kept, because floating point differs between machines."""
+    """Return reference Gaussians. Those of existing scenes are kept, because floats differ between machines."""
     scene, samples = VECTORS / name, VECTORS / samples_name(name)
     if samples.exists() and scene.exists() and scene.read_bytes() == data:
         return samples.read_bytes()
