@@ -1,9 +1,9 @@
 """Second reader of `.fcs` streams, written from FORMAT.md alone: prints address | length | value | meaning.
 
 Usage: python read_stream.py FILE [WEIGHTS]
-With the receiver's weights file of the stream's model it also decodes the symbols (read_symbols.py, slowly).
-Needs the standard library and zstandard. Section numbers in comments are those of FORMAT.md. It is laid out like the
-document and takes its steps in the same order; it shares no code with the product, so that each can catch the other.
+With the receiver's weights file of the stream's model, it also decodes the symbols (read_symbols.py, slow).
+It needs the standard library and zstandard. Section numbers in docstrings are those of FORMAT.md, whose order the code
+follows. It shares no code with the product, so that differences between the two reveal errors.
 """
 
 import hashlib
@@ -25,11 +25,11 @@ LONGEST = {CAMERAS: 2048, COVERAGE: 2**18, METADATA: 65536}  # other kinds: 2^26
 
 
 class RefusedError(Exception):
-    """A rule of FORMAT.md that the stream breaks."""
+    """The stream breaks a rule of FORMAT.md."""
 
 
 class Field(NamedTuple):
-    """One row of the printout; address and length in bytes. Fields inside compressed data carry its address."""
+    """One row of the output. address, length: in bytes; fields inside compressed data have the address of that data."""
 
     address: int
     length: int
@@ -38,7 +38,7 @@ class Field(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """Everything a stream says, in plain types. rotations and centres: one a view; intrinsics: fx fy cx cy."""
+    """Content of a stream. rotations, centres: per view. intrinsics: (fx, fy, cx, cy) per view."""
 
     fields: list[Field]
     header: dict[str, Any]
@@ -53,7 +53,7 @@ class Contents(NamedTuple):
 
 
 class Cursor:
-    """Takes fields off the front of the stream and notes each."""
+    """Reads fields of the stream in order and records them."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -284,7 +284,7 @@ def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
         require(frame.window_size <= 2**23, start, "the window of the metadata's zstd frame is above 2^23")
         content = zstandard.ZstdDecompressor().decompress(payload, allow_extra_data=False)
         value = json.loads(content.decode("utf-8"), object_pairs_hook=unique_keys, parse_int=bounded_int)
-        # What is no UTF-8 (half a surrogate pair) or no JSON number (NaN, infinity) cannot be written again.
+        # Writing fails for strings that are not UTF-8 (unpaired surrogates) and for NaN and infinity, which JSON lacks.
         json.dumps(value, ensure_ascii=False, allow_nan=False).encode("utf-8")
     except (zstandard.ZstdError, ValueError, RecursionError) as error:
         raise RefusedError(f"byte {start}: the metadata cannot be read ({error})") from error
@@ -322,7 +322,7 @@ def show(value: Any) -> str:
 
 
 def decode(contents: Contents, weights: bytes) -> list[Stage]:
-    """Section 9, step 7: the symbols of every stage, their digests compared with the header's."""
+    """Section 9, step 7: the symbols of every stage, after comparing their digests with those of the header."""
     header = contents.header
     needed, found = header["model_id"], hashlib.sha256(weights).digest()[:8]
     require(found == needed, 10, f"the stream needs the weights {needed.hex()}, these are {found.hex()}")

@@ -1,7 +1,7 @@
-"""Second decoder of symbols, written from ENTROPY.md alone: payloads and a weights file to z_hat and y_hat.
+"""Second decoder of symbols, written from ENTROPY.md alone: payloads and a weights file -> z_hat and y_hat.
 
-It computes in Python's own integers and needs nothing but the standard library. It is slow (a few milliseconds for each
-position of y) and laid out like the document; section numbers in comments are those of ENTROPY.md.
+It uses Python integers and only the standard library, and is slow (a few milliseconds per position of y). Section
+numbers in docstrings are those of ENTROPY.md, whose order the code follows.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ KNOWN: list[Offsets] = [[], [(-1, -1), (-1, 1), (1, -1), (1, 1)], [(-1, 0), (0, 
 
 
 class RefusedError(Exception):
-    """A rule of ENTROPY.md that a payload or a weights file breaks."""
+    """A payload or a weights file breaks a rule of ENTROPY.md."""
 
 
 class Table(NamedTuple):
@@ -38,9 +38,9 @@ class Table(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """Section 5. rows[g][k] holds weight[g, k, o] of all o, and biases[g] the biases, as the sum of value[o] * LANE^o.
+    """Section 5. rows[g][k] is the sum over o of weight[g, k, o] * LANE^o; biases[g] likewise.
 
-    One product of long integers then stands for the products of all outputs: several times as fast as one by one.
+    One product of long integers computes the products of all outputs, which is several times as fast.
     """
 
     rows: list[list[int]]
@@ -49,7 +49,7 @@ class Layer(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """What a payload says: symbols of the seven batches, values Q8, digest (section 8)."""
+    """Content of a payload: symbols of the seven batches, dequantised values in Q8, digest (section 8)."""
 
     batches: list[list[int]]
     z_hat: Array
@@ -184,9 +184,9 @@ def clip(value: int, low: int = LOWEST, high: int = HIGHEST) -> int:
 
 
 def apply(layer: Layer, x: Vector, group: int = 0) -> Vector:
-    """Section 5; `map` ends with the shorter list, so inputs that are not given count as 0."""
+    """Section 5. `map` ends with the shorter list, so that missing inputs count as 0."""
     sums = layer.biases[group] + sum(map(mul, x, layer.rows[group]))
-    # Sums are below 2^40 in magnitude; half a lane added to each makes them digits of base LANE.
+    # Sums are below 2^40 in magnitude; adding half a lane to each makes them non-negative digits of base LANE.
     digits = (sums + HALF_LANE * ((LANE**layer.outputs - 1) // (LANE - 1))).to_bytes(6 * layer.outputs, "little")
     found = (int.from_bytes(digits[at : at + 6], "little") - HALF_LANE for at in range(0, len(digits), 6))
     return [clip((value + 2**11) >> 12) for value in found]
@@ -231,7 +231,7 @@ def table_index(position: int) -> int:
 
 
 def decode_stage(model: Model, payload: bytes, size_8: Size, lambda_q: int, stage: int, before: Array | None) -> Stage:
-    """Section 7. size_8: N, H8, W8 of the views that the stage codes; before: y_hat of stage 1 of these views."""
+    """Section 7. size_8: N, H8, W8. before: y_hat of stage 1 in stage 2, None in stage 1."""
     coder, layers = Coder(payload), model.layers
     condition = [0, 0, 0, 0]
     condition[stage - 1], condition[stage + 1] = 256, lambda_q - 884
@@ -326,7 +326,7 @@ def read_step_0(coder: Coder, model: Model, e: Array) -> tuple[list[list[int]], 
 
 
 def phase_by_phase(size: Size) -> list[tuple[int, int, int, int]]:
-    """(m, v, i, j) in the order of a batch."""
+    """Return (m, v, i, j) of all positions, in the order of a batch."""
     return [
         (m, v, i, j)
         for m in range(4)

@@ -1,4 +1,4 @@
-"""Shipped weights: safetensors files, found by the model id that streams carry."""
+"""Weights files in safetensors format, and the search for the shipped weights with a model id."""
 
 import hashlib
 import json
@@ -24,9 +24,10 @@ Config = TypeVar("Config")
 
 @dataclass(frozen=True)
 class Weights:
-    """Tensors of one file, the sizes they belong to, and the id: the first 8 bytes of the file's SHA-256.
+    """Content of a weights file.
 
-    config: "receiver" or "sender" to the fields of that configuration, as JSON gave them.
+    config: the key "receiver" or "sender" with the fields of that configuration, as parsed from JSON. model_id: first 8
+    bytes of the SHA-256 of the file.
     """
 
     tensors: dict[str, Tensor]
@@ -35,12 +36,15 @@ class Weights:
 
 
 def model_id_of(data: bytes) -> bytes:
-    """The id of the model whose receiver has these bytes as its weights file."""
+    """Return the model id of the bytes of a receiver's weights file."""
     return hashlib.sha256(data).digest()[:MODEL_ID_BYTES]
 
 
 def serialise_weights(tensors: dict[str, Tensor], config: dict[str, Any]) -> bytes:
-    """Bytes of a weights file: floats as fp16 (ModelError for those it cannot hold), integers as they are."""
+    """Return the bytes of a weights file; floats are stored as fp16, integers unchanged.
+
+    Raises ModelError for floats that are NaN or out of the range of fp16.
+    """
     stored = {name: _stored(name, value).contiguous() for name, value in tensors.items()}
     return save(stored, metadata={"config": json.dumps(config, sort_keys=True)})
 
@@ -58,7 +62,7 @@ def _stored(name: str, value: Tensor) -> Tensor:
 
 
 def read_weights(path: Path) -> Weights:
-    """Read a weights file; floats come back as float32. Raises ModelError where it is missing or damaged."""
+    """Read a weights file, with floats converted to float32. Raises ModelError if it is missing or damaged."""
     data = _read_bytes(path)
     try:
         stored = load(data)
@@ -83,14 +87,14 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def model_folder(model: Path | str | None) -> Path:
-    """Return the folder of a model, absolute; None stands for the default shipped model."""
+    """Return the absolute path of a model's folder; None selects the default shipped model."""
     return SHIPPED / DEFAULT_MODEL if model is None else Path(model).absolute()
 
 
 def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
-    """Return the receiver's weights file with that id: the one in the folder `model`, or a shipped one for None.
+    """Return the path of the receiver's weights with this model id, in the folder `model` or (None) among the shipped.
 
-    Raises ModelError where the folder is missing or no receiver there has that id.
+    Raises ModelError if the folder is missing or has no receiver with this id.
     """
     folder = SHIPPED if model is None else model
     if not folder.is_dir():
@@ -107,9 +111,10 @@ def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
 
 
 def config_of(weights: Weights, end: str, like: Config, place: Path) -> Config:
-    """The configuration of the "receiver" or the "sender"; raises ModelError where the file has none that fits.
+    """Return the configuration of the "receiver" or the "sender" (`end`) that a weights file stores.
 
-    like: a configuration of the same class; names, types and lengths of its fields are what is expected.
+    like: a configuration of the expected class; it defines the names and types of the fields and the ranges of values.
+    place: path of the file, for messages. Raises ModelError if the configuration is missing or does not match `like`.
     """
     stored = weights.config.get(end)
     if not isinstance(stored, dict):
@@ -129,7 +134,7 @@ def _form(value: object) -> object:
 
 
 def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], place: Path) -> None:
-    """Copy tensors into a network, all of them and no others; raises ModelError otherwise."""
+    """Load tensors into a network. Raises ModelError unless their names and shapes match those of the network."""
     try:
         network.load_state_dict(tensors)
     except RuntimeError as error:

@@ -1,17 +1,17 @@
-"""Sizes of the networks. A stream's model id covers the weights, and so these numbers too."""
+"""Configurations of the networks, stored in weights files. The model id of a stream therefore determines them."""
 
 import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-MAX_GROWTH = 8  # of a size over its default, so that a damaged file cannot ask for networks of gigabytes
+MAX_GROWTH = 8  # largest ratio of a size to its default, so that a damaged file cannot allocate gigabytes
 MAX_SIZE_WITHOUT_DEFAULT = 4096
 MAX_FLOAT_GROWTH = 1000.0
 
 
 @dataclass(frozen=True)
 class ReceiverConfig:
-    """What `decode` must know to build its networks; stored with the receiver's weights."""
+    """Configuration of the receiver's networks."""
 
     state_channels: int = 128  # C of the paper: features, S0..S2, at 1/4 resolution
     latent_channels: int = 32  # y, at 1/8 resolution
@@ -21,35 +21,35 @@ class ReceiverConfig:
     fine_hidden: int = 96  # inner width of the blocks at 1/4 resolution
     predictor_channels: tuple[int, int] = (176, 264)  # widths of P at 1/8 and 1/16
     num_neighbours: int = 24  # k of the KNN attention
-    neighbour_fade: float = 1.0  # share of the squared distance to the nearest point left out over which they fade
+    neighbour_fade: float = 1.0  # range over which weights fall to 0, as a share of neighbour k + 1's squared distance
     attention_channels: int = 48
-    # Quantisation steps are 1 / gain. Where rate and squared error trade off at price lambda the best step grows as the
-    # root of lambda, if symbols are the nearest: squared error grows with the square of the step, bits fall with its
-    # logarithm. Symbols that save bits (`coding/symbol_choice.py`) do better with somewhat finer steps.
+    # The quantisation step of latents is 1 / gain. With rounding to nearest, the squared error grows with the square of
+    # the step and the bits fall with its logarithm, so the optimal step for D + lambda R is proportional to
+    # sqrt(lambda). Rate-distortion optimised quantisation (`coding/symbol_choice.py`) favours slightly finer steps.
     largest_gain: float = 9.1206  # of latents at lambda 1e-5
     gain_exponent: float = 0.4
-    # What another view contradicts (`receiver/free_space.py`).
+    # Free-space check (`receiver/free_space.py`).
     free_space_colour: float = 0.12  # squared distance of sRGB colours in [0, 1] that gives half of a violation
     free_space_lead: float = 0.1  # logarithm of the ratio of depths that gives half of a violation: 10% nearer
     free_space_lead_width: float = 0.07
-    # With three views or more.
-    free_space_protection: float = 0.5  # share of a violation dropped where the Gaussian is confirmed, the surface not
-    free_space_strictness: float = 2.0  # power of the ratio of two views' confirmation, a factor of free_space_colour
-    near_bound_depth: float = 0.7  # of the near bound: depth in another view that gives half of a violation
-    near_bound_width: float = 0.05  # of the logarithm of depth
-    near_bound_margin: float = 0.5  # around the other view's image, as a share of its sides
-    # Colours by direction (`receiver/view_dependence.py`).
-    view_dependence: float = 0.5  # how far a colour goes towards what another view shows, seen from there
-    view_dependence_ridge: float = 0.1  # difference of unit directions at which it goes half of that way
-    hiding_lag: float = 0.1  # logarithm of the ratio of depths at which half is hidden: 10% behind what is shown
+    # Free-space check with three or more views.
+    free_space_protection: float = 0.5  # reduction of a violation of a confirmed Gaussian by an unconfirmed surface
+    free_space_strictness: float = 2.0  # exponent of the ratio of two views' confirmation, scales free_space_colour
+    near_bound_depth: float = 0.7  # depth in another view, in units of near, that gives half of a violation
+    near_bound_width: float = 0.05  # width of this transition, in the logarithm of depth
+    near_bound_margin: float = 0.5  # extension of the other view's image, as a share of its sides
+    # View-dependent colours (`receiver/view_dependence.py`).
+    view_dependence: float = 0.5  # share of the colour difference to another view that the fitted slope reproduces
+    view_dependence_ridge: float = 0.1  # ridge, as the difference of unit directions that halves the slope
+    hiding_lag: float = 0.1  # logarithm of the ratio of depths at half occlusion: 10% behind the surface
     hiding_lag_width: float = 0.05
 
 
 @dataclass(frozen=True)
 class CodecConfig:
-    """Sizes of the sender's half of the codec (g_a, E_fb), whatever extracts its features.
+    """Sizes of g_a and E_fb, common to all feature extractors.
 
-    extractor: its name in weights files.
+    extractor: name of the feature extractor in weights files.
     """
 
     extractor: ClassVar[str]
@@ -59,7 +59,7 @@ class CodecConfig:
 
 @dataclass(frozen=True)
 class SenderConfig(CodecConfig):
-    """Sizes of the compact sender."""
+    """Sizes of the sender with the compact feature extractor."""
 
     extractor: ClassVar[str] = "compact"
     num_candidates: int = 48  # inverse depths of the plane sweep
@@ -67,12 +67,12 @@ class SenderConfig(CodecConfig):
     stem_channels: int = 96
     fusion_channels: tuple[int, int, int] = (128, 192, 256)  # at 1/4, 1/8, 1/16
     attention_channels: int = 128
-    num_source_views: int = 2  # nearest other views that a view is matched against
+    num_source_views: int = 2  # nearest other views against which a view is matched
 
 
 @dataclass(frozen=True)
 class PaperSenderConfig(CodecConfig):
-    """The paper's sender; the sizes of its extractor are those of the public checkpoints.
+    """Configuration of the paper's sender. The sizes of its extractor are those of the public checkpoints.
 
     geometry: "public" or "exact", see `depthsplat_small`. matching_scale: 2 for a cost volume at 1/8 resolution.
     """
@@ -84,18 +84,19 @@ class PaperSenderConfig(CodecConfig):
 
 @dataclass(frozen=True)
 class AdaptedSenderConfig(CodecConfig):
-    """A sender around an extractor of others; see `sender/extractors/adapter.py`."""
+    """Configuration of a sender with an external feature extractor; see `sender/extractors/adapter.py`."""
 
     extractor: ClassVar[str] = "adapted"
-    fingerprint: str = ""  # of the extractor's weights
+    fingerprint: str = ""  # hash of the extractor's weights
     extractor_channels: int = 0
 
 
 def is_in_range(value: object, default: object) -> bool:
-    """Whether a field of a configuration can be used, judged by the default of the same field and type.
+    """Return whether the value of a configuration's field is in the range that the field's default implies.
 
-    Sizes: 1 to MAX_GROWTH times the default, or at most MAX_SIZE_WITHOUT_DEFAULT where the default is 0. Other numbers:
-    finite, above 0, at most MAX_FLOAT_GROWTH times the default. Text is checked by the network that uses it.
+    Integers: 1 to MAX_GROWTH times the default, or 0 to MAX_SIZE_WITHOUT_DEFAULT if the default is 0. Floats: finite,
+    above 0, at most MAX_FLOAT_GROWTH times the default. Strings are always accepted; the network that uses them checks
+    them.
     """
     if isinstance(value, tuple) and isinstance(default, tuple):
         return all(map(is_in_range, value, default))

@@ -1,21 +1,21 @@
-"""Every error the library raises on purpose: one sentence with file, place, cause and remedy."""
+"""Exceptions of the library. Each message is one sentence with file, location, cause and remedy."""
 
 
 class FecoError(Exception):
-    """Base of all errors of this library; its text is written for the person who sees it."""
+    """Base class of all errors of this library; the message is meant for the end user."""
 
 
 class InputError(FecoError):
-    """Views, cameras or options that cannot be used."""
+    """Views, cameras or options are not valid."""
 
 
 class BitstreamError(FecoError):
-    """Bytes that are not a valid `.fcs` stream, or not one this version reads."""
+    """The bytes are not a valid `.fcs` stream, or not one that this version supports."""
 
 
 class ModelError(FecoError):
-    """Weights that are missing, damaged or not the ones a stream needs."""
+    """Weights are missing, damaged or not those that a stream needs."""
 
 
 class OutputError(FecoError):
-    """A result that could not be written."""
+    """A result cannot be written."""

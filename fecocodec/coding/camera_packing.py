@@ -1,4 +1,4 @@
-"""Cameras as tensors <-> cameras as the container holds them; both ends use what comes back."""
+"""Conversion of cameras between tensors and the container. The sender, too, computes from the unpacked cameras."""
 
 import torch
 
@@ -6,11 +6,14 @@ from fecocodec.container import PackedCameras
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 
-LARGEST_SKEW = 1e-6  # in image widths: what rounding may leave
+LARGEST_SKEW = 1e-6  # in image widths; smaller values are rounding errors
 
 
 def pack(cameras: Cameras) -> PackedCameras:
-    """The float32 values of one scene's cameras, no batch dimension. Raises InputError for intrinsics with skew."""
+    """Convert the cameras of one scene (no batch dimension) to float32 values of the container.
+
+    Raises InputError for intrinsics with skew.
+    """
     intrinsics = cameras.intrinsics
     for number, skew in enumerate(intrinsics[:, 0, 1].tolist(), start=1):
         if not abs(skew) <= LARGEST_SKEW:
@@ -27,7 +30,7 @@ def pack(cameras: Cameras) -> PackedCameras:
 
 
 def unpack(packed: PackedCameras) -> Cameras:
-    """Inverse of `pack`, exact."""
+    """Invert `pack` exactly; returns float32 tensors on the CPU."""
     views = packed.num_views
     extrinsics = torch.eye(4).repeat(views, 1, 1)
     extrinsics[:, :3] = torch.tensor(packed.extrinsics).view(views, 3, 4)

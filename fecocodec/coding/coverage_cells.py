@@ -1,4 +1,4 @@
-"""The cells of a coverage section as a bitmap, and as a mask of Gaussians."""
+"""Conversion of the coverage section to a bitmap of cells and to a mask of Gaussians."""
 
 import numpy as np
 import torch
@@ -9,11 +9,11 @@ from torch import Tensor
 from fecocodec.container.coverage import CELL, coverage_grid
 from fecocodec.container.header import Header
 
-GAUSSIANS_PER_SIDE = CELL // 2  # of a cell: one Gaussian stands for 2x2 pixels
+GAUSSIANS_PER_SIDE = CELL // 2  # of a cell; there is one Gaussian per 2x2 pixels
 
 
 def cells_to_bits(cells: Bool[Tensor, "view row column"]) -> bytes:
-    """Return the bits of `Stream.coverage`; True: covered. `coverage_grid` says how many cells there must be."""
+    """Pack cells (True if covered), of the shape that `coverage_grid` returns, into the bytes of `Stream.coverage`."""
     return np.packbits(cells.flatten().cpu().numpy()).tobytes()
 
 
@@ -23,7 +23,7 @@ def bits_to_cells(bits: bytes, header: Header) -> Bool[Tensor, "view row column"
 
 
 def is_in_covered_cell(bits: bytes, header: Header) -> Bool[Tensor, " n"]:
-    """Return whether each Gaussian, ordered (view, row, column) on the 1/2 grid, was predicted for a covered cell."""
+    """Return which Gaussians belong to a covered cell. The order is (view, row, column) on the 1/2 grid."""
     side = GAUSSIANS_PER_SIDE
     return rearrange(
         repeat(bits_to_cells(bits, header), "v r c -> v r i c j", i=side, j=side), "v r i c j -> (v r i c j)"

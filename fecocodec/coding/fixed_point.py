@@ -1,9 +1,9 @@
-"""Layers computed in integers, written once for training and for coding.
+"""Linear layers in fixed-point arithmetic, shared by training and coding.
 
-Values are Q8 integers (256 stands for 1.0) held in floating-point tensors, weights are Q12, biases Q20. In float64
-every product and sum is a multiple of 2^-12 far below 2^41, hence exact in any order of summation: on any device,
-with any number of threads and any vector width, the result is that of integer arithmetic (`ENTROPY.md`, section 5).
-In float32, which training uses, the same code differs only by the rounding of sums. The input's dtype decides.
+Activations are Q8 integers (256 represents 1.0) in floating-point tensors, weights are Q12, biases Q20. In float64
+every product and sum is a multiple of 2^-12 far below 2^41, hence exact in any order of summation. The result equals
+integer arithmetic on every device, for any number of threads and any vector width (ENTROPY.md, section 5). In float32,
+which training uses, the same code differs only by the rounding of sums. The dtype of the input selects the precision.
 """
 
 import math
@@ -18,7 +18,7 @@ from fecocodec.errors import ModelError
 ONE_Q8 = 256
 ACTIVATION_LOWEST, ACTIVATION_HIGHEST = -(1 << 15), (1 << 15) - 1
 WEIGHT_BITS, WEIGHT_LIMIT = 12, (1 << 15) - 1
-BIAS_BITS, BIAS_LIMIT = 20, 1 << 24  # within 2^24 a bias is exact in float32, in which parameters are kept
+BIAS_BITS, BIAS_LIMIT = 20, 1 << 24  # integers up to 2^24 are exact in float32, the dtype of the parameters
 MAX_INPUTS = 1 << 20  # |accumulator| <= MAX_INPUTS * 2^30 + 2^24 < 2^53
 
 
@@ -48,33 +48,37 @@ class _ClampThrough(torch.autograd.Function):
 
 
 def round_through(x: Float[Tensor, "*shape"], lowest: int, highest: int) -> Float[Tensor, "*shape"]:
-    """floor(x + 1/2) clamped to [lowest, highest]; the gradient is that of x, also where it is clamped."""
+    """Return floor(x + 1/2), clamped to [lowest, highest], with a straight-through gradient, also where clamped."""
     return _floor_through(x + 0.5, lowest, highest)
 
 
 def _floor_through(x: Tensor, lowest: int, highest: int) -> Tensor:
-    if not torch.is_grad_enabled():  # coding makes this call a hundred times a stage: without autograd's overhead
+    if not torch.is_grad_enabled():  # avoid the overhead of autograd when coding
         return torch.floor(x).clamp_(lowest, highest)
     result: Tensor = _FloorThrough.apply(x, lowest, highest)
     return result
 
 
 def clamp_through(x: Float[Tensor, "*shape"], lowest: int, highest: int) -> Float[Tensor, "*shape"]:
-    """x clamped to [lowest, highest]; a clamped value keeps the gradient that leads it back."""
+    """Clamp x to [lowest, highest].
+
+    A clamped value keeps gradients whose descent step moves it back into the range; others become 0.
+    """
     result: Tensor = _ClampThrough.apply(x, lowest, highest)
     return result
 
 
 def saturate(x_q8: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """Q8 values as a layer may receive them: within int16."""
+    """Clamp Q8 values to int16, the range of a layer's input."""
     return x_q8.clamp(ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
 
 
 class FixedPointLinear(nn.Module):
-    """inputs [group row in] -> side by side @ weight + bias -> round to Q8, clamp to int16 -> [group row out].
+    """Fixed-point linear layer: inputs [group row in] -> concat @ weight + bias -> round to Q8 -> clamp to int16.
 
-    Every group has its own matrix. Inputs that are not given count as zero. Parameters are real numbers; their integers
-    are weight * 2^12 (int16) and bias * 2^20 (int32), rounded half up.
+    Every group has its own matrix. The inputs are concatenated along the last dimension; missing trailing inputs count
+    as zero. Parameters are real numbers; their integers are weight * 2^12 (int16) and bias * 2^20 (int32), rounded half
+    up.
     """
 
     def __init__(self, num_inputs: int, num_outputs: int, num_groups: int = 1, gain: float = math.sqrt(2.0)) -> None:
@@ -86,11 +90,11 @@ class FixedPointLinear(nn.Module):
         self._kept: tuple[tuple[object, ...], tuple[Tensor, Tensor]] | None = None
 
     def rounded_weight(self) -> Float[Tensor, "group in out"]:
-        """Q12 integers, held as floats."""
+        """Return the weight as Q12 integers, in floats."""
         return round_through(self.weight * (1 << WEIGHT_BITS), -WEIGHT_LIMIT, WEIGHT_LIMIT)
 
     def rounded_bias(self) -> Float[Tensor, "group out"]:
-        """Q20 integers, held in float64: float32 has no room for the half that rounding adds."""
+        """Return the bias as Q20 integers, in float64, because float32 cannot represent 2^24 + 1/2 during rounding."""
         return round_through(self.bias.double() * (1 << BIAS_BITS), -BIAS_LIMIT, BIAS_LIMIT)
 
     def forward(self, *inputs_q8: Float[Tensor, "group row _"]) -> Float[Tensor, "group row out"]:
@@ -102,9 +106,9 @@ class FixedPointLinear(nn.Module):
         return _floor_through(sums, ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
 
     def _weight_and_start(self, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-        """The rounded weight, and what sums start from: the bias and the half that makes flooring a rounding.
+        """Return the rounded weight and the start of the sums: bias + 1/2, so that floor rounds to nearest.
 
-        Of weights that are not trained they are kept: rounding them took a tenth of the time of decoding.
+        They are cached for weights without gradients, because rounding would take a tenth of the decoding time.
         """
         if self.weight.requires_grad:
             return self._rounded_terms(dtype)
@@ -116,12 +120,12 @@ class FixedPointLinear(nn.Module):
 
     def _rounded_terms(self, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
         weight = (self.rounded_weight() / (1 << WEIGHT_BITS)).to(dtype)
-        half = 0.5  # added before the sums rather than after them, where it would be another pass over the activations
+        half = 0.5  # added to the bias, because adding it to the sums would take another pass over the activations
         return weight, (self.rounded_bias() / (1 << (BIAS_BITS - 8)) + half).to(dtype)[:, None]
 
 
 def export_integers(module: nn.Module) -> dict[str, Int[Tensor, "..."]]:
-    """Weights as int16 (Q12) and biases as int32 (Q20) of all layers, under the names of `named_modules`."""
+    """Return weights (int16, Q12) and biases (int32, Q20) of all fixed-point layers, named as in `named_modules`."""
     integers = {}
     for name, layer in module.named_modules():
         if isinstance(layer, FixedPointLinear):
@@ -131,7 +135,10 @@ def export_integers(module: nn.Module) -> dict[str, Int[Tensor, "..."]]:
 
 
 def load_integers(module: nn.Module, integers: dict[str, Int[Tensor, "..."]]) -> None:
-    """Sets all layers of `module` from exported integers; raises ModelError for a wrong name, shape, type or range."""
+    """Set all fixed-point layers of `module` from exported integers.
+
+    Raises ModelError for a wrong name, shape, dtype or range.
+    """
     expected = export_integers(module)
     if expected.keys() != integers.keys():
         name = sorted(expected.keys() ^ integers.keys())[0]

@@ -1,4 +1,4 @@
-"""Latents <-> payload: the walk with a port in the place where symbols are exchanged."""
+"""Entropy coding of the latents of one stage to a payload, and back."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ from fecocodec.errors import InputError
 
 @dataclass(frozen=True)
 class CodedLatents:
-    """What both ends know after a payload: exactly the same on every machine.
+    """Decoded latents of one stage, bit-identical at sender and receiver on every machine.
 
-    symbols: z, then the passes and steps of y, each in coding order. y_hat, z_hat: values after coding, multiples of
-    1/256.
+    symbols: one array for each of the seven batches: z, the three passes of the first step of y, its other three steps.
+    y_hat, z_hat: dequantised values, multiples of 1/256.
     """
 
     symbols: tuple[Int32[np.ndarray, "..."], ...]
@@ -30,7 +30,7 @@ class CodedLatents:
     z_hat: Float[Tensor, "view hyper height_32 width_32"]
 
     def digest(self) -> bytes:
-        """8 bytes over the symbols, for the header."""
+        """Return the 8-byte digest of the symbols that the header stores."""
         return symbol_digest(self.symbols)
 
 
@@ -42,10 +42,11 @@ def encode_latents(
     stage: int,
     context_y_hat: Float[Tensor, "view latent height_8 width_8"] | None,
 ) -> tuple[bytes, CodedLatents]:
-    """Payload of one stage (1 or 2), and what a receiver will have of it.
+    """Code the latents of one stage; returns the payload and the latents that a receiver decodes from it.
 
-    lambda_q: round(256 ln(lambda / 1e-5)) in [0, 1768]. context_y_hat: in stage 2 y_hat of stage 1, else None. Any
-    latent can be coded, however large; raises InputError for NaN.
+    lambda_q: quantised lambda of the stage, `Header.lambda_q_of_stage`. stage: 1 or 2. context_y_hat: y_hat of stage 1
+    when coding stage 2, else None. Latents may have any magnitude; symbols are clamped to +-2^20. Raises InputError
+    for NaN.
     """
     if bool(y.isnan().any() | z.isnan().any()):
         raise InputError(f"Stage {stage}: the latent holds NaN; check the images and the weights.")
@@ -63,10 +64,12 @@ def decode_latents(
     stage: int,
     context_y_hat: Float[Tensor, "view latent height_8 width_8"] | None,
 ) -> CodedLatents:
-    """Latents of one stage. size_8: views, height and width of y; the latter two are multiples of 4.
+    """Decode the latents of one stage.
 
-    Raises BitstreamError for a damaged payload; damage that a payload itself does not show is found by comparing
-    `digest()` with the one that was stored.
+    size_8: views, height and width of y; height and width are multiples of 4. Other arguments as for `encode_latents`.
+
+    Raises BitstreamError for a payload that is not valid. A damaged payload can decode without an error, so the caller
+    must compare `digest()` with the stored digest.
     """
     reader = SymbolReader(payload)
     size_32 = (size_8[0], size_8[1] // FACTOR_32, size_8[2] // FACTOR_32)
@@ -78,14 +81,18 @@ def decode_latents(
 @torch.no_grad()
 def code_latents(
     prior: LatentPrior,
-    port: SymbolCoder,
+    coder: SymbolCoder,
     lambda_q: int,
     stage: int,
     context_y_hat: Float[Tensor, "view latent height_8 width_8"] | None,
     size_32: tuple[int, int, int],
     wanted: Sequence[Tensor] | None,
 ) -> CodedLatents:
-    """The walk in exact arithmetic with either port. wanted: latents by partition (`split_partitions`) for a writer."""
+    """Code the latents in coding order, in exact arithmetic, with a symbol writer or reader.
+
+    size_32: views, height and width of z. wanted: latents by partition (`split_partitions`) for a writer, None for a
+    reader.
+    """
     if (stage == 1) != (context_y_hat is None):
         raise ValueError(f"Stage {stage}: y_hat of the stage before belongs to stage 2, and to it only.")
     device = next(prior.parameters()).device
@@ -97,7 +104,7 @@ def code_latents(
             residual = wanted[partition].double() - parameters.mean_q8 / ONE_Q8
             chosen = choose_symbols(residual, table_index.double(), in_layout(price, partition))
             sent = chosen.to(torch.int32).cpu().numpy()
-        symbols.append(port.exchange(table_index.cpu().numpy(), sent))
+        symbols.append(coder.exchange(table_index.cpu().numpy(), sent))
         return torch.from_numpy(symbols[-1]).to(device, torch.float64) * ONE_Q8 + parameters.mean_q8
 
     views, *size = size_32
@@ -105,5 +112,5 @@ def code_latents(
     condition_q8, price = condition_vector(lambdas, stage).double(), price_of_bits(lambdas, stage)
     context_q8 = None if context_y_hat is None else context_y_hat.to(device, torch.float64) * ONE_Q8
     walked = walk_latents(prior, condition_q8, (size[0], size[1]), context_q8, exchange)
-    # Where a symbol is extreme a value has more bits than float32; only such are rounded here.
+    # Values below 2^16 in magnitude are exact in float32; only those of extreme symbols are rounded here.
     return CodedLatents(tuple(symbols), (walked.y_hat_q8 / ONE_Q8).float(), (walked.z_hat_q8 / ONE_Q8).float())

@@ -1,4 +1,4 @@
-"""What a latent probably is, from what is already known: networks that run in integers at both ends."""
+"""Entropy model of the latents: fixed-point networks that predict mean and scale of each element at both ends."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,33 +25,34 @@ from fecocodec.entropy.tables import NUM_TABLES, SIGMA_ONE_INDEX
 NUM_STAGES = 2
 LAMBDA_Q_CENTRE = 884  # of [0, 1768], the range of round(256 * ln(lambda / 1e-5)) for lambda up to 1e-2
 NUM_CONDITIONS = 2 * NUM_STAGES
-POSITIONS_PER_TABLE_Q8 = 32  # an output of 1.0 moves eight tables: outputs of networks are better behaved near 1
+POSITIONS_PER_TABLE_Q8 = 32  # a network output of 1.0 (256 in Q8) is eight tables, so that outputs are of order 1
 
 
 @dataclass(frozen=True)
 class EntropyParameters:
-    """What an element is coded with.
+    """Mean and scale of the distribution with which each element is coded.
 
-    mean_q8: what to add to the decoded symbol, Q8. position_q8: where on the scale of the tables, Q8: 0 stands for the
-    standard deviation 1, 256 for 2^(8/7) (eight tables further).
+    mean_q8: Q8; the decoded value is 256 symbol + mean_q8. position_q8: logarithmic scale of the distribution; 0 is the
+    standard deviation 1, 256 is 2^(8/7), eight tables higher.
     """
 
     mean_q8: Float[Tensor, "*shape"]
     position_q8: Float[Tensor, "*shape"]
 
     def table_position(self) -> Float[Tensor, "*shape"]:
-        """The number of the table, before it is rounded and clamped."""
+        """Return the index of the frequency table before rounding and clamping."""
         return self.position_q8 / POSITIONS_PER_TABLE_Q8 + SIGMA_ONE_INDEX
 
     def table_index(self) -> Int[Tensor, "*shape"]:
-        """The number of the table, in [0, 64)."""
+        """Return the index of the frequency table, in [0, 64)."""
         return (self.table_position() + 0.5).floor().clamp(0, NUM_TABLES - 1).long()
 
 
 def condition_vector(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "item 4"]:
-    """What the networks are told of stage (1 or 2) and lambda: one stage's [1, ln(lambda) centred], zero for the other.
+    """Return the condition of the networks in Q8: [1, centred ln(lambda)] in the entries of the stage, else zero.
 
-    lambda_q = round(256 ln(lambda / 1e-5)) in [0, 1768]; the result is Q8.
+    lambda_q: quantised lambda of the stage. stage: 1 or 2. The order is (stage 1, stage 2) of the ones, then of the
+    logarithms.
     """
     condition = torch.zeros(len(lambda_q), NUM_CONDITIONS, device=lambda_q.device)
     condition[:, stage - 1] = ONE_Q8
@@ -60,15 +61,16 @@ def condition_vector(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor
 
 
 def _apply_rows(layer: FixedPointLinear, *inputs_q8: Float[Tensor, "... _"]) -> Float[Tensor, "... out"]:
-    """One layer at every position."""
+    """Apply one layer at every position."""
     rows: Tensor = layer(*(x.reshape(1, -1, x.shape[-1]) for x in inputs_q8))
     return rows.view(*inputs_q8[0].shape[:-1], -1)
 
 
 class BlockNetwork(nn.Module):
-    """Entropy parameters of the blocks of one pass of the first step: 2x2 positions, a quarter of the channels at each.
+    """Entropy parameters of one pass of the first step, for blocks of 2x2 positions.
 
-    the block's features summed, known blocks around -> 3/2 width -> ReLU -> width -> ReLU -> mean, position by phase
+    [sum of the block's features | decoded neighbour blocks] -> 3/2 width -> ReLU -> width -> ReLU -> mean and position
+    of a quarter of the channels at each of the four phases.
     """
 
     def __init__(self, num_known: int, quarter: int, width: int) -> None:
@@ -86,9 +88,10 @@ class BlockNetwork(nn.Module):
 
 
 class ContextNetwork(nn.Module):
-    """Entropy parameters of one later quadtree step; each phase has its own weights, as each codes other channels.
+    """Entropy parameters of one of the steps after the first.
 
-    features, 3x3 surroundings of the steps before -> width -> ReLU -> width -> ReLU -> mean, position of a quarter
+    [features | 3x3 neighbourhoods of the earlier steps] -> width -> ReLU -> width -> ReLU -> mean and position of a
+    quarter of the channels. Each phase has its own weights, because each codes a different quarter.
     """
 
     def __init__(self, step: int, quarter: int, width: int) -> None:
@@ -105,11 +108,13 @@ class ContextNetwork(nn.Module):
 
 
 class LatentPrior(nn.Module):
-    """Priors of hyper-latent and latent, shared by both stages.
+    """Entropy model of hyper-latent z and latent y, shared by both stages (paper: h_s and context model).
 
-    condition -> z's parameters;   z_hat, condition -> 3x3 at 1/32 -> up -> 3x3 at 1/16 -> up -> features at 1/8
-    features also see the latent of the stage before;   features, coded blocks -> BlockNetwork, three passes,
-    then features, coded steps -> ContextNetwork, three steps -> y's parameters
+    condition                              -> parameters of z
+    z_hat, condition                       -> 3x3 at 1/32 -> upsample -> 3x3 at 1/16 -> upsample -> 1/8
+    1/8, condition, y_hat of stage 1       -> features at 1/8
+    features, decoded blocks of the step   -> BlockNetwork, three passes -> parameters of the first step of y
+    features, decoded steps                -> ContextNetwork             -> parameters of each later step of y
     """
 
     def __init__(self, latent_channels: int = 32, hyper_channels: int = 16, width: int = 64) -> None:
@@ -128,7 +133,7 @@ class LatentPrior(nn.Module):
     def hyper_parameters(
         self, condition_q8: Float[Tensor, "item 4"], height_32: int, width_32: int
     ) -> EntropyParameters:
-        """Parameters of z, [item height/32 width/32 channel]: they depend on channel, stage and lambda only."""
+        """Return the parameters of z, [item height/32 width/32 channel]; equal at all positions of an item."""
         parameters = _apply_rows(self.hyper_prior, condition_q8)[:, None, None].expand(-1, height_32, width_32, -1)
         mean_q8, position_q8 = parameters.chunk(2, dim=-1)
         return EntropyParameters(mean_q8, position_q8)
@@ -139,7 +144,7 @@ class LatentPrior(nn.Module):
         condition_q8: Float[Tensor, "item 4"],
         context_q8: Float[Tensor, "item height_8 width_8 latent"] | None,
     ) -> Float[Tensor, "4 item row column width"]:
-        """What y's networks know before its first step. `context_q8`: y_hat of the stage before, None in the first."""
+        """Return the features on which all parameters of y depend, by phase. context_q8: y_hat of stage 1, or None."""
         spread = condition_q8[:, None, None]
         x = neighbourhoods(saturate(z_hat_q8))
         x = torch.relu_(_apply_rows(self.enter, x, spread.expand(*x.shape[:3], -1)))
@@ -156,7 +161,10 @@ class LatentPrior(nn.Module):
         features: Float[Tensor, "4 item row column width"],
         coded_q8: Sequence[Float[Tensor, "4 item _ _ quarter"]],
     ) -> EntropyParameters:
-        """Parameters of the pass of the first step that follows those in `coded_q8`, [4 item _ _ quarter] as they."""
+        """Return the parameters of the next pass of the first step, [4 item _ _ quarter].
+
+        coded_q8: values of the passes decoded so far, in the same layout.
+        """
         number = len(coded_q8)
         inputs = [saturate(features.sum(dim=0))]
         if coded_q8:
@@ -168,5 +176,5 @@ class LatentPrior(nn.Module):
     def surroundings(
         self, y_hat_q8: Float[Tensor, "4 item row column quarter"]
     ) -> Float[Tensor, "4 item row column _"]:
-        """The 3x3 neighbourhoods of one coded step, for the steps after it."""
+        """Return the 3x3 neighbourhoods of one decoded step, an input of the later steps."""
         return phase_neighbourhoods(merge_phases(saturate(y_hat_q8)))

@@ -1,4 +1,4 @@
-"""Training's estimate of the same model: differentiable bits, on the very walk that writes and reads the bitstream."""
+"""Differentiable estimate of the rate, for training and latent optimisation; same coding order as the bitstream."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from fecocodec.coding.walk import in_layout, split_partitions, walk_latents
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SYMBOL_LIMIT
 
 Softening = Callable[[Float[Tensor, "*shape"]], Float[Tensor, "*shape"]]
-"""What stands for rounding where the gradient of the rate is taken: `uniform_noise()` or `straight_through`."""
+"""Differentiable replacement of rounding in the rate: `uniform_noise()` or `straight_through`."""
 
 
 @dataclass(frozen=True)
 class LatentEstimate:
-    """Latents as the receiver will see them, with gradients straight through the rounding, and estimated bits."""
+    """Dequantised latents, with straight-through gradients, and their estimated bits per item."""
 
     y_hat: Float[Tensor, "item latent height_8 width_8"]
     z_hat: Float[Tensor, "item hyper height_32 width_32"]
@@ -28,7 +28,7 @@ class LatentEstimate:
 
 
 def uniform_noise(generator: torch.Generator | None = None) -> Softening:
-    """Additive noise in [-1/2, 1/2): its gradient tells of the symbols that small changes would lead to."""
+    """Return a softening that adds uniform noise in [-1/2, 1/2) (Ballé et al., ICLR 2018)."""
 
     def soften(residual: Tensor) -> Tensor:
         return residual + (torch.rand(residual.shape, generator=generator, device=residual.device) - 0.5)
@@ -37,7 +37,7 @@ def uniform_noise(generator: torch.Generator | None = None) -> Softening:
 
 
 def straight_through(residual: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """The symbols themselves, with the gradient of the value before rounding."""
+    """Round to the nearest symbol, with the gradient of the value before rounding."""
     return round_through(residual, -SYMBOL_LIMIT, SYMBOL_LIMIT)
 
 
@@ -50,11 +50,13 @@ def estimate_latents(
     context_y_hat: Float[Tensor, "item latent height_8 width_8"] | None,
     soften: Softening,
 ) -> LatentEstimate:
-    """Latents after coding and their estimated bits per item (a view of a scene), with gradients for all inputs.
+    """Quantise latents and estimate their bits per item (a view of a scene); differentiable in all inputs.
 
-    The bits are those of the bitstream to a fraction of a percent, whatever `soften` is.
+    The value of the estimate does not depend on `soften`, only its gradient does; it differs from the size of the
+    payload by a fraction of a percent.
 
-    lambda_q: see `condition_vector`, one per item. stage: 1 or 2. context_y_hat: y_hat of stage 1 where stage is 2.
+    lambda_q: quantised lambda of the stage, one per item. stage: 1 or 2. context_y_hat: y_hat of stage 1 in stage 2,
+    else None.
     """
     meter = _Meter(split_partitions(y.float(), z.float()), price_of_bits(lambda_q, stage), soften)
     context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
@@ -70,7 +72,7 @@ def estimate_latents(
 
 
 class _Meter:
-    """In place of a port: chooses symbols, with gradients straight through, and keeps the bits of each partition."""
+    """Replaces the symbol coder: chooses symbols, with straight-through gradients, and records estimated bits."""
 
     def __init__(self, partitions: list[Tensor], price: Float[Tensor, " item"], soften: Softening) -> None:
         self.partitions, self.price, self.soften = partitions, price, soften
@@ -82,8 +84,8 @@ class _Meter:
         skipped = index.detach() < FIRST_CODED_TABLE - 0.5
         chosen = choose_symbols(residual, index, in_layout(self.price, partition))
         symbols = chosen + (residual - residual.detach())
-        # The table learns from the symbols as they will be, the latent and its mean from a rate with a gradient. Tables
-        # that learn from noise stay wide where nearly all symbols are zero, and every zero then costs something.
+        # The scale gets its gradient from the bits of the symbols that are sent, latent and mean from the softened
+        # ones. Scales trained on noise stay too wide where nearly all symbols are zero, so that every zero costs bits.
         sent, softened = symbol_bits(
             torch.stack((symbols.detach(), self.soften(residual))), torch.stack((index, index.detach()))
         )
@@ -93,9 +95,9 @@ class _Meter:
 
 
 def _zero_through(x: Tensor, mask: Tensor) -> Tensor:
-    """Zero where masked, with the gradient of x everywhere.
+    """Return x with masked elements set to zero, and the gradient of x everywhere.
 
-    An element that is not coded keeps the gradients of one that is: its scale goes on following the latent's spread, so
-    that it is coded again once that spread is worth it.
+    Elements that are not coded keep their gradients, so that their predicted scale still follows the latent and can
+    rise above the threshold again.
     """
     return x - (x * mask).detach()

@@ -1,8 +1,7 @@
-"""Which symbol is sent for a latent: not always the nearest.
+"""Rate-distortion optimised quantisation, as in video encoders.
 
-Rate-distortion optimised quantisation, as senders of video have it: the neighbour on the side of the mean, which is
-more probable, takes the nearest symbol's place where it saves more bits than the larger error is worth. Only senders
-choose; a receiver takes whatever symbol comes.
+The next symbol towards zero is more probable than the nearest symbol. It is sent instead if the bits it saves outweigh
+the added squared error. Only the sender chooses; the receiver decodes any symbol.
 """
 
 import math
@@ -21,17 +20,17 @@ from fecocodec.entropy.tables import (
     WIDE_SIGMA,
 )
 
-# What a bit is worth in stage 1 and 2, in squared quantisation steps, at lambda 1e-5 and 1e-2, as measured
-# (docs/experiments.md). Where steps are fine against what they quantise a bit divides the squared error by four:
-# 2 ln(2) / 12 = 0.12. What stage 1 gets wrong stage 2 mends.
+# Price of a bit in squared quantisation steps, per stage, at lambda 1e-5 and 1e-2, as measured (docs/experiments.md).
+# At high rate one more bit divides the squared error by four, which gives 2 ln(2) / 12 = 0.12. The price is higher in
+# stage 1, because stage 2 corrects its errors.
 PRICES = {1: (0.35, 0.16), 2: (0.3, 0.05)}
-_TAIL_IN_SIGMAS = 8.0  # beyond it the wide Gaussian continues as an exponential: float32 and gradients stay finite
+_TAIL_IN_SIGMAS = 8.0  # beyond this the tail is exponential, so that float32 values and gradients stay finite
 _TAIL_SLOPE = _TAIL_IN_SIGMAS / WIDE_SIGMA**2  # of -ln(mass) there, per standard deviation of the table
-_MOST_BITS = 32.0  # about what an outlier costs, by the least frequency of a table or by an escape
+_MOST_BITS = 32.0  # about the cost of an outlier, coded at the least frequency of a table or as an escape
 
 
 def price_of_bits(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, " item"]:
-    """In squared quantisation steps; linear in ln(lambda), also above 1e-2."""
+    """Return the price of a bit in squared quantisation steps; linear in ln(lambda), extrapolated above 1e-2."""
     finest, coarsest = PRICES[stage]
     return finest + (coarsest - finest) * lambda_q / LAMBDA_Q_MAX
 
@@ -40,7 +39,11 @@ def price_of_bits(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, "
 def choose_symbols(
     residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*shape"], price: Float[Tensor, "*broadcast"]
 ) -> Float[Tensor, "*shape"]:
-    """Integers within +-`SYMBOL_LIMIT`: the nearest to the residual (value - mean), or the next one towards zero."""
+    """Return the symbol of each residual (value - mean): the nearest integer or the next one towards zero.
+
+    table_index: index of the frequency table, not necessarily an integer. price: see `price_of_bits`; broadcast to the
+    residuals. Symbols are clamped to +-`SYMBOL_LIMIT`.
+    """
     nearest = (residual + 0.5).floor().clamp(-SYMBOL_LIMIT, SYMBOL_LIMIT)
     smaller = nearest - nearest.sign()
     bits, bits_of_smaller = symbol_bits(torch.stack((nearest, smaller)), table_index)
@@ -49,7 +52,10 @@ def choose_symbols(
 
 
 def symbol_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*broadcast"]) -> Float[Tensor, "*shape"]:
-    """-log2 of the mass of [residual - 1/2, residual + 1/2] under the mixture of a table, or between two tables."""
+    """Return the bits of each residual: -log2 of the mass of [residual - 1/2, residual + 1/2] under a table's mixture.
+
+    table_index need not be an integer. The value is at most 32 bits; the gradient is that of the unclamped value.
+    """
     inverse_sigma = torch.exp((SIGMA_ONE_INDEX - table_index) * (math.log(2.0) / TABLES_PER_OCTAVE))
     distance = residual.abs()
     core = torch.minimum(distance, 0.5 + _TAIL_IN_SIGMAS / inverse_sigma.detach())
@@ -63,6 +69,6 @@ def symbol_bits(residual: Float[Tensor, "*shape"], table_index: Float[Tensor, "*
 def _mass_around(
     distance: Float[Tensor, "*shape"], inverse_sigma: Float[Tensor, "*broadcast"]
 ) -> Float[Tensor, "*shape"]:
-    """Mass of a Gaussian within half a step of a distance from its mean."""
+    """Return the mass of a Gaussian within +-1/2 of a point at this distance from its mean."""
     scale = math.sqrt(0.5) * inverse_sigma
     return 0.5 * (torch.erfc((distance - 0.5) * scale) - torch.erfc((distance + 0.5) * scale))

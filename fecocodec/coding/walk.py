@@ -1,5 +1,7 @@
-"""The one walk through a latent, in the order of the bitstream: hyper-latent, then the quadtree's steps, the first of
-them in three passes."""
+"""Scan of the latents of one stage in coding order, shared by writer, reader and rate estimate.
+
+The order is: hyper-latent z, the three passes of the first step of y, its other three steps (see `quadtree`).
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,15 +22,16 @@ from fecocodec.coding.quadtree import (
 FACTOR_32 = 4  # positions of y per position of z, along each side
 
 Exchange = Callable[[int, EntropyParameters], Tensor]
-"""(partition, parameters) -> values of that partition as the receiver will see them, Q8.
+"""(partition, parameters) -> dequantised values of that partition, Q8.
 
-Partition 0 is z, [item height/32 width/32 channel]; then come the passes and steps of y, [4 item row column quarter].
+Partition 0 is z, [item height/32 width/32 channel]; partitions 1 to 6 are the passes and steps of y, [4 item row column
+quarter].
 """
 
 
 @dataclass(frozen=True)
 class WalkedLatents:
-    """Values as the receiver will see them, Q8: multiples of 1 in floats."""
+    """Dequantised latents as Q8 integers, in floats."""
 
     z_hat_q8: Float[Tensor, "item hyper height_32 width_32"]
     y_hat_q8: Float[Tensor, "item latent height_8 width_8"]
@@ -37,13 +40,13 @@ class WalkedLatents:
 def split_partitions(
     y: Float[Tensor, "item latent height_8 width_8"], z: Float[Tensor, "item hyper _ _"]
 ) -> list[Tensor]:
-    """Latents in the layout of each partition."""
+    """Split latents into the partitions of the coding order, each in its layout (see `Exchange`)."""
     first, *others = to_coding_order(y)
     return [z.permute(0, 2, 3, 1), *split_passes(first), *others]
 
 
 def in_layout(of_item: Float[Tensor, " item"], partition: int) -> Float[Tensor, "*broadcast"]:
-    """One value an item, to be broadcast against that partition's layout."""
+    """Reshape one value per item for broadcasting against the layout of a partition."""
     return of_item.view(-1, 1, 1, 1) if partition == 0 else of_item.view(1, -1, 1, 1, 1)
 
 
@@ -54,10 +57,10 @@ def walk_latents(
     context_q8: Float[Tensor, "item latent height_8 width_8"] | None,
     exchange: Exchange,
 ) -> WalkedLatents:
-    """Calls `exchange` for each partition with what the partitions before it tell.
+    """Predict the entropy parameters of each partition from the earlier ones, and call `exchange` with them.
 
     condition_q8: see `condition_vector`; its dtype is that of all arithmetic (float64 when coding). size_32: height and
-    width of z. context_q8: y_hat of the stage before, or None.
+    width of z. context_q8: y_hat of stage 1 in stage 2, Q8; None in stage 1.
     """
     # Under autocast the layers would run in half precision.
     with torch.autocast(condition_q8.device.type, enabled=False):

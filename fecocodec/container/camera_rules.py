@@ -1,6 +1,6 @@
-"""The rules for cameras of a stream, checked when writing and when reading (FORMAT.md, section 6.3).
+"""Validation of the cameras of a stream, when writing and when reading (FORMAT.md, section 6.3).
 
-Within these bounds float32 arithmetic of decoding stays finite.
+Within these bounds, the float32 arithmetic of decoding stays finite.
 """
 
 import math
@@ -14,7 +14,7 @@ ORTHONORMAL_TOLERANCE = 1e-3  # on every element of R R^T - I
 MIN_NEAR, MAX_NEAR = 2.0**-40, 2.0**40
 MIN_DEPTH_RATIO, MAX_DEPTH_RATIO = 1.0 + 2.0**-9, 2.0**14  # far / near
 MAX_COORDINATE = 2.0**60  # of a camera centre
-MAX_DISTANCE = 2.0**14  # of a camera centre from the mean centre, each coordinate, in units of near
+MAX_DISTANCE = 2.0**14  # of a camera centre from the mean centre, per coordinate, in units of near
 MIN_FOCAL, MAX_FOCAL = 2.0**-6, 2.0**8  # in image widths or heights
 MAX_PRINCIPAL_POINT = 2.0**8
 
@@ -22,7 +22,10 @@ _COMPONENTS = ("r00", "r01", "r02", "tx", "r10", "r11", "r12", "ty", "r20", "r21
 
 
 def check_cameras(cameras: PackedCameras, place: str) -> None:
-    """Raise BitstreamError, naming `place` and the camera (counted from 1), for the first rule broken."""
+    """Raise BitstreamError for the first rule that the cameras break.
+
+    place: start of the message, such as "section cameras"; the message also names the camera, counted from 1.
+    """
     for problem in _problems(cameras):
         raise BitstreamError(f"{place}: {problem}")
 
@@ -38,7 +41,7 @@ def _problems(cameras: PackedCameras) -> Iterator[str]:
 
 
 def _distance_problems(cameras: PackedCameras) -> Iterator[str]:
-    """Check centres against the mean centre, in binary64 as in FORMAT.md, section 6.4."""
+    """Compare the camera centres with their mean, in binary64 as FORMAT.md, section 6.4, requires."""
     centres = [pose[3::4] for pose in cameras.extrinsics]
     origin = [sum(coordinates) / len(centres) for coordinates in zip(*centres, strict=True)]
     for number, centre in enumerate(centres, 1):
@@ -89,7 +92,7 @@ def _pose_problems(pose: tuple[float, ...]) -> Iterator[str]:
 
 
 def _orthonormality_error(rows: tuple[tuple[float, ...], ...]) -> float:
-    """Largest magnitude in R R^T - I."""
+    """Return the largest magnitude of an element of R R^T - I."""
     return max(
         abs(first[0] * second[0] + first[1] * second[1] + first[2] * second[2] - (1.0 if i == j else 0.0))
         for i, first in enumerate(rows)

@@ -1,4 +1,4 @@
-"""The camera section: cameras of all views as deflated float32 values, lossless (FORMAT.md, section 6)."""
+"""The camera section: the cameras of all views as float32 values, compressed losslessly (FORMAT.md, section 6)."""
 
 import struct
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ _Component = TypeVar("_Component", int, float)
 
 @dataclass(frozen=True)
 class PackedCameras:
-    """Cameras as a stream holds them; every value is exactly a float32.
+    """Cameras as a stream stores them; every value is exactly representable in float32.
 
     extrinsics: per view the top three rows of the camera-to-world matrix, row-major, OpenCV axes, scene units.
     intrinsics: per view (fx, fy, cx, cy), divided by image width (fx, cx) and height (fy, cy).
@@ -34,7 +34,7 @@ class PackedCameras:
 
 
 def pack_cameras(cameras: PackedCameras) -> bytes:
-    """The payload of the camera section; the caller has checked the cameras (`check_cameras`)."""
+    """Return the payload of the camera section. The caller must have validated the cameras (`check_cameras`)."""
     shared = len(set(cameras.intrinsics)) == 1
     intrinsics = cameras.intrinsics[:1] if shared else cameras.intrinsics
     rotations = (rotation_to_words([row[i] for i in (0, 1, 2, 4, 5, 6, 8, 9, 10)]) for row in cameras.extrinsics)
@@ -48,10 +48,10 @@ def pack_cameras(cameras: PackedCameras) -> bytes:
 
 
 def unpack_cameras(payload: bytes, num_views: int, place: str) -> PackedCameras:
-    """Read the payload of the camera section of that many views.
+    """Parse the payload of the camera section of a stream with `num_views` views.
 
-    Raises BitstreamError, naming `place`, where it does not hold exactly that many cameras. The values are not checked
-    here but by `check_cameras`.
+    Raises BitstreamError, whose message starts with `place`, if the payload does not hold exactly `num_views` cameras.
+    The values are not validated here; call `check_cameras`.
     """
     content = inflate(payload, _content_size(num_views, num_views), place)
     num_intrinsics = content[0] if content else 0
@@ -83,17 +83,20 @@ def _content_size(num_views: int, num_intrinsics: int) -> int:
 
 
 def _by_component(views: Sequence[Sequence[_Component]]) -> list[_Component]:
-    """First component of every view, then the second of every view, ...: like values side by side deflate better."""
+    """Return the first component of every view, then the second of every view, and so on.
+
+    Adjacent values are similar in this order, so that Deflate compresses them better.
+    """
     return [view[component] for component in range(len(views[0])) for view in views]
 
 
 def _by_view(components: Sequence[_Component], num_views: int) -> tuple[tuple[_Component, ...], ...]:
-    """Undo `_by_component`."""
+    """Invert `_by_component`."""
     return tuple(tuple(components[view::num_views]) for view in range(num_views))
 
 
 def _words_of_planes(planes: bytes) -> tuple[int, ...]:
-    """32-bit words of four byte planes, most significant first."""
+    """Return the 32-bit words of four byte planes, the most significant plane first."""
     count = len(planes) // 4
     raw = bytearray(len(planes))
     for byte in range(4):

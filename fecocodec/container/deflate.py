@@ -1,4 +1,4 @@
-"""Raw Deflate (RFC 1951) for sections: as small as it gets when writing, bounded when reading."""
+"""Raw Deflate (RFC 1951) for sections: best compression when writing, bounded output when reading."""
 
 import zlib
 
@@ -6,11 +6,11 @@ from fecocodec.errors import BitstreamError
 
 BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
-_WINDOW_BITS = -15  # raw: a section has a CRC already
+_WINDOW_BITS = -15  # raw Deflate without a checksum of its own, because a section has a CRC
 
 
 def deflate(content: bytes) -> bytes:
-    """The shortest of three Deflate encodings; which one wins depends on the content, by a few bytes."""
+    """Return the shortest of three Deflate encodings. They differ by a few bytes, depending on the content."""
     candidates = []
     for strategy in (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED):
         compressor = zlib.compressobj(9, zlib.DEFLATED, _WINDOW_BITS, 9, strategy)
@@ -19,9 +19,10 @@ def deflate(content: bytes) -> bytes:
 
 
 def inflate(payload: bytes, max_size: int, place: str) -> bytes:
-    """Inflate at most `max_size` bytes; whatever would give more is refused before it takes memory.
+    """Return the inflated payload; no more than `max_size` + 1 bytes are ever inflated.
 
-    Raises BitstreamError, naming `place`, where the payload is not exactly one Deflate stream of such a size.
+    Raises BitstreamError, whose message starts with `place`, unless the payload is exactly one Deflate stream of at
+    most `max_size` bytes of content.
     """
     inflater = zlib.decompressobj(_WINDOW_BITS)
     try:

@@ -11,11 +11,11 @@ from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE, grid_sid
 MODEL_ID_BYTES = 8
 DIGEST_BYTES = 8
 MAX_SECTIONS = 16
-EXCESS_UNIT = 2  # of lambda_q: one byte reaches a factor of 7.3 in lambda
+EXCESS_UNIT = 2  # in steps of lambda_q: the largest offset, 255 units, is a factor of 7.3 in lambda
 
 
 class FormatVersion(NamedTuple):
-    """A reader refuses another major version and reads any minor version of its own."""
+    """Version of the format. A reader refuses other major versions and reads every minor version of its own major."""
 
     major: int
     minor: int
@@ -26,11 +26,12 @@ CURRENT_VERSION = FormatVersion(2, 0)
 
 @dataclass(frozen=True)
 class Header:
-    """What a reader must know before it reads a section.
+    """Fields of the header of a stream.
 
     model_id: first 8 bytes of the SHA-256 of the receiver's weights. height, width: of every view, in pixels.
-    lambda_q: see `quantise_lambda`; before a stage 2, stage 1 is coded at lambda_q + 2 first_stage_excess.
-    symbol_digests: 8 bytes for each stage, over its decoded symbols.
+    lambda_q: quantised lambda, see `quantise_lambda`. symbol_digests: 8-byte digest of the decoded symbols, per stage.
+    first_stage_excess: stage-1 lambda offset; stage 1 is coded at lambda_q + 2 first_stage_excess. It is 0 in a stream
+    of one stage.
     """
 
     model_id: bytes
@@ -48,26 +49,26 @@ class Header:
 
     @property
     def grid_size(self) -> tuple[int, int]:
-        """(height, width) of the coding grid in pixels."""
+        """Return (height, width) of the coding grid in pixels."""
         return grid_side(self.height), grid_side(self.width)
 
     @property
     def num_pixels(self) -> int:
-        """Pixels of the coding grids of all views: what memory and time of decoding are proportional to."""
+        """Return the pixels of the coding grids of all views, to which decoding time and memory are proportional."""
         height, width = self.grid_size
         return self.num_views * height * width
 
     def lambda_q_of_stage(self, stage: int) -> int:
-        """What the networks of stage 1 or 2 are conditioned on."""
+        """Return the quantised lambda on which the networks of stage 1 or 2 are conditioned."""
         return self.lambda_q + EXCESS_UNIT * self.first_stage_excess if stage == 1 else self.lambda_q
 
     def lambda_of_stage(self, stage: int) -> float:
-        """The price of a bit in stage 1 or 2; of stage 1 it may lie above the range that `encode` takes."""
+        """Return lambda of stage 1 or 2. That of stage 1 can exceed the range that `encode` accepts."""
         return LAMBDA_MIN * math.exp(self.lambda_q_of_stage(stage) / STEPS_PER_E)
 
 
 def check_header(header: Header, num_sections: int) -> None:
-    """Raise BitstreamError for the first field outside its limits; offsets are those of the header's bytes."""
+    """Raise BitstreamError for the first field outside its limits; the message states the field's byte offset."""
     check_version(header.version)
     check_stages(header.num_stages)
     for offset, name, value, lowest, highest in (
@@ -89,7 +90,7 @@ def check_header(header: Header, num_sections: int) -> None:
 
 
 def check_version(version: FormatVersion) -> None:
-    """Raise BitstreamError for a major version other than ours or a minor version that does not fit its byte."""
+    """Raise BitstreamError for another major version, or a minor version that does not fit in a byte."""
     if version.major > CURRENT_VERSION.major:
         raise BitstreamError(
             f"header at byte 8: format version {version.major}.{version.minor} is newer than "
@@ -103,7 +104,7 @@ def check_version(version: FormatVersion) -> None:
 
 
 def check_stages(num_stages: int) -> None:
-    """Raise BitstreamError for a number of stages that the format does not have."""
+    """Raise BitstreamError unless the number of stages is 1 or 2."""
     if not 1 <= num_stages <= MAX_STAGES:
         raise BitstreamError(
             f"header at byte 19: the number of stages is {num_stages}, allowed are 1 to {MAX_STAGES}; "

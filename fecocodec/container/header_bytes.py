@@ -21,7 +21,7 @@ _CRC = struct.Struct("<I")
 
 
 class ParsedHeader(NamedTuple):
-    """A header as read, with what only the reader of the sections needs: their number and where the first begins."""
+    """A header with the number of sections that follow it, and its end: the byte offset of the first section."""
 
     header: Header
     num_sections: int
@@ -29,7 +29,10 @@ class ParsedHeader(NamedTuple):
 
 
 def write_header(header: Header, num_sections: int) -> bytes:
-    """The bytes of a header in front of that many sections; raises BitstreamError for a field outside its limits."""
+    """Return the bytes of a header that announces `num_sections` sections.
+
+    Raises BitstreamError for a field outside its limits.
+    """
     check_header(header, num_sections)
     fixed = _FIXED.pack(
         SIGNATURE,
@@ -48,7 +51,7 @@ def write_header(header: Header, num_sections: int) -> bytes:
 
 
 def read_header(data: bytes) -> ParsedHeader:
-    """Read and check the header at the start of a stream; raises BitstreamError for each rule it breaks."""
+    """Parse the header at the start of a stream. Raises BitstreamError for the first rule that it breaks."""
     _check_signature(data)
     if len(data) >= len(SIGNATURE) + 2:
         check_version(FormatVersion(data[8], data[9]))

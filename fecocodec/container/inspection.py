@@ -1,4 +1,4 @@
-"""A description of a stream, damaged or not, for people: what it holds and where its bytes go."""
+"""Summary of a stream, intact or damaged: its fields, its sections and their sizes."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,10 @@ from fecocodec.errors import BitstreamError
 
 @dataclass(frozen=True)
 class SectionSummary:
-    """One section of a stream. offset: of its first byte. length: of its payload. is_intact: whether its CRC holds."""
+    """One section of a stream.
+
+    offset: of its first byte. length: of its payload, in bytes. is_intact: whether its CRC-32 matches.
+    """
 
     name: str
     offset: int
@@ -23,19 +26,19 @@ class SectionSummary:
 
     @property
     def total_bytes(self) -> int:
-        """With its head and CRC: what it adds to the file."""
+        """Return the size of the section in bytes, including its head and CRC."""
         return self.length + SECTION_OVERHEAD
 
 
 @dataclass(frozen=True)
 class StreamSummary:
-    """What can be told of a stream. Sizes are in bytes.
+    """Summary of a stream. Sizes are in bytes.
 
-    header_bytes: header alone. overhead_bytes: header and the heads of all sections found. bits_per_pixel: of all
-    views. damage: None for a stream that keeps every rule, else the sentence that says which rule it breaks.
-    covered: share of the cells that the coverage section marks as covered, in [0, 1].
-    near, far, covered and metadata are None where damage hides them (the latter two also where there is no such
-    section).
+    header_bytes: of the header alone. overhead_bytes: of the header and the heads of all sections. bits_per_pixel:
+    mean over the pixels of all views. near, far: depth bounds in scene units. covered: share of the cells that the
+    coverage section marks as covered, in [0, 1]. damage: message of the first rule that the stream breaks, None for a
+    valid stream. near, far, covered and metadata are None if damage makes them unreadable; covered and metadata are
+    also None if the stream has no such section.
     """
 
     header: Header
@@ -52,7 +55,7 @@ class StreamSummary:
 
 
 def inspect(data: bytes) -> StreamSummary:
-    """Describe a stream; raises BitstreamError only where the header itself cannot be read."""
+    """Return the summary of a stream. Raises BitstreamError only if the header itself cannot be read."""
     parsed = read_header(data)
     header = parsed.header
     sections = list_sections(data)
@@ -77,9 +80,9 @@ def inspect(data: bytes) -> StreamSummary:
 
 
 def list_sections(data: bytes) -> tuple[SectionSummary, ...]:
-    """The sections of a stream as far as they can be told apart, also behind a damaged payload.
+    """Return the sections of a stream up to the first unreadable section head; damaged payloads are passed over.
 
-    Raises BitstreamError only where the header itself cannot be read.
+    Raises BitstreamError only if the header itself cannot be read.
     """
     parsed = read_header(data)
     offset = parsed.end
@@ -88,7 +91,7 @@ def list_sections(data: bytes) -> tuple[SectionSummary, ...]:
         try:
             head = read_section_head(data, offset)
         except BitstreamError:
-            break  # the file ends here or the length is garbage: nothing behind it can be found
+            break  # the file ends here or the length is invalid, so later sections cannot be located
         sections.append(SectionSummary(head.name, offset, head.length, _is_intact(data, offset)))
         offset = head.end
     return tuple(sections)

@@ -1,4 +1,7 @@
-"""Lambda, the price of a bit, as the fixed-point logarithm that streams carry and networks are conditioned on."""
+"""Quantisation of lambda, the weight of the rate in D + lambda R.
+
+Streams carry the logarithm of lambda as an integer, lambda_q, on which the networks are conditioned.
+"""
 
 import math
 
@@ -11,7 +14,7 @@ LAMBDA_Q_MAX = 1768  # round(256 * ln(LAMBDA_MAX / LAMBDA_MIN))
 
 
 def quantise_lambda(lmbda: float) -> int:
-    """The integer that stands for lambda: `round(256 * ln(lambda / 1e-5))`, in [0, 1768].
+    """Return lambda_q = `round(256 * ln(lambda / 1e-5))`, in [0, 1768].
 
     Raises InputError for a lambda outside [1e-5, 1e-2].
     """
@@ -23,7 +26,7 @@ def quantise_lambda(lmbda: float) -> int:
 
 
 def dequantise_lambda(lambda_q: int) -> float:
-    """The lambda that an integer in [0, 1768] stands for: `1e-5 * exp(lambda_q / 256)`.
+    """Return lambda = `1e-5 * exp(lambda_q / 256)` of an integer in [0, 1768].
 
     Raises InputError for an integer outside [0, 1768].
     """

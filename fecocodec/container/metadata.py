@@ -1,4 +1,4 @@
-"""The metadata section: a JSON object, compressed with zstd, that decoding does not need (FORMAT.md, section 8.2)."""
+"""The metadata section: a JSON object, compressed with zstd. Decoding does not need it (FORMAT.md, section 8.2)."""
 
 import json
 import math
@@ -9,15 +9,18 @@ import zstandard
 from fecocodec.errors import BitstreamError
 
 MAX_JSON_BYTES = 1 << 16
-MAX_JSON_DEPTH = 8  # of objects and lists in one another: far below what exhausts a stack
-MAX_WINDOW_BYTES = 1 << 23  # what RFC 8878, section 3.1.1.1.2, asks every decoder to support
+MAX_JSON_DEPTH = 8  # nesting of objects and lists; far below the depth that exhausts the stack
+MAX_WINDOW_BYTES = 1 << 23  # the window that RFC 8878, section 3.1.1.1.2, recommends every decoder to support
 
 Metadata = dict[str, Any]
 _BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
 
 def pack_metadata(metadata: Metadata) -> bytes:
-    """The payload of the metadata section; raises BitstreamError for what JSON cannot hold, or too much."""
+    """Return the payload of the metadata section.
+
+    Raises BitstreamError if JSON cannot represent the metadata exactly or the text exceeds MAX_JSON_BYTES.
+    """
     try:
         text = json.dumps(metadata, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
         content = text.encode("utf-8")
@@ -33,10 +36,13 @@ def pack_metadata(metadata: Metadata) -> bytes:
 
 
 def unpack_metadata(payload: bytes, place: str) -> Metadata:
-    """Read the payload of the metadata section; raises BitstreamError, naming `place`, for each rule it breaks."""
+    """Return the metadata of a payload.
+
+    Raises BitstreamError, whose message starts with `place`, for an invalid payload.
+    """
     try:
         frame = zstandard.get_frame_parameters(payload)
-        if frame.content_size > MAX_JSON_BYTES:  # also where none is stated, which zstd reports as 2^64 - 1
+        if frame.content_size > MAX_JSON_BYTES:  # zstd reports an unstated size as 2^64 - 1
             raise BitstreamError(
                 f"{place}: its zstd frame does not state a size of at most {MAX_JSON_BYTES} bytes; {_BAD_WRITER}"
             )
@@ -61,7 +67,7 @@ def _parse(content: bytes, place: str) -> Metadata:
             object_pairs_hook=_object_of_pairs,
         )
         _check_depth(value, MAX_JSON_DEPTH)
-        json.dumps(value, ensure_ascii=False).encode("utf-8")  # fails for half a surrogate pair, which no text can show
+        json.dumps(value, ensure_ascii=False).encode("utf-8")  # fails for an unpaired surrogate
     except (ValueError, RecursionError) as error:
         raise BitstreamError(f"{place}: no valid JSON ({error}); {_BAD_WRITER}") from error
     if not isinstance(value, dict):
@@ -77,7 +83,7 @@ def _finite_float(text: str) -> float:
 
 
 def _finite_int(text: str) -> int:
-    _finite_float(text)  # what a binary64 cannot hold has at least 309 digits; up to there int() is quick
+    _finite_float(text)  # rejects integers beyond binary64, at least 309 digits long, before the slow int()
     return int(text)
 
 

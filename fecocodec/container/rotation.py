@@ -1,7 +1,8 @@
-"""Nine float32 of a rotation matrix as three values and six small differences, without loss (FORMAT.md, section 6.2).
+"""Lossless coding of a float32 rotation matrix as three values and six small differences (FORMAT.md, section 6.2).
 
-A rotation follows from part of one row and one column; what rounding (or a matrix that is not quite a rotation) adds is
-sent as a difference. Every step is one IEEE binary64 operation, so all readers predict the same float32.
+Three elements determine a rotation up to signs and rounding. They are stored, and predict the other six, which are
+stored as differences from their predictions. Every step is one IEEE binary64 operation, so that all readers compute
+the same predictions.
 """
 
 import math
@@ -12,11 +13,14 @@ _FLOAT32 = struct.Struct("<f")
 _WORD = struct.Struct("<I")
 _SIGN = 0x80000000
 _MAGNITUDE = 0x7FFFFFFF
-_LARGEST_PREDICTION = 1.5  # no element of a rotation is larger, whatever the rounding; also catches NaN
+_LARGEST_PREDICTION = 1.5  # elements of a rotation are at most 1; the comparison also rejects NaN
 
 
 def rotation_to_words(rotation: Sequence[float]) -> tuple[int, ...]:
-    """Nine float32 values, row-major, as nine 32-bit words: r20 r21 r10, then differences r22 r00 r01 r11 r02 r12."""
+    """Return nine 32-bit words of nine float32 values, row-major.
+
+    The words are r20, r21, r10, then the differences of r22, r00, r01, r11, r02, r12.
+    """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
     return (
         float_to_word(r20),
@@ -32,7 +36,7 @@ def rotation_to_words(rotation: Sequence[float]) -> tuple[int, ...]:
 
 
 def rotation_from_words(words: Sequence[int]) -> tuple[float, ...]:
-    """The nine float32 values, row-major, of the words made by `rotation_to_words`; any nine words give some values."""
+    """Invert `rotation_to_words`. Any nine words give nine float32 values, not necessarily a rotation."""
     r20, r21, r10 = (word_to_float(word) for word in words[:3])
     d22, d00, d01, d11, d02, d12 = words[3:]
     r22 = _add_difference(_predict_r22(r20, r21), d22)
@@ -45,24 +49,24 @@ def rotation_from_words(words: Sequence[int]) -> tuple[float, ...]:
 
 
 def float_to_word(value: float) -> int:
-    """The bits of a float32 value."""
+    """Return the bits of a float32 value as an unsigned integer."""
     word: int = _WORD.unpack(_FLOAT32.pack(value))[0]
     return word
 
 
 def word_to_float(word: int) -> float:
-    """The float32 value of 32 bits."""
+    """Return the float32 value with these 32 bits."""
     value: float = _FLOAT32.unpack(_WORD.pack(word))[0]
     return value
 
 
 def _predict_r22(r20: float, r21: float) -> float:
-    """From the unit length of the last row; the sign travels with the difference."""
+    """Predict from the unit length of the last row; the difference carries the sign."""
     return _root(1.0 - r20 * r20 - r21 * r21)
 
 
 def _predict_r00(r20: float, r10: float) -> float:
-    """From the unit length of the first column; the sign travels with the difference."""
+    """Predict from the unit length of the first column; the difference carries the sign."""
     return _root(1.0 - r20 * r20 - r10 * r10)
 
 
@@ -83,7 +87,7 @@ def _ratio(numerator: float, denominator: float) -> float:
 
 
 def _prediction_word(prediction: float) -> int:
-    """Bits of the prediction rounded to float32; +0 where it is no possible element of a rotation."""
+    """Return the bits of the prediction in float32; +0 if its magnitude is impossible for an element of a rotation."""
     if not abs(prediction) <= _LARGEST_PREDICTION:
         return 0
     word = float_to_word(prediction)
@@ -91,7 +95,7 @@ def _prediction_word(prediction: float) -> int:
 
 
 def _difference(value: float, prediction: float) -> int:
-    """Magnitudes subtracted modulo 2^31, zigzag-coded, above one bit that says whether the signs differ."""
+    """Return the difference of the magnitude bits modulo 2^31, zigzag-coded; bit 0 is 1 if the signs differ."""
     actual, predicted = float_to_word(value), _prediction_word(prediction)
     magnitude = ((actual & _MAGNITUDE) - (predicted & _MAGNITUDE)) & _MAGNITUDE
     zigzag = 2 * magnitude if magnitude < 1 << 30 else 2 * ((1 << 31) - magnitude) - 1
@@ -99,6 +103,7 @@ def _difference(value: float, prediction: float) -> int:
 
 
 def _add_difference(prediction: float, difference: int) -> float:
+    """Invert `_difference`."""
     predicted = _prediction_word(prediction)
     zigzag = difference >> 1
     magnitude = -(zigzag + 1 >> 1) if zigzag & 1 else zigzag >> 1

@@ -7,9 +7,9 @@ from enum import IntEnum
 
 from fecocodec.errors import BitstreamError
 
-CRITICAL = 0x80  # set in a kind: a reader that does not know it must refuse; clear: it may skip the section
+CRITICAL = 0x80  # bit of a kind: a reader refuses an unknown kind with this bit and skips one without it
 MAX_PAYLOAD = 1 << 26
-# In what is said of a damaged section B2.
+# Appended to messages about a damaged section B2, because stage 1 is still decodable.
 WHAT_IS_INTACT = ", or decode what stands before it with --partial or --stages 1"
 
 _HEAD = struct.Struct("<BI")
@@ -18,7 +18,7 @@ SECTION_OVERHEAD = _HEAD.size + _CRC.size
 
 
 class SectionKind(IntEnum):
-    """Kinds this version knows; sections stand in ascending order of the kind without its critical bit."""
+    """Kinds of sections that this version knows, in the order of a stream: ascending, ignoring the critical bit."""
 
     CAMERAS = CRITICAL | 0x10
     COVERAGE = CRITICAL | 0x18
@@ -45,7 +45,10 @@ _MAX_PAYLOADS: dict[int, int] = {
 
 @dataclass(frozen=True)
 class SectionHead:
-    """Where a section lies and what it says of itself; its payload is not yet checked."""
+    """Head of a section, whose CRC-32 is not yet checked.
+
+    offset: of its first byte in the stream. length: of the payload, in bytes.
+    """
 
     kind: int
     offset: int
@@ -58,7 +61,7 @@ class SectionHead:
 
     @property
     def place(self) -> str:
-        """How messages name this section."""
+        """Return the name and offset of this section, with which error messages start."""
         return f"section {self.name} at byte {self.offset}"
 
     @property
@@ -71,12 +74,12 @@ class SectionHead:
 
 
 def section_name(kind: int) -> str:
-    """The name of a kind, or its number where this version has no name for it."""
+    """Return the name of a kind, or its number in hexadecimal if it is unknown."""
     return _NAMES.get(kind, f"{kind:#04x}")
 
 
 def section_bytes(kind: SectionKind, payload: bytes) -> bytes:
-    """A whole section; raises BitstreamError for a payload longer than the kind may be."""
+    """Return the bytes of a section. Raises BitstreamError if the payload exceeds the limit of its kind."""
     limit = _MAX_PAYLOADS.get(kind, MAX_PAYLOAD)
     if len(payload) > limit:
         raise BitstreamError(
@@ -88,7 +91,10 @@ def section_bytes(kind: SectionKind, payload: bytes) -> bytes:
 
 
 def read_section_head(data: bytes, offset: int) -> SectionHead:
-    """The head at that offset; raises BitstreamError where the file ends inside it or its length is over the limit."""
+    """Return the section head at a byte offset.
+
+    Raises BitstreamError if the file ends inside the head or the length exceeds the limit of the kind.
+    """
     if len(data) < offset + SECTION_OVERHEAD:
         raise BitstreamError(
             f"section at byte {offset}: the file ends after {len(data)} bytes, inside or before the head of a section "
@@ -107,7 +113,7 @@ def read_section_head(data: bytes, offset: int) -> SectionHead:
 
 
 def read_payload(data: bytes, head: SectionHead) -> bytes:
-    """The payload of a section; raises BitstreamError where the file ends inside it or its CRC differs."""
+    """Return the payload of a section. Raises BitstreamError if the file ends inside it or its CRC-32 differs."""
     if len(data) < head.end:
         raise BitstreamError(
             f"{head.place}: the file ends after {len(data)} bytes, the section needs {head.end}; "
@@ -124,7 +130,10 @@ def read_payload(data: bytes, head: SectionHead) -> bytes:
 
 
 def check_kind(head: SectionHead, previous: SectionHead | None) -> None:
-    """Raise BitstreamError for a kind this version must not skip, or one that stands in the wrong place."""
+    """Raise BitstreamError for an unknown critical kind, a wrong critical bit, or a section out of order.
+
+    previous: head of the section before this one, None for the first.
+    """
     if head.kind not in _NAMES:
         if head.kind ^ CRITICAL in _NAMES:
             raise BitstreamError(

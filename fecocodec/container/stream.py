@@ -25,7 +25,7 @@ from fecocodec.container.sections import (
 )
 from fecocodec.errors import BitstreamError, InputError
 
-MAX_STREAM_BYTES = MAX_SECTIONS * MAX_PAYLOAD  # more than any stream has: cameras are far below their share
+MAX_STREAM_BYTES = MAX_SECTIONS * MAX_PAYLOAD  # no valid stream is longer
 
 _BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
@@ -34,9 +34,9 @@ _BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 class Stream:
     """The fields of a stream.
 
-    payloads: B1 and B2; fewer than `header.num_stages` after reading a prefix. metadata: None where there is none, and
-    always after reading a prefix. coverage: one bit for each cell of 4x4 pixels of the views' coding grids, see
-    `coverage_grid` and `pack_coverage`; Gaussians of cells with bit 0 are dropped. None: all cells are covered.
+    payloads: B1 and B2; fewer than `header.num_stages` if only a prefix was read. metadata: None if the stream has
+    none or only a prefix was read. coverage: one bit per cell of 4x4 pixels of the coding grids, see `pack_coverage`;
+    Gaussians of cells with bit 0 are dropped. None if all cells are covered.
     """
 
     header: Header
@@ -48,21 +48,21 @@ class Stream:
 
 @dataclass(frozen=True)
 class IntactPart:
-    """The stages of a stream that can be decoded, and what is wrong with the rest (None: nothing)."""
+    """The decodable stages of a stream. damage: message about the first damage, None for an intact stream."""
 
     stream: Stream
     damage: str | None
 
 
 class _Section(NamedTuple):
-    """A section whose CRC holds and whose kind is in its place. payload: empty where the kind is unknown."""
+    """A section with a valid CRC-32 at a valid position in the stream. payload: empty if the kind is unknown."""
 
     head: SectionHead
     payload: bytes
 
 
 def write_stream(stream: Stream) -> bytes:
-    """The bytes of a stream; the same stream gives the same bytes. Raises BitstreamError for a field it cannot hold."""
+    """Return the bytes of a stream. The result is deterministic. Raises BitstreamError for an invalid field."""
     header, cameras = stream.header, stream.cameras
     if cameras.num_views != header.num_views:
         raise BitstreamError(f"header: {header.num_views} views, but {cameras.num_views} cameras; give one per view.")
@@ -81,7 +81,7 @@ def write_stream(stream: Stream) -> bytes:
 
 
 def read_stream(data: bytes) -> Stream:
-    """Read a whole stream, checking every rule of the format; raises BitstreamError for the first one broken."""
+    """Parse a whole stream and check every rule of the format. Raises BitstreamError for the first rule it breaks."""
     parsed = read_header(data)
     sections = list(_sections(data, parsed))
     end = sections[-1].head.end
@@ -98,9 +98,9 @@ def read_stream(data: bytes) -> Stream:
 
 
 def read_prefix(data: bytes, num_stages: int) -> Stream:
-    """Read a stream to the end of the payload of that stage (1 or 2) and ignore what follows, damaged or missing.
+    """Parse a stream up to the payload of stage `num_stages` (1 or 2); what follows may be damaged or missing.
 
-    Raises BitstreamError for a rule broken before that point and InputError for a stage the stream does not have.
+    Raises BitstreamError for a rule broken before that point and InputError if the stream has fewer stages.
     """
     parsed = read_header(data)
     if not 1 <= num_stages <= parsed.header.num_stages:
@@ -114,7 +114,10 @@ def read_prefix(data: bytes, num_stages: int) -> Stream:
 
 
 def read_packed_cameras(data: bytes) -> PackedCameras:
-    """The cameras of a stream, whatever follows them; raises BitstreamError for a rule broken before their end."""
+    """Return the cameras of a stream; sections after them may be damaged or missing.
+
+    Raises BitstreamError for a rule broken in or before the camera section.
+    """
     parsed = read_header(data)
     sections = []
     for section in _sections(data, parsed):
@@ -125,22 +128,22 @@ def read_packed_cameras(data: bytes) -> PackedCameras:
 
 
 def read_intact(data: bytes) -> IntactPart:
-    """Read as many stages as are undamaged; raises BitstreamError where not even the first can be decoded."""
+    """Parse as many stages as are intact. Raises BitstreamError if not even stage 1 is."""
     try:
         return IntactPart(read_stream(data), None)
     except BitstreamError as error:
         damage = error
     for num_stages in range(read_header(data).header.num_stages, 0, -1):
         try:
-            # The advice to do with less is for those who asked for everything.
+            # Omit the advice to decode fewer stages, because that is being done here.
             return IntactPart(read_prefix(data, num_stages), str(damage).replace(WHAT_IS_INTACT, ""))
         except BitstreamError:
-            continue  # a shorter prefix may still be whole; `damage` says what is wrong
+            continue  # a shorter prefix may be intact; `damage` is reported in any case
     raise damage
 
 
 def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[_Section]:
-    """The sections in order, each checked as it is reached."""
+    """Yield the sections in order; each is checked before it is yielded."""
     offset, previous = parsed.end, None
     for _ in range(parsed.num_sections):
         head = read_section_head(data, offset)
@@ -155,7 +158,7 @@ def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[_Section]:
 
 
 def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stream:
-    """Return a stream of these sections, without metadata, which decoding does not need."""
+    """Return a stream of these sections, with `num_stages` payloads and without metadata."""
     found = {section.head.kind: section for section in sections}
     stage_kinds = STAGE_KINDS[:num_stages]
     for kind in (SectionKind.CAMERAS, *stage_kinds):

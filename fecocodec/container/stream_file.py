@@ -11,9 +11,9 @@ _CHUNK = 1 << 20
 
 
 def read_stream_file(path: Path) -> bytes:
-    """Return the bytes of a file or pipe; only the first MiB of what does not start with the signature.
+    """Return the bytes of a file or pipe, or only the first MiB if it does not start with the signature.
 
-    Raises InputError where the file is missing, cannot be read, or is longer than any stream.
+    Raises InputError if the file is missing, cannot be read, or is longer than any valid stream.
     """
     try:
         return _read_bounded(path)
@@ -26,9 +26,9 @@ def read_stream_file(path: Path) -> bytes:
 
 
 def _read_bounded(path: Path) -> bytes:
-    """Read in chunks: the length of a pipe or a device is not known beforehand.
+    """Read in chunks, because the length of a pipe or a device is not known beforehand.
 
-    A file with another signature is cut after the first chunk; its parser then says what is wrong with it.
+    A file with another signature is cut after the first chunk; the stream parser then reports the wrong signature.
     """
     with path.open("rb") as file:
         data = bytearray(file.read(_CHUNK))

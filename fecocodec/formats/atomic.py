@@ -9,12 +9,12 @@ from pathlib import Path
 
 from fecocodec.errors import OutputError
 
-# Of os.link on file systems without hard links.
+# Errors of os.link on file systems without hard links.
 _NO_LINKS = (errno.EPERM, errno.EACCES, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it. Raises OutputError where that fails."""
+    """Create a folder and its parents. Raises OutputError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -24,10 +24,10 @@ def make_folder(folder: Path) -> None:
 
 
 def require_writable(path: Path, *, overwrite: bool) -> None:
-    """Refuse an output path before any work is spent on it.
+    """Check an output path before any work is done.
 
-    Raises OutputError where the folder is missing, where the path is not a plain file or cannot be one, or where it
-    exists and `overwrite` is false.
+    Raises OutputError if the folder is missing, the path cannot be a regular file, or it exists and `overwrite` is
+    false.
     """
     if _is_missing(path.parent) or not os.path.isdir(path.parent):
         raise OutputError(f"{path}: the folder {path.parent} does not exist; create it or choose another output path.")
@@ -40,7 +40,7 @@ def require_writable(path: Path, *, overwrite: bool) -> None:
 
 
 def _is_missing(path: Path) -> bool:
-    """Raises OutputError where the system does not even say: a name that is too long, a loop of links, no access."""
+    """Return whether a path does not exist. Raises OutputError if that is unknown (name too long, no access)."""
     try:
         os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -56,10 +56,10 @@ def _exists(path: Path) -> str:
 
 
 def require_other_file(output: Path, source: Path) -> None:
-    """Refuse to replace what is being read, by whichever name.
+    """Check that writing `output` does not replace the input.
 
-    Raises OutputError where both are the same file, or where `source` is a folder and `output` a file that is in it
-    already and no `.fcs`: a photograph or its cameras.
+    Raises OutputError if both are the same file, or if `source` is a folder and `output` an existing file in it, such
+    as a photograph; existing `.fcs` files may be replaced.
     """
     if not os.path.exists(output) or not os.path.exists(source):
         return
@@ -72,10 +72,10 @@ def require_other_file(output: Path, source: Path) -> None:
 def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary path beside `path`; the file written there is renamed to `path` when the block ends.
 
-    The temporary name keeps the suffix of `path`, because image libraries choose the format by it. Where the block
-    fails, the temporary file is removed and `path` stays as it was. Without `overwrite`, a file that has appeared at
-    `path` meanwhile is kept.
-    Raises OutputError as `require_writable` does, and where the system refuses to write (disk full, no permission).
+    The temporary name keeps the suffix of `path`, because image libraries select the format by it. If the block fails,
+    the temporary file is removed and `path` does not change. Without `overwrite`, a file that was created at `path` in
+    the meantime is kept.
+    Raises OutputError as `require_writable` does, and if writing fails (disk full, no permission).
     """
     require_writable(path, overwrite=overwrite)
     target = path.resolve()  # through a symbolic link, so that the link survives
@@ -99,7 +99,7 @@ def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
 
 
 def _rename_to_new(temporary: Path, target: Path) -> None:
-    """Rename without replacing a file, which `os.rename` would; raises FileExistsError where there is one."""
+    """Rename without replacing an existing file, unlike `os.rename`. Raises FileExistsError if there is one."""
     try:
         os.link(temporary, target)
     except OSError as error:

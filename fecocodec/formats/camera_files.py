@@ -1,4 +1,4 @@
-"""Find and read the cameras of a scene folder, in whichever format they are."""
+"""Find and read the cameras of a scene folder, in any supported format."""
 
 from pathlib import Path
 
@@ -11,14 +11,14 @@ from fecocodec.formats.transforms_json import find_transforms_json, read_transfo
 
 
 def read_cameras(path: StrPath) -> PosedPhotographs:
-    """Return the cameras of a scene folder, or of a camera file given itself, in the first format found.
+    """Read the cameras of a scene folder or of a camera file, in the first format found.
 
-    Raises InputError where there are none, or they cannot be read. Images are not looked at.
+    Images are not read. Raises InputError if there are no cameras or they cannot be read.
     """
     path = Path(path)
     try:
         scene = _find_cameras(path)
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+    except (OSError, ValueError) as error:  # ValueError: an invalid file name
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions.") from error
     if scene is None and path.is_file():

@@ -1,7 +1,7 @@
-"""One scene of a chunk: encoded photographs and 18 camera values a frame, as pixelSplat stores them.
+"""One scene of a chunk: encoded photographs and 18 camera values per frame, in the layout of pixelSplat.
 
-A row of `cameras` is fx fy cx cy 0 0 and the 3x4 world-to-camera matrix in OpenCV axes, row by row; intrinsics are
-normalised by image width and height. DepthSplat's preparation of DL3DV writes the same rows.
+A row of `cameras` is fx fy cx cy 0 0 and the 3x4 world-to-camera matrix in OpenCV axes, row-major. Intrinsics are
+normalised by image width and height. DepthSplat's scripts for DL3DV write the same rows.
 """
 
 from dataclasses import dataclass
@@ -28,10 +28,11 @@ _CAMERA_VALUES = 18
 
 @dataclass(frozen=True)
 class ChunkScene:
-    """Frames of one scene; an image is decoded when its view is asked for.
+    """Frames of one scene; images are decoded on demand.
 
-    place: file and scene, for messages. bounds: (near, far) in scene units that the public configurations use for the
-    data set this scene is of. extrinsics: camera-to-world, OpenCV axes. intrinsics: normalised.
+    place: file and scene, for messages. bounds: (near, far) in scene units, as the public configurations set them for
+    the data set of the scene. extrinsics: camera-to-world, OpenCV axes. intrinsics: normalised by image width and
+    height. encoded: bytes of the image files.
     """
 
     name: str
@@ -46,17 +47,17 @@ class ChunkScene:
         return len(self.encoded)
 
     def image(self, frame: int) -> Float[Tensor, "3 height width"]:
-        """The photograph of a frame at its stored size, sRGB in [0, 1]; raises InputError where it is damaged."""
+        """Decode the photograph of a frame: sRGB in [0, 1], at its stored size. Raises InputError if it is damaged."""
         return decode_image(self.encoded[frame].numpy().tobytes(), f"{self.place}, image {frame}")
 
     def views(
         self, frames: tuple[int, ...], *, size: tuple[int, int], near: float | None = None, far: float | None = None
     ) -> Views:
-        """These frames in this order, cropped around the centre to the shape of `size` = (height, width) and resized.
+        """Return these frames in this order, centre-cropped to the shape of `size` = (height, width) and resized.
 
-        near, far: in scene units; those of `bounds` where not given. The public loaders crop at whole pixels after
-        scaling and leave the principal point in the middle; here images and intrinsics agree to fractions of a pixel.
-        Raises InputError for a frame that does not exist, a damaged image, or bounds that are no range.
+        near, far: in scene units; default `bounds`. Unlike the public loaders, which crop at whole pixels and keep the
+        principal point at the centre, images and intrinsics are consistent to fractions of a pixel.
+        Raises InputError for a frame that does not exist, a damaged image, or invalid depth bounds.
         """
         require_size(size)
         missing = [frame for frame in frames if not 0 <= frame < len(self)]
@@ -79,13 +80,13 @@ class ChunkScene:
         return Views(torch.stack([image for image, _ in framed]), cameras, names)
 
     def lens(self, frame: int, height: int, width: int) -> Lens:
-        """The pinhole of a frame whose image is stored at width x height."""
+        """Return the pinhole of a frame whose stored image has this size in pixels."""
         (fx, _, cx), (_, fy, cy), _ = self.intrinsics[frame].tolist()
         return Lens(width, height, fx * width, fy * height, cx * width, cy * height)
 
 
 def chunk_scene(record: object, path: Path) -> ChunkScene:
-    """A scene from one record of a chunk; raises InputError that names file, scene and what is wrong with it."""
+    """Parse one record of a chunk. Raises InputError, which names file and scene, if it is not valid."""
     if not isinstance(record, dict) or not isinstance(record.get("key"), str):
         raise InputError(f"{path}: a record has no key; these are not chunks as pixelSplat writes them.")
     name = record["key"]
@@ -102,7 +103,7 @@ def chunk_scene(record: object, path: Path) -> ChunkScene:
     return ChunkScene(
         name=name,
         place=place,
-        bounds=VIDEO_BOUNDS if "://" in str(record.get("url")) else DL3DV_BOUNDS,  # only videos have an address
+        bounds=VIDEO_BOUNDS if "://" in str(record.get("url")) else DL3DV_BOUNDS,  # only records of videos have a URL
         timestamps=tuple(timestamps.tolist()),
         extrinsics=extrinsics,
         intrinsics=intrinsics,
@@ -117,7 +118,7 @@ def _is_encoded(image: object) -> bool:
 def _cameras(
     values: Float[np.ndarray, "frame 18"], place: str
 ) -> tuple[Float[np.ndarray, "frame 4 4"], Float[np.ndarray, "frame 3 3"]]:
-    """Camera-to-world and normalised intrinsics of every frame."""
+    """Return camera-to-world matrices and normalised intrinsics of every frame."""
     if not (values[:, :2] > 0).all():
         raise InputError(f"{place}: a focal length is not positive; convert the data set again.")
     intrinsics = np.tile(np.eye(3), (len(values), 1, 1))

@@ -1,8 +1,8 @@
-"""Data sets in pixelSplat's chunks: `000000.torch`, `000001.torch` ... and an `index.json` that says where a scene is.
+"""Data sets in pixelSplat's chunks: `000000.torch`, `000001.torch`, ... and an `index.json` that maps scenes to chunks.
 
-RealEstate10K and ACID are published so (Charatan et al., "pixelSplat", 2024); DepthSplat's scripts prepare DL3DV in
-the same layout. A chunk is a list of records `{key, url, timestamps, cameras, images}`, written by `torch.save`. It
-is read without executing anything that it holds: tensors, lists, strings and numbers only.
+RealEstate10K and ACID are published in this layout (Charatan et al., "pixelSplat", 2024), and DepthSplat's scripts
+write DL3DV in it. A chunk is a list of records `{key, url, timestamps, cameras, images}`, written by `torch.save`. It
+is loaded without executing code: only tensors, lists, strings and numbers are accepted.
 """
 
 import zipfile
@@ -20,26 +20,26 @@ _MOST_OPEN = 4  # chunks kept open; they are mapped into memory, not read
 
 
 def is_chunk_folder(path: Path) -> bool:
-    """Whether the folder holds an index and chunks (such as `re10k/test`)."""
+    """Return whether a folder has an index and chunks (such as `re10k/test`)."""
     return (path / INDEX_FILE).is_file() and next(path.glob("*.torch"), None) is not None
 
 
 class ChunkFolder:
-    """The scenes of one split of a data set, by name; chunks are opened when a scene of theirs is asked for."""
+    """The scenes of one split of a data set, by name. Chunks are opened on demand."""
 
     def __init__(self, root: Path) -> None:
-        """root: the folder with `index.json` and the chunks. Raises InputError where it is missing or broken."""
+        """root: folder with `index.json` and the chunks. Raises InputError if the index is missing or invalid."""
         self.root = root
         self._file_of = _read_index(root / INDEX_FILE)
         self._open: OrderedDict[str, dict[str, object]] = OrderedDict()
 
     @property
     def scene_names(self) -> tuple[str, ...]:
-        """Keys of all scenes, in the order of the index."""
+        """Return the keys of all scenes, in the order of the index."""
         return tuple(self._file_of)
 
     def scene(self, name: str) -> ChunkScene:
-        """The scene of that key. Raises InputError where there is none, or its chunk or record is damaged."""
+        """Return the scene with this key. Raises InputError if there is none, or its chunk or record is damaged."""
         if name not in self._file_of:
             raise InputError(f"{self.root / INDEX_FILE}: has no scene {name}; check that the index is for this split.")
         file = self._file_of[name]
@@ -60,9 +60,9 @@ class ChunkFolder:
 
 
 def read_chunk(path: Path) -> dict[str, object]:
-    """The records of a chunk by their key, images left encoded in the mapped file.
+    """Return the records of a chunk by key. Images stay encoded in the memory-mapped file.
 
-    Raises InputError where the file is missing, damaged, or holds anything but plain data.
+    Raises InputError if the file is missing or damaged, or has anything other than plain data.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such chunk; download or convert this part of the data set.")
@@ -70,7 +70,7 @@ def read_chunk(path: Path) -> dict[str, object]:
         raise InputError(f"{path}: this is no chunk as torch.save writes it, or it is cut short; fetch it again.")
     try:
         records = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
-    except Exception as error:  # a damaged pickle can fail in every way there is
+    except Exception as error:  # a damaged pickle can raise any exception
         raise InputError(
             f"{path}: the chunk is damaged, or holds more than tensors and text ({type(error).__name__}); "
             "fetch it again."

@@ -19,15 +19,15 @@ _NUM_PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4, "SIMPLE_RADIAL": 4, "RADIA
 
 
 def find_colmap_model(path: Path) -> Path | None:
-    """The folder with the model's tables inside a scene folder."""
+    """Return the folder with the tables of the COLMAP model of a scene folder, None if there is none."""
     folders = (path / folder for folder in _MODEL_FOLDERS)
     return next((folder for folder in folders if _is_binary(folder) or (folder / "images.txt").is_file()), None)
 
 
 def read_colmap(scene_folder: Path, model_folder: Path) -> PosedPhotographs:
-    """Read a model, images ordered by name. They lie in `images/` of the scene folder or in that folder itself.
+    """Read a model, with images ordered by name. Image files are in `images/` of the scene folder or in that folder.
 
-    Raises InputError where a table is broken, a camera model is not supported, or a pose is of no use.
+    Raises InputError if a table is invalid, a camera model is not supported, or a pose is not valid.
     """
     model = read_binary_model(model_folder) if _is_binary(model_folder) else read_text_model(model_folder)
     if not model.images:
@@ -85,7 +85,7 @@ def _lens(camera: ColmapCamera, place: str, width: int, height: int) -> Lens:
 
 
 def _image_folder(scene_folder: Path, first_name: str) -> Path:
-    """Where the images lie; the folder given may also be the model inside a scene folder."""
+    """Return the folder of the image files. `scene_folder` may also be the model folder inside a scene folder."""
     above = [parent / "images" for parent in scene_folder.resolve().parents[:2]]
     folders = [scene_folder / "images", scene_folder, *above]
     return next((folder for folder in folders if (folder / first_name).is_file()), folders[0])

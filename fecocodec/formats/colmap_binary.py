@@ -28,7 +28,7 @@ _OBSERVATION = np.dtype([("xy", "<f8", 2), ("point_id", "<i8")])
 
 
 def read_binary_model(folder: Path) -> ColmapModel:
-    """Read the tables in `folder`. Raises InputError that names the file and the offset where it is cut or wrong."""
+    """Read the tables in `folder`. Raises InputError, with file and byte offset, if one is truncated or invalid."""
     points = folder / "points3D.bin"
     return ColmapModel(
         cameras=_cameras(_Table(folder / "cameras.bin")),
@@ -38,7 +38,7 @@ def read_binary_model(folder: Path) -> ColmapModel:
 
 
 class _Table:
-    """Reads one value after another and knows the place for a message."""
+    """Reads values in sequence and tracks the byte offset for messages."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.offset = path, 0
@@ -52,7 +52,7 @@ class _Table:
         return int(self.take("Q")[0])
 
     def skip(self, num_bytes: int) -> int:
-        """Step over bytes that must be there; returns where they begin."""
+        """Advance by `num_bytes` and return the previous offset. Raises InputError if the file is too short."""
         start = self.offset
         if num_bytes > len(self.data) - start:
             raise InputError(f"{self.path}, offset {start}: the file is cut short; export the COLMAP model again.")

@@ -1,4 +1,4 @@
-"""The tables of a COLMAP sparse model, whichever way they are stored."""
+"""The tables of a COLMAP sparse model, binary or text."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 @dataclass(frozen=True)
 class ColmapCamera:
-    """model: COLMAP's name, such as OPENCV. parameters: in COLMAP's order for that model, pixels."""
+    """A camera. model: COLMAP's name, such as OPENCV. parameters: in pixels, in COLMAP's order for this model."""
 
     model: str
     width: int
@@ -18,7 +18,7 @@ class ColmapCamera:
 
 @dataclass(frozen=True)
 class ColmapImage:
-    """rotation (quaternion wxyz) and translation: world-to-camera, OpenCV axes. point_ids: -1 where none."""
+    """An image. rotation (quaternion wxyz), translation: world-to-camera, OpenCV axes. point_ids: -1 for no point."""
 
     name: str
     camera_id: int
@@ -29,7 +29,7 @@ class ColmapImage:
 
 @dataclass(frozen=True)
 class ColmapModel:
-    """Cameras by id, images in the order stored, positions of the points by id (empty where there is no such table)."""
+    """Cameras by id, images in stored order, positions of points by id (empty if the model has no points table)."""
 
     cameras: dict[int, ColmapCamera]
     images: list[ColmapImage]

@@ -11,7 +11,7 @@ from fecocodec.formats.input_file import read_text
 
 
 def read_text_model(folder: Path) -> ColmapModel:
-    """Read the tables in `folder`. Raises InputError that names file and line."""
+    """Read the tables in `folder`. Raises InputError, with file and line, if one is invalid."""
     points = folder / "points3D.txt"
     return ColmapModel(
         cameras=dict(_camera(words, place) for words, place in _lines(folder / "cameras.txt") if words),
@@ -29,7 +29,7 @@ def _camera(words: list[str], place: str) -> tuple[int, ColmapCamera]:
 
 
 def _images(path: Path) -> Iterator[ColmapImage]:
-    """Two lines an image: its pose and name, then its observations (which may be an empty line)."""
+    """Yield images. Each has two lines: pose and name, then observations, which may be an empty line."""
     lines = _lines(path)
     for words, place in lines:
         if not words:
@@ -58,7 +58,7 @@ def _point(words: list[str], place: str) -> tuple[int, tuple[float, float, float
 
 
 def _lines(path: Path) -> Iterator[tuple[list[str], str]]:
-    """(words, place) of each line that is no comment."""
+    """Yield the words of each line that is not a comment, with file and line number for messages."""
     text = read_text(path, "export the COLMAP model again")
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.startswith("#"):

@@ -1,9 +1,9 @@
-"""The field's evaluation index: which frames of a scene are coded, and which are judged by.
+"""Evaluation index: the context frames and target frames of each scene.
 
     {"scene": {"context": [58, 133], "target": [84, 102, 129]}, "scene/wide": {...}, "skipped": null}
 
-pixelSplat's and DepthSplat's files are of this form; null marks scenes that their authors left out, and fields other
-than the two (such as "overlap") are not needed here. A label after a slash tells several entries of a scene apart.
+pixelSplat and DepthSplat use this format. null marks scenes that are not evaluated; other fields, such as "overlap",
+are ignored. A label after a slash distinguishes several entries of one scene.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from fecocodec.formats.input_file import read_json
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """One line of an evaluation index: frames of a scene to code and frames to judge by, counted from 0."""
+    """One entry of an evaluation index: context frames and target frames of a scene, counted from 0."""
 
     name: str
     scene: str
@@ -25,7 +25,7 @@ class IndexEntry:
 
 
 def read_index(path: Path) -> tuple[IndexEntry, ...]:
-    """The entries in the order of the file, without those that are null. Raises InputError for anything else."""
+    """Return the entries that are not null, in the order of the file. Raises InputError if the index is not valid."""
     entries = read_json(path, "check the path, or write the index again")
     if not isinstance(entries, dict):
         raise InputError(f'{path}: not an evaluation index; write {{"scene": {{"context": [...], "target": [...]}}}}.')

@@ -21,7 +21,10 @@ _MAX_VALUES = 4 * MAX_IMAGE_PIXELS  # over all channels and parts; OpenEXR reads
 
 @dataclass(frozen=True)
 class ExrImage:
-    """colour: sRGB in [0, 1]. depth: channel Z in scene units. alpha: opacity in [0, 1]. None: not in the file."""
+    """Content of an OpenEXR file; None for what the file lacks.
+
+    colour: sRGB in [0, 1]. depth: channel Z, in scene units. alpha: opacity in [0, 1].
+    """
 
     colour: Float[Tensor, "3 height width"]
     depth: Float[Tensor, "height width"] | None
@@ -31,9 +34,9 @@ class ExrImage:
 def read_exr(path: Path, background: float = 1.0) -> ExrImage:
     """Read colour (RGB, RGBA composited on a background, or luminance Y), depth and opacity.
 
-    background: its linear light, the same in all channels; 1 is white.
-    Light above 1 is clipped; NaN counts as 0. Raises InputError where the file cannot be read, has no colour, or more
-    than MAX_IMAGE_PIXELS pixels.
+    background: linear grey level of the background; 1 is white.
+    Values above 1 are clipped; NaN counts as 0. Raises InputError if the file cannot be read, has no colour, or has
+    more than MAX_IMAGE_PIXELS pixels.
     """
     read_exr_size(path)  # refuses too many pixels before they are allocated
     channels = _read_channels(path)
@@ -57,7 +60,7 @@ def read_exr(path: Path, background: float = 1.0) -> ExrImage:
 def read_exr_size(path: Path) -> tuple[int, int]:
     """Return (height, width) of the stored pixels, from the header alone.
 
-    Raises InputError where there are more than MAX_IMAGE_PIXELS, or the channels of all parts are too many to decode.
+    Raises InputError if there are more than MAX_IMAGE_PIXELS pixels, or too many channels and parts to decode.
     """
     try:
         require_regular_file(path)
@@ -75,15 +78,15 @@ def read_exr_size(path: Path) -> tuple[int, int]:
 
 
 def _part_size(header: dict[str, Any]) -> tuple[int, int, int]:
-    """(height, width, number of channels) of one part."""
+    """Return (height, width, number of channels) of one part."""
     (left, top), (right, bottom) = header["dataWindow"]
     return int(bottom) - int(top) + 1, int(right) - int(left) + 1, len(header["channels"])
 
 
 def write_exr(path: Path, image: ExrImage, *, overwrite: bool = False) -> None:
-    """Write colour as linear light in float32 channels R, G, B and depth, where there is one, in Z.
+    """Write colour as linear float32 channels R, G, B, and depth, if present, as channel Z.
 
-    Raises OutputError where the file cannot be written.
+    Raises OutputError if the file cannot be written.
     """
     linear = srgb_to_linear(image.colour.detach().cpu().float())
     channels = {"RGB": rearrange(linear, "rgb h w -> h w rgb").contiguous().numpy()}
@@ -95,22 +98,22 @@ def write_exr(path: Path, image: ExrImage, *, overwrite: bool = False) -> None:
             OpenEXR.File(header, channels).write(str(temporary))
         except RuntimeError as error:  # the binding's only error: `... image file "NAME". Reason of the system.`
             reason = str(error).rstrip(".").rpartition('". ')[2]
-            raise OSError(reason) from error  # write_atomically makes the sentence
+            raise OSError(reason) from error  # write_atomically adds path and remedy to the message
 
 
 def linear_to_srgb(linear: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """The sRGB transfer function (IEC 61966-2-1) of light clipped to [0, 1]."""
+    """Apply the sRGB transfer function (IEC 61966-2-1) to linear values, clipped to [0, 1]."""
     linear = linear.clamp(0, 1)
     return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def srgb_to_linear(srgb: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """The inverse of the sRGB transfer function (IEC 61966-2-1)."""
+    """Apply the inverse of the sRGB transfer function (IEC 61966-2-1)."""
     return torch.where(srgb <= 0.04045, srgb / 12.92, ((srgb.clamp_min(0) + 0.055) / 1.055) ** 2.4)
 
 
 def _read_channels(path: Path) -> dict[str, np.ndarray]:
-    """OpenEXR reports damage by RuntimeError, and by ValueError where no pixels were left to read."""
+    """Read all channels. OpenEXR reports damage as RuntimeError, or as ValueError if no pixels are left to read."""
     try:
         channels = OpenEXR.File(str(path)).channels()
         return {name: channel.pixels for name, channel in channels.items()}

@@ -1,4 +1,4 @@
-"""Bringing photographs to one size: centre crop to the shape, then resize."""
+"""Crop and resize photographs to a common size."""
 
 from collections import Counter
 
@@ -12,13 +12,13 @@ from fecocodec.errors import InputError
 from fecocodec.formats.lens import Lens
 from fecocodec.limits import MAX_SIDE, MIN_SIDE
 
-MIN_KEPT_AREA = 0.5  # a crop nobody asked for must leave at least this share of each photograph
+MIN_KEPT_AREA = 0.5  # share of each photograph's area that an automatic crop must keep
 
 
 def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
-    """(height, width) for all photographs: the most frequent size, scaled down where a side is over MAX_SIDE.
+    """Return (height, width) for all photographs: the most frequent size, scaled down if a side exceeds MAX_SIDE.
 
-    Raises InputError where the shapes differ so much that cropping would lose half of one, or a side is too short.
+    Raises InputError if cropping would remove more than half of a photograph, or a side is too short.
     """
     sizes = [(lens.height, lens.width) for lens in pinholes]
     most_frequent = Counter(sizes).most_common(1)[0][0]  # the first one among equals
@@ -41,7 +41,7 @@ def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
 
 
 def require_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Raises InputError where (height, width) is outside what the codec accepts."""
+    """Return `size` = (height, width). Raises InputError if it is outside the limits of the codec."""
     if not all(MIN_SIDE <= side <= MAX_SIDE for side in size):
         raise InputError(
             f"size {size[1]}x{size[0]}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels; choose another `size`."
@@ -58,7 +58,7 @@ def kept_share(pinhole: Lens, size: tuple[int, int]) -> float:
 def crop_and_resize(
     image: Float[Tensor, "channel height width"], pinhole: Lens, size: tuple[int, int]
 ) -> tuple[Float[Tensor, "channel new_height new_width"], Float[np.ndarray, "3 3"]]:
-    """Centre crop to the shape of `size` = (height, width), resize to it (Lanczos, with antialiasing).
+    """Centre-crop an image to the shape of `size` = (height, width) and resize it (Lanczos, with antialiasing).
 
     Returns the image and its intrinsics, normalised by width and height.
     """
@@ -76,7 +76,7 @@ def crop_and_resize(
 
 
 def framed_intrinsics(pinhole: Lens, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
-    """The intrinsics that `crop_and_resize` returns for an image of the pinhole's size, without the image."""
+    """Return the normalised intrinsics that `crop_and_resize` returns for an image of the pinhole's size."""
     top, left, crop_h, crop_w = _crop(pinhole.height, pinhole.width, size)
     return np.array(
         [
@@ -88,13 +88,13 @@ def framed_intrinsics(pinhole: Lens, size: tuple[int, int]) -> Float[np.ndarray,
 
 
 def _crop(height: int, width: int, size: tuple[int, int]) -> tuple[int, int, float, float]:
-    """(top, left, height, width) of the centre crop to the shape of `size`."""
+    """Return (top, left, height, width) of the centre crop to the shape of `size`."""
     crop_h, crop_w = _crop_shape(height, width, *size)
     return int((height - crop_h) // 2), int((width - crop_w) // 2), crop_h, crop_w
 
 
 def _crop_shape(height: int, width: int, new_height: int, new_width: int) -> tuple[float, float]:
-    """(height, width) of the largest rectangle of the new shape inside the old one; fractions of pixels count."""
+    """Return (height, width), in fractions of pixels, of the largest rectangle of the new shape inside the old one."""
     scale = min(height / new_height, width / new_width)
-    # The product may round to a little more than the photograph has, which a box around its centre must not.
+    # Rounding errors of the product must not make the crop larger than the photograph.
     return min(new_height * scale, float(height)), min(new_width * scale, float(width))

@@ -1,6 +1,6 @@
 """Read and write photographs: PNG, JPEG, WebP and OpenEXR.
 
-The stored pixels count, never the EXIF orientation: camera files are written for the pixels as they are stored.
+The EXIF orientation is ignored, because camera files refer to the pixels as they are stored.
 Transparent pixels are composited on white by default, the convention of NeRF's synthetic scenes.
 """
 
@@ -32,9 +32,9 @@ _SAVE_OPTIONS: dict[str, dict[str, Any]] = {
 
 
 def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
-    """Read an image as sRGB in [0, 1], float32; 8 and 16 bits, grey, palette and transparency are handled.
+    """Read an image as sRGB in [0, 1], float32. Supports 8 and 16 bits, grey, palettes and transparency.
 
-    Raises InputError where the file is missing, damaged, cut, too large (64 megapixels, 512 MiB), or of another format.
+    Raises InputError if the file is missing, damaged, too large (64 megapixels, 512 MiB), or of another format.
     """
     return read_image_and_alpha(path)[0]
 
@@ -42,7 +42,7 @@ def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
 def read_image_and_alpha(
     path: StrPath, background: Background = "white"
 ) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Read an image as `read_image` does, but on any background, and its opacity in [0, 1]; None: without opacity."""
+    """Read an image like `read_image`, composited on `background`, and its opacity in [0, 1], None if it has none."""
     path = Path(path)
     if path.suffix.lower() == ".exr":
         image = read_exr(path, LEVELS[background])
@@ -51,7 +51,7 @@ def read_image_and_alpha(
 
 
 def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:
-    """`read_image` for the bytes of a PNG, JPEG or WebP file; messages begin with `place`."""
+    """Decode the bytes of a PNG, JPEG or WebP file like `read_image`; error messages begin with `place`."""
     return _composited(torch.from_numpy(decode_with_pillow(BytesIO(data), place)), LEVELS["white"])[0]
 
 
@@ -62,9 +62,9 @@ def read_image_size(path: StrPath) -> tuple[int, int]:
 
 
 def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwrite: bool = False) -> None:
-    """Write sRGB in [0, 1] by the suffix of `path`: 8 bits for .png, .jpg, .jpeg, .webp; linear float32 for .exr.
+    """Write an sRGB image in [0, 1]. The suffix selects 8 bits (.png, .jpg, .jpeg, .webp) or linear float32 (.exr).
 
-    Raises OutputError where the suffix is another one, a value is NaN, or the file cannot be written.
+    Raises OutputError if the suffix is not supported, a value is NaN, or the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -83,7 +83,7 @@ def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwr
 def _composited(
     pixels: Float[Tensor, "channel height width"], level: float
 ) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Composite 4 channels on grey of that level; 3 channels are returned as they are, without opacity."""
+    """Composite 4 channels on a grey level and return colour and opacity; 3 channels are returned unchanged."""
     if len(pixels) == 3:
         return pixels, None
     colour, alpha = pixels[:3], pixels[3].clone()

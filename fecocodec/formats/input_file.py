@@ -1,4 +1,4 @@
-"""Files that others made: regular files of bounded size, read whole or not at all."""
+"""Read untrusted input files: regular files of bounded size."""
 
 import errno
 import json
@@ -15,10 +15,10 @@ MAX_IMAGE_PIXELS = 1 << 26  # 64 megapixels; checked before an image is decoded
 
 
 def require_regular_file(path: Path) -> None:
-    """Refuse what is not a regular file of at most MAX_FILE_BYTES, without opening it (a pipe would block).
+    """Check that a path is a regular file of at most MAX_FILE_BYTES, without opening it (a pipe would block).
 
-    Raises InputError for a device, a pipe or a file that is too long, and OSError where there is no such file, it is a
-    folder, or the system does not let us look at it.
+    Raises InputError for a device, a pipe or a file that is too long; OSError if the path does not exist, is a folder,
+    or is not accessible.
     """
     found = os.stat(path)
     if stat.S_ISDIR(found.st_mode):
@@ -32,11 +32,11 @@ def require_regular_file(path: Path) -> None:
 
 
 def read_file(path: Path, remedy: str = "check the path") -> bytes:
-    """Return the bytes of a regular file. Raises InputError, which ends in `remedy`, where it cannot be read."""
+    """Return the bytes of a regular file. Raises InputError, which ends with `remedy`, if it cannot be read."""
     try:
         require_regular_file(path)
         return path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+    except (OSError, ValueError) as error:  # ValueError: an invalid file name
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be read ({reason}); {remedy}.") from error
 
@@ -50,7 +50,7 @@ def read_text(path: Path, remedy: str = "check the path") -> str:
 
 
 def read_json(path: Path, remedy: str = "export it again") -> object:
-    """Return the value in a JSON file. Raises InputError that names the line where it is broken."""
+    """Return the value in a JSON file. Raises InputError, with line and column, if it is not valid JSON."""
     text = read_text(path, remedy)
     try:
         return json.loads(text)

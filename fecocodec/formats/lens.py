@@ -1,4 +1,4 @@
-"""The lens of a stored photograph, and how its distortion is removed."""
+"""The lens model of a photograph, and removal of its distortion."""
 
 from dataclasses import dataclass, replace
 
@@ -11,8 +11,8 @@ from torch import Tensor
 from fecocodec.container.camera_rules import MAX_FOCAL, MAX_PRINCIPAL_POINT, MIN_FOCAL
 from fecocodec.errors import InputError
 
-MAX_SIDE_PX = 10**6  # of the image that a camera is for
-MAX_GROWTH = 2.0  # an undistorted image is at most this much wider and higher than the photograph
+MAX_SIDE_PX = 10**6  # largest image side in a camera file
+MAX_GROWTH = 2.0  # largest ratio of the sides of an undistorted image to those of the photograph
 ASPECT_TOLERANCE = 0.01
 _SOLVER_STEPS = 200
 _BAND_ROWS = 64  # resampled at a time, so that large photographs need little memory
@@ -42,9 +42,9 @@ class Lens:
         return any(self.radial) or any(self.tangential)
 
     def scaled_to(self, width: int, height: int, place: str) -> "Lens":
-        """The same lens for the photograph stored at another size.
+        """Return the lens for the photograph resized to this size in pixels.
 
-        Raises InputError that begins with `place` where the shape differs by more than 1%.
+        Raises InputError, which begins with `place`, if the aspect ratios differ by more than 1%.
         """
         if abs(self.width * height - self.height * width) > ASPECT_TOLERANCE * self.width * height:
             turned = (self.width, self.height) == (height, width)
@@ -62,7 +62,7 @@ class Lens:
 
 
 def require_representable(lens: Lens, place: str) -> None:
-    """Raise InputError that begins with `place` where a stream cannot hold this focal length or principal point."""
+    """Raise InputError, which begins with `place`, if focal length or principal point exceed the limits of streams."""
     for focal, centre, side in ((lens.fx, lens.cx, lens.width), (lens.fy, lens.cy, lens.height)):
         if not MIN_FOCAL <= focal / side <= MAX_FOCAL or not abs(centre / side) <= MAX_PRINCIPAL_POINT:
             raise InputError(
@@ -72,10 +72,10 @@ def require_representable(lens: Lens, place: str) -> None:
 
 
 def undistorted(lens: Lens, place: str) -> Lens:
-    """The pinhole of the largest upright rectangle that sees only what the distorted photograph shows.
+    """Return the pinhole whose image is the largest upright rectangle inside the undistorted photograph.
 
-    The focal lengths stay, so the scale at the centre does. Raises InputError that begins with `place` where the
-    distortion folds the image over itself, so that it has no inverse.
+    The focal lengths, and thus the scale at the centre, do not change. Raises InputError, which begins with `place`, if
+    the distortion is not invertible inside the image.
     """
     if not lens.has_distortion:
         return lens
@@ -93,7 +93,7 @@ def undistorted(lens: Lens, place: str) -> Lens:
 def undistort(
     image: Float[Tensor, "channel height width"], lens: Lens, pinhole: Lens
 ) -> Float[Tensor, "channel new_height new_width"]:
-    """Resample a photograph taken with `lens` (bicubic) to what `pinhole = undistorted(lens)` sees."""
+    """Resample (bicubic) a photograph taken with `lens` to the image of `pinhole = undistorted(lens)`."""
     if not lens.has_distortion:
         return image
     bands = [
@@ -110,7 +110,7 @@ def undistort(
 
 
 def _sampling_grid(lens: Lens, pinhole: Lens, rows: range) -> Float[Tensor, "row width 2"]:
-    """Where each pixel of these rows of the pinhole's image lies in the photograph, as `grid_sample` counts."""
+    """Return the positions, in the photograph, of these rows of the pinhole's image, as `grid_sample` expects them."""
     v, u = np.meshgrid(np.array(rows) + 0.5, np.arange(pinhole.width) + 0.5, indexing="ij")
     plane = np.stack(((u - pinhole.cx) / pinhole.fx, (v - pinhole.cy) / pinhole.fy), axis=-1)
     source = _distort(lens, plane) * (lens.fx, lens.fy) + (lens.cx, lens.cy)
@@ -118,15 +118,15 @@ def _sampling_grid(lens: Lens, pinhole: Lens, rows: range) -> Float[Tensor, "row
 
 
 def _distort(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-    """Points on the plane z = 1 -> where the lens shows them on that plane."""
+    """Apply the distortion to points on the plane z = 1."""
     return plane * _radial_factor(lens, plane)[..., None] + _tangential_shift(lens, plane)
 
 
 def _undistort_points(lens: Lens, points: Float[np.ndarray, "n 2"], place: str) -> Float[np.ndarray, "n 2"]:
-    """Image points in pixels -> where they would lie without distortion, by fixed-point iteration."""
+    """Invert the distortion of image points, in pixels, by fixed-point iteration."""
     seen = (points - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
     plane = seen.copy()
-    with np.errstate(all="ignore"):  # divergence is what the check below is for
+    with np.errstate(all="ignore"):  # the check below detects divergence
         for _ in range(_SOLVER_STEPS):
             plane = (seen - _tangential_shift(lens, plane)) / _radial_factor(lens, plane)[:, None]
         error_px = np.abs((_distort(lens, plane) - seen) * (lens.fx, lens.fy))
@@ -150,7 +150,7 @@ def _tangential_shift(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.
 
 
 def _bounded(low: float, high: float, length: int, place: str) -> tuple[int, int]:
-    """Whole pixels inside [low, high], no further out than MAX_GROWTH allows."""
+    """Return the first and last whole pixel inside [low, high], limited by MAX_GROWTH."""
     margin = (MAX_GROWTH - 1) / 2 * length
     first, last = int(np.ceil(max(low, -margin) - 1e-6)), int(np.floor(min(high, length + margin) + 1e-6))
     if last <= first:

@@ -1,4 +1,4 @@
-"""Decode PNG, JPEG and WebP with Pillow, with a bound on pixels and one kind of error."""
+"""Decode PNG, JPEG and WebP with Pillow. Bounds the number of pixels and raises only InputError."""
 
 import warnings
 from io import BytesIO
@@ -20,9 +20,9 @@ _LOW_BYTES = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
 
 
 def decode_with_pillow(source: Path | BytesIO, place: Path | str) -> Float[np.ndarray, "channel height width"]:
-    """Return 3 channels of sRGB in [0, 1], or 4 where the image has opacity (not premultiplied).
+    """Return 3 channels of sRGB in [0, 1], or 4 if the image has opacity (not premultiplied).
 
-    Raises InputError that begins with `place` where the image is missing, damaged, too large or of another format.
+    Raises InputError, which begins with `place`, if the image is missing, damaged, too large or of another format.
     """
     try:
         with _open(source, place) as image:
@@ -50,7 +50,7 @@ def size_with_pillow(path: Path) -> tuple[int, int]:
 
 
 def require_few_pixels(height: int, width: int, place: Path | str) -> None:
-    """Raise InputError where an image has more than MAX_IMAGE_PIXELS pixels."""
+    """Raise InputError if an image has more than MAX_IMAGE_PIXELS pixels."""
     if height * width > MAX_IMAGE_PIXELS:
         raise InputError(
             f"{place}: the image has too many pixels ({width}x{height}, at most {MAX_IMAGE_PIXELS} in all); "
@@ -59,7 +59,7 @@ def require_few_pixels(height: int, width: int, place: Path | str) -> None:
 
 
 def unreadable(place: Path | str, error: Exception) -> str:
-    """Return the sentence for an image that cannot be read."""
+    """Return the error message for an image that cannot be read."""
     if isinstance(error, FileNotFoundError):
         return f"{place}: no such image; put it there or leave its view out."
     if isinstance(error, OSError) and error.strerror:  # from the system; Pillow's own errors have none
@@ -82,7 +82,7 @@ def _open(source: Path | BytesIO, place: Path | str) -> Image.Image:
 
 
 def _samples(image: Image.Image) -> np.ndarray:
-    """8-bit samples with 3 or 4 channels, or 16-bit samples with one."""
+    """Return 8-bit samples with 3 or 4 channels, or 16-bit samples with one channel."""
     if image.mode.startswith("I"):  # 16-bit grey
         return np.asarray(image)
     return np.asarray(image.convert("RGBA" if image.has_transparency_data else "RGB"))
@@ -99,14 +99,14 @@ def _in_unit_range(samples: np.ndarray) -> Float[np.ndarray, "channel height wid
 
 
 def _low_bytes_of(image: Image.Image) -> str | None:
-    """The raw mode that reads the low bytes of a PNG with 16 bits a colour; None for all other images."""
+    """Return the raw mode that reads the low bytes of a PNG with 16 bits per colour; None for all other images."""
     if not isinstance(image, PngImageFile) or not image.tile or "transparency" in image.info:
         return None
     return _LOW_BYTES.get(str(image.tile[0][3]))
 
 
 def _samples_as(raw_mode: str, image: Any) -> UInt8[np.ndarray, "height width channel"]:
-    """The samples of a PNG that was opened but not read, with its bytes interpreted in another raw mode."""
+    """Return the samples of a PNG that was opened but not read, with its bytes interpreted in another raw mode."""
     image.tile = [(*image.tile[0][:3], raw_mode)]
     return np.asarray(image)
 

@@ -1,4 +1,4 @@
-"""3D Gaussians as the binary PLY file that 3DGS viewers read.
+"""Read and write 3D Gaussians as binary PLY files of 3DGS.
 
 Layout: Kerbl et al. 2023, reference implementation, `GaussianModel.save_ply`. Scales are stored as logarithms,
 opacities as logits, and the harmonics above degree 0 channel by channel (all of red, then green, then blue).
@@ -24,8 +24,7 @@ _D_SH_OF_NUM_REST = {3 * (d_sh - 1): d_sh for d_sh in (1, 4, 9, 16, 25)}
 def write_ply(path: StrPath, gaussians: Gaussians, *, overwrite: bool = False) -> None:
     """Write one scene's Gaussians (no batch axis) as a 3DGS PLY, float32, little-endian.
 
-    Raises OutputError where a value is not finite or out of its range (a scale must be above 0), and where the file
-    cannot be written.
+    Raises OutputError if a value is not finite or out of range (scales must be above 0), or the file cannot be written.
     """
     path = Path(path)
     data = ply_bytes(gaussians, str(path))
@@ -34,9 +33,9 @@ def write_ply(path: StrPath, gaussians: Gaussians, *, overwrite: bool = False) -
 
 
 def ply_bytes(gaussians: Gaussians, place: str) -> bytes:
-    """The bytes of the file that `write_ply` writes.
+    """Return the bytes of the file that `write_ply` writes.
 
-    Raises OutputError that begins with `place` where a value is not finite or out of its range.
+    Raises OutputError, which begins with `place`, if a value is not finite or out of range.
     """
     columns = _columns(place, gaussians)
     names = _property_names(gaussians.harmonics.shape[-2])
@@ -52,9 +51,9 @@ def ply_bytes(gaussians: Gaussians, place: str) -> bytes:
 
 
 def read_ply(path: StrPath) -> Gaussians:
-    """Read a 3DGS PLY (binary, little-endian); properties that Gaussians do not need are ignored.
+    """Read a 3DGS PLY (binary, little-endian); other properties are ignored.
 
-    Raises InputError where the file is missing, is another kind of PLY, is cut, or lacks a property.
+    Raises InputError if the file is missing, truncated or another kind of PLY, or lacks a property.
     """
     path = Path(path)
     data = read_file(path)
@@ -84,7 +83,7 @@ def _columns(place: str, gaussians: Gaussians) -> Float[np.ndarray, "n property"
     columns = np.concatenate(
         (
             means,
-            np.zeros_like(means),  # normals, which every viewer expects and none uses
+            np.zeros_like(means),  # normals, which viewers expect but do not use
             harmonics[:, 0],
             rearrange(harmonics[:, 1:], "n rest rgb -> n (rgb rest)"),
             np.log(opacities) - np.log1p(-opacities),
@@ -99,7 +98,7 @@ def _columns(place: str, gaussians: Gaussians) -> Float[np.ndarray, "n property"
 
 
 def _require(place: str, what: str, demand: str, is_good: np.ndarray) -> None:
-    """A NaN fails every comparison, so it is refused here too."""
+    """Raise OutputError for the first Gaussian that is not good. Comparisons with NaN are false, so NaN is rejected."""
     if not is_good.all():
         first = int(np.argwhere(~is_good)[0, 0])
         raise OutputError(
@@ -108,7 +107,7 @@ def _require(place: str, what: str, demand: str, is_good: np.ndarray) -> None:
 
 
 def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:
-    """(number of vertices, names of their properties, offset of the first vertex)"""
+    """Return the number of vertices, the names of their properties and the byte offset of the first vertex."""
     end = data.find(b"end_header\n", 0, MAX_HEADER_BYTES)
     if not data.startswith(b"ply\n") or end < 0:
         raise InputError(f"{path}: this is not a PLY file; give a 3DGS .ply file.")
@@ -139,7 +138,7 @@ def _gaussians(path: Path, columns: dict[str, Float[np.ndarray, " n"]]) -> Gauss
     rest = stack(*(f"f_rest_{i}" for i in range(num_rest))) if num_rest else np.zeros((len(columns["x"]), 0))
     rest = rearrange(rest, "n (rgb rest) -> n rest rgb", rgb=3)
     harmonics = np.concatenate((stack("f_dc_0", "f_dc_1", "f_dc_2")[:, None], rest), axis=1)
-    with np.errstate(over="ignore"):  # what overflows is infinite, and refused below
+    with np.errstate(over="ignore"):  # overflow gives infinity, which is rejected below
         fields = (
             stack("x", "y", "z"),
             np.exp(stack("scale_0", "scale_1", "scale_2")),

@@ -1,4 +1,4 @@
-"""What every camera format is read into, before any pixel is."""
+"""Photographs with cameras, before pixels are read; the common result of all camera formats."""
 
 import math
 from collections.abc import Callable
@@ -16,11 +16,12 @@ from fecocodec.formats.lens import Lens, require_representable, undistorted
 
 @dataclass(frozen=True)
 class PosedPhotograph:
-    """One photograph that has a camera.
+    """One photograph with its camera.
 
-    path: the image file, which need not exist yet. place: where the camera stands, for messages.
-    camera_to_world: OpenCV axes, as written (not checked). lens_for: (width, height) of the stored pixels -> lens.
-    sparse_depths: depths of reconstructed points that this photograph sees, where the format carries them.
+    path: the image file, which need not exist. place: location of the camera in its file, for messages.
+    camera_to_world: OpenCV axes, as stored (not validated). lens_for: (width, height) of the stored pixels -> lens.
+    sparse_depths: depths, in scene units, of the reconstructed points that this photograph observes, if the format has
+    them.
     """
 
     path: Path
@@ -32,7 +33,7 @@ class PosedPhotograph:
 
 @dataclass(frozen=True)
 class PosedPhotographs:
-    """All photographs of a scene folder in the order of its camera file, with the depth bounds the file states."""
+    """All photographs of a scene folder, in the order of its camera file. near, far: depth bounds of that file."""
 
     cameras_path: Path
     photographs: list[PosedPhotograph]
@@ -41,9 +42,9 @@ class PosedPhotographs:
 
 
 def stored_lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
-    """The lens of a photograph as it is stored, and the pinhole it is undistorted to; reads the image's header.
+    """Return the lens of a photograph and the pinhole to which it is undistorted. Reads only the image's header.
 
-    Raises InputError where there is no image, or it and its lens do not go together.
+    Raises InputError if there is no image, or image and lens do not match.
     """
     _require_file(photograph)
     height, width = read_image_size(photograph.path)
@@ -53,9 +54,9 @@ def stored_lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
 
 
 def find_image(folder: Path, name: str) -> Path:
-    """The image `name` in `folder`; a name without an image suffix gets the first suffix that exists.
+    """Return the path of the image `name` in `folder`; a name without an image suffix gets the first existing one.
 
-    The path is returned even where no file is there: whether it is needed is known only later.
+    The file need not exist, because the view may not be needed.
     """
     path = folder / name.replace("\\", "/")
     if not path.name or path.suffix.lower() in IMAGE_SUFFIXES:
@@ -81,7 +82,7 @@ def _require_file(photograph: PosedPhotograph) -> None:
 
 
 def require_numbers(values: object, shape: tuple[int, ...], place: str) -> Float[np.ndarray, "*shape"]:
-    """Finite float64 numbers of that shape. Raises InputError that begins with `place`."""
+    """Convert values to float64. Raises InputError, which begins with `place`, for another shape, NaN or infinity."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -1,4 +1,4 @@
-"""Poses from files, checked before anything is computed from them."""
+"""Validation of poses from files."""
 
 import numpy as np
 from jaxtyping import Float
@@ -12,8 +12,8 @@ MAX_ROTATION_ERROR = 1e-3
 def rigid_pose(matrix: Float[np.ndarray, "4 4"], place: str) -> Float[np.ndarray, "4 4"]:
     """Return the rigid pose nearest to a 4x4 camera-to-world matrix with rounding errors, in float64.
 
-    A scale within 1% and axes off by at most 1e-3 are corrected (nearest rotation by SVD, Schönemann 1966).
-    Raises InputError that begins with `place` where the matrix is singular, mirrored, scaled or sheared.
+    A scale within 1% and errors of the axes up to 1e-3 are corrected (nearest rotation by SVD, Schönemann 1966).
+    Raises InputError, which begins with `place`, if the matrix is singular, mirrored, scaled or sheared.
     """
     axes = matrix[:3, :3]
     if not np.allclose(matrix[3], (0, 0, 0, 1), atol=MAX_ROTATION_ERROR):
@@ -42,7 +42,7 @@ def rigid_pose(matrix: Float[np.ndarray, "4 4"], place: str) -> Float[np.ndarray
 
 
 def require_float32_range(poses: Float[np.ndarray, "view 4 4"], place: str) -> None:
-    """Raise InputError where the cameras are so far from the origin that float32 loses the distances between them."""
+    """Raise InputError if cameras are so far from the origin that float32 cannot represent their distances."""
     centres = poses[:, :3, 3]
     extent = float(np.ptp(centres, axis=0).max())
     farthest = float(np.abs(centres).max())

@@ -1,16 +1,16 @@
-"""What a user of `read_views` may not expect: one sentence each, for the user to judge."""
+"""Notes on results of `read_views` that the user may not expect, one sentence each."""
 
 from collections import Counter
 
 from fecocodec.formats.framing import kept_share
 from fecocodec.formats.lens import Lens
 
-LEAST_KEPT_SHARE = 0.75  # of a photograph's area, by the centre crop
-LARGEST_FOCAL = 2.5  # image sides: a field of view of 23 degrees
+LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
+LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
 
 
 def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int]) -> list[str]:
-    """Notes on photographs of several sizes or orientations, and on crops; size: (height, width) of all after it."""
+    """Return notes on mixed sizes or orientations and on large crops. size: (height, width) of the result."""
     notes = []
     sizes = Counter((lens.width, lens.height) for lens in pinholes)
     if len(sizes) > 1:
@@ -33,7 +33,7 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
 
 
 def lens_notes(pinholes: list[Lens], names: list[str]) -> list[str]:
-    """A note where focal lengths look as if they were for larger images than the ones stored."""
+    """Return a note if a focal length seems to refer to a larger image than the stored one."""
     focal = [lens.fx / max(lens.width, lens.height) for lens in pinholes]
     largest = max(focal)
     if largest <= LARGEST_FOCAL:

@@ -1,9 +1,9 @@
-"""RealEstate10K camera text (Zhou et al. 2018): one line a frame, after an optional line with the video's address.
+"""RealEstate10K camera text (Zhou et al. 2018): one line per frame, after an optional line with the video's URL.
 
     timestamp fx fy cx cy 0 0 r11 r12 r13 t1 r21 r22 r23 t2 r31 r32 r33 t3
 
 Intrinsics are normalised by image width and height; the 3x4 matrix is world-to-camera in OpenCV axes.
-Images are called by their timestamp and lie beside the text, in `images/`, or in a folder called like the text.
+Images are named by their timestamp and are beside the text file, in `images/`, or in a folder named like the text file.
 """
 
 from functools import partial
@@ -17,19 +17,19 @@ from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
 
 _COLUMNS = 19
-_LONGEST_LINE = 1 << 16  # characters looked at
+_LONGEST_LINE = 1 << 16  # characters
 
 
 def find_realestate10k(path: Path) -> Path | None:
-    """The camera text in a scene folder, or `path` itself: the first `.txt` that has a line of 19 columns."""
+    """Return the camera text of a scene folder: the first `.txt` with a line of 19 columns. `path` may be that file."""
     candidates = [path] if path.is_file() else sorted(file for file in path.glob("*.txt") if file.is_file())
     return next((candidate for candidate in candidates if _has_camera_line(candidate)), None)
 
 
 def read_realestate10k(path: Path) -> PosedPhotographs:
-    """Read the camera of every line. Raises InputError that names the line which cannot be used."""
+    """Read the camera of every line. Raises InputError, with the line number, if one is not valid."""
     lines = [(number, line.split()) for number, line in enumerate(_lines(path), start=1) if line.strip()]
-    if len(lines[0][1]) == 1:  # the video's address
+    if len(lines[0][1]) == 1:  # the video's URL
         lines = lines[1:]
     folder = _image_folder(path, lines[0][1][0])
     return PosedPhotographs(path, [_photograph(path, folder, number, words) for number, words in lines])
@@ -67,7 +67,7 @@ def _image_folder(path: Path, first_name: str) -> Path:
 
 
 def _has_camera_line(path: Path) -> bool:
-    """Look at two lines only: the folder may hold other texts."""
+    """Return whether one of the first two lines has 19 columns. Other text files need not be read further."""
     with path.open(encoding="utf-8", errors="replace") as file:
         return any(
             len(line.split()) == _COLUMNS for line in (file.readline(_LONGEST_LINE), file.readline(_LONGEST_LINE))

@@ -1,4 +1,4 @@
-"""A folder of photographs with cameras, read into views of one size."""
+"""Read a folder of photographs with cameras as views of one size."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,10 +29,10 @@ from fecocodec.limits import MAX_VIEWS
 
 @dataclass(frozen=True)
 class _Chosen:
-    """Photographs of which no pixel is read yet.
+    """Chosen photographs, before their pixels are read.
 
-    lenses: as stored, and the pinholes they are undistorted to. image_size: (height, width) that all are brought to.
-    cameras: for that size, without near and far. notes: as of `Views`.
+    lenses: of the stored images, and the pinholes to which they are undistorted. image_size: common (height, width).
+    cameras: for that size; near and far are NaN. notes: see `Views`.
     """
 
     scene: PosedPhotographs
@@ -58,16 +58,16 @@ def read_views(
 ) -> Views:
     """Read the views of a scene folder (or of a camera file in it).
 
-    Cameras are looked for as `transforms.json`, then as a COLMAP model (`sparse/0`, `sparse` or the folder itself),
-    then as RealEstate10K camera text. Lens distortion is removed. Without `size` all images get the most frequent
-    size among them, scaled down where a side is over 1024 pixels; with `size` = (height, width) they are cropped
-    around the centre to that shape and resized. `notes` of the result says what the caller may not expect of this.
-    views: which ones, see `choose_views`; None for all, or for `auto_views` where there are more than 16.
-    near, far: bounds of depth in scene units; where missing, those of the camera file, else of its sparse points, else
-    estimated from the images (`estimate_depth_range`).
-    background: transparent images are composited on this colour, and `alpha` of the result is None. By default they are
-    composited on white, and `alpha` holds their opacity.
-    Raises InputError where the folder, a camera or an image cannot be used.
+    The search order for cameras is `transforms.json`, a COLMAP model (`sparse/0`, `sparse` or the folder itself),
+    RealEstate10K camera text. Lens distortion is removed. All images are centre-cropped and resized to `size` =
+    (height, width). The default is the most frequent size, scaled down if a side exceeds 1024 pixels. `notes` of the
+    result lists effects that the caller may not expect.
+    views: see `choose_views`; None selects all views, or `auto_views` if there are more than 16.
+    near, far: bounds of depth in scene units. The defaults are those of the camera file, else of its sparse points,
+    else estimated from the images (`estimate_depth_range`).
+    background: colour on which transparent images are composited; `alpha` of the result is then None. By default the
+    background is white, and `alpha` is their opacity.
+    Raises InputError if the folder, a camera or an image cannot be used.
     """
     chosen = _choose(Path(path), views, size)
     unbounded = _read_unbounded(chosen, background or "white")
@@ -80,9 +80,9 @@ def read_views(
 def read_view_cameras(
     path: StrPath, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
 ) -> tuple[Cameras, tuple[int, int], tuple[str, ...]]:
-    """The cameras, (height, width) and names of what `read_views` returns.
+    """Return the cameras, (height, width) and names of the views that `read_views` returns.
 
-    Pixels are read only where neither the camera file nor its sparse points give the depth bounds.
+    Pixels are read only if neither the camera file nor its sparse points give the depth bounds.
     Raises InputError as `read_views` does.
     """
     chosen = _choose(Path(path), views, size)
@@ -91,15 +91,15 @@ def read_view_cameras(
 
 
 def view_names(path: StrPath) -> tuple[str, ...]:
-    """Return the file names of all views that a scene folder has cameras for, in the order that indices count them.
+    """Return the file names of all views of a scene folder, in the order of their indices. Images are not read.
 
-    Raises InputError as `read_views` does for its cameras; images are not looked at.
+    Raises InputError, as `read_views` does, if the cameras cannot be read.
     """
     return tuple(photograph.path.name for photograph in read_cameras(path).photographs)
 
 
 def _choose(path: Path, views: tuple[int | str, ...] | None, size: tuple[int, int] | None) -> _Chosen:
-    """Poses, lenses and sizes from the camera file and the headers of the images."""
+    """Read poses, lenses and sizes from the camera file and the headers of the images."""
     if size:
         require_size(size)
     scene = read_cameras(path)
@@ -124,7 +124,7 @@ def _choose(path: Path, views: tuple[int | str, ...] | None, size: tuple[int, in
 def _chosen_photographs(
     scene: PosedPhotographs, views: tuple[int | str, ...] | None, path: Path
 ) -> tuple[list[PosedPhotograph], list[str]]:
-    """The photographs to read, and a note where the choice was made here."""
+    """Return the photographs to read, and a note if they were chosen automatically."""
     if views is not None:
         return choose_views(scene.photographs, views, path), []
     if len(scene.photographs) <= MAX_VIEWS:
@@ -136,7 +136,7 @@ def _chosen_photographs(
 
 
 def _read_unbounded(chosen: _Chosen, background: Background = "white") -> Views:
-    """Undistorted images of one size; near and far are not known yet."""
+    """Read undistorted images of one size; near and far of the cameras are NaN."""
     pixels = [
         _framed_pixels(photograph.path, lenses, chosen.image_size, background)
         for photograph, lenses in zip(chosen.photographs, chosen.lenses, strict=True)
@@ -151,7 +151,7 @@ def _read_unbounded(chosen: _Chosen, background: Background = "white") -> Views:
 def _framed_pixels(
     path: Path, lenses: tuple[Lens, Lens], image_size: tuple[int, int], background: Background
 ) -> Float[Tensor, "channel height width"]:
-    """Colour, and opacity as a fourth channel where the image has it, undistorted and brought to `image_size`."""
+    """Read colour, and opacity as a fourth channel if present; undistort, crop and resize to `image_size`."""
     colour, alpha = read_image_and_alpha(path, background)
     pixels = colour if alpha is None else torch.cat((colour, alpha[None]))
     lens, pinhole = lenses
@@ -161,7 +161,7 @@ def _framed_pixels(
 def _with_depth_bounds(
     chosen: _Chosen, near: float | None, far: float | None, estimate: Callable[[], tuple[float, float]]
 ) -> Cameras:
-    """The cameras with bounds that are given, stated, known from sparse points, or else estimated."""
+    """Return the cameras with depth bounds from the arguments, the camera file, sparse points, or else an estimate."""
     scene = chosen.scene
     near = scene.near if near is None else near
     far = scene.far if far is None else far

@@ -1,7 +1,7 @@
-"""Cameras in `transforms.json`, as nerfstudio and instant-ngp write it.
+"""Cameras in `transforms.json`, the format of nerfstudio and instant-ngp.
 
-Poses are camera-to-world in OpenGL axes (+X right, +Y up, +Z backwards). A value in a frame wins over the same value
-at the top level. Optional `near` and `far` at the top level bound the depth.
+Poses are camera-to-world in OpenGL axes (+X right, +Y up, +Z backwards). A value in a frame takes precedence over the
+same value at the top level. Optional `near` and `far` at the top level are bounds of depth in scene units.
 """
 
 import math
@@ -25,14 +25,14 @@ _RADIAL_KEYS = ("k1", "k2", "k3", "k4")
 
 
 def find_transforms_json(path: Path) -> Path | None:
-    """The camera file in a scene folder; a `.json` file given itself is taken as one."""
+    """Return the camera file of a scene folder, or `path` itself if it is a `.json` file; None if there is none."""
     if path.is_file():
         return path if path.suffix.lower() == ".json" else None
     return next((path / name for name in _FILE_NAMES if (path / name).is_file()), None)
 
 
 def read_transforms_json(path: Path) -> PosedPhotographs:
-    """Read the cameras of every frame. Raises InputError where the file is broken or a camera is of no use."""
+    """Read the cameras of all frames. Raises InputError if the file or a camera is not valid."""
     scene = _load(path)
     frames = scene.get("frames")
     if not isinstance(frames, list) or not frames:
@@ -68,16 +68,16 @@ def _photograph(path: Path, scene: dict[str, Any], index: int, frame: object) ->
 
 def _pose(matrix: object, place: str) -> Float[np.ndarray, "4 4"]:
     place = f"{place}, transform_matrix"
-    if isinstance(matrix, list) and len(matrix) == 3:  # some exporters leave the constant last row out
+    if isinstance(matrix, list) and len(matrix) == 3:  # some exporters omit the constant last row
         matrix = [*matrix, [0, 0, 0, 1]]
     return require_numbers(matrix, (4, 4), place)
 
 
 def _lens(values: dict[str, Any], place: str, width: int, height: int) -> Lens:
-    """The lens for an image stored at width x height, which may differ from the size that focal lengths are for.
+    """Return the lens for a stored image of this size in pixels, which may differ from the calibrated size.
 
-    That size is `w`, `h`; where missing, it follows from `fl_x` and `camera_angle_x`, if both are given; else it is the
-    size of the image.
+    The calibrated size is (`w`, `h`). If missing, it is derived from `fl_x` and `camera_angle_x`; if one of these is
+    also missing, it is the size of the image.
     """
     get = partial(_number, values, place=place)
     scale = _implied_scale(get, width)
@@ -106,7 +106,7 @@ def _lens(values: dict[str, Any], place: str, width: int, height: int) -> Lens:
 
 
 def _implied_scale(get: Callable[[str], float | None], width: int) -> float:
-    """How many times wider than the stored image the image is that `fl_x` and `camera_angle_x` are for; else 1."""
+    """Return the ratio of the width implied by `fl_x` and `camera_angle_x` to the stored width; 1 if one is missing."""
     focal, angle = get("fl_x"), get("camera_angle_x")
     if focal is None or angle is None or not 0 < angle < math.pi:
         return 1.0
@@ -115,7 +115,7 @@ def _implied_scale(get: Callable[[str], float | None], width: int) -> float:
 
 
 def _require_central(cx: float | None, cy: float | None, width: int, height: int, place: str) -> None:
-    """Refuse a principal point outside the middle half of the image: it is for an image of another size."""
+    """Raise InputError if the principal point is outside the middle half of the image, a sign of another image size."""
     if cx is None or cy is None:
         return
     if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > 0.25:
@@ -126,7 +126,7 @@ def _require_central(cx: float | None, cy: float | None, width: int, height: int
 
 
 def _focal_length(angle: float | None, length: float) -> float | None:
-    """Return the focal length in pixels of a field of view in radians across `length` pixels."""
+    """Return the focal length in pixels for a field of view in radians across `length` pixels."""
     if angle is None or not 0 < angle < math.pi:
         return None
     return length / 2 / math.tan(angle / 2)

@@ -14,9 +14,9 @@ def choose_views(
 ) -> list[PosedPhotograph]:
     """Return the chosen photographs, in the order given.
 
-    A view is chosen by its index (0 is the first; `3` and `"3"` are the same unless an image is called 3), by its
-    file name with or without suffix, or by the end of its path (`images/003.jpg`).
-    Raises InputError where a view does not exist, is named twice, or there are none or more than MAX_VIEWS.
+    A view is selected by its index from 0 (`3` and `"3"` are the same unless an image is named 3), by its file name,
+    with or without suffix, or by the end of its path (`images/003.jpg`).
+    Raises InputError if a view does not exist or is named twice, or the number of views is not 1 to MAX_VIEWS.
     """
     if not 1 <= len(chosen) <= MAX_VIEWS:
         raise InputError(f"{folder}: {len(chosen)} views chosen, but 1 to {MAX_VIEWS} can be used; change `views`.")

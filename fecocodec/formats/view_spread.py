@@ -1,4 +1,4 @@
-"""Choose overlapping views of a capture from its poses: as far apart as overlap allows, around the middle."""
+"""Choose overlapping views of a capture from its cameras: as far apart as a minimum overlap allows."""
 
 import numpy as np
 import torch
@@ -14,18 +14,18 @@ from fecocodec.limits import MAX_VIEWS
 MAX_AUTO_VIEWS = 8
 # Chosen on 91 training captures: with 8 views, 83% share a measured covisibility of half or more with a neighbour.
 LEAST_OVERLAP = 0.75
-_LEAST_AUTO_OVERLAP = 0.3  # views that share less than that are left out rather than added
-_OVERLAP_TIE = 0.03  # differences below it do not decide
-_LEAST_BASELINE = 0.02  # of the depth; closer cameras have no parallax
-_DEFAULT_DEPTHS = (3.0, 100.0)  # near and far in steps between neighbouring cameras, where nothing else is known
+_LEAST_AUTO_OVERLAP = 0.3  # `auto_views` omits views with less overlap
+_OVERLAP_TIE = 0.03  # smaller differences of overlap count as ties
+_LEAST_BASELINE = 0.02  # relative to depth; closer cameras have too little parallax
+_DEFAULT_DEPTHS = (3.0, 100.0)  # default near and far, in units of the distance between neighbouring cameras
 
 
 def spread_views(scene: PosedPhotographs, count: int) -> tuple[int, ...]:
     """Return the indices of `count` views such that neighbours share half of their surfaces, in ascending order.
 
-    Starts with the view that shares most with all others, then adds the view that shares least with those chosen, but
-    enough with one of them. Where no view shares enough, the one that shares most is added.
-    Raises InputError where there are not that many views, or count is not 1 to MAX_VIEWS.
+    Starts with the view of largest total overlap. Then repeatedly adds the view with the smallest overlap with the
+    chosen views that is still at least LEAST_OVERLAP, or, if there is none, the view with the largest overlap.
+    Raises InputError if `count` exceeds the number of views or is not 1 to MAX_VIEWS.
     """
     available = len(scene.photographs)
     if not 1 <= count <= available:
@@ -38,7 +38,7 @@ def spread_views(scene: PosedPhotographs, count: int) -> tuple[int, ...]:
 def auto_views(scene: PosedPhotographs) -> tuple[int, ...]:
     """Return the indices of at most MAX_AUTO_VIEWS views that cover the middle of a capture, in ascending order.
 
-    As `spread_views`, but views that share too little with those chosen are left out.
+    Like `spread_views`, but omits views with too little overlap with the chosen ones.
     """
     return tuple(sorted(_grown(scene, min(MAX_AUTO_VIEWS, len(scene.photographs)), _LEAST_AUTO_OVERLAP)))
 
@@ -61,7 +61,7 @@ def _grown(scene: PosedPhotographs, count: int, least_overlap: float) -> list[in
 
 
 def _best(largest: Float[np.ndarray, " candidate"], centrality: Float[np.ndarray, " candidate"]) -> int:
-    """The candidate whose largest overlap with chosen views is just enough, the most central of nearly equal ones."""
+    """Return the candidate with the smallest sufficient overlap with the chosen views; centrality breaks ties."""
     enough = np.flatnonzero(largest >= LEAST_OVERLAP)
     if not enough.size:
         return int(largest.argmax())
@@ -72,7 +72,7 @@ def _best(largest: Float[np.ndarray, " candidate"], centrality: Float[np.ndarray
 def _overlaps_and_baselines(
     scene: PosedPhotographs,
 ) -> tuple[Float[np.ndarray, "view view"], Float[np.ndarray, "view view"]]:
-    """Estimated covisibility, and distances between cameras in units of the scene's depth (harmonic mean)."""
+    """Return estimated covisibility, and distances between cameras in units of the depth (harmonic mean)."""
     poses = np.stack([photograph.camera_to_world for photograph in scene.photographs])
     centres = poses[:, :3, 3]
     distance = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
@@ -83,21 +83,21 @@ def _overlaps_and_baselines(
 
 
 def _depth_bounds(scene: PosedPhotographs, distance: Float[np.ndarray, "view view"]) -> tuple[float, float]:
-    """As the camera file states them, else from its sparse points, else in steps of the camera."""
+    """Return near and far of the camera file, else of its sparse points, else from distances between cameras."""
     sparse = [photograph.sparse_depths for photograph in scene.photographs if len(photograph.sparse_depths)]
     if scene.near is not None and scene.far is not None and 0 < scene.near < scene.far:
         return scene.near, scene.far
     if bounds := bounds_of_depths(torch.from_numpy(np.concatenate([np.zeros(0), *sparse]))):
         return bounds
     if len(distance) < 2 or not distance.any():
-        return 1.0, 10.0  # cameras at one position: the unit of length is of no importance
+        return 1.0, 10.0  # all cameras are at one position, so the unit of length does not matter
     apart = np.where(distance > 1e-6 * distance.max(), distance, np.inf)
     step = float(np.median(apart.min(axis=1)))
     return _DEFAULT_DEPTHS[0] * step, _DEFAULT_DEPTHS[1] * step
 
 
 def _typical_intrinsics(scene: PosedPhotographs) -> Float[np.ndarray, "3 3"]:
-    """Normalised intrinsics of the first photograph whose image can be read."""
+    """Return the normalised intrinsics of the first photograph whose image can be read."""
     refused: InputError | None = None
     for photograph in scene.photographs:
         try:

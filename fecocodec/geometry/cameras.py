@@ -8,11 +8,11 @@ from einops import rearrange
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-LEAST_DEPTH = 1e-6  # of a visible point, in units of near
+LEAST_DEPTH = 1e-6  # in units of near; points closer than this are not visible
 
 
 class Projection(NamedTuple):
-    """Points as seen by every camera of a scene.
+    """Projections of points into every camera of a scene.
 
     uv: image positions divided by image width and height, inside the image in [0, 1]; arbitrary behind the camera.
     depth: along the optical axis, in scene units, negative behind the camera.
@@ -45,14 +45,14 @@ class Cameras:
 
     @property
     def world_to_camera(self) -> Float[Tensor, "*batch view 4 4"]:
-        """Inverse of the extrinsics, exact for a rigid pose (transpose, not a general inverse)."""
+        """Return the inverse of the extrinsics, assuming rigid poses: the rotation is transposed."""
         rotation = self.extrinsics[..., :3, :3].transpose(-1, -2)
         translation = -rotation @ self.extrinsics[..., :3, 3:]
         last_row = self.extrinsics[..., 3:, :]
         return torch.cat((torch.cat((rotation, translation), dim=-1), last_row), dim=-2)
 
     def project(self, points: Float[Tensor, "*grid 3"]) -> Projection:
-        """Project points of the world into all cameras of one scene (no batch dimension)."""
+        """Project points, in the world frame, into all cameras of one scene (no batch dimension)."""
         local = self._from_world(points)
         depth = local[..., 2]
         is_in_front = depth > LEAST_DEPTH * self.near
@@ -61,26 +61,26 @@ class Cameras:
         return Projection(uv, depth, is_in_front & ((uv >= 0) & (uv <= 1)).all(dim=-1))
 
     def _from_world(self, points: Float[Tensor, "*grid 3"]) -> Float[Tensor, "view *grid 3"]:
-        """Points in the axes of each camera."""
+        """Transform points from the world frame to the frame of each camera."""
         rotated = torch.einsum("vij,...j->v...i", self.world_to_camera[:, :3, :3], points)
         ones = (1,) * (points.dim() - 1)
         return rotated + self.world_to_camera[:, :3, 3].view(-1, *ones, 3)
 
     def intrinsics_px(self, height: int, width: int) -> Float[Tensor, "*batch view 3 3"]:
-        """Intrinsics in pixels of an image of that size, pixel centres at i + 0.5."""
+        """Return the intrinsics in pixels for images of this size; pixel centres lie at i + 0.5."""
         size = self.intrinsics.new_tensor([width, height, 1.0])
         return self.intrinsics * size[:, None]
 
     def select(self, views: list[int]) -> "Cameras":
-        """The cameras of these views, in this order."""
+        """Return the cameras of these views, in this order."""
         return replace(self, extrinsics=self.extrinsics[..., views, :, :], intrinsics=self.intrinsics[..., views, :, :])
 
     def scene(self, index: int) -> "Cameras":
-        """One scene out of a batch."""
+        """Return the cameras of one scene of a batch."""
         return Cameras(*(field[index] for field in self.fields()))
 
     def as_batch(self) -> "Cameras":
-        """A batch of this one scene."""
+        """Add a batch dimension of size 1."""
         return Cameras(*(field[None] for field in self.fields()))
 
     def to(self, device: torch.device | str) -> "Cameras":
@@ -91,7 +91,10 @@ class Cameras:
 
 
 def pixel_rays(cameras: Cameras, height: int, width: int) -> Float[Tensor, "*batch view height width 3"]:
-    """Direction through each pixel centre in camera axes, scaled to z = 1 (multiply by depth to get a point)."""
+    """Return the direction through each pixel centre in the camera frame, scaled to z = 1.
+
+    A direction times a depth is the point at that depth.
+    """
     device, dtype = cameras.intrinsics.device, cameras.intrinsics.dtype
     v, u = torch.meshgrid(
         (torch.arange(height, device=device, dtype=dtype) + 0.5) / height,
@@ -104,7 +107,7 @@ def pixel_rays(cameras: Cameras, height: int, width: int) -> Float[Tensor, "*bat
 def rays_through(
     cameras: Cameras, uv: Float[Tensor, "*batch view height width 2"]
 ) -> Float[Tensor, "*batch view height width 3"]:
-    """Direction through normalised image positions in camera axes, scaled to z = 1."""
+    """Return the direction through each normalised image position in the camera frame, scaled to z = 1."""
     focal = torch.stack((cameras.intrinsics[..., 0, 0], cameras.intrinsics[..., 1, 1]), dim=-1)
     centre = cameras.intrinsics[..., :2, 2]
     xy = (uv - rearrange(centre, "... view xy -> ... view 1 1 xy")) / rearrange(focal, "... view xy -> ... view 1 1 xy")
@@ -114,7 +117,7 @@ def rays_through(
 def camera_to_world_points(
     cameras: Cameras, points: Float[Tensor, "*batch view height width 3"]
 ) -> Float[Tensor, "*batch view height width 3"]:
-    """Move points from camera axes to the world frame."""
+    """Transform points from the frame of their camera to the world frame."""
     rotation = cameras.extrinsics[..., None, None, :3, :3]
     translation = cameras.extrinsics[..., None, None, :3, 3]
     return (rotation @ points[..., None])[..., 0] + translation

@@ -1,4 +1,4 @@
-"""The coding grid: the size at which networks see the views, whose sides they can halve five times."""
+"""The coding grid: the resolution at which the networks process the views; its sides are multiples of 32 pixels."""
 
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -13,9 +13,9 @@ def grid_size(height: int, width: int) -> tuple[int, int]:
 
 
 def resample_to_grid(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 3 grid_h grid_w"]:
-    """Resample images to their coding grid, bicubic and antialiased.
+    """Resample images (sRGB in [0, 1]) to their coding grid, bicubic with antialiasing.
 
-    The grid covers exactly the image, so that intrinsics, which are normalised by the sides, stay as they are.
+    The grid covers exactly the image, so the normalised intrinsics do not change.
     """
     size = grid_size(images.shape[-2], images.shape[-1])
     if size == tuple(images.shape[-2:]):

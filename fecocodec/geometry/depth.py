@@ -1,4 +1,4 @@
-"""Relative disparity: where an inverse depth lies between 1/far (0) and 1/near (1). Networks see nothing but this."""
+"""Relative disparity: inverse depth, scaled to 0 at far and 1 at near. All networks represent depth in this way."""
 
 from einops import rearrange
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from fecocodec.geometry.cameras import Cameras
 def depth_from_relative_disparity(
     relative: Float[Tensor, "*batch view height width"], cameras: Cameras
 ) -> Float[Tensor, "*batch view height width"]:
-    """Depth in scene units; relative disparity below 0 lies behind `far`, down to half of 1/far."""
+    """Return depth in scene units, at most 2 far; relative disparities below 0 are depths beyond far."""
     farthest = rearrange(1.0 / cameras.far, "... -> ... 1 1 1")
     nearest = rearrange(1.0 / cameras.near, "... -> ... 1 1 1")
     return 1.0 / (farthest + relative * (nearest - farthest)).clamp_min(0.5 * farthest)
@@ -19,7 +19,7 @@ def depth_from_relative_disparity(
 def relative_disparity_from_depth(
     depth: Float[Tensor, "*batch view height width"], cameras: Cameras
 ) -> Float[Tensor, "*batch view height width"]:
-    """Inverse of `depth_from_relative_disparity`, not clamped."""
+    """Invert `depth_from_relative_disparity`, without its clamp. depth: in scene units."""
     farthest = rearrange(1.0 / cameras.far, "... -> ... 1 1 1")
     nearest = rearrange(1.0 / cameras.near, "... -> ... 1 1 1")
     return (1.0 / depth - farthest) / (nearest - farthest)

@@ -1,7 +1,7 @@
-"""Near and far of a scene, where its camera file does not state them.
+"""Estimate near and far of a scene whose camera file does not state them.
 
-A coarse plane sweep between pairs of views: small grey images are compared by normalised cross-correlation at depths
-spread evenly in log depth over 0.05 to 500 baselines; only depths that both views of a pair agree on count.
+A coarse plane sweep between pairs of views compares small grey images by normalised cross-correlation, at depths spaced
+evenly in log depth from 0.05 to 500 baselines. Only depths that are consistent between both views of a pair are used.
 """
 
 import itertools
@@ -14,12 +14,12 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.views import Views
 
-DEFAULT_RANGE = (1.0, 100.0)  # in scene units without a baseline to measure by, in baselines where nothing matches
-MIN_SAMPLES = 50  # fewer depths than this tell nothing about percentiles
+DEFAULT_RANGE = (1.0, 100.0)  # in scene units if there is no baseline, in baselines if nothing matches
+MIN_SAMPLES = 50  # percentiles of fewer depths are not reliable
 
 _PERCENTILES = (0.01, 0.5, 0.99)
 _MARGIN = 1.15  # the percentiles are widened by this factor on both sides
-_MAX_FAR_OVER_MEDIAN = 40 / 3  # sky and stray points push `far` no further than this
+_MAX_FAR_OVER_MEDIAN = 40 / 3  # limits the effect of sky and outliers on `far`
 
 _MAX_PAIRS = 4
 _LONG_SIDE = 96  # pixels of the small images
@@ -29,16 +29,16 @@ _NUM_DEPTHS = 128
 _MIN_CORRELATION = 0.8
 _MIN_LEAD = 0.05  # of the best correlation over the best one at a clearly different depth
 _MIN_CONTRAST = 0.01  # standard deviation inside the window, of a range of 1
-_NEIGHBOURHOOD = 5  # pixels, side of the square that a depth needs support in
+_NEIGHBOURHOOD = 5  # pixels, side of the square in which similar depths are counted
 _MIN_LIKE_NEIGHBOURS = 9
-_ESTIMATE_MARGIN = 1.3  # what only one view sees is not matched, so the estimate is widened once more
+_ESTIMATE_MARGIN = 1.3  # widens the estimate further, because surfaces visible in only one view are not matched
 _LOG_STEP = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (_NUM_DEPTHS - 1)
 
 
 def bounds_of_depths(depths: Float[Tensor, " n"]) -> tuple[float, float] | None:
-    """(near, far) of a sample of depths: 1st and 99th percentile, each widened by 15%, far at most 13 medians.
+    """Return (near, far) of depths: the 1st and 99th percentile, each widened by 15%; far is at most 13.3 medians.
 
-    None where there are fewer than MIN_SAMPLES depths.
+    Returns None for fewer than MIN_SAMPLES depths.
     """
     if len(depths) < MIN_SAMPLES:
         return None
@@ -48,10 +48,10 @@ def bounds_of_depths(depths: Float[Tensor, " n"]) -> tuple[float, float] | None:
 
 
 def estimate_depth_range(views: Views) -> tuple[float, float]:
-    """(near, far) in scene units from images and poses; the bounds that the cameras carry are not looked at.
+    """Estimate (near, far) in scene units from images and poses; near and far of the cameras are ignored.
 
-    One view, or views that all stand at one place, have no scale to measure by: the answer is DEFAULT_RANGE in scene
-    units. Where nothing matches between the views it is DEFAULT_RANGE times their baseline.
+    Returns DEFAULT_RANGE in scene units if there is no baseline (one view, or all cameras at one position), and
+    DEFAULT_RANGE times the shortest baseline if too few pixels match.
     """
     pairs = _pairs(views.cameras)
     if not pairs:
@@ -66,8 +66,9 @@ def estimate_depth_range(views: Views) -> tuple[float, float]:
 
 
 def share_of_agreed_depths(views: Views) -> float:
-    """How well images and poses fit together: the share of one view's pixels for which it and another, the closest that
-    looks the same way, find one point; 0 where no two views stand apart.
+    """Return the share of pixels with a consistent depth between the closest pair of views, in [0, 1].
+
+    It measures how well images and poses fit together. Returns 0 if all cameras are at one position.
     """
     pairs = _pairs(views.cameras)
     if not pairs:
@@ -84,7 +85,10 @@ def _distances(cameras: Cameras) -> Float[Tensor, "view view"]:
 
 
 def _pairs(cameras: Cameras) -> list[tuple[int, int]]:
-    """The closest pairs of views that stand apart and look the same way (within 60 degrees), at most _MAX_PAIRS."""
+    """Return the pairs of views with the shortest baselines, at most _MAX_PAIRS.
+
+    Pairs whose optical axes differ by less than 60 degrees are preferred; cameras at one position form no pair.
+    """
     distances = _distances(cameras)
     forward = cameras.extrinsics[:, :3, 2]
     cosines = forward @ forward.T
@@ -102,7 +106,7 @@ def _small_grey(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "
 
 
 def _agreed_depths(grey: Float[Tensor, "2 1 height width"], cameras: Cameras) -> Float[Tensor, " n"]:
-    """Depths in the first of two views at pixels where both views find the same point."""
+    """Return depths in the first of two views, at pixels where the depths of both views are consistent."""
     there, seen_there = _sweep(grey, cameras)
     back, seen_back = _sweep(grey.flip(0), cameras.select([1, 0]))
     uv, depth_in_second = _project_into_second(there[None], cameras)
@@ -117,7 +121,7 @@ def _agreed_depths(grey: Float[Tensor, "2 1 height width"], cameras: Cameras) ->
 def _has_like_neighbours(
     log_depths: Float[Tensor, "height width"], good: Bool[Tensor, "height width"]
 ) -> Bool[Tensor, "height width"]:
-    """Whether enough good pixels around lie at about the same depth; stray matches stand alone."""
+    """Return which pixels have enough good neighbours at a similar depth; wrong matches are usually isolated."""
     around = F.unfold(log_depths[None, None], _NEIGHBOURHOOD, padding=_NEIGHBOURHOOD // 2)[0]
     good_around = F.unfold(good.to(around.dtype)[None, None], _NEIGHBOURHOOD, padding=_NEIGHBOURHOOD // 2)[0] > 0.5
     alike = good_around & ((around - log_depths.flatten()).abs() < 3 * _LOG_STEP)
@@ -127,7 +131,7 @@ def _has_like_neighbours(
 def _sweep(
     grey: Float[Tensor, "2 1 height width"], cameras: Cameras
 ) -> tuple[Float[Tensor, "height width"], Bool[Tensor, "height width"]]:
-    """Best depth of each pixel of the first view, and whether it is clear and well matched."""
+    """Return the best depth of each pixel of the first view, and whether its match is good and unambiguous."""
     height, width = grey.shape[-2:]
     baseline = _distances(cameras)[0, 1]
     steps = torch.linspace(0, 1, _NUM_DEPTHS, dtype=torch.float64, device=grey.device)
@@ -147,7 +151,7 @@ def _sweep(
 def _project_into_second(
     depths: Float[Tensor, "depth height width"], cameras: Cameras
 ) -> tuple[Float[Tensor, "depth height width 2"], Float[Tensor, "depth height width"]]:
-    """Where points at these depths of the first view lie in the second (normalised by its size), and their depth."""
+    """Project points at these depths of the first view into the second: normalised positions and depths there."""
     first, second = cameras.select([0]), cameras.select([1])
     rays = pixel_rays(first, *depths.shape[-2:])
     directions = camera_to_world_points(first, rays)[0] - first.extrinsics[0, :3, 3]
@@ -160,7 +164,7 @@ def _project_into_second(
 def _correlation(
     first: Float[Tensor, "1 1 height width"], second: Float[Tensor, "depth 1 height width"]
 ) -> tuple[Float[Tensor, "depth 1 height width"], Float[Tensor, "1 1 height width"]]:
-    """Normalised cross-correlation over windows, and the standard deviation inside the windows of `first`."""
+    """Return the normalised cross-correlation over windows, and the standard deviation of `first` in each window."""
     mean_first, mean_second = _window_mean(first), _window_mean(second)
     variance_first = (_window_mean(first**2) - mean_first**2).clamp_min(0)
     variance_second = (_window_mean(second**2) - mean_second**2).clamp_min(0)
@@ -169,7 +173,7 @@ def _correlation(
 
 
 def _window_mean(image: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "batch 1 height width"]:
-    """Mean over the part of the window that lies inside the image, rows first and then columns: half the work."""
+    """Return the mean over the part of each window inside the image, as a separable filter."""
     half = _WINDOW // 2
     rows = F.avg_pool2d(image, (1, _WINDOW), stride=1, padding=(0, half), count_include_pad=False)
     return F.avg_pool2d(rows, (_WINDOW, 1), stride=1, padding=(half, 0), count_include_pad=False)

@@ -1,4 +1,4 @@
-"""Estimate how much cameras see of each other from their poses alone, without points or images."""
+"""Estimate the overlap of views from their cameras alone, without points or images."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,9 +11,9 @@ _SIGHT_POWER = 4  # rank correlation with measured covisibility 0.88, over 52 ca
 def frustum_overlap(
     extrinsics: Float[ndarray, "frame 4 4"], intrinsics: Float[ndarray, "frame 3 3"], near: float, far: float
 ) -> Float[ndarray, "frame frame"]:
-    """Return the share of each frame's volume between near and far that another frame has in its image.
+    """Return the share of each frame's viewing frustum, between near and far, that projects inside another frame.
 
-    The smaller of the two directions; 1 on the diagonal. Occlusion is ignored, so this is an upper bound.
+    The result is the smaller of the two directions, 1 on the diagonal. Occlusion is ignored, so it is an upper bound.
     extrinsics: camera-to-world, OpenCV axes, scene units. intrinsics: normalised by image width and height.
     """
     points = _sample_points(extrinsics, intrinsics, near, far)
@@ -65,7 +65,7 @@ def _sample_points(extrinsics: ndarray, intrinsics: ndarray, near: float, far: f
 def _is_inside(
     points: Float[ndarray, "frame n 3"], pose: Float[ndarray, "4 4"], lens: Float[ndarray, "3 3"]
 ) -> Bool[ndarray, "frame n"]:
-    """Whether a camera has each point in its image."""
+    """Return which points project inside the image of a camera."""
     seen = (points - pose[:3, 3]) @ pose[:3, :3]
     depth = seen[..., 2]
     is_in_front = depth > 0

@@ -1,4 +1,4 @@
-"""A set of 3D Gaussians, the codec's result."""
+"""3D Gaussians, the representation that the codec reconstructs."""
 
 from dataclasses import dataclass
 
@@ -12,11 +12,11 @@ SH_DEGREE_1 = 0.4886025119029199  # the basis is -SH_DEGREE_1 y, SH_DEGREE_1 z, 
 
 @dataclass(frozen=True)
 class Gaussians:
-    """Gaussians in the world frame and unit of length of the cameras they were made from.
+    """3D Gaussians in the world frame and unit of length of the cameras from which they were predicted.
 
-    means: centres. scales: standard deviations along the Gaussian's own axes. rotations: unit quaternions wxyz,
-    own axes to world. opacities: in [0, 1]. harmonics: real SH coefficients per colour channel in 3DGS order,
-    `d_sh = (degree + 1)^2`; colour seen along a direction is `max(0, 0.5 + sum_i harmonics_i Y_i(direction))`, sRGB.
+    means: centres. scales: standard deviations along the local axes. rotations: unit quaternions wxyz, local axes to
+    world. opacities: in [0, 1]. harmonics: real SH coefficients per colour channel in the order of 3DGS,
+    `d_sh = (degree + 1)^2`; the sRGB colour in a viewing direction is `max(0, 0.5 + sum_i harmonics_i Y_i(direction))`.
     """
 
     means: Float[Tensor, "*batch n 3"]
@@ -30,11 +30,11 @@ class Gaussians:
         return self.means.shape[-2]
 
     def scene(self, index: int) -> "Gaussians":
-        """One scene out of a batch."""
+        """Return the Gaussians of one scene of a batch."""
         return Gaussians(*(field[index] for field in self.fields()))
 
     def keep(self, mask: Bool[Tensor, " n"]) -> "Gaussians":
-        """The Gaussians where the mask is true, in the same order."""
+        """Return the Gaussians for which the mask is true, in the same order."""
         return Gaussians(*(field[mask] for field in self.fields()))
 
     def to(self, device: torch.device | str) -> "Gaussians":

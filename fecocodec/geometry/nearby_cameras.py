@@ -1,4 +1,4 @@
-"""Cameras that a viewer may be expected to choose: between the given ones, a little beyond and beside."""
+"""Virtual cameras near the given ones: between them, slightly beyond them and beside their connecting line."""
 
 import torch
 from jaxtyping import Float
@@ -6,15 +6,17 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 
-# Along the way from a camera to its neighbour, and beside it (down in the image), in lengths of the way.
+# Positions relative to a camera and its neighbour: along their baseline, then along the downward axis of the image. The
+# unit is the baseline.
 STEPS = ((-0.3, 0.0), (0.5, 0.3), (0.5, -0.3), (1.3, 0.0))
 
 
 def nearby_cameras(cameras: Cameras, most: int) -> Cameras | None:
-    """At most `most` cameras on the ways between each camera and the closest one that looks a similar way.
+    """Return at most `most` virtual cameras, at STEPS between each camera and its nearest neighbour.
 
-    Positions are interpolated linearly, rotations as the nearest rotation to the mean of matrices (Moakher, "Means and
-    Averaging in the Group of Rotations", 2002). None where no two cameras look a similar way from different places.
+    Neighbours are cameras whose optical axes differ by less than 90 degrees. Positions are interpolated linearly; the
+    rotation is the one nearest to the weighted mean of the two matrices (Moakher, "Means and Averaging in the Group of
+    Rotations", 2002). Intrinsics are those of the first camera. Returns None if no camera has a neighbour.
     """
     poses = [
         _between(cameras.extrinsics[first], cameras.extrinsics[second], *step)
@@ -29,7 +31,10 @@ def nearby_cameras(cameras: Cameras, most: int) -> Cameras | None:
 
 
 def cameras_between(cameras: Cameras) -> Cameras | None:
-    """Cameras half-way between each camera and the closest one that looks a similar way; None where there are none."""
+    """Return the cameras midway between each camera and its nearest neighbour; None if there are none.
+
+    Poses are interpolated as in `nearby_cameras`.
+    """
     poses = [
         _between(cameras.extrinsics[first], cameras.extrinsics[second], 0.5, 0.0)
         for first, second in _neighbours(cameras)
@@ -40,7 +45,7 @@ def cameras_between(cameras: Cameras) -> Cameras | None:
 
 
 def _neighbours(cameras: Cameras) -> list[tuple[int, int]]:
-    """Pairs of a camera and the closest one that looks within 90 degrees of it, each pair once."""
+    """Return the pairs of a camera and the nearest one whose optical axis is within 90 degrees, each pair once."""
     centres, forward = cameras.extrinsics[:, :3, 3], cameras.extrinsics[:, :3, 2]
     distance = torch.cdist(centres, centres)
     distance[(forward @ forward.T <= 0) | (distance <= 1e-6 * distance.max())] = torch.inf
@@ -55,6 +60,7 @@ def _neighbours(cameras: Cameras) -> list[tuple[int, int]]:
 def _between(
     first: Float[Tensor, "4 4"], second: Float[Tensor, "4 4"], step: float, drop: float
 ) -> Float[Tensor, "4 4"]:
+    """Interpolate two poses at `step`, then move the result down by `drop` baselines."""
     mixed = (1 - step) * first + step * second
     left, _, right = torch.linalg.svd(mixed[:3, :3])
     pose = mixed.clone()

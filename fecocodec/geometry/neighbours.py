@@ -13,10 +13,10 @@ LARGEST_DISTANCES = 2**26  # entries of the distance matrix held at once on a GP
 def nearest_neighbours(
     points: Float[Tensor, "n 3"], count: int, queries: Float[Tensor, "m 3"] | None = None
 ) -> Int[Tensor, "m count"]:
-    """Return the indices of the `count` points nearest to each query; repeats the nearest where n < count.
+    """Return the indices of the `count` points nearest to each query; repeats the nearest if n < count.
 
-    queries: None stands for the points themselves, each of which is then among its own neighbours unless more than
-    `count` points coincide with it. On the CPU from a k-d tree, on a GPU from distances in chunks.
+    queries: None for the points themselves. Each point is then among its own neighbours, unless more than `count`
+    points coincide with it. Uses a k-d tree on the CPU and brute-force distances in chunks on a GPU.
     """
     available = min(count, points.shape[0])
     queries = points if queries is None else queries
@@ -29,10 +29,10 @@ def nearest_neighbours(
 def neighbours_by_tree(
     points: Float[Tensor, "n 3"], count: int, queries: Float[Tensor, "m 3"]
 ) -> Int[Tensor, "m count"]:
-    """Search on the CPU; count <= n. Of points that coincide those of lower index come first.
+    """Search on the CPU; count <= n. Coinciding points are ordered by index.
 
-    The tree holds every position once: a leaf of many equal points would be scanned by every query, in quadratic time.
-    Points that are not finite count as the origin. An unbalanced tree is faster here, building included.
+    The tree holds every position once, because a leaf with many equal points would make the search quadratic. Points
+    that are not finite count as the origin. An unbalanced tree is faster here, including its construction.
     """
     positions, asked = _finite(points), _finite(queries)
     groups = _coinciding(positions)
@@ -50,7 +50,8 @@ def neighbours_by_distance(
 ) -> Int[Tensor, "m count"]:
     """Search on a GPU; count <= n.
 
-    Distances come from differences: from a matrix product, |a|^2 + |b|^2 - 2ab, rounding errors would exceed them.
+    Distances are computed from differences. The matrix product |a|^2 + |b|^2 - 2ab has rounding errors larger than the
+    distances.
     """
     rows = max(1, LARGEST_DISTANCES // len(points))
     distances = (
@@ -60,7 +61,7 @@ def neighbours_by_distance(
 
 
 class _Groups:
-    """Points grouped by position. first: index of the first point of each group, the groups in any order."""
+    """Points grouped by position. first: index of the first point of each group."""
 
     def __init__(self, group_of_point: Int64[np.ndarray, " n"], num_groups: int) -> None:
         self._size = np.bincount(group_of_point, minlength=num_groups)
@@ -81,7 +82,7 @@ class _Groups:
 
 
 def _coinciding(positions: Float32[np.ndarray, "n 3"]) -> _Groups | None:
-    """Group points of equal position; None where no two coincide, which is the rule and found by one sort of hashes."""
+    """Group points of equal position. Returns None if no two coincide; one sort of hashes detects this usual case."""
     words = positions.view(np.uint32).astype(np.uint64)
     hashes = words @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
     if len(np.unique(hashes)) == len(positions):
@@ -91,6 +92,6 @@ def _coinciding(positions: Float32[np.ndarray, "n 3"]) -> _Groups | None:
 
 
 def _finite(points: Float[Tensor, "n 3"]) -> Float32[np.ndarray, "n 3"]:
-    """Return positions as float32, with zeros of one sign."""
+    """Return positions as float32, with 0 for values that are not finite and +0 for -0."""
     values = points.detach().float()
     return np.ascontiguousarray(torch.where(values.isfinite(), values, 0.0).numpy() + np.float32(0.0))

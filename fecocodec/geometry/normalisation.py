@@ -1,7 +1,7 @@
 """The normalised frame, in which all networks work: origin at the mean camera centre, unit of length = near.
 
-Camera centres and far are rounded to a grid in this frame (FORMAT.md, section 6.4). Cameras in another unit of length
-differ by rounding errors of float32, which the grid removes: the networks see the same numbers and code the same bits.
+Camera centres and far are rounded to a grid in this frame (FORMAT.md, section 6.4). A change of the unit of length
+changes cameras by rounding errors of float32; the grid removes them, so that the coded bits do not change.
 """
 
 import math
@@ -20,14 +20,17 @@ RATIO_BITS = 11  # significant bits of far / near
 
 @dataclass(frozen=True)
 class SceneFrame:
-    """The way back from the normalised frame: `world = scale * normalised + origin`."""
+    """Transformation from the normalised frame to the world frame: `world = scale * normalised + origin`."""
 
     origin: Float[Tensor, "3"]  # float64, in scene units
     scale: float  # near, in scene units
 
 
 def normalise_scene(cameras: Cameras) -> tuple[Cameras, SceneFrame]:
-    """Return the cameras of one scene (no batch dimension) in the normalised frame, rounded, and the way back."""
+    """Transform the cameras of one scene (no batch dimension) to the normalised frame and round them.
+
+    Returns the cameras and the transformation back to the world frame.
+    """
     centres = cameras.extrinsics[:, :3, 3].double().cpu()
     near, far = float(cameras.near), float(cameras.far)
     origin = sum(centres[1:], start=centres[0]) / len(centres)
@@ -41,7 +44,7 @@ def normalise_scene(cameras: Cameras) -> tuple[Cameras, SceneFrame]:
 
 
 def denormalise_gaussians(gaussians: Gaussians, frame: SceneFrame) -> Gaussians:
-    """Return Gaussians of the normalised frame in the world frame and unit of length of the original cameras."""
+    """Transform Gaussians from the normalised frame to the world frame and unit of length of the original cameras."""
     means = (gaussians.means.double() * frame.scale + frame.origin.to(gaussians.means.device)).float()
     return Gaussians(
         means, gaussians.scales * frame.scale, gaussians.rotations, gaussians.opacities, gaussians.harmonics
@@ -49,11 +52,11 @@ def denormalise_gaussians(gaussians: Gaussians, frame: SceneFrame) -> Gaussians:
 
 
 def _round(coordinates: Float[Tensor, "view 3"]) -> Float[Tensor, "view 3"]:
-    """Round to the nearest grid point, half way upwards."""
+    """Round to the nearest grid point; ties round up."""
     return (CENTRE_STEPS * coordinates + 0.5).floor() / CENTRE_STEPS
 
 
 def _round_ratio(ratio: float) -> float:
-    """Round to `RATIO_BITS` significant bits, half way upwards."""
+    """Round to `RATIO_BITS` significant bits; ties round up."""
     mantissa, exponent = math.frexp(ratio)  # mantissa in [0.5, 1)
     return math.ldexp(math.floor(mantissa * 2**RATIO_BITS + 0.5), exponent - RATIO_BITS)

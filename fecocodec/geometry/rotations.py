@@ -6,10 +6,10 @@ from torch import Tensor
 
 
 def quaternion_from_matrix(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 4"]:
-    """Unit quaternion of a rotation matrix, w >= 0.
+    """Return the unit quaternion, w >= 0, of a rotation matrix.
 
-    Takes the row of the symmetric 4x4 matrix `4 q q^T` with the largest diagonal, which never divides by a small number
-    (Shepperd, "Quaternion from rotation matrix", 1978).
+    Normalises the row of the symmetric 4x4 matrix `4 q q^T` with the largest diagonal element, so that the norm is
+    never small (Shepperd, "Quaternion from rotation matrix", 1978).
     """
     m = rotation
     m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -31,7 +31,7 @@ def quaternion_from_matrix(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tenso
 
 
 def multiply(left: Float[Tensor, "*#batch 4"], right: Float[Tensor, "*#batch 4"]) -> Float[Tensor, "*#batch 4"]:
-    """Hamilton product: the rotation `right` followed by the rotation `left`."""
+    """Return the Hamilton product: the rotation `right` followed by the rotation `left`."""
     w1, x1, y1, z1 = left.unbind(-1)
     w2, x2, y2, z2 = right.unbind(-1)
     return torch.stack(
@@ -46,7 +46,7 @@ def multiply(left: Float[Tensor, "*#batch 4"], right: Float[Tensor, "*#batch 4"]
 
 
 def matrix_from_quaternion(quaternion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3 3"]:
-    """Rotation matrix of a unit quaternion."""
+    """Return the rotation matrix of a unit quaternion."""
     w, x, y, z = quaternion.unbind(-1)
     rows = (
         torch.stack((1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)), dim=-1),

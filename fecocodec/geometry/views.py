@@ -12,9 +12,9 @@ from fecocodec.geometry.cameras import Cameras
 class Views:
     """Images of one scene with their cameras.
 
-    images: sRGB in [0, 1], all of one size. names: one per view, for messages (usually the file name).
-    alpha: opacity in [0, 1]; None where no image has transparency. The images are composited on white already.
-    notes: one sentence for each thing a reader of files did that the user may not expect, such as cropping.
+    images: sRGB in [0, 1], all of one size, already composited on white if transparent. names: one per view, for
+    messages (usually the file name). alpha: opacity in [0, 1]; None if no image has transparency. notes: one sentence
+    for each step of reading that the user may not expect, such as cropping.
     """
 
     images: Float[Tensor, "view 3 height width"]
@@ -25,11 +25,11 @@ class Views:
 
     @property
     def image_size(self) -> tuple[int, int]:
-        """(height, width)"""
+        """Return (height, width) in pixels."""
         return self.images.shape[-2], self.images.shape[-1]
 
     def select(self, views: list[int]) -> "Views":
-        """These views, in this order."""
+        """Return these views, in this order."""
         return replace(
             self,
             images=self.images[views],

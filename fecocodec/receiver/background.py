@@ -1,9 +1,9 @@
-"""Background layer: blurred Gaussians where no context view looks, so that other views see no black areas there.
+"""Background layer: blurred Gaussians outside all context views, so that other views show no black areas there.
 
-The border of each view is continued outwards, with more blur and larger cells further out, on several layers behind
-the surface at the border. Only candidates that no context view sees are kept (`receiver/hidden.py`): the decoded
-colours account for a black background, so anything behind them would brighten the context views. The layer is computed
-from decoded Gaussians and cameras; it needs no bits.
+The border of each view is extrapolated outwards, with more blur and larger cells at larger distances, on several layers
+behind the surface at the border. Only candidates that are visible in no context view are kept (`receiver/hidden.py`),
+because the codec optimises colours against a black background and any Gaussian behind them would brighten the context
+views. The layer is computed from decoded Gaussians and cameras and needs no bits.
 """
 
 from dataclasses import dataclass, replace
@@ -20,23 +20,23 @@ from fecocodec.geometry.rotations import quaternion_from_matrix
 from fecocodec.receiver.hidden import ExtendedDepth, is_hidden
 
 SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
-SMALLEST_OPACITY = 0.01  # a border of smaller mean opacity is transparent and not continued
+SMALLEST_OPACITY = 0.01  # a border of smaller mean opacity is transparent and not extrapolated
 
 
 @dataclass(frozen=True)
 class BackgroundConfig:
-    """Shape of the background layer. Lengths on the image are shares of its width (or height)."""
+    """Parameters of the background layer. Lengths in the image are fractions of its width (or height)."""
 
-    depth_factors: tuple[float, ...] = (1.1, 1.8, 3.0)  # depth of each layer over the blurred depth of the border
-    reach: float = 1.5  # how far the layers extend beyond each border
+    depth_factors: tuple[float, ...] = (1.1, 1.8, 3.0)  # depth of each layer, relative to the blurred border depth
+    reach: float = 1.5  # extent of the layers beyond each border
     gap: float = 0.024  # between the border and the first cell
     first_cell: float = 0.015  # width of the first cell
-    cell_growth: float = 1.7  # width of a cell over that of the one before it
+    cell_growth: float = 1.7  # ratio of the widths of successive cells
     cells_inside: int = 12  # along a side of the image
     blur: float = 0.03  # standard deviation of the blur at the border
     blur_growth: float = 0.25  # growth of the blur per distance from the border
-    cell_scale: float = 0.6  # standard deviation of a Gaussian over the width of its cell
-    thickness: float = 0.3  # standard deviation along the optical axis over the smaller lateral one
+    cell_scale: float = 0.6  # standard deviation of a Gaussian, relative to the width of its cell
+    thickness: float = 0.3  # standard deviation along the optical axis, relative to the smaller lateral one
     opacity: float = 0.95
 
 
@@ -56,19 +56,19 @@ def background_layer(
 ) -> Gaussians:
     """Return the background layer as Gaussians with harmonics of degree 0, in the frame of the cameras.
 
-    gaussians: of whole views, `grid` = (height, width) of them each, ordered (view, row, column), whose colours do not
-    depend on the direction; opacity 0 for those that are not emitted. cameras: of these views, near = 1; the grids
-    cover their images. A transparent border is not continued.
+    gaussians: of degree 0, ordered (view, row, column), with `grid` = (height, width) per view; opacity 0 for those
+    that are not emitted. cameras: of these views, near = 1; the grids cover their images. A transparent border is not
+    extrapolated.
     """
     axis = _axis(config, gaussians.means)
-    colour, depth, opacity = _continued(gaussians, cameras, grid, axis, config)
+    colour, depth, opacity = _extrapolated(gaussians, cameras, grid, axis, config)
     candidates = _candidates(colour, depth, opacity, cameras, axis, config)
     is_kept = (candidates.opacities > 0.0) & is_hidden(candidates, ExtendedDepth(depth, axis.centres), cameras)
     return candidates.keep(is_kept)
 
 
 def append(gaussians: Gaussians, layer: Gaussians) -> Gaussians:
-    """Concatenate Gaussians and a layer of degree 0, whose missing harmonics are zero."""
+    """Concatenate Gaussians and a layer of degree 0, whose higher harmonics are set to zero."""
     missing = gaussians.harmonics.shape[-2] - layer.harmonics.shape[-2]
     harmonics = F.pad(layer.harmonics, (0, 0, 0, missing))
     added = (layer.means, layer.scales, layer.rotations, layer.opacities, harmonics)
@@ -76,7 +76,7 @@ def append(gaussians: Gaussians, layer: Gaussians) -> Gaussians:
 
 
 def _axis(config: BackgroundConfig, like: Tensor) -> _Axis:
-    """Uniform cells inside the image; beyond it, after a gap, cells that grow by a constant ratio."""
+    """Return uniform cells inside the image and, beyond a gap outside it, cells that grow by a constant ratio."""
     edge, width, distances, widths = config.gap, config.first_cell, [], []
     while edge < config.reach:
         distances.append(edge + 0.5 * width)
@@ -88,13 +88,13 @@ def _axis(config: BackgroundConfig, like: Tensor) -> _Axis:
     return _Axis(like.new_tensor(centres), like.new_tensor(all_widths))
 
 
-def _continued(
+def _extrapolated(
     gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], axis: _Axis, config: BackgroundConfig
 ) -> tuple[Float[Tensor, "view row column 3"], Float[Tensor, "view row column"], Float[Tensor, "view row column"]]:
     """Return sRGB colour and depth of each view at the cells, and the opacity at the nearest point of the image.
 
-    They are means over the view's Gaussians around that point. Colour and depth are weighted by opacity; the depth is
-    the root of the mean square, which favours what lies farther away.
+    They are blurred means over the view's Gaussians around that point. Colour and depth are weighted by opacity; depth
+    is a root mean square, which favours farther surfaces.
     """
     views = cameras.num_views
     means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0])
@@ -115,7 +115,7 @@ def _continued(
 
 
 def _blur_weights(axis: _Axis, side: int, config: BackgroundConfig) -> Float[Tensor, "cell side"]:
-    """Weights of the pixels of one image axis in each cell's blur: normal, around the nearest point of the image."""
+    """Return the weights of pixels along one axis for each cell: a Gaussian around the nearest point of the image."""
     nearest = axis.centres.clamp(0.0, 1.0)
     deviation = (config.blur_growth * (axis.centres - nearest).abs()).clamp_min(config.blur)
     pixels = (torch.arange(side).to(axis.centres) + 0.5) / side
@@ -130,9 +130,9 @@ def _candidates(
     axis: _Axis,
     config: BackgroundConfig,
 ) -> Gaussians:
-    """One Gaussian for each layer, view and cell beyond the image, facing its view; ordered (layer, view, cell).
+    """Return one Gaussian per layer, view and cell outside the image, facing its view; ordered (layer, view, cell).
 
-    opacity: of the border; that of a Gaussian is `config.opacity`, or 0 where the border is transparent.
+    opacity: of the border. The opacity of a Gaussian is `config.opacity`, or 0 if the border is transparent.
     """
     is_beyond = (axis.centres < 0) | (axis.centres > 1)
     row, column = torch.nonzero(is_beyond[:, None] | is_beyond, as_tuple=True)

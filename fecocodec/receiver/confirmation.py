@@ -1,4 +1,4 @@
-"""Compare Gaussians with the surface that another view shows, and find those that another view confirms."""
+"""Compare Gaussians with the surfaces of other views, and measure how well other views confirm them."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,11 @@ from fecocodec.receiver.sampling import project, sample_at
 
 @dataclass(frozen=True)
 class Comparison:
-    """Gaussians of some views against the surface that one other view shows at their positions.
+    """Gaussians compared with the surface of one other view at the positions where they project.
 
-    uv: normalised image positions in that view. lead: logarithm of the surface's depth over the Gaussian's, positive
-    in front of the surface. squared_difference: of sRGB colours in [0, 1], summed over channels.
+    uv: normalised image positions in that view. lead: logarithm of the surface depth over the Gaussian's depth,
+    positive in front of the surface. squared_difference: of sRGB colours in [0, 1], summed over channels. is_seen:
+    whether the Gaussian projects inside the image.
     """
 
     uv: Float[Tensor, "2 other h2 w2"]
@@ -31,7 +32,7 @@ def compare(
     surface: Float[Tensor, "4 h4 w4"],
     camera: Cameras,
 ) -> Comparison:
-    """Compare Gaussians with one view's surface: its colour and inverse depth."""
+    """Compare Gaussians with the surface of one view. surface: sRGB colour and inverse depth."""
     uv, depth, is_seen = project(camera, points)
     there = sample_at(surface, uv)
     lead = -(there[3] * depth).clamp_min(1e-6).log()
@@ -45,7 +46,11 @@ def confirmation(
     cameras: Cameras,
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return how well the best other view confirms each Gaussian of one scene in colour and depth, in [0, 1]."""
+    """Return the confirmation of each Gaussian of one scene by other views, in [0, 1].
+
+    It is exp(-(lead / L)^2) / (1 + (squared colour difference / D)^2), the maximum over the other views that see the
+    Gaussian (FORMAT.md, section 9.1).
+    """
     views = cameras.num_views
     best = torch.zeros_like(points[0])
     for judge in range(views):

@@ -1,4 +1,4 @@
-"""`decode`: stream -> Gaussians, with the receiver's networks alone."""
+"""Decode a `.fcs` stream to Gaussians, with the receiver's networks alone."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,11 +33,11 @@ MAX_SH_DEGREE = 1
 
 @dataclass(frozen=True)
 class Decoded:
-    """The scene that a stream holds.
+    """A decoded scene.
 
     gaussians: in the world frame and unit of length of the cameras, on the CPU. cameras: of the context views.
     image_size: (height, width) of the context views in pixels. stages: number of stages decoded, 1 or 2.
-    damage: the sentence that says what is wrong with the rest of the stream, None for an intact stream.
+    damage: error message about the rest of the stream, None for an intact stream.
     """
 
     gaussians: Gaussians
@@ -61,18 +61,18 @@ def decode(
 ) -> Decoded:
     """Decode a `.fcs` stream.
 
-    stages: "all" decodes the whole stream and refuses a damaged one. 1 or 2 decodes so many stages and ignores what
-    follows them in the stream, missing or damaged. "intact" decodes the stages before the first damage, which
-    `Decoded.damage` then describes.
+    stages: "all" decodes the whole stream and rejects a damaged one. 1 or 2 decodes that many stages; the rest of the
+    stream may be damaged or missing. "intact" decodes the stages before the first damage, which `Decoded.damage` then
+    describes.
     sh_degree: 1 for view-dependent colours (spherical harmonics of degree 1), 0 for constant colours.
-    background: shape of the layer that fills what no context view sees; None leaves the layer out.
-    merging: when Gaussians of flat, alike areas become one; None keeps all. `MergingConfig()` emits about a
-    fifth fewer for a loss of some hundredths of a dB.
-    device: where the networks run. model: folder of the model; None for the shipped model that the stream names.
-    max_pixels: largest number of pixels of all views; time and memory are proportional to it.
+    background: parameters of the layer that fills areas outside all context views; None for no layer.
+    merging: parameters for merging similar neighbouring Gaussians; None keeps all Gaussians.
+    device: torch device of the networks. model: folder of the model; None for the shipped model with the model id of
+    the stream. max_pixels: limit on the pixels of all views, to which time and memory are proportional.
+    on_progress: called with the current task and the fraction done in [0, 1].
 
-    Raises BitstreamError for a stream that breaks a rule of the format, InputError for a stage that the stream does not
-    have, for more pixels and for another sh_degree, ModelError where the model's weights are not found.
+    Raises BitstreamError for a stream that breaks a rule of the format; InputError if the stream has fewer stages or
+    more pixels, or sh_degree is not supported; ModelError if the weights of the model are not found.
     """
     part = _read(data, stages)
     if part.stream.header.num_pixels > max_pixels:
@@ -94,16 +94,20 @@ def decode_with(
     merging: MergingConfig | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> Decoded:
-    """Decode with a receiver that is loaded; the caller ensures that it is the one the stream was made for."""
+    """Decode with a loaded receiver; arguments and errors as for `decode`.
+
+    The caller must ensure that the receiver has the model id of the stream.
+    """
     config = EmissionConfig(sh_degree, background, merging)
     return _decode_part(receiver, _read(data, stages), stages, config, on_progress)
 
 
 @lru_cache(maxsize=2)
 def receiver_of(model_id: bytes, model: Path | None, device: str) -> Receiver:
-    """Return the receiver with that id, from the folder `model` or among the shipped ones; raises ModelError.
+    """Return the receiver with this model id, from the folder `model` or from the shipped models.
 
-    The cache is keyed by the model id, not by the path alone: a replaced file has another id.
+    The cache key includes the model id, because a replaced file has another id. Raises ModelError if no such receiver
+    is found.
     """
     receiver, _ = load_receiver(find_receiver(model_id, model))
     to_channels_last(receiver, device)
@@ -111,7 +115,7 @@ def receiver_of(model_id: bytes, model: Path | None, device: str) -> Receiver:
 
 
 def _read(data: bytes, stages: Stages) -> IntactPart:
-    """Parse the part of the stream that `stages` asks for."""
+    """Parse the part of the stream that `stages` selects."""
     if isinstance(stages, int):
         return IntactPart(read_prefix(data, stages), damage=None)
     return read_intact(data) if stages == "intact" else IntactPart(read_stream(data), damage=None)
@@ -120,7 +124,7 @@ def _read(data: bytes, stages: Stages) -> IntactPart:
 def _decode_part(
     receiver: Receiver, part: IntactPart, stages: Stages, config: EmissionConfig, on_progress: OnProgress
 ) -> Decoded:
-    """Decode the stages one after another, then predict the Gaussians once, from the last state."""
+    """Decode the stages, then predict the Gaussians once, from the last state."""
     if config.sh_degree not in range(MAX_SH_DEGREE + 1):
         raise InputError(
             f"spherical harmonics of degree {config.sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}."
@@ -132,7 +136,7 @@ def _decode_part(
         on_progress("predicting Gaussians", 0.8)
         is_covered = None if stream.coverage is None else is_in_covered_cell(stream.coverage, header)
         gaussians = emit(receiver, state, cameras, is_covered, config)
-    # A copy made outside inference mode is an ordinary tensor, which a caller can optimise further.
+    # Clone outside inference mode, so that a caller can compute gradients of the tensors.
     gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
     return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)
 
@@ -140,7 +144,7 @@ def _decode_part(
 def _decode_stages(
     receiver: Receiver, stream: Stream, stages: Stages, on_progress: OnProgress
 ) -> tuple[State, int, str | None]:
-    """Return the last state, the number of stages decoded, and the damage that "intact" skipped."""
+    """Return the last state, the number of stages decoded, and the message about damage that "intact" tolerates."""
     header = stream.header
     device = next(receiver.parameters()).device
     height, width = header.grid_size

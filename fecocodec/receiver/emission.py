@@ -1,4 +1,4 @@
-"""The Gaussians that a receiver emits: predicted from the last state, coloured, culled, in the world frame."""
+"""Emit Gaussians: predict them from the last state, fit view-dependent colours, cull, transform to the world frame."""
 
 from dataclasses import dataclass, replace
 
@@ -18,10 +18,10 @@ LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 
 @dataclass(frozen=True)
 class EmissionConfig:
-    """What a receiver emits beside the Gaussians of the decoding process.
+    """Options of the emitted Gaussians.
 
-    sh_degree: of the spherical harmonics, 0 or 1. background: of the layer outside all context views, None for no
-    layer. merging: of flat, alike areas, None to emit every Gaussian.
+    sh_degree: degree of the spherical harmonics, 0 or 1. background: parameters of the layer outside all context views,
+    None for no layer. merging: parameters for merging similar neighbours, None to emit every Gaussian.
     """
 
     sh_degree: int = 1
@@ -34,8 +34,8 @@ def emit(
 ) -> Gaussians:
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`, on the CPU.
 
-    cameras: of the context views, as the stream holds them. is_covered: of all Gaussians of the 1/2 grids, ordered
-    (view, row, column), False for those to drop; None: none. The background layer comes last.
+    cameras: of the context views, as stored in the stream. is_covered: mask of the Gaussians of the 1/2 grids, ordered
+    (view, row, column); Gaussians with False are dropped. None drops none. The background layer comes last.
     """
     normalised, frame = normalise_scene(cameras)
     on_device, (height, width) = normalised.to(state.state.device), (2 * side for side in state.state.shape[-2:])

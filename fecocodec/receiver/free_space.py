@@ -1,11 +1,13 @@
-"""Free-space check: find Gaussians that stand in front of what another view shows and differ from it in colour.
+"""Free-space check: find Gaussians in front of another view's surface that differ from it in colour.
 
-A depth that only one view determines is uncertain, and a Gaussian that is too near hides what other views show. A real
-surface in front of another view's surface would be visible in that view too (Curless and Levoy, "A volumetric method
-for building complex models from range images", 1996). From three views on, other views also confirm Gaussians: those
-whose colour and depth agree with another view. Confirmed Gaussians are protected from surfaces that no view confirms,
-and the Gaussians of a view that is confirmed less than the other one are rejected at a smaller difference of colour.
-Gaussians in front of another camera's near bound are rejected whatever their colour.
+Depth that only one view determines is uncertain, and a Gaussian that is too near occludes the surfaces of other views.
+A real surface in front of another view's surface would be visible in that view (Curless and Levoy, "A volumetric method
+for building complex models from range images", 1996).
+
+With three or more views, a Gaussian is confirmed if its colour and depth are consistent with another view. Confirmed
+Gaussians are protected from violations against surfaces that are not confirmed. Gaussians of a view with less
+confirmation than the other view are rejected at a smaller colour difference. Gaussians closer to another camera than
+the near bound are rejected regardless of colour. FORMAT.md, section 9.1, has the formulas.
 """
 
 import torch
@@ -20,7 +22,7 @@ from fecocodec.receiver.confirmation import Comparison, compare, confirmation
 from fecocodec.receiver.near_bound import near_bound_violation
 from fecocodec.receiver.sampling import sample_at
 
-POOLED = 2  # side of the blocks of Gaussians whose mean is a view's surface
+POOLED = 2  # side of the blocks of Gaussians that are averaged to a view's surface
 
 
 @torch.no_grad()
@@ -34,7 +36,8 @@ def free_space_violation(
 ) -> Float[Tensor, "batch view h2 w2"]:
     """Return the strongest free-space violation of each Gaussian over all other views, in [0, 1]; no gradient.
 
-    means are in the world of the cameras, depth is in the Gaussian's own view, both in scene units; h2 and w2 are even.
+    means: in the frame of the cameras. depth: in the Gaussian's own view, in scene units. colour: sRGB. h2 and w2 must
+    be even.
     """
     if cameras.num_views == 1:
         return torch.zeros_like(depth)
@@ -49,7 +52,7 @@ def _surfaces(
     colour: Float[Tensor, "batch 3 view h2 w2"],
     opacity: Float[Tensor, "batch view h2 w2"],
 ) -> Float[Tensor, "batch view 4 h4 w4"]:
-    """Colour and inverse depth of each view's own Gaussians: means over blocks, weighted by opacity."""
+    """Return each view's surface: colour and inverse depth of its Gaussians, averaged over blocks, opacity-weighted."""
     values = torch.cat((colour, 1.0 / depth[:, None], torch.ones_like(depth)[:, None]), dim=1)
     weighted = rearrange(values * (opacity[:, None] + 1e-3), "b c v h w -> (b v) c h w")
     pooled = rearrange(F.avg_pool2d(weighted, POOLED), "(b v) c h w -> b v c h w", b=len(depth))
@@ -63,7 +66,7 @@ def _violation(
     cameras: Cameras,
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
-    """The strongest violation in one scene."""
+    """Return the strongest violation of each Gaussian of one scene."""
     views = cameras.num_views
     has_third_views = views > 2
     strongest = near_bound_violation(points, cameras, config) if has_third_views else torch.zeros_like(points[0])
@@ -92,7 +95,7 @@ def _violation(
 def _in_front(
     seen: Comparison, tolerance: Float[Tensor, " other"], config: ReceiverConfig
 ) -> Float[Tensor, "other h2 w2"]:
-    """The violation by position and colour alone."""
+    """Return the violation from position and colour, without confirmation."""
     nearer = torch.sigmoid((seen.lead - config.free_space_lead) / config.free_space_lead_width)
     difference = seen.squared_difference.square()
     return seen.is_seen * nearer * difference / (difference + tolerance.square()[:, None, None]).clamp_min(1e-20)

@@ -1,4 +1,4 @@
-"""Visibility test of the background layer: which Gaussians are drawn in no context view."""
+"""Visibility test of the background layer: find the Gaussians that no context view renders."""
 
 from dataclasses import dataclass
 
@@ -13,14 +13,14 @@ from fecocodec.geometry.rotations import matrix_from_quaternion
 
 SMALLEST_DEPTH = 1e-6
 VISIBLE_DEVIATIONS = 3.2  # radius of a Gaussian; alpha is 0.6% there
-JACOBIAN_MARGIN = 0.15  # renderers take the projection's Jacobian at most this share of a side outside the image
-DEPTH_REACH = 0.5  # of a side: how far outside the image a view's extended depth is trusted
-CLEARANCE = 0.5  # of a view's smallest extended depth: no background nearer to its camera than this
+JACOBIAN_MARGIN = 0.15  # renderers evaluate the projection's Jacobian at most this share of a side outside the image
+DEPTH_REACH = 0.5  # as a share of a side: distance outside the image up to which extended depth is used
+CLEARANCE = 0.5  # minimum distance from a camera, as a share of its view's smallest extended depth
 
 
 @dataclass(frozen=True)
 class ExtendedDepth:
-    """Depth of each view on cells that reach beyond its image.
+    """Depth of each view, extrapolated to cells outside its image.
 
     depth: scene units. centres: of the cells along either axis, in normalised image units, ascending; the image is
     [0, 1].
@@ -30,14 +30,14 @@ class ExtendedDepth:
     centres: Float[Tensor, " cell"]
 
     def at(self, view: int, uv: Float[Tensor, "2 n"]) -> Float[Tensor, " n"]:
-        """Depth of the nearest cell; 0 further out than DEPTH_REACH."""
+        """Return the depth of the nearest cell; 0 at more than DEPTH_REACH outside the image."""
         column, row = torch.bucketize(uv, 0.5 * (self.centres[1:] + self.centres[:-1]))
         is_covered = ((uv >= -DEPTH_REACH) & (uv <= 1.0 + DEPTH_REACH)).all(dim=0)
         return self.depth[view, row, column] * is_covered
 
 
 def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -> Bool[Tensor, " n"]:
-    """Whether a Gaussian is drawn in no view, lies behind the extended depth of all, and is not close to a camera."""
+    """Return which Gaussians are outside every image, behind the extended depth of every view, and near no camera."""
     means = gaussians.means.T.contiguous()
     axes = matrix_from_quaternion(gaussians.rotations) * gaussians.scales[:, None]
     axes = rearrange(axes, "n xyz own -> own xyz n").contiguous()
@@ -50,9 +50,9 @@ def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -
 def _is_hidden_from(
     means: Float[Tensor, "3 n"], axes: Float[Tensor, "own 3 n"], extended: ExtendedDepth, cameras: Cameras, view: int
 ) -> Bool[Tensor, " n"]:
-    """`is_hidden` for one view. axes: of the Gaussians, one standard deviation long, world frame.
+    """Return `is_hidden` for one view. axes: of the Gaussians, one standard deviation long, in the world frame.
 
-    Coordinates come first, each a row of its own: as the last dimension they take several times as long.
+    Coordinates are the first dimension, because it is several times as fast as the last.
     """
     world_to_camera, intrinsics = cameras.world_to_camera[view], cameras.intrinsics[view]
     points = world_to_camera[:3, :3] @ means + world_to_camera[:3, 3:]
@@ -72,7 +72,10 @@ def _deviations(
     uv: Float[Tensor, "2 n"],
     depth: Float[Tensor, " n"],
 ) -> Float[Tensor, "2 n"]:
-    """Standard deviations along u and v of projected Gaussians, as renderers linearise the projection; camera axes."""
+    """Return the standard deviations along u and v of projected Gaussians, with the linearisation of renderers.
+
+    axes: in the camera frame.
+    """
     focal = intrinsics.diagonal()[:2, None]
     slope = (uv.clamp(-JACOBIAN_MARGIN, 1.0 + JACOBIAN_MARGIN) - intrinsics[:2, 2:]) / focal
     projected = axes[:, :2] - slope * axes[:, 2:]

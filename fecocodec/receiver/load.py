@@ -1,4 +1,4 @@
-"""The receiver from its weights file and back."""
+"""Load and serialise the receiver's weights."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -14,7 +14,10 @@ PRIOR = "prior."
 
 
 def load_receiver(path: Path) -> tuple[Receiver, bytes]:
-    """Receiver ready to decode, and its model id; raises ModelError for a missing, damaged or foreign file."""
+    """Return the receiver in evaluation mode, without gradients, and its model id.
+
+    Raises ModelError if the file is missing, damaged, or not a receiver of this version.
+    """
     weights = read_weights(path)
     receiver = Receiver(config_of(weights, "receiver", ReceiverConfig(), path))
     integers = {name.removeprefix(PRIOR): value for name, value in weights.tensors.items() if name.startswith(PRIOR)}
@@ -25,7 +28,7 @@ def load_receiver(path: Path) -> tuple[Receiver, bytes]:
 
 
 def serialise_receiver(receiver: Receiver) -> bytes:
-    """Bytes of the receiver's weights file: integers for the prior, fp16 for the rest."""
+    """Return the bytes of the receiver's weights file: integers for the entropy model, fp16 for all else."""
     integers = {PRIOR + name: value for name, value in export_integers(receiver.prior).items()}
     floats = {name: value for name, value in receiver.state_dict().items() if not name.startswith(PRIOR)}
     return serialise_weights(floats | integers, {"receiver": asdict(receiver.config)})

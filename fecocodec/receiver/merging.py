@@ -1,8 +1,9 @@
-"""Merge neighbouring Gaussians of flat, alike areas by moment matching, without rendering.
+"""Merge similar neighbouring Gaussians by moment matching, without rendering.
 
-Runs after the normative decoding process. Cells of 2x2 Gaussians of a view's grid are agglomerated pair by pair, the
-pair of least cost first, while the cost is below a bound; then cells of 2x2 Gaussians that each replaced a whole cell.
-The cost is that of Ward, "Hierarchical Grouping to Optimize an Objective Function", 1963, relative to the cell.
+Merging runs after the normative decoding process. In each cell of 2x2 Gaussians of a view's grid, the pair with the
+least cost is merged, repeatedly, while the cost is at most a bound. The same is then done with cells of 4x4, whose four
+members must each represent a whole 2x2 cell. The cost is that of Ward, "Hierarchical Grouping to Optimize an Objective
+Function", 1963, relative to the cell.
 """
 
 from dataclasses import dataclass
@@ -19,18 +20,18 @@ from fecocodec.receiver.moment_matching import Mixture, dilogarithm, merge_pairs
 from fecocodec.receiver.symmetric_matrices import from_axes, to_axes
 
 _PAIRS = np.array([(0, 1), (2, 3), (0, 2), (1, 3), (0, 3), (1, 2)])  # of the four members of a cell
-_REACH = 2  # Gaussians to each side whose colours make the local contrast
+_REACH = 2  # radius of the window of the local contrast, in Gaussians
 _TINY = np.float32(1e-30)
 
 
 @dataclass(frozen=True)
 class MergingConfig:
-    """When two Gaussians of a cell are alike enough to merge.
+    """Parameters of merging.
 
-    largest_costs: bound on the cost of a merge, one a level of cells (2x2, 4x4), in sRGB squared.
-    contrast_weight: of the local contrast, the mean squared difference to the colours of the 5x5 neighbours, beside the
-    squared difference between the two colours. Where there is no contrast, a change of shape is invisible.
-    depth_weight: growth of the cost per difference between the logarithms of the two distances to the camera.
+    largest_costs: bound on the cost of a merge, per level of cells (2x2, 4x4), in squared sRGB.
+    contrast_weight: weight of the local contrast, the mean squared difference to the colours of the 5x5 neighbours,
+    which is added to the squared difference of the two colours. Without contrast, a change of shape is invisible.
+    depth_weight: relative increase of the cost per unit of difference between the log distances to the camera.
     """
 
     largest_costs: tuple[float, ...] = (5e-4, 1e-3)
@@ -41,11 +42,11 @@ class MergingConfig:
 def merged(
     gaussians: Gaussians, is_present: Bool[Tensor, " n"], grid: tuple[int, int], cameras: Cameras, config: MergingConfig
 ) -> Gaussians:
-    """Return the Gaussians that are present, those of flat, alike areas merged, in the same order.
+    """Merge similar neighbours and drop the Gaussians that are not present; the order is kept.
 
     gaussians: of one scene, on the CPU, ordered (view, row, column); n = views * rows * columns. grid: rows and columns
-    of a view, multiples of 4. is_present: False for those to drop, which may hold any values. cameras: of the views, in
-    the frame of the Gaussians. A merged Gaussian takes the position of one of its members in the order.
+    of a view, multiples of 4. is_present: False for those to drop, which may have any values. cameras: of the views, in
+    the frame of the Gaussians. A merged Gaussian takes the index of one of its members.
     """
     mixture = _mixture(gaussians, is_present.numpy(), grid, cameras)
     survivors = np.arange(gaussians.count).reshape(cameras.num_views, *grid)
@@ -135,9 +136,10 @@ def _pair_costs(
     area: int,
     config: MergingConfig,
 ) -> Float32[np.ndarray, "cell 6"]:
-    """Return the cost of merging each pair; infinite for a pair of which one is absent.
+    """Return the cost of merging each pair, infinite if one of the pair is absent.
 
-    m1 m2 / (m1 + m2) / sum(m) * sqrt(optical depth) * (|colour difference|^2 + contrast) * (1 + depth difference).
+    The cost is m1 m2 / (m1 + m2) / sum(m) * sqrt(optical depth) * (|colour difference|^2 + weighted contrast)
+    * (1 + weighted difference of log distances), where m are the masses of the cell's members.
     """
     masses, colours = mixture.masses[cells], mixture.colours[cells]
     rays = mixture.means[cells] - mixture.eyes[cells]

@@ -1,4 +1,4 @@
-"""The receiver: all that `decode` loads."""
+"""The receiver's networks."""
 
 from jaxtyping import Float, Int
 from torch import Tensor, nn
@@ -16,7 +16,10 @@ from fecocodec.receiver.view_dependence import view_dependent
 
 
 class Receiver(nn.Module):
-    """payload -> prior -> y_hat -> g_s -> U -> S (twice) -> P -> Gaussians; every part is shared by the two stages."""
+    """Receiver: payload -> entropy model -> y_hat -> g_s -> U -> S, per stage; then S, cameras -> P -> Gaussians.
+
+    Both stages share all networks.
+    """
 
     def __init__(self, config: ReceiverConfig) -> None:
         super().__init__()
@@ -28,7 +31,7 @@ class Receiver(nn.Module):
         self.predictor = Predictor(config)
 
     def condition(self, lambda_q: Int[Tensor, " item"], stage: int) -> RateCondition:
-        """Condition of the 2D blocks for these items in this stage (1 or 2)."""
+        """Return the condition of the 2D blocks, per item, in stage 1 or 2."""
         return self.embedding(lambda_q, stage)
 
     def next_state(
@@ -47,7 +50,7 @@ class Receiver(nn.Module):
         lambda_q: Int[Tensor, " view"],
         stage: int,
     ) -> State:
-        """Return the state of all views after stage 1 or 2; before: the state after stage 1, None in stage 1."""
+        """Return the state of all views after stage 1 or 2. before: the state after stage 1, None in stage 1."""
         condition = self.condition(lambda_q, stage)
         state = self.update.start(len(lambda_q), 1, 1) if before is None else before.state
         return State(self.next_state(state, y_hat, condition), condition)
@@ -55,13 +58,13 @@ class Receiver(nn.Module):
     def predict(
         self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
     ) -> Prediction:
-        """G_k = P(S_k, cameras); cameras has one batch dimension."""
+        """G_k = P(S_k, cameras). cameras: normalised, with one batch dimension."""
         return self.predictor(state, cameras, condition)
 
     def appearance(self, prediction: Prediction, cameras: Cameras) -> Gaussians:
-        """The Gaussians of a batch of one scene as receivers emit them, with colours that depend on the direction.
+        """Return the Gaussians of a batch of one scene with view-dependent colours (degree 1).
 
-        cameras: the scene's, as they were predicted for, without a batch dimension.
+        cameras: those of the prediction, without the batch dimension.
         """
         height, width = prediction.relative_disparity.shape[-2:]
         return view_dependent(prediction.gaussians.scene(0), cameras, (2 * height, 2 * width), self.config)

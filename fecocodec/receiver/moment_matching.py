@@ -1,8 +1,8 @@
-"""Moment matching of Gaussians: arrays of attributes, merged pair by pair in place. NumPy only.
+"""Moment matching: merge pairs of Gaussians, in place, in arrays of attributes. NumPy only.
 
-A merged Gaussian has the mean, covariance and colour of the mixture of the two. Its opacity keeps the integral of
-optical depth over the image: for a Gaussian of opacity o and projected area A, standard deviations multiplied,
-integral of -ln(1 - o exp(-r^2 / 2)) = 2 pi A Li2(o), where Li2 is the dilogarithm.
+A merged Gaussian has the mean, covariance and colour of the mixture of the two. Its opacity preserves the integral of
+optical depth over the image. For a Gaussian of opacity o and projected area A (the product of its standard deviations),
+the integral of -ln(1 - o exp(-r^2 / 2)) is 2 pi A Li2(o), where Li2 is the dilogarithm.
 """
 
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ _TINY = np.float32(1e-30)
 
 @dataclass(frozen=True)
 class Mixture:
-    """Gaussians as arrays that `merge_pairs` changes in place; means and eyes in one frame.
+    """Gaussians as arrays that `merge_pairs` changes in place; means and eyes are in one frame.
 
-    covariances: entries xx, xy, xz, yy, yz, zz. colours: sRGB as the own view sees them. eyes: centre of the own view.
-    cells_per_steradian: of the own view's grid. masses: Li2(opacity) times projected area in grid cells; 0 for a
-    Gaussian that is absent or was merged into another. is_merged: True for one that replaces others.
+    covariances: entries xx, xy, xz, yy, yz, zz. colours: sRGB, seen from the camera of the Gaussian's own view. eyes:
+    centre of that camera. cells_per_steradian: of that view's grid. masses: Li2(opacity) times projected area in grid
+    cells; 0 if the Gaussian is absent or was merged into another. is_merged: True if it replaces others.
     """
 
     means: Float32[np.ndarray, "n 3"]
@@ -62,8 +62,8 @@ def projected_areas(
 def merge_pairs(mixture: Mixture, first: Int64[np.ndarray, " pair"], second: Int64[np.ndarray, " pair"]) -> None:
     """Replace the Gaussian `first` of each pair by the merged one and set the mass of `second` to 0.
 
-    Where the merged opacity would exceed LARGEST_OPACITY, the covariance grows instead: the merged Gaussian must cover
-    more of the image than its members' centres span. No Gaussian may be part of two pairs.
+    If the merged opacity would exceed LARGEST_OPACITY, the covariance is enlarged instead, because the members cover
+    more of the image than the spread of their centres. No Gaussian may be part of two pairs.
     """
     masses = mixture.masses[first] + mixture.masses[second]
     share = mixture.masses[second] / masses

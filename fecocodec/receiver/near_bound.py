@@ -1,7 +1,7 @@
-"""Find Gaussians that stand nearer to a camera than the near bound of the scene allows.
+"""Find Gaussians that are closer to another camera than the near bound.
 
-A Gaussian that one view predicts badly can come to lie just in front of another camera. Few pixels are enough to hide
-the whole scene there, and such a Gaussian often projects outside that image, where its surface cannot be compared.
+A Gaussian with a wrong depth can lie just in front of another camera and occlude the whole scene there. Its centre
+often projects outside that image, where it cannot be compared with a surface.
 """
 
 import torch
@@ -17,7 +17,7 @@ from fecocodec.receiver.sampling import project
 def near_bound_violation(
     points: Float[Tensor, "3 view h2 w2"], cameras: Cameras, config: ReceiverConfig
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return how far each Gaussian of one scene violates the near bound of any other view, in [0, 1]."""
+    """Return each Gaussian's strongest violation of the near bound over all other views of the scene, in [0, 1]."""
     strongest, margin = torch.zeros_like(points[0]), config.near_bound_margin
     for judge in range(cameras.num_views):
         others = [view for view in range(cameras.num_views) if view != judge]

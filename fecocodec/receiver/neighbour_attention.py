@@ -1,4 +1,4 @@
-"""Attention of every 3D point over its nearest points of all views."""
+"""KNN attention: each 3D point attends to its nearest points of all views."""
 
 import torch
 import torch.nn.functional as F
@@ -10,24 +10,24 @@ from fecocodec.geometry.neighbours import nearest_neighbours
 
 NUM_HEADS = 4
 OFFSET_CHANNELS = 4  # relative position (3) and its length
-LEAST_PRESENCE = 1e-6  # of a neighbour: were it zero, points that all lie in one place would have none
-POINTS_AT_ONCE = 4096  # whose neighbours' keys and values are gathered; more are slower, for want of cache
-LARGEST_OFFSET = 4.0  # offsets are measured in depths of the point; farther ones are clamped
+LEAST_PRESENCE = 1e-6  # lower bound of a neighbour's weight, so that coinciding points have neighbours
+POINTS_AT_ONCE = 4096  # points per block; larger blocks exceed the cache and are slower
+LARGEST_OFFSET = 4.0  # in units of the point's depth; larger offsets are clamped
 
 
 class NeighbourAttention(nn.Module):
-    """Points and features of one scene -> features, by attention over the k nearest points (Zhao et al., "Point
-    Transformer", 2021, reduced to scalar attention with a relative position bias).
+    """Attention over the k nearest points: points and features of one scene -> residual features.
 
-    Offsets are rotated into the camera that saw the point and divided by its depth: the result depends neither on the
-    unit of length nor on the world's axes. A neighbour as far as the nearest point left out has no weight: which of the
-    two is chosen, rounding decides, and on another machine otherwise.
+    Zhao et al., "Point Transformer", 2021, with scalar attention and a relative position bias. Offsets are rotated to
+    the frame of the point's camera and divided by the point's depth, so that the result depends neither on the unit of
+    length nor on the world frame. The weight vanishes at the distance of neighbour k + 1, so that rounding errors in
+    the choice of neighbours do not change the result.
     """
 
     head_of_channel: Float[Tensor, "attention head"]  # 0 or 1
 
     def __init__(self, channels: int, attention_channels: int, num_neighbours: int, fade: float) -> None:
-        """fade: share of the squared distance to the nearest point left out, over which weights fall to nothing."""
+        """fade: range over which weights fall to zero, as a share of the squared distance to neighbour k + 1."""
         super().__init__()
         self.num_neighbours, self.fade = num_neighbours, fade
         heads = torch.eye(NUM_HEADS).repeat_interleave(attention_channels // NUM_HEADS, dim=0)
@@ -46,11 +46,11 @@ class NeighbourAttention(nn.Module):
         depth: Float[Tensor, " point"],
         world_to_view: Float[Tensor, "point 3 3"],
     ) -> Float[Tensor, "point channel"]:
-        """What to add to the features.
+        """Return the residual to add to the features.
 
-        points: world frame. depth: of each point in the view that saw it. world_to_view: rotation of that view.
+        points: in the world frame. depth: of each point in its own view. world_to_view: rotation of that view.
 
-        Block by block: what is gathered outweighs all else by far.
+        Points are processed in blocks, because gathered keys and values dominate the memory.
         """
         neighbours, presence = self._neighbours(points)
         normed = self.norm(features)
@@ -62,7 +62,7 @@ class NeighbourAttention(nn.Module):
     def _gather(
         self,
         key_value: Float[Tensor, "point attention2"],
-        places: Float[Tensor, "point 3"],
+        all_points: Float[Tensor, "point 3"],
         neighbours: Int[Tensor, "asking k"],
         presence: Float[Tensor, "asking k"],
         query: Float[Tensor, "asking attention"],
@@ -70,13 +70,13 @@ class NeighbourAttention(nn.Module):
         depth: Float[Tensor, " asking"],
         world_to_view: Float[Tensor, "asking 3 3"],
     ) -> Float[Tensor, "asking gathered"]:
-        """What some points find among their neighbours, all of whose keys, values and places are given.
+        """Return attended values and attended offsets of a block of points. key_value and all_points: of all points.
 
-        All heads share one batched product each way, by queries that are zero outside their head's channels: at these
-        sizes that beats splitting and copying.
+        All heads share one batched product per direction, with queries that are zero outside their head's channels,
+        which is faster at these sizes than splitting the heads.
         """
-        offsets = _relative_offsets(F.embedding(neighbours, places) - points[:, None], depth, world_to_view)
-        # `embedding` picks rows like an index, but much faster, and so its gradient
+        offsets = _relative_offsets(F.embedding(neighbours, all_points) - points[:, None], depth, world_to_view)
+        # `embedding` is much faster than indexing, and so is its gradient.
         key, value = F.embedding(neighbours, key_value).chunk(2, dim=-1)  # [asking k attention]
         logits = key @ (query[..., None] * self.head_of_channel) + self.offset_bias(offsets) + presence.log()[..., None]
         weights = logits.softmax(dim=1).transpose(1, 2)  # [asking head k]
@@ -84,7 +84,7 @@ class NeighbourAttention(nn.Module):
         return torch.cat((gathered, rearrange(weights @ offsets, "p head c -> p (head c)")), dim=-1)
 
     def _neighbours(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Indices of the k nearest points, and how far each is present, LEAST_PRESENCE to 1: [point k] both."""
+        """Return the indices of the k nearest points and their weights in [LEAST_PRESENCE, 1], both [point k]."""
         if len(points) <= self.num_neighbours:  # no point is left out
             neighbours = nearest_neighbours(points, self.num_neighbours)
             return neighbours, torch.ones_like(neighbours, dtype=points.dtype)
@@ -98,8 +98,8 @@ class NeighbourAttention(nn.Module):
 def _relative_offsets(
     offsets: Float[Tensor, "point k 3"], depth: Float[Tensor, " point"], world_to_view: Float[Tensor, "point 3 3"]
 ) -> Float[Tensor, "point k 4"]:
-    """Offsets in world axes -> in view axes, in units of depth, and their lengths."""
+    """Transform offsets from the world frame to the view frame, in units of depth; also returns their lengths."""
     offsets = offsets / depth[:, None, None]
     offsets = (offsets @ world_to_view.transpose(-1, -2)).clamp(-LARGEST_OFFSET, LARGEST_OFFSET)
     length = offsets.square().sum(dim=-1, keepdim=True).add(1e-12).sqrt()
-    return 10.0 * torch.cat((offsets, length), dim=-1)  # neighbours lie near 0.01 to 0.1 depths away
+    return 10.0 * torch.cat((offsets, length), dim=-1)  # typical offsets are 0.01 to 0.1

@@ -1,4 +1,4 @@
-"""Gaussian predictor P: implicit Gaussian state and cameras -> 3D Gaussians."""
+"""Gaussian predictor P: state S and cameras -> 3D Gaussians."""
 
 from dataclasses import dataclass
 
@@ -18,15 +18,15 @@ from fecocodec.receiver.free_space import free_space_violation
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid: one per 2x2 pixels
-LARGEST_OFFSET_CELLS = 1.0  # how far a Gaussian may leave its place, in cells of the 1/2 grid
-LARGEST_DISPARITY_STEP = 0.08  # how far a Gaussian may leave its cell's relative disparity
+LARGEST_OFFSET_CELLS = 1.0  # largest offset of a Gaussian from the centre of its cell, in cells of the 1/2 grid
+LARGEST_DISPARITY_STEP = 0.08  # largest difference of a Gaussian's relative disparity from that of its cell
 LARGEST_LOG_SCALE = 2.5  # scales lie within a factor exp(+-2.5) of 0.67 footprints
 RAW = {"opacity": 1, "offset": 2, "disparity": 1, "scale": 3, "rotation": 4, "colour": 3}  # head outputs a Gaussian
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Gaussians of every scene of the batch, ordered (view, row, column) on the 1/2 grid, and the disparity at 1/4."""
+    """Gaussians per scene, ordered (view, row, column) on the 1/2 grid, and relative disparity on the 1/4 grid."""
 
     gaussians: Gaussians
     relative_disparity: Float[Tensor, "batch view h4 w4"]
@@ -35,7 +35,7 @@ class Prediction:
 class Predictor(nn.Module):
     """S -> U-Net (1/4 to 1/16) -> depth (1/4) -> points -> KNN attention in 3D (1/8) -> head -> shuffle -> Gaussians.
 
-    The attention works on points at 1/8: at 1/4 it took 47 of 115 ms of decoding (docs/experiments.md).
+    Attention runs at 1/8 resolution, because at 1/4 it dominates the decoding time (docs/experiments.md).
     """
 
     def __init__(self, config: ReceiverConfig) -> None:
@@ -59,7 +59,7 @@ class Predictor(nn.Module):
     def forward(
         self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
     ) -> Prediction:
-        """item = (batch view); cameras has one batch dimension. Means come out in the frame and unit of the cameras."""
+        """Predict the Gaussians in the frame of the cameras. item: (batch view). cameras: with one batch dimension."""
         views = cameras.num_views
         with residual_branch():
             coarser = self._coarser(state, condition)
@@ -67,20 +67,18 @@ class Predictor(nn.Module):
         relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
         relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
         with residual_branch():
-            found = self._attend(features, relative, cameras)
-        raw = rearrange(pixel_shuffle(self.head(features + found).float()), "(b v) c h w -> b v h w c", v=views)
+            attended = self._attend(features, relative, cameras)
+        raw = rearrange(pixel_shuffle(self.head(features + attended).float()), "(b v) c h w -> b v h w c", v=views)
         return Prediction(self._activate(raw, relative, cameras), relative)
 
     def _coarser(self, state: Tensor, condition: RateCondition) -> Tensor:
-        """What the U-Net's levels at 1/8 and 1/16 add to the state."""
+        """Return the residual of the U-Net's levels at 1/8 and 1/16."""
         middle = self.middle_in(self.down_fine(state), condition)
         coarse = self.coarse(self.down_middle(middle), condition)
         return self.up_middle(self.middle_out(middle + self.up_coarse(coarse), condition))
 
     def _attend(self, features: Tensor, relative: Tensor, cameras: Cameras) -> Tensor:
-        """What KNN attention over the points of all views of a scene adds to the features; scene by scene, at half the
-        features' resolution.
-        """
+        """Return the residual of KNN attention over the points of all views, per scene, at half the resolution."""
         views = cameras.num_views
         pooled = F.avg_pool2d(features, 2)
         relative = F.avg_pool2d(relative, 2)
@@ -94,18 +92,18 @@ class Predictor(nn.Module):
             repeat(cameras.world_to_camera[..., :3, :3], "b v i j -> b (v h w) i j", h=height, w=width),
             strict=True,
         )
-        found = torch.stack([self.attention(*scene) for scene in scenes])
-        found = rearrange(found, "b (v h w) c -> (b v) c h w", v=views, h=height)
-        return F.interpolate(found, scale_factor=2.0, mode="nearest")
+        attended = torch.stack([self.attention(*scene) for scene in scenes])
+        attended = rearrange(attended, "b (v h w) c -> (b v) c h w", v=views, h=height)
+        return F.interpolate(attended, scale_factor=2.0, mode="nearest")
 
     def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:
-        """Raw head outputs on the 1/2 grid -> bounded Gaussian attributes; float32 throughout."""
+        """Convert raw outputs of the head on the 1/2 grid to bounded attributes of Gaussians, in float32."""
         height, width = raw.shape[2:4]
         opacity, offset, disparity, scale, rotation, colour = raw.split([*RAW.values()], dim=-1)
         fine = F.interpolate(relative, size=(height, width), mode="bilinear", align_corners=False)
         depth = depth_from_relative_disparity(fine + LARGEST_DISPARITY_STEP * torch.tanh(disparity[..., 0]), cameras)
         rays = rays_through(cameras, _cell_positions(raw, height, width) + _offset_uv(offset, height, width))
-        # Of a cell of the 1/2 grid, in scene units.
+        # Width of a cell of the 1/2 grid at this depth, in scene units.
         footprint = depth / (cameras.intrinsics[..., 0, 0, None, None] * width)
         scales = footprint[..., None] * torch.exp(LARGEST_LOG_SCALE * torch.tanh(scale / LARGEST_LOG_SCALE) - 0.4)
         identity = raw.new_tensor([1.0, 0.0, 0.0, 0.0])
@@ -124,7 +122,7 @@ class Predictor(nn.Module):
 
 
 def _cell_positions(like: Tensor, height: int, width: int) -> Float[Tensor, "height width 2"]:
-    """Normalised image position (u, v) of the centre of each cell."""
+    """Return the normalised image position (u, v) of the centre of each cell."""
     v, u = torch.meshgrid(
         (torch.arange(height, device=like.device, dtype=like.dtype) + 0.5) / height,
         (torch.arange(width, device=like.device, dtype=like.dtype) + 0.5) / width,
@@ -134,5 +132,5 @@ def _cell_positions(like: Tensor, height: int, width: int) -> Float[Tensor, "hei
 
 
 def _offset_uv(offset: Tensor, height: int, width: int) -> Tensor:
-    """Image-plane offset in normalised units, at most `LARGEST_OFFSET_CELLS` cells."""
+    """Convert raw offsets to normalised image units, bounded by `LARGEST_OFFSET_CELLS` cells."""
     return LARGEST_OFFSET_CELLS * torch.tanh(offset) / offset.new_tensor([width, height])

@@ -1,6 +1,6 @@
-"""Project points into a camera and sample maps of its view there.
+"""Project points into a camera and sample maps of its view at their projections.
 
-A view's Gaussians lie on a grid of its pixels, so a map of their attributes can be sampled without rendering.
+The Gaussians of a view form a regular grid over its image, so maps of their attributes are sampled without rendering.
 """
 
 import torch
@@ -16,10 +16,10 @@ SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 def project(
     camera: Cameras, points: Float[Tensor, "3 *grid"]
 ) -> tuple[Float[Tensor, "2 *grid"], Float[Tensor, "*grid"], Bool[Tensor, "*grid"]]:
-    """Normalised image positions of world points in one camera, their depths, and whether they lie inside the image.
+    """Project points in the world frame into one camera.
 
-    Points behind the camera get depth 1 and are not inside. Coordinates are the first dimension: as the last one they
-    take several times as long.
+    Returns normalised image positions, depths, and whether each point is inside the image. Points behind the camera get
+    depth 1 and are not inside. Coordinates are the first dimension, because it is several times as fast as the last.
     """
     to_camera = camera.world_to_camera[0]
     projection = camera.intrinsics[0] @ to_camera[:3]
@@ -35,7 +35,7 @@ def project(
 def sample_at(
     values: Float[Tensor, "channel height width"], uv: Float[Tensor, "2 *grid h w"]
 ) -> Float[Tensor, "channel *grid h w"]:
-    """Sample a view's map bilinearly at normalised image positions; positions outside take the border's values."""
+    """Sample a map of a view bilinearly at normalised image positions; outside the image the border is replicated."""
     positions = (2.0 * uv.clamp(-1, 2) - 1.0).flatten(1, -2)
     sampled = F.grid_sample(values[None], positions.permute(1, 2, 0)[None], padding_mode="border", align_corners=False)
     return sampled.view(len(values), *uv.shape[1:])

@@ -1,4 +1,4 @@
-"""State S and its update U: implicit Gaussian state and decoded features -> next state."""
+"""State S and its update U: S_k = U(concat(S_{k-1}, g_s(y_hat_k)))."""
 
 from dataclasses import dataclass
 
@@ -13,14 +13,14 @@ from fecocodec.layers.blocks import Block2d, RateCondition
 
 @dataclass(frozen=True)
 class State:
-    """Implicit Gaussian state of all views after a stage, and the condition of that stage, for the predictor."""
+    """State S of all views after a stage, and the rate condition of that stage, which the predictor also needs."""
 
     state: Float[Tensor, "view channel h4 w4"]
     condition: RateCondition
 
 
 class StateUpdate(nn.Module):
-    """concat(S, g_s(y_hat)) -> 1x1 conv -> 2D block -> next S, all at 1/4; also holds the learned start S0."""
+    """concat(S, g_s(y_hat)) -> 1x1 conv -> 2D block -> next S, all at 1/4; also has the learned initial state S0."""
 
     def __init__(self, config: ReceiverConfig) -> None:
         super().__init__()
@@ -30,7 +30,7 @@ class StateUpdate(nn.Module):
         self.block = Block2d(channels, config.fine_hidden)
 
     def start(self, num_items: int, height4: int, width4: int) -> Float[Tensor, "item channel h4 w4"]:
-        """S0, the same at every position of every view."""
+        """Return S0, which is the same at every position of every view."""
         return self.initial_state.expand(num_items, -1, height4, width4)
 
     def forward(
@@ -39,9 +39,9 @@ class StateUpdate(nn.Module):
         features: Float[Tensor, "item channel h4 w4"],
         condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """The state may be a single position (`start(n, 1, 1)`), which stands for all.
+        """Return the next state. A state of spatial size 1x1 (`start(n, 1, 1)`) is broadcast to all positions.
 
-        The 1x1 convolution of the concatenation is the sum of two: nothing is copied, and S0 costs nothing.
+        The 1x1 convolution of the concatenation is computed as a sum of two, which avoids the copy.
         """
         of_state, of_features = self.join.weight.chunk(2, dim=1)
         joined = F.conv2d(features, of_features, self.join.bias).add_(F.conv2d(state, of_state))

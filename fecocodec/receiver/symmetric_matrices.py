@@ -37,8 +37,8 @@ def to_axes(
 ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "n 4"]]:
     """Return scales and unit quaternions wxyz with R diag(scales^2) R^T = M, the inverse of `from_axes`.
 
-    Cyclic Jacobi rotations (Golub and Van Loan, "Matrix Computations", section 8.5) about the coordinate axes, whose
-    quaternions are multiplied; all matrices at once, in float64.
+    Uses cyclic Jacobi rotations about the coordinate axes (Golub and Van Loan, "Matrix Computations", section 8.5) and
+    multiplies their quaternions, for all matrices at once, in float64.
     """
     xx, xy, xz, yy, yz, zz = (entry.astype(np.float64) for entry in matrices.T)
     entries = {(0, 0): xx, (0, 1): xy, (0, 2): xz, (1, 1): yy, (1, 2): yz, (2, 2): zz}
@@ -55,7 +55,7 @@ def to_axes(
 def _rotate(
     entries: dict[tuple[int, int], Float[np.ndarray, " n"]], p: int, q: int, axis: int
 ) -> Float[np.ndarray, " n"]:
-    """Rotate about an axis, from p towards q, so that entry pq vanishes; returns the angle, at most pi / 4."""
+    """Rotate about an axis, from p towards q, so that entry pq vanishes; returns the angle in [-pi/4, pi/4]."""
     pq, pr, qr = ((min(a, b), max(a, b)) for a, b in ((p, q), (p, axis), (q, axis)))
     pp, qq, off = entries[p, p], entries[q, q], entries[pq]
     theta = 0.5 * np.arctan2(2.0 * off * np.where(pp < qq, -1.0, 1.0), np.abs(pp - qq) + _TINY)

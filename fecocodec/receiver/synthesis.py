@@ -1,4 +1,4 @@
-"""Synthesis transform g_s: decoded latent -> feature update at 1/4 resolution."""
+"""Synthesis transform g_s: decoded latent y_hat (1/8) -> features (1/4)."""
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -10,7 +10,7 @@ from fecocodec.layers.blocks import BlockChain, RateCondition, upsample
 class Synthesis(nn.Module):
     """y_hat (1/8) -> 3x3 conv -> 2D blocks at 1/8 -> upsample -> features (1/4).
 
-    No block at 1/4: the state update has one, and a second cost a tenth of the decoding time (docs/experiments.md).
+    There is no block at 1/4, because the state update has one and a second one is slow (docs/experiments.md).
     """
 
     def __init__(self, config: ReceiverConfig) -> None:

@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs
 """Gradient of `compositing`: from pixels back to the splats of each tile.
 
-Processes splats front to back like `composite`. What lies behind a splat is the finished pixel minus what lies in
-front, so nothing is stored per pair of splat and pixel.
+Processes splats front to back like `composite`. The contribution of the splats behind a splat is the final pixel minus
+the contribution of those in front, so nothing is stored per pair of splat and pixel.
 """
 
 import numpy as np
@@ -12,13 +12,13 @@ from fecocodec.rendering.compositing import HALF, ONE, PIXELS, SIDE, ZERO, has_l
 from fecocodec.rendering.splats import ALPHA_MAX, TRANSMITTANCE_MIN, falloff
 from fecocodec.rendering.tiles import TILE_SIZE
 
-# Where the planes of a tile begin; BEHIND is the sum of weight * dL/d(weight) over the splats not yet walked past.
+# Offsets of the planes of a tile. BEHIND is the sum of weight * dL/d(weight) over the splats not yet processed.
 _TRANSMITTANCE, _BEHIND, _D_RED, _D_GREEN, _D_BLUE, _D_DEPTH, _D_ALPHA, _END = (
     np.uintp(plane) * PIXELS for plane in range(8)
 )
 
-# Where the sums over each column of a tile begin: gradients are summed down the rows first, as vectors, and across the
-# columns once a splat. FALL is dL/d(alpha) * alpha; _Y and _YY are its moments along y.
+# Offsets of the sums over the columns of a tile. Gradients are summed over rows first, as vectors, then once per splat
+# over columns. FALL is dL/d(alpha) * alpha; _Y and _YY are its moments along y.
 _RED, _GREEN, _BLUE, _DEPTH, _FALL, _FALL_Y, _FALL_YY, _END_OF_SUMS = (np.uintp(field) * SIDE for field in range(8))
 
 
@@ -67,9 +67,9 @@ def _read_tile(left, top, images, d_images, planes):
 
 @compiled
 def _blend_backward(splat, left, top, planes, sums, gradient):
-    """Write the gradient of one splat in this tile, and move the planes past it.
+    """Write the gradient of one splat in this tile, and update the planes for the next splat.
 
-    With T the transmittance in front of it, dL/d(alpha) = T dL/dw - (what lies behind) / (1 - alpha).
+    With T the transmittance in front of the splat, dL/d(alpha) = T dL/dw - BEHIND / (1 - alpha).
     """
     centre_x = splat.x - np.float32(left) - HALF
     centre_y = splat.y - np.float32(top) - HALF
@@ -119,7 +119,7 @@ def _blend_backward(splat, left, top, planes, sums, gradient):
         sum_xx += fall * dx * dx
         sum_xy += fall_y * dx
         sum_yy += sums[_FALL_YY + column]
-    # alpha falls with the exponent (xx dx^2 + yy dy^2) / 2 + xy dx dy; dx and dy fall as the centre moves on.
+    # alpha decreases with the exponent (xx dx^2 + yy dy^2) / 2 + xy dx dy; dx and dy decrease as the centre increases.
     gradient[0] = splat.conic_xx * sum_x + xy * sum_y
     gradient[1] = xy * sum_x + splat.conic_yy * sum_y
     gradient[2], gradient[3], gradient[4] = -HALF * sum_xx, -sum_xy, -HALF * sum_yy

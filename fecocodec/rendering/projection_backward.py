@@ -69,7 +69,7 @@ def _point_backward(pinhole, point, jacobian, axes, scale, d_row_x, d_row_y, d_x
         d_yz += d_row_y[k] * scale[k] * axes[k][2]
     low_x, high_x = slope_limits(pinhole.focal_x, pinhole.centre_x, pinhole.width)
     low_y, high_y = slope_limits(pinhole.focal_y, pinhole.centre_y, pinhole.height)
-    # J's slope entries are -focal * slope / z; inside the limits slope = x / z moves with the mean.
+    # The slope entries of J are -focal * slope / z; inside the limits, slope = x / z depends on the mean.
     d_slope_x = -xx * d_xz if low_x < x / z < high_x else 0.0
     d_slope_y = -yy * d_yz if low_y < y / z < high_y else 0.0
     d_slope_x += pinhole.focal_x * d_x
@@ -97,7 +97,7 @@ def _axes_backward(pinhole, unit, length, axes, jacobian, scale, d_row_x, d_row_
         apply_transposed(pinhole.rotation, scaled(scale[2], d_axis_2)),
     )
     dw, dx, dy, dz = rotation_columns_backward(unit[0], unit[1], unit[2], unit[3], d_columns)
-    along = dw * unit[0] + dx * unit[1] + dy * unit[2] + dz * unit[3]  # length does not matter: remove this part
+    along = dw * unit[0] + dx * unit[1] + dy * unit[2] + dz * unit[3]  # radial part, without effect
     return d_scale, (
         (dw - along * unit[0]) / length,
         (dx - along * unit[1]) / length,

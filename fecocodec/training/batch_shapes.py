@@ -1,4 +1,4 @@
-"""How many scenes and views of which size a batch has: one usual shape, and others that cost about as much."""
+"""Shapes of batches: numbers of scenes and views and image size, at about equal cost per batch."""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE, SIDE_MULTIPLE
 
 @dataclass(frozen=True)
 class BatchShape:
-    """Scenes, views and pixels of a batch; size is (height, width)."""
+    """Numbers of scenes, context views and target views of a batch. size: (height, width) in pixels."""
 
     num_scenes: int
     num_context: int
@@ -21,14 +21,15 @@ class BatchShape:
 
 @dataclass(frozen=True)
 class BatchShapes:
-    """The shapes that a run draws from, batch by batch.
+    """The shapes from which a run draws one for each batch.
 
-    num_scenes: of a batch of the usual shape, which has the first number of views and the first size; a batch of
-    another shape gets as many scenes as keep its pixels, over all views, at those of the usual one or below.
-    view_shares: (number of context views, how likely); the shares need not add up to one.
-    sizes: (height, width), drawn evenly among those of which one scene with the drawn number of views fits.
+    num_scenes: scenes in a batch of the usual shape, which has the first number of views and the first size. A batch of
+    another shape has as many scenes as possible without exceeding the pixels of the usual shape.
+    view_shares: pairs (number of context views, relative frequency); the frequencies need not sum to 1.
+    num_target: target views of every scene. sizes: (height, width) in pixels, drawn uniformly among those for which at
+    least one scene fits.
 
-    Raises InputError where something is out of range, or a number of views fits with no size.
+    Raises InputError if a value is out of range, or a number of views fits at no size.
     """
 
     num_scenes: int
@@ -57,17 +58,17 @@ class BatchShapes:
 
     @property
     def most_pixels(self) -> int:
-        """Pixels of all views of a batch, at most: those of the usual shape."""
+        """Return the largest number of pixels of all views of a batch: that of the usual shape."""
         height, width = self.sizes[0]
         return self.num_scenes * (self.view_shares[0][0] + self.num_target) * height * width
 
     @property
     def usual(self) -> BatchShape:
-        """The first number of views at the first size."""
+        """Return the usual shape: the first number of views at the first size."""
         return BatchShape(self.num_scenes, self.view_shares[0][0], self.num_target, self.sizes[0])
 
     def draw(self, generator: torch.Generator) -> BatchShape:
-        """The shape of a batch. Where there is no choice the generator is left alone."""
+        """Draw the shape of a batch. The generator is not used if there is no choice."""
         num_context = self._draw_views(generator)
         sizes = self._sizes_for(num_context)
         pick = int(torch.randint(len(sizes), (), generator=generator)) if len(sizes) > 1 else 0

@@ -1,8 +1,8 @@
-"""The last phase of training: the entropy model alone, on latents of the finished networks.
+"""Last phase of training: the entropy model alone, on latents of the trained networks.
 
-A step of the whole codec takes seconds, one of the entropy model a tenth of a second, so that it can take a hundred
-times as many. The other networks stay as they are. The choice of symbols depends on their cost, so that files of one
-lambda change in bytes and in quality; at equal quality they become smaller.
+A step of the entropy model takes a tenth of a second instead of seconds, so that it can be trained for many more steps.
+The other networks do not change. Because the choice of symbols depends on their bits, files at a fixed lambda change in
+size and in quality; at equal quality they are smaller.
 """
 
 import math
@@ -28,7 +28,7 @@ from fecocodec.training.loop import ALONE_EVERY, Trainer
 from fecocodec.training.objective import lambda_of
 from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
 
-LAMBDAS_OF_A_SCENE = 2  # matching, which takes longest, is the same for all
+LAMBDAS_OF_A_SCENE = 2  # matching, the slowest part, is shared by them
 SCENES_OF_A_STEP = 2
 WARM_UP = 100  # steps
 LOG_EVERY = 200  # steps
@@ -36,7 +36,10 @@ LOG_EVERY = 200  # steps
 
 @dataclass(frozen=True)
 class EntropyPhase:
-    """num_scenes: of each process, whose latents are kept in memory (about 1.6 MB a pair of 256x256)."""
+    """Settings of the phase.
+
+    num_scenes: scenes per process, whose latents are kept in memory (about 1.6 MB per pair of 256x256 pixels).
+    """
 
     num_steps: int
     num_scenes: int = 400
@@ -49,7 +52,7 @@ class EntropyPhase:
 
 @dataclass(frozen=True)
 class SceneLatents:
-    """Latents of one stage or two before coding, and what stage 2 knows of stage 1; `lambda_q` as in streams."""
+    """Latents of one or two stages before coding, and y_hat of stage 1 for stage 2. lambda_q: as in streams."""
 
     lambda_q: int
     y: tuple[Float[Tensor, "view latent h8 w8"], ...]
@@ -57,10 +60,10 @@ class SceneLatents:
 
 
 def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[str, float]]:
-    """Train prior and hyper-analysis of a trainer's averaged weights, then save its checkpoint.
+    """Train entropy model and hyper-analysis, starting at a trainer's averaged weights, then save its checkpoint.
 
-    Yields step, steps skipped for gradients that were not finite, and bits a context pixel of either stage in the mean
-    of `LOG_EVERY` steps. Stopped before its end it leaves the checkpoint as it was.
+    Every `LOG_EVERY` steps, yields the step, the number of steps skipped because gradients were not finite, and the
+    mean bits per context pixel of each stage. The checkpoint is written only at the end.
     """
     trainer.networks.load_state_dict(trainer.average)
     scenes = draw_latents(trainer, phase.num_scenes)
@@ -84,8 +87,11 @@ def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[
 
 
 def draw_latents(trainer: Trainer, num_scenes: int) -> list[SceneLatents]:
-    """Scenes of the trainer's sources and shapes, each at `LAMBDAS_OF_A_SCENE` values of lambda, log-uniform; at the
-    last of them every `ALONE_EVERY`-th has one stage alone, as in training."""
+    """Return latents of scenes drawn from the trainer's sources and shapes.
+
+    Each scene is coded at `LAMBDAS_OF_A_SCENE` log-uniform values of lambda; every `ALONE_EVERY`-th scene has a single
+    stage at the last of them, as in training.
+    """
     configuration, generator = trainer.settings.configuration, trainer.generator
     share = configuration.schedule.photograph_share[1]
     lowest, highest = configuration.lambda_q_range
@@ -103,7 +109,7 @@ def draw_latents(trainer: Trainer, num_scenes: int) -> list[SceneLatents]:
 
 @torch.no_grad()
 def latents_of(codec: Codec, views: Views, lambdas_q: Sequence[int], num_alone: int = 0) -> list[SceneLatents]:
-    """The latents that the sender codes for these views; at the last `num_alone` lambdas, those of a single stage."""
+    """Return the latents that the sender codes for these views; a single stage at the last `num_alone` lambdas."""
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
     found = []
@@ -116,7 +122,10 @@ def latents_of(codec: Codec, views: Views, lambdas_q: Sequence[int], num_alone: 
 
 
 def _priced_bits(trainer: Trainer, scene: SceneLatents) -> tuple[Float[Tensor, ""], dict[str, float]]:
-    """Bits a context pixel of all stages, times the root of lambda, as they fall with it; also the bits alone."""
+    """Return the loss, bits per context pixel times sqrt(lambda / 1e-3), and the bits per context pixel of each stage.
+
+    The weight compensates for the decrease of bits with lambda.
+    """
     prior, hyper_analysis = trainer.receiver.prior, trainer.sender.hyper_analysis
     lambda_q = torch.full((len(scene.y[0]),), scene.lambda_q, device=scene.y[0].device)
     pixels = 64 * scene.y[0][:, 0].numel()

@@ -1,4 +1,4 @@
-"""The training loop: steps, averaged weights, log, checkpoints."""
+"""The training loop: optimisation steps, averaged weights, log, checkpoints."""
 
 import math
 import time
@@ -51,10 +51,10 @@ class RunSettings:
 
 
 class Trainer:
-    """Both ends' networks with optimiser, averaged weights and generator; resumes from `folder/last.pt`."""
+    """Sender and receiver with optimiser, averaged weights and random generator. Checkpoint: `folder/last.pt`."""
 
     def __init__(self, settings: RunSettings, sources: Sources, sender: Sender | None = None) -> None:
-        """sender: replaces that of the configuration, as one with an adapted extractor (`adapted_sender`)."""
+        """sender: replaces the sender of the configuration, for example by one with an external extractor."""
         self.settings, self.sources = settings, sources
         configuration = settings.configuration
         torch.manual_seed(settings.seed)  # every process starts from the same weights
@@ -71,7 +71,7 @@ class Trainer:
         learning = [parameter for parameter in self.networks.parameters() if parameter.requires_grad]
         self.optimiser = torch.optim.AdamW(learning, lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
-        torch.manual_seed(settings.seed * 1000 + process_rank())  # then each has its own noise
+        torch.manual_seed(settings.seed * 1000 + process_rank())  # from here on each has its own noise
         self.step, self.num_skipped, self.seed = 0, 0, settings.seed
         self._fixed_scenes: list[Batch] = []
 
@@ -100,7 +100,7 @@ class Trainer:
         self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
 
     def resume(self, path: Path) -> None:
-        """Restore a checkpoint exactly. Raises ModelError if it is of other networks or number of processes."""
+        """Restore a checkpoint exactly. Raises ModelError if networks or number of processes differ."""
         saved = load_checkpoint(path)
         try:
             generator, noise = (saved[name][process_rank()] for name in ("generators", "global_generators"))
@@ -142,7 +142,7 @@ class Trainer:
         return self.settings.device != "cpu"
 
     def train_step(self) -> dict[str, float]:
-        """Draw a batch, take one step, return the parts of the loss. A batch with non-finite gradients is skipped."""
+        """Draw a batch, take one step and return the parts of the loss. Non-finite gradients skip the step."""
         schedule = self.settings.configuration.schedule
         batch, num_stages = self._draw_batch()
         outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages)
@@ -159,7 +159,7 @@ class Trainer:
         return parts | {"loss": float(loss.detach()), "gradient": norm}
 
     def _draw_batch(self) -> tuple[Batch, int]:
-        """Draw a batch and its number of stages: in every eighth step one, because files may have one stage."""
+        """Draw a batch and its number of stages. Every eighth step has one stage, because files may have one stage."""
         configuration = self.settings.configuration
         # Every process draws the same shape, so that none waits for another.
         common = torch.Generator().manual_seed(self.seed * 1_000_003 + self.step)
@@ -181,7 +181,7 @@ class Trainer:
         torch._foreach_lerp_(list(self.average.values()), list(self.networks.state_dict().values()), 1.0 - decay)
 
     def run(self) -> Iterator[dict[str, float]]:
-        """Train until the schedule or the time ends; yields a row of the log every `log_every` steps and at the end.
+        """Train until the schedule or the time limit ends; yields a log row every `log_every` steps and at the end.
 
         A row holds means over its steps. Skipped batches are counted in the column `skipped` and excluded from means.
         Raises OutputError if files cannot be written.
@@ -219,7 +219,7 @@ class Trainer:
         return {"step": float(self.step), "minutes": minutes, "skipped": float(self.num_skipped)}
 
     def draw_samples(self) -> Path:
-        """Render the fixed scenes with the present networks and write the picture; returns its path."""
+        """Render the fixed scenes with the current networks, write the image and return its path."""
         settings = self.settings
         if not self._fixed_scenes:
             scenes = draw_fixed_scenes(self.sources, settings.configuration.shapes.usual.size)

@@ -1,4 +1,4 @@
-"""One training pass: both stages of the codec on a batch, and the loss of the paper's section 3.4 plus depth's."""
+"""One training pass: the stages of the codec on a batch, and the loss of the paper (section 3.4) plus a depth loss."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -25,17 +25,19 @@ from fecocodec.sender.stage_lambdas import stage_lambdas
 
 MATCHING_WEIGHT = 0.5
 DISPARITY_WEIGHT = 0.5
-AGREED = 0.7  # agreement of views from which matched depth of photographs is believed
-# The entropy model serves every lambda alike, so it learns from bits at one price. At lambda's own it would learn from
-# high lambdas alone, whose bits weigh a thousand times as much. This is the root mean square of lambda in training.
+AGREED = 0.7  # cross-view consistency above which matched depth of photographs supervises disparity
+# Weight of the rate in the gradient of the entropy model, the same for every lambda. Weighted by lambda, bits at high
+# lambda would count a thousand times as much as those at low lambda. The value is the root mean square of lambda in
+# training.
 ENTROPY_PRICE = 2.7e-3
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Scenes with equally many views of one size: the first `num_context` views are coded, the others are targets.
+    """Scenes with equally many views of one size. The first `num_context` views are coded, the others are targets.
 
-    depth: exact depth of procedural scenes, NaN for photographs. cameras: normalised scenes.
+    images: sRGB in [0, 1]. cameras: in the normalised frame of each scene. depth: in units of near, exact for
+    procedural scenes, NaN for photographs.
     """
 
     images: Float[Tensor, "batch view 3 h w"]
@@ -45,7 +47,7 @@ class Batch:
     lambda_q: Int[Tensor, " batch"]
 
     def to(self, device: str) -> "Batch":
-        """The same on a device."""
+        """Return the batch on a device."""
         images, depth, lambda_q = (tensor.to(device) for tensor in (self.images, self.depth, self.lambda_q))
         return Batch(images, self.cameras.to(device), depth, self.num_context, lambda_q)
 
@@ -61,7 +63,7 @@ class MatchedDisparity:
 
 @dataclass(frozen=True)
 class StageOutcome:
-    """What one stage of a training pass produced. lambda_q: what it was coded at."""
+    """Results of one stage of a training pass. lambda_q: quantised lambda of the stage."""
 
     prediction: Prediction
     renderings: tuple[Rendering, ...]  # one per scene, all its views
@@ -73,9 +75,9 @@ Coding = LatentCoder[EstimatedLatent]
 
 
 def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
-    """The coding of the rate-distortion phases: rounding with straight-through gradients and an estimated rate.
+    """Return the latent coder of the rate-distortion phases: straight-through rounding and an estimated rate.
 
-    Gradients of the bits with respect to latents are scaled by lambda / ENTROPY_PRICE: see `loss_of`.
+    Gradients of the bits with respect to the latents are scaled by lambda / ENTROPY_PRICE; see `loss_of`.
     """
 
     def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
@@ -91,12 +93,12 @@ def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
 
 
 def bypass_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
-    """The warm-up: latents get the noise of rounding, nothing is coded."""
+    """Code latents during warm-up: add uniform noise in [-1/2, 1/2), with zero bits."""
     return EstimatedLatent(y + torch.rand_like(y) - 0.5, y.new_zeros(y.shape[0]))
 
 
 def lambda_of(lambda_q: Int[Tensor, " item"]) -> Float[Tensor, " item"]:
-    """Lambda from the container's fixed point."""
+    """Return lambda of quantised lambda."""
     return LAMBDA_MIN * torch.exp(lambda_q / STEPS_PER_E)
 
 
@@ -105,7 +107,7 @@ def _scale_gradient(x: Tensor, factor: Tensor) -> Tensor:
 
 
 class BatchEncoder(SceneEncoder):
-    """The pass over the stages for a training batch: it also renders target views, with one colour per Gaussian."""
+    """Scene encoder for a training batch. It also renders target views; colours do not depend on the direction."""
 
     def __init__(self, sender: Sender, receiver: Receiver, batch: Batch) -> None:
         context = list(range(batch.num_context))
@@ -113,11 +115,11 @@ class BatchEncoder(SceneEncoder):
         self.batch = batch
 
     def render(self, stage: Stage[Any]) -> StageRendering:
-        """The context views, which feedback needs, and one target view."""
+        """Render the context views, which feedback needs, and one target view."""
         return self.render_views(stage, self.num_views + 1)
 
     def render_views(self, stage: Stage[Any], num_views: int) -> StageRendering:
-        """The first so many views of every scene."""
+        """Render the first `num_views` views of every scene."""
         prediction = self.predict(stage.state, stage.inputs.condition)
         cameras = self.batch.cameras.select(list(range(num_views)))
         scenes = (
@@ -130,9 +132,9 @@ class BatchEncoder(SceneEncoder):
 def run_stages(
     sender: Sender, receiver: Receiver, batch: Batch, coding: Coding, num_stages: int
 ) -> tuple[list[StageOutcome], MatchedDisparity]:
-    """Code, decode and render a batch; also returns the disparity that matching found.
+    """Code, decode and render a batch; returns the results per stage and the disparity of matching.
 
-    The last stage is judged on all views, those before it on the context views and one target.
+    The last stage is rendered at all views, earlier stages at the context views and one target view.
     """
     encoder = BatchEncoder(sender, receiver, batch)
     stages = encoder.run(batch.lambda_q, num_stages, coding)
@@ -157,19 +159,21 @@ def run_stages(
 
 @torch.no_grad()
 def with_targets(sender: Sender, batch: Batch, matched: MatchedDisparity) -> MatchedDisparity:
-    """The same; in photographs where the context views confirm nothing, what the target views confirm.
+    """Replace inconsistent disparity of photographs by that of matching with the target views included.
 
-    Targets see much that only one context view sees, and whose depth is a guess to the sender.
+    Surfaces visible in only one context view, where the sender cannot measure depth, are often visible in target views.
     """
     if not batch.depth.isnan().any():
         return matched
     views = batch.num_context
     depth = sender.extractor.match(batch.images, batch.cameras).depth
-    found = (depth.relative_disparity, depth.agreement)
-    settled, agreed = (rearrange(item, "(b v) 1 h w -> b v h w", b=len(batch.images))[:, :views] for item in found)
-    is_sure = matched.agreement > AGREED
+    maps = (depth.relative_disparity, depth.agreement)
+    disparity, consistency = (rearrange(x, "(b v) 1 h w -> b v h w", b=len(batch.images))[:, :views] for x in maps)
+    is_consistent = matched.agreement > AGREED
     return MatchedDisparity(
-        matched.learned, torch.where(is_sure, matched.settled, settled), torch.where(is_sure, matched.agreement, agreed)
+        matched.learned,
+        torch.where(is_consistent, matched.settled, disparity),
+        torch.where(is_consistent, matched.agreement, consistency),
     )
 
 
@@ -180,11 +184,12 @@ def loss_of(
     disparity_weight: float,
     distortion: Distortion = MseDistortion(),  # noqa: B008 - frozen
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
-    """Sum over stages of D + lambda R (paper, training strategy), each at its lambda, plus L1 on relative disparity.
+    """Return the loss and its parts for the log.
 
-    D: mean over views of `distortion`, target views weighted. R: bits per context pixel. Disparity counts where depth
-    is known or views agree on it. The gradient of R is at ENTROPY_PRICE, which `code_with_noise` turns into lambda for
-    all but the entropy model. Returns the loss and its parts for the log.
+    The loss is the sum over stages of D + lambda R (paper, training strategy), with lambda of the stage, plus L1 losses
+    on relative disparity. D: weighted mean of `distortion` over views. R: bits per context pixel. Disparity is
+    supervised where depth is known or cross-view consistent. The gradient of R has the weight ENTROPY_PRICE, which
+    `code_with_noise` rescales to lambda for all networks except the entropy model.
     """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
     truth = _best_known_disparity(batch, matched)
@@ -210,17 +215,19 @@ def loss_of(
 
 
 def _view_weights(num_context: int, num_views: int, target_weight: float) -> Float[Tensor, " view"]:
-    """Targets count more than context views, which are easy to fit without getting depth right; the mean is 1."""
+    """Return the weight of each view, 1 on average.
+
+    Target views have a larger weight, because context views can be fitted with wrong depth.
+    """
     weights = torch.ones(num_views)
     weights[num_context:] = target_weight
     return weights / weights.mean()
 
 
 def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tensor, "batch view h4 w4"]:
-    """The exact one; in photographs the matched one where views agree, NaN elsewhere.
+    """Return exact disparity for procedural scenes, consistent matched disparity for photographs, NaN elsewhere.
 
-    Matched depth has sharper edges than what latents and state make of it, and none of its errors is shared by both
-    views. On dev pairs, moving decoded depth halfway to it gained 0.17 dB without any training.
+    Matched depth has sharper edges than decoded depth, and its errors differ between the views.
     """
     is_photograph = batch.depth.isnan().all(dim=(1, 2, 3), keepdim=True)
     agreed = torch.where(matched.agreement > AGREED, matched.settled, torch.nan)
@@ -234,7 +241,8 @@ def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:
     return rearrange(pooled, "(b v) h w -> b v h w", v=views)
 
 
-def _masked_l1(found: Tensor, truth: Tensor) -> Float[Tensor, ""]:
+def _masked_l1(predicted: Tensor, truth: Tensor) -> Float[Tensor, ""]:
+    """Return the L1 error, where `truth` is finite, as a mean over all pixels."""
     known = torch.isfinite(truth)
-    difference = (found - torch.where(known, truth.clamp(-0.05, 1.05), found.detach())).abs()
+    difference = (predicted - torch.where(known, truth.clamp(-0.05, 1.05), predicted.detach())).abs()
     return difference.mean()

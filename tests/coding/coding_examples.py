@@ -1,4 +1,4 @@
-"""Priors and latents that the tests of this folder share, from numpy's generator: torch's depends on vector width."""
+"""Entropy models and latents for tests, from numpy's generator, because torch's depends on the vector width."""
 
 import numpy as np
 import torch
@@ -9,7 +9,7 @@ from fecocodec.coding.priors import LatentPrior
 
 
 def lively_prior(seed: int = 0) -> LatentPrior:
-    """Random weights whose entropy parameters vary widely: means of several units, tables from skipped to wide."""
+    """Return an entropy model with random weights and widely varying means and table indices."""
     rng = np.random.default_rng(seed)
     prior = LatentPrior()
     for name, layer in prior.named_modules():
@@ -22,7 +22,7 @@ def lively_prior(seed: int = 0) -> LatentPrior:
 
 
 def smooth_latents(views: int, height_8: int, width_8: int, seed: int = 0) -> tuple[Tensor, Tensor]:
-    """y and z of moderate spread; y is correlated between neighbours."""
+    """Return y and z of moderate variance; y is spatially correlated."""
     rng = np.random.default_rng(seed)
     coarse = rng.normal(size=(views, 32, height_8 // 4, width_8 // 4)) * 2.0
     y = coarse.repeat(4, axis=2).repeat(4, axis=3) + rng.normal(size=(views, 32, height_8, width_8)) * 0.5

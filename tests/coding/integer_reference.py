@@ -1,4 +1,4 @@
-"""The decoding process of ENTROPY.md in int64, position by position as the text has it; slow and independent."""
+"""Independent reference of the decoding process of ENTROPY.md, in int64, position by position."""
 
 import numpy as np
 
@@ -64,7 +64,7 @@ def decode(
     stage: int,
     context: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """z_hat and y_hat, Q8, [view row column channel]; context: y_hat Q8 of stage 1."""
+    """Return z_hat and y_hat, Q8, [view row column channel]. context: y_hat of stage 1, Q8."""
     views, height, width = size_8
     ans = ReferenceAns(payload)
     condition = np.zeros(4, dtype=np.int64)
@@ -101,7 +101,7 @@ def decode(
 
 
 def first_step(weights: Weights, ans: ReferenceAns, known: np.ndarray) -> np.ndarray:
-    """Step 0 in its three passes over blocks of 2x2 positions; [view row column 8]."""
+    """Decode step 0 in three passes over blocks of 2x2 positions; returns [view row column 8]."""
     views, height, width, _ = known.shape
     this = np.zeros((views, height, width, 8), dtype=np.int64)
     offsets = [], [(-1, -1), (-1, 1), (1, -1), (1, 1)], [(-1, 0), (0, -1), (0, 1), (1, 0)]

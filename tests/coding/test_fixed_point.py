@@ -1,4 +1,4 @@
-"""Layers in float64 are integer arithmetic; layers in float32 are close to it."""
+"""Fixed-point layers equal integer arithmetic in float64, and approximate it in float32."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def integer_layer(layer: FixedPointLinear, x: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("weight_scale", [0.05, 1.0, 20.0])
 def test_float64_is_integer_arithmetic(weight_scale: float):
-    """Extreme activations and weights beyond their range included."""
+    """Includes extreme activations, and weights beyond their range."""
     torch.manual_seed(0)
     layer = FixedPointLinear(360, 24, num_groups=4)
     layer.weight.data.normal_(0, weight_scale)

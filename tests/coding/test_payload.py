@@ -1,4 +1,4 @@
-"""Latents survive coding symbol for symbol, whatever they are, and damage is noticed."""
+"""Coding of any latents is lossless after quantisation, and damage is detected."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_both_stages_round_trip(views: int):
 def test_coded_elements_are_off_by_little_and_skipped_ones_are_their_mean(
     price: float, most_off: float, monkeypatch: pytest.MonkeyPatch
 ):
-    """By half a step where bits cost nothing, by one more where the symbol before the nearest may be taken."""
+    """Errors are at most half a step if bits have no price, and one more step otherwise."""
     monkeypatch.setitem(PRICES, 1, (price, price))
     y, z = smooth_latents(2, 8, 8)
     _, coded = encode_latents(lively_prior(), y, z, 0, 1, None)
@@ -104,8 +104,8 @@ def test_damaged_payloads_raise_or_change_the_digest():
 
 
 def test_random_bytes_raise_or_are_the_only_encoding_of_what_they_say(monkeypatch: pytest.MonkeyPatch):
-    """Bytes that end before the symbols do are now and then a payload by chance; only a digest can tell."""
-    monkeypatch.setitem(PRICES, 1, (0.0, 0.0))  # the nearest symbols
+    """Random bytes are sometimes a valid payload; only the digest detects these."""
+    monkeypatch.setitem(PRICES, 1, (0.0, 0.0))  # choose the nearest symbols
     rng = np.random.default_rng(1)
     prior, valid = lively_prior(), 0
     for length in (0, 1, 4, *[3] * 12, 39, 399, 3999):

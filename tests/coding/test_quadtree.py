@@ -1,4 +1,4 @@
-"""The quadtree covers a latent once, in the order of DCVC-DC."""
+"""The quadtree codes each element of a latent once, in the order of DCVC-DC."""
 
 import torch
 

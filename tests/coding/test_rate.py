@@ -1,4 +1,4 @@
-"""What training optimises is what the bitstream costs and what the receiver sees."""
+"""The estimated rate and latents of training match the bitstream and the decoded latents."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from tests.coding.coding_examples import lively_prior, smooth_latents
 
 
 class Sampler(SymbolCoder):
-    """In place of a writer: symbols drawn from the tables, so that the latents are what the prior says."""
+    """Replaces a symbol writer: draws symbols from the tables, so that latents follow the entropy model exactly."""
 
     def __init__(self) -> None:
         self.rng = np.random.default_rng(0)
@@ -37,7 +37,7 @@ def latents_of(prior: LatentPrior, stage: int, context: torch.Tensor | None) -> 
 @pytest.mark.parametrize("stage", [1, 2])
 @pytest.mark.parametrize("prior", [LatentPrior(), lively_prior()], ids=["fresh", "lively"])
 def test_estimate_is_the_length_of_the_payload(prior: LatentPrior, stage: int, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(PRICES, stage, (0.1, 0.1))  # the higher, the more symbols hang on how tables are rounded
+    monkeypatch.setitem(PRICES, stage, (0.1, 0.1))  # higher prices depend more on rounded table indices
     context = None if stage == 1 else latents_of(prior, 1, None)[0]
     y, z = latents_of(prior, stage, context)
     payload, coded = encode_latents(prior, y, z, 900, stage, context)
@@ -102,7 +102,7 @@ def test_noise_is_in_the_gradient_and_comes_from_the_generator():
 
 
 def skipped_step(values: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    values, position = (tensor.view(1, 1, 1, -1) for tensor in (values, position))  # as z lies
+    values, position = (tensor.view(1, 1, 1, -1) for tensor in (values, position))  # the layout of z
     meter = _Meter([values], torch.tensor([0.1]), straight_through)
     seen = meter.exchange(0, EntropyParameters(torch.full_like(values, 64.0), position))
     return seen.flatten(), meter.bits[0].flatten()

@@ -1,4 +1,4 @@
-"""The payload does not depend on threads or vector width, neither written nor read."""
+"""Encoding and decoding do not depend on the number of threads or the vector width."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ LIMITS = [
 ]
 SIZE = (2, 16, 16)
 
-# Codes both stages, and reads what another process wrote.
+# Codes both stages, and decodes the payload of another process.
 CHILD = """
 import json, sys
 sys.path.insert(0, sys.argv[1])

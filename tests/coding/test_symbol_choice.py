@@ -1,4 +1,4 @@
-"""The nearest symbol, unless the one before it is a bargain."""
+"""The chosen symbol is the nearest one, or the next one towards zero if that lowers the rate-distortion cost."""
 
 import pytest
 import torch
@@ -23,7 +23,7 @@ def test_bits_that_cost_nothing_leave_the_nearest() -> None:
 
 @pytest.mark.parametrize("table", [SIGMA_HALF, SIGMA_ONE, SIGMA_58])
 def test_what_is_chosen_is_the_best_of_all_symbols_but_for_jumps(table: float) -> None:
-    """Squared error + price x bits, against a search over every symbol; more than one step is never taken."""
+    """Compares squared error + price x bits with a full search; the choice is at most one step from the nearest."""
     price, symbols = 0.1, torch.arange(-7.0, 8.0)
     bits = symbol_bits(symbols, torch.full_like(symbols, table))
     cost = (RESIDUALS[:, None] - symbols).square() + price * bits

@@ -1,4 +1,4 @@
-"""Streams for tests: a fixed one, generated ones, and sealed ones whose parts are chosen byte by byte."""
+"""Streams for tests: a fixed one, generated ones, and ones with arbitrary bytes and valid CRCs."""
 
 import struct
 import zlib
@@ -30,7 +30,7 @@ def example_cameras() -> PackedCameras:
 
 
 def example_stream() -> Stream:
-    """Two views, two stages, metadata."""
+    """Return a stream of two views and two stages with metadata."""
     header = Header(b"modelid8", 2, 256, 448, 1179, (b"digest 1", b"digest 2"))
     return Stream(header, example_cameras(), (b"first payload", b"second payload"), {"name": "fox", "views": [2, 4]})
 
@@ -45,7 +45,7 @@ def sealed_header(
     height: int | None = None, width: int | None = None, lambda_q: int | None = None, sections: int = 4,
     excess: int = 0,
 ) -> bytes:  # fmt: skip
-    """The header of a stream of two stages with other fields, and a CRC that holds whatever they say."""
+    """Return the header of a stream of two stages, with arbitrary fields and a valid CRC."""
     stages = like.num_stages if stages is None else stages
     fields = (
         *(major, minor, like.model_id, like.num_views if views is None else views, stages),
@@ -59,7 +59,7 @@ def sealed_header(
 
 @st.composite
 def rotations(draw: st.DrawFn) -> tuple[float, ...]:
-    """Rotations from quaternions, rounded to float32, row-major."""
+    """Draw rotations from quaternions, rounded to float32, row-major."""
     w, x, y, z = (draw(st.floats(-1, 1)) for _ in range(4))
     square = w * w + x * x + y * y + z * z
     if square < 1e-3:
@@ -86,7 +86,7 @@ json_values = st.recursive(
 
 @st.composite
 def coverages(draw: st.DrawFn, header: Header) -> bytes:
-    """Any choice of cells, from few values: bits of thousands of cells would be slow to draw."""
+    """Draw a bitmap of cells from few values, because drawing thousands of bits is slow."""
     views, rows, columns = coverage_grid(header)
     size = views * rows * columns // 8
     pattern = draw(st.binary(min_size=1, max_size=4))
@@ -95,7 +95,7 @@ def coverages(draw: st.DrawFn, header: Header) -> bytes:
 
 @st.composite
 def streams(draw: st.DrawFn) -> Stream:
-    """Any stream that keeps the rules."""
+    """Draw a valid stream."""
     views = draw(st.integers(1, 16))
     lens = draw(lenses)
     near = draw(st.floats(0.0625, 8, width=32))

@@ -1,4 +1,4 @@
-"""Each rule of FORMAT.md, section 12, broken at least once, with what the message must say."""
+"""Streams that break each rule of FORMAT.md, section 12, with the expected parts of the error message."""
 
 import zlib
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Parts:
-    """A good stream of two views, two stages and metadata, and the parts to make faulty ones of."""
+    """A valid stream of two views, two stages and metadata, and its parts, from which faulty streams are built."""
 
     stream: Stream
 
@@ -68,7 +68,7 @@ class Parts:
 
     @property
     def end(self) -> int:
-        """Of B2."""
+        """Return the end of section B2."""
         return self.b2_offset + len(self.b2)
 
     def header(self, **fields: int) -> bytes:
@@ -257,7 +257,7 @@ def coverage_faults(parts: Parts) -> list[Fault]:
 
 
 def zstd_frame(window: int, content: bytes) -> bytes:
-    """A frame of one raw block that states its content size, with that window descriptor (RFC 8878, section 3.1.1)."""
+    """Return a zstd frame of one raw block with content size and this window descriptor (RFC 8878, section 3.1.1)."""
     head = bytes.fromhex("28b52ffd 80") + bytes([window]) + len(content).to_bytes(4, "little")
     return head + (len(content) << 3 | 1).to_bytes(3, "little") + content
 
@@ -292,7 +292,7 @@ def metadata_faults(parts: Parts) -> list[Fault]:
 
 
 def faults_of(stream: Stream) -> tuple[Fault, ...]:
-    """Every rule broken in what is otherwise that stream of two views, two stages and metadata."""
+    """Return variants of a valid stream of two views, two stages and metadata, each of which breaks one rule."""
     parts = Parts(stream)
     return (
         *signature_faults(parts),

@@ -1,4 +1,4 @@
-"""Cameras are coded without loss, and rotations in much less than their nine float32."""
+"""Camera coding is lossless, and rotations take much less than nine float32 values."""
 
 import math
 
@@ -15,7 +15,7 @@ any_float32 = st.floats(width=32, allow_nan=False)
 
 @given(st.tuples(*[any_float32] * 9))
 def test_any_nine_values_come_back_with_the_same_bits(values: tuple[float, ...]) -> None:
-    """Also infinities, subnormal numbers and zeros of both signs, which are no rotation at all."""
+    """Includes values that are not a rotation: infinities, subnormal numbers and zeros of both signs."""
     received = rotation_from_words(rotation_to_words(values))
     assert [float_to_word(value) for value in received] == [float_to_word(value) for value in values]
 
@@ -31,7 +31,7 @@ def test_the_axis_aligned_rotation_costs_nothing_but_zeros() -> None:
 
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2))
 def test_predicted_elements_are_off_by_few_float32_steps(yaw: float, pitch: float) -> None:
-    """A root of a small difference is the worst conditioned (so angles stay off 90 degrees); the rest use the value."""
+    """The square root of a small difference is ill-conditioned, so angles near 90 degrees are excluded."""
     words = rotation_to_words(yaw_pitch(yaw, pitch))
     roots, rest = words[3:5], words[5:]
     assert all(word < 1 << 10 for word in roots)

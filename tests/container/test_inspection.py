@@ -1,4 +1,4 @@
-"""The summary of a stream, whole and damaged."""
+"""The summary of intact and damaged streams."""
 
 import pytest
 

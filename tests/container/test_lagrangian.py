@@ -1,4 +1,4 @@
-"""Lambda as an integer: the whole range, its ends, and what lies outside."""
+"""Quantisation of lambda: the whole range, its limits, and values outside."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What is written is read back; prefixes, newer minor versions and the cost of the container."""
+"""Round trip of streams, prefixes, newer minor versions, and the overhead of the container."""
 
 import subprocess
 import sys
@@ -21,7 +21,7 @@ from fecocodec.errors import BitstreamError, InputError
 from tests.container.example_streams import example_stream, sealed_header, sealed_section, streams
 from tests.container.faulty_streams import EXAMPLE, GOOD
 
-# The type checks of the tests pick an element to look at with `random`, also while a strategy builds a stream.
+# The run-time type checks use `random` to pick elements, also while a strategy builds a stream.
 pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
 
 

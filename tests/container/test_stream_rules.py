@@ -1,4 +1,4 @@
-"""Every rule of the format, broken: one sentence with place, cause and remedy, and nothing else."""
+"""Each broken rule of the format raises BitstreamError, whose message has location, cause and remedy."""
 
 import tracemalloc
 
@@ -65,7 +65,7 @@ def test_arbitrary_bytes_raise_only_our_error(data: bytes) -> None:
 
 @given(st.data())
 def test_hostile_payloads_with_valid_crcs_raise_only_our_error(data: st.DataObject) -> None:
-    """Sections whose content was made up or bent, sealed with a CRC that holds."""
+    """Section contents are random or mutated; the CRCs are valid."""
     kind, original = data.draw(st.sampled_from([(CAMERAS, EXAMPLE.cameras[9:]), (METADATA, EXAMPLE.metadata[9:])]))
     payload = bytearray(original)
     for position in data.draw(st.lists(st.integers(0, len(payload) - 1), max_size=4)):
@@ -80,6 +80,6 @@ def test_hostile_payloads_with_valid_crcs_raise_only_our_error(data: st.DataObje
 
 
 def test_the_example_itself_is_good() -> None:
-    """Otherwise the tests above would hold for the wrong reason."""
+    """Otherwise the tests above could pass for the wrong reason."""
     assert read_stream(GOOD) == example_stream()
     assert read_stream(write_stream(read_stream(GOOD))) == example_stream()

@@ -1,4 +1,4 @@
-"""A stream that would break a rule is not written."""
+"""Writing an invalid stream raises an error."""
 
 from dataclasses import replace
 from typing import Any

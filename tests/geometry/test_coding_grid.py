@@ -1,4 +1,4 @@
-"""The coding grid: nearest multiples of 32, and images that cover it exactly."""
+"""The coding grid has the nearest multiples of 32 as sides and covers the image exactly."""
 
 import pytest
 import torch
@@ -21,7 +21,7 @@ def test_an_image_of_the_right_size_stays_as_it_is() -> None:
 
 @pytest.mark.parametrize("size", [(70, 101), (79, 80), (110, 64)])
 def test_a_ramp_keeps_its_values_at_the_same_normalised_positions(size: tuple[int, int]) -> None:
-    """So normalised intrinsics need no change; borders are left out, where the filter has less to weigh."""
+    """Therefore normalised intrinsics do not change. Borders are excluded, because the filter is truncated there."""
 
     def ramps(height: int, width: int) -> torch.Tensor:
         rows = (torch.arange(height) + 0.5) / height

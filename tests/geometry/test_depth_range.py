@@ -1,4 +1,4 @@
-"""Near and far from the images alone, on a scene whose depths are known."""
+"""Estimation of near and far from images, on a scene of known depth."""
 
 import math
 
@@ -22,7 +22,7 @@ def two_walls(positions: list[float], unit: float = 1.0) -> Views:
     depth = torch.where(v > HEIGHT / 2, NEAR_WALL, FAR_WALL)
     images = []
     for position in positions:
-        column = u + FOCAL_PX * position / depth + 200  # of the texture, drawn so that a texel is a pixel
+        column = u + FOCAL_PX * position / depth + 200  # of the texture, rendered at one texel per pixel
         grid = torch.stack((2 * column / texture.shape[-1] - 1, 2 * v / texture.shape[-2] - 1), dim=-1)
         images.append(F.grid_sample(texture, grid[None], align_corners=False)[0])
     extrinsics = torch.eye(4).repeat(len(positions), 1, 1)

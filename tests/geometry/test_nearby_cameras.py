@@ -1,4 +1,4 @@
-"""Cameras near the given ones: rigid, on the way between neighbours, none where there is no way."""
+"""Virtual cameras are rigid and lie on the baseline of neighbours; there are none without neighbours."""
 
 import torch
 

@@ -1,4 +1,4 @@
-"""Nearest neighbours against brute force, by both searches."""
+"""Both neighbour searches agree with brute force."""
 
 from collections.abc import Callable
 from time import perf_counter
@@ -42,7 +42,7 @@ def test_queries_may_be_other_points(search: Search) -> None:
 
 
 def test_coinciding_points_come_by_index_and_take_little_time() -> None:
-    """One leaf of a k-d tree would hold all of them, and every query would scan it."""
+    """In a plain k-d tree they would all be in one leaf, which every query would scan."""
     points = torch.zeros(50_000, 3)
     points[25_000:] = torch.tensor([1.0, -0.0, 0.0])
     begin = perf_counter()

@@ -1,4 +1,4 @@
-"""The normalised frame: neither unit nor origin of the world reach the networks."""
+"""The normalised frame does not depend on the unit and the origin of the world frame."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def test_the_unit_of_length_does_not_matter(unit: float) -> None:
 def test_a_far_off_origin_costs_no_precision() -> None:
     cameras = example_cameras(4)
     extrinsics = cameras.extrinsics.clone()
-    extrinsics[:, :3, 3] = (extrinsics[:, :3, 3] * 8).round() / 8  # so that float32 holds them beside 1e6
+    extrinsics[:, :3, 3] = (extrinsics[:, :3, 3] * 8).round() / 8  # so that sums with 1e6 are exact in float32
     here, far_off = replace(cameras, extrinsics=extrinsics), replace(cameras, extrinsics=extrinsics.clone())
     far_off.extrinsics[:, :3, 3] += 1e6
     for one, other in zip(normalise_scene(here)[0].fields(), normalise_scene(far_off)[0].fields(), strict=True):

@@ -1,4 +1,4 @@
-"""Quaternions against scipy."""
+"""Quaternion functions agree with scipy."""
 
 import numpy as np
 import torch

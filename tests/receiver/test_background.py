@@ -1,4 +1,4 @@
-"""The background layer fills what lies beside the context views and leaves their own pictures unchanged."""
+"""The background layer fills areas outside the context views and does not change renderings at these views."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ GREY, RED = torch.tensor([0.6, 0.6, 0.6]), torch.tensor([0.9, 0.1, 0.1])
 
 
 def cameras_at(*positions: float, turn: float = 0.0) -> Cameras:
-    """Cameras at these x that look along z, turned about the y axis by that many radians per unit of x."""
+    """Return cameras at these x, looking along z and rotated about y by a constant number of radians per unit of x."""
     extrinsics = torch.eye(4).repeat(len(positions), 1, 1)
     x = torch.tensor(positions)
     angle = turn * x
@@ -31,7 +31,7 @@ def cameras_at(*positions: float, turn: float = 0.0) -> Cameras:
 
 
 def wall(cameras: Cameras, opacity: float = 0.9) -> Gaussians:
-    """A grey surface at constant depth in each view, red in its rightmost quarter, ordered as by the predictor."""
+    """Return a grey surface at constant depth in each view, red in the rightmost quarter, in the predictor's order."""
     rays = pixel_rays(cameras, SIDE, SIDE)
     means = rearrange(camera_to_world_points(cameras, rays * WALL), "v h w xyz -> (v h w) xyz")
     colour = GREY.expand(cameras.num_views, SIDE, SIDE, 3).clone()

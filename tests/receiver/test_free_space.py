@@ -16,7 +16,7 @@ CONFIG = ReceiverConfig()
 
 
 def cameras_side_by_side(apart: float = 0.5, scale: float = 1.0) -> Cameras:
-    """Two cameras that look along z."""
+    """Return two cameras that look along z."""
     extrinsics = torch.eye(4).repeat(1, 2, 1, 1)
     extrinsics[0, 1, 0, 3] = apart * scale
     intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(1, 2, 1, 1)
@@ -24,7 +24,7 @@ def cameras_side_by_side(apart: float = 0.5, scale: float = 1.0) -> Cameras:
 
 
 def judged(cameras: Cameras, patch_depth: float, patch_colour: Tensor, scale: float = 1.0) -> Tensor:
-    """A blue wall seen by both views, before (or behind) which the first view has a patch: what contradicts it."""
+    """Return the violations of a patch that the first view has in front of or behind a blue wall seen by both views."""
     depth = torch.full((1, cameras.num_views, SIDE, SIDE), WALL)
     colour = BLUE.expand(1, cameras.num_views, SIDE, SIDE, 3).clone()
     depth[0, 0][PATCH], colour[0, 0][PATCH] = patch_depth, patch_colour
@@ -83,19 +83,19 @@ def test_the_order_of_views_does_not_matter() -> None:
 
 def test_what_lies_behind_the_other_camera_is_left_alone() -> None:
     cameras = cameras_side_by_side()
-    cameras.extrinsics[0, 1, 2, 3] = 3.5  # the second camera stands beyond the patch
+    cameras.extrinsics[0, 1, 2, 3] = 3.5  # the second camera is behind the patch
     assert judged(cameras, 2.5, RED)[0, 0][PATCH].max() == 0.0
 
 
 def three_in_a_row() -> Cameras:
-    """The two cameras side by side and a third one between them."""
+    """Return the two cameras side by side and a third one between them."""
     cameras = cameras_side_by_side().select([0, 1, 1])
     cameras.extrinsics[0, 2, 0, 3] = 0.25
     return cameras
 
 
 def walls_with_patches(cameras: Cameras, views_with_patch: list[int], patch: Tensor) -> Tensor:
-    """Violations where some of the views see a square of one colour at depth 2.5, the others the wall behind it."""
+    """Return violations when some views have a square of one colour at depth 2.5 and the others the wall behind it."""
     rays = pixel_rays(cameras, SIDE, SIDE)
     at_patch = camera_to_world_points(cameras, 2.5 * rays)[..., :2]
     is_patch = (at_patch.abs() < 0.4).all(dim=-1)
@@ -124,7 +124,7 @@ def test_a_view_that_no_other_confirms_is_rejected_at_a_smaller_difference_of_co
 
 def test_a_gaussian_before_the_near_bound_of_another_camera_is_rejected_whatever_its_colour() -> None:
     cameras = three_in_a_row()
-    cameras.extrinsics[0, 1, 2, 3] = 2.0  # the second camera stands 0.5 in front of a patch at 2.5, near bound 1
+    cameras.extrinsics[0, 1, 2, 3] = 2.0  # the second camera is 0.5 in front of a patch at 2.5; the near bound is 1
     assert walls_with_patches(cameras, [0], BLUE).max() > 0.95
     cameras.extrinsics[0, 1, 2, 3] = 1.0
     assert walls_with_patches(cameras, [0], BLUE).max() < 0.2

@@ -1,4 +1,4 @@
-"""Merging at the receiver: what is kept, what is merged, and what a merged Gaussian preserves."""
+"""Merging at the receiver: which Gaussians are merged, and which properties a merged Gaussian preserves."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +27,7 @@ def camera() -> Cameras:
 
 
 def wall(grey: torch.Tensor, depth: torch.Tensor) -> Gaussians:
-    """One Gaussian a grid cell of one view, as the predictor orders them. grey, depth: [SIDE SIDE]."""
+    """Return one Gaussian per grid cell of one view, in the predictor's order. grey, depth: [SIDE SIDE]."""
     cameras, count = camera(), SIDE * SIDE
     means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depth[None, ..., None])
     colour = grey.reshape(-1, 1, 1).expand(-1, 1, 3)
@@ -57,7 +57,7 @@ def test_a_uniform_wall_becomes_one_gaussian_per_4x4_cell() -> None:
 
 
 def mean_squared_difference(first: Gaussians, second: Gaussians) -> float:
-    """Of renderings, without their borders."""
+    """Return the mean squared difference of renderings, without their borders."""
     images = [render(g, camera(), (2 * SIDE, 2 * SIDE)).color[..., 8:-8, 8:-8] for g in (first, second)]
     return float((images[0] - images[1]).square().mean())
 
@@ -71,7 +71,7 @@ def test_a_nearly_uniform_opaque_wall_looks_the_same() -> None:
 
 
 def test_receivers_that_round_differently_agree_within_50_db() -> None:
-    """Near the bound of the cost, rounding decides which cells are merged."""
+    """At costs near the bound, rounding errors determine which cells are merged."""
     before = wall(0.5 + noise(0.05), 4.0 + noise(0.2))
     other = replace(before, means=before.means * (1.0 + 1e-6), opacities=before.opacities * (1.0 - 1e-5))
     assert 0.2 * before.count < merge_all(before).count < 0.8 * before.count
@@ -109,7 +109,7 @@ def test_the_integral_of_optical_depth_is_kept() -> None:
     before = wall(flat(0.6), flat(4.0))
 
     def optical_depth(gaussians: Gaussians) -> float:
-        size = (8 * SIDE, 8 * SIDE)  # fine enough that the renderer's low-pass filter does not count
+        size = (8 * SIDE, 8 * SIDE)  # fine enough to make the renderer's low-pass filter negligible
         return float(-torch.log1p(-render(gaussians, camera(), size).alpha[..., 32:-32, 32:-32].double()).mean())
 
     assert optical_depth(merge_all(before)) == pytest.approx(optical_depth(before), rel=0.03)

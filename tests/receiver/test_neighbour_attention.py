@@ -1,4 +1,4 @@
-"""Attention over nearest points: no jump where two are equally far, finite wherever points lie."""
+"""KNN attention is continuous where the set of neighbours changes, and finite for coinciding points."""
 
 import pytest
 import torch
@@ -11,7 +11,7 @@ NUM_NEIGHBOURS = 5
 
 
 def attend(points: Tensor, fade: float = 1.0) -> Tensor:
-    """What the first point gets. Features and weights are the same at every call."""
+    """Return the result of the first point. Features and weights are the same in every call."""
     torch.manual_seed(0)
     attention = NeighbourAttention(8, 8, NUM_NEIGHBOURS, fade).requires_grad_(False)
     features = torch.randn(len(points), 8)
@@ -19,13 +19,13 @@ def attend(points: Tensor, fade: float = 1.0) -> Tensor:
 
 
 def around(radius: float) -> Tensor:
-    """A point, three near it, and on its two sides one at distance 0.2 and one at another."""
+    """Return a point, three points near it, one at distance 0.2, and one at another distance on the other side."""
     near = [[0.0, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1], [0.0, -0.1, 0.0]]
     return torch.tensor([*near, [0.2, 0.0, 0.0], [-radius, 0.0, 0.0]])
 
 
 def jump(fade: float) -> float:
-    """How far the result moves as the sixth point becomes a neighbour in place of the other."""
+    """Return the change of the result when the sixth point replaces the other one as a neighbour."""
     return float((attend(around(0.2 - 1e-6), fade) - attend(around(0.2 + 1e-6), fade)).abs().max())
 
 

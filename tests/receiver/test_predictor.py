@@ -1,4 +1,4 @@
-"""Gaussian predictor: bounded for any state, independent of the order of views and of the unit of length."""
+"""The Gaussian predictor is bounded for any state and independent of view order and unit of length."""
 
 from contextlib import nullcontext
 from dataclasses import replace

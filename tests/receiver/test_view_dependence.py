@@ -1,4 +1,4 @@
-"""Colours that lean towards what other views show, seen from there."""
+"""View-dependent colours fit the colours seen from the other views."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ CENTRE = (SIDE // 2, SIDE // 2)
 
 
 def cameras_in_a_row(*positions: float) -> Cameras:
-    """Cameras that look along z, at these x."""
+    """Return cameras at these x that look along z."""
     extrinsics = torch.eye(4).repeat(len(positions), 1, 1)
     extrinsics[:, 0, 3] = torch.tensor(positions)
     intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(len(positions), 1, 1)
@@ -28,7 +28,7 @@ def cameras_in_a_row(*positions: float) -> Cameras:
 
 
 def wall(cameras: Cameras, grey: list[float], depth: list[float]) -> Gaussians:
-    """One wall a view, each of one grey, as the predictor orders Gaussians."""
+    """Return one wall per view, each of one grey, in the predictor's order."""
     depths = torch.tensor(depth)[:, None, None].expand(-1, SIDE, SIDE)
     means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depths[..., None])
     colour = torch.tensor(grey)[:, None, None, None].expand(-1, SIDE, SIDE, 3)
@@ -43,7 +43,7 @@ def wall(cameras: Cameras, grey: list[float], depth: list[float]) -> Gaussians:
 
 
 def seen(gaussians: Gaussians, cameras: Cameras, of: int, by: int) -> Tensor:
-    """Grey of the central Gaussian of view `of` as the camera of view `by` sees it; formula of the 3DGS basis."""
+    """Return the grey of the central Gaussian of view `of` in the direction of the camera of view `by` (3DGS basis)."""
     place = of * SIDE * SIDE + CENTRE[0] * SIDE + CENTRE[1]
     x, y, z = torch.nn.functional.normalize(gaussians.means[place] - cameras.extrinsics[by, :3, 3], dim=0).tolist()
     basis = torch.tensor([SH_DEGREE_0, -SH_DEGREE_1 * y, SH_DEGREE_1 * z, -SH_DEGREE_1 * x])
@@ -59,7 +59,7 @@ def test_a_colour_stays_in_its_own_view_and_leans_towards_what_another_view_show
     found = dependent(cameras, [0.2, 0.6], [WALL, WALL])
     assert seen(found, cameras, 0, 0) == pytest.approx(0.2, abs=1e-5)
     assert seen(found, cameras, 1, 1) == pytest.approx(0.6, abs=1e-5)
-    turn = 2 * math.sin(math.atan(1 / WALL) / 2)  # about, as the wall's centre is not quite ahead
+    turn = 2 * math.sin(math.atan(1 / WALL) / 2)  # approximate, because the centre of the wall is slightly off-axis
     share = CONFIG.view_dependence / (1 + (CONFIG.view_dependence_ridge / turn) ** 2)
     assert seen(found, cameras, 0, 1) == pytest.approx(0.2 + share * 0.4, abs=0.005)
     assert seen(found, cameras, 1, 0) == pytest.approx(0.6 - share * 0.4, abs=0.005)
@@ -67,7 +67,7 @@ def test_a_colour_stays_in_its_own_view_and_leans_towards_what_another_view_show
 
 def test_all_the_way_three_views_see_their_own_colours() -> None:
     cameras = cameras_in_a_row(0.0, 1.0, -1.0)
-    cameras.extrinsics[2, 1, 3] = 1.0  # not in a row, so that a linear colour can be what all three show
+    cameras.extrinsics[2, 1, 3] = 1.0  # not collinear, so that a linear function can fit all three colours
     greys = [0.3, 0.5, 0.8]
     found = dependent(cameras, greys, [WALL] * 3, view_dependence=1.0, view_dependence_ridge=1e-3)
     for by, grey in enumerate(greys):
@@ -78,7 +78,7 @@ def test_what_another_view_shows_in_front_of_a_gaussian_tells_nothing_of_its_col
     cameras = cameras_in_a_row(0.0, 1.0)
     found = dependent(cameras, [0.2, 0.6], [WALL, 0.6 * WALL])
     assert seen(found, cameras, 0, 1) == pytest.approx(0.2, abs=1e-3)
-    assert seen(found, cameras, 1, 0) < 0.5  # in front of what the first view shows: it hides nothing of it
+    assert seen(found, cameras, 1, 0) < 0.5  # in front of the first view's surface, which does not occlude it
 
 
 @pytest.mark.parametrize("positions", [pytest.param((0.0, 100.0), id="elsewhere"), pytest.param((0.0, 0.0), id="same")])

@@ -1,4 +1,4 @@
-"""Streams whose symbols are chosen one by one, in integers: the same bytes on every machine."""
+"""Streams with given symbols, in integer arithmetic, so that their bytes are the same on every machine."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ LEVEL = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def usual(random: Random, table: int) -> int:
-    """About as wide as the table; now and then beyond its reach."""
+    """Choose symbols about as wide as the table, some of them beyond its reach."""
     reach = load_tables()[table].reach
     if random.random() < 0.002:
         return int(random.random() * 40 * reach) - 20 * reach
@@ -35,7 +35,7 @@ def zero(random: Random, table: int) -> int:
 
 
 def around_the_escape(random: Random, table: int) -> int:
-    """The last symbols that a table has, the first it has not, and the largest there are; both signs."""
+    """Choose the last symbols within reach, the first beyond it, and the largest possible, of both signs."""
     reach = load_tables()[table].reach
     magnitudes = (reach - 1, reach, reach + 1, reach + 2, reach + 3, 2**19, 2**20 - 1, 2**20)
     magnitude = magnitudes[int(random.random() * len(magnitudes))]
@@ -43,7 +43,7 @@ def around_the_escape(random: Random, table: int) -> int:
 
 
 class ChosenWriter(SymbolWriter):
-    """Writes what is chosen, whatever the latents would be."""
+    """Writes given symbols instead of quantised latents."""
 
     def __init__(self, choose: Choice, seed: int) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ class ChosenWriter(SymbolWriter):
 
 
 def cameras_of(num_views: int, shares_lens: bool = True) -> PackedCameras:
-    """Views side by side, every other one turned."""
+    """Return cameras side by side, every other one rotated."""
     poses = tuple(
         pose(TURNED if view % 2 else LEVEL, (0.25 * view, -0.125 * view, 0.5 * view)) for view in range(num_views)
     )
@@ -65,7 +65,7 @@ def cameras_of(num_views: int, shares_lens: bool = True) -> PackedCameras:
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a stream of the tiny model is made of. covers: one of so many cells; None: no coverage section."""
+    """Parameters of a stream of the tiny model. covers: one covered cell in this many; None for no coverage section."""
 
     height: int = 72
     width: int = 70
@@ -80,7 +80,7 @@ class Recipe:
 
 
 def stream_of_recipe(recipe: Recipe) -> Stream:
-    """The recipe's stream, its digests those of its symbols."""
+    """Return the stream of a recipe, with the digests of its symbols."""
     num_views, grid = recipe.cameras.num_views, grid_size(recipe.height, recipe.width)
     size = (num_views, grid[0] // 32, grid[1] // 32)
     payloads: list[bytes] = []
@@ -101,7 +101,7 @@ def stream_of_recipe(recipe: Recipe) -> Stream:
 
 
 def cells_covered(header: Header, every: int) -> bytes:
-    """A bitmap that covers the first of every so many cells; 0: none."""
+    """Return a bitmap that covers the first of each group of `every` cells; 0 covers none."""
     views, rows, columns = coverage_grid(header)
     bits = [every > 0 and cell % every == 0 for cell in range(views * rows * columns)]
     return np.packbits(np.array(bits, dtype=np.uint8)).tobytes()

@@ -1,4 +1,4 @@
-"""The streams under faulty/: each rule of the specification broken once, in a stream that is good otherwise."""
+"""The streams under faulty/: each breaks one rule of the specification and is valid otherwise."""
 
 import re
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from tests.vectors.good_vectors import BASE
 
 @dataclass(frozen=True)
 class FaultyVector:
-    """rule: of FORMAT.md or ENTROPY.md. says: what our message contains."""
+    """A faulty stream. rule: of FORMAT.md or ENTROPY.md. says: expected part of the error message."""
 
     data: bytes
     rule: str
@@ -21,7 +21,7 @@ class FaultyVector:
 
 
 def faulty_vectors() -> dict[str, FaultyVector]:
-    """Path below vectors/ to stream."""
+    """Return the streams by path below vectors/."""
     good = stream_of_recipe(BASE)
     found: dict[str, FaultyVector] = {}
     for fault in faults_of(good):
@@ -44,7 +44,7 @@ def with_payload(stream: Stream, stage: int, payload: bytes) -> bytes:
 
 
 def payload_faults(good: Stream) -> list[FaultyVector]:
-    """ENTROPY.md, section 9."""
+    """Return faults of payloads (ENTROPY.md, section 9)."""
     first, second = good.payloads
     words, end = "whole words, the last not 0", "state 0 and no words at the end"
     bad_words, no_end = "are not 32-bit words of which the last is not zero", "do not end together"
@@ -61,7 +61,7 @@ def payload_faults(good: Stream) -> list[FaultyVector]:
 
 
 def _too_large() -> bytes:
-    """A symbol that the escape code could hold and the format forbids; only a writer with another limit makes it."""
+    """Code a symbol that the escape code can represent and the format forbids, with a writer of another limit."""
     choose: Callable[..., int] = lambda random, table: 2**20 + 1  # noqa: E731
     with patch("fecocodec.entropy.symbol_coders.SYMBOL_LIMIT", 2**21):
         return write_stream(stream_of_recipe(Recipe(64, 64, choose=choose)))

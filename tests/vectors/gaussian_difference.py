@@ -1,4 +1,4 @@
-"""How far two machines' Gaussians of one stream are apart, in the terms of FORMAT.md, section 15."""
+"""Difference of the Gaussians that two machines decode from one stream, as defined in FORMAT.md, section 15."""
 
 import math
 import re
@@ -19,16 +19,18 @@ from fecocodec.rendering.rasterizer import render
 from tests.vectors.gaussian_samples import nearest_depth
 
 SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
-MUCH_LESS_ALIKE = 4.0  # times as far: another Gaussian, not the same one computed otherwise
-UNKNOWN = 1 << 40  # no shift of places
-MOST_FAINT = 16  # Gaussians that one side alone emits, beyond those by which the numbers differ
+MUCH_LESS_ALIKE = 4.0  # ratio of distances above which a row is a different Gaussian, despite rounding errors
+UNKNOWN = 1 << 40  # no shift of indices
+MOST_FAINT = 16  # Gaussians that only one machine emits, in addition to the difference of the counts
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Root mean square and peak. position: of distances between centres, in distances from the nearest camera.
-    colour: of what the context cameras see, in [0, 1]. opacity: in [0, 1]. scale: of natural logarithms. unmatched:
-    share of Gaussians that only one machine emits. render_psnr: of the context views, in dB, lowest of the views.
+    """Root mean square and peak of differences.
+
+    position: distance between centres, divided by the distance to the nearest camera. colour: in the directions of the
+    context cameras, in [0, 1]. opacity: in [0, 1]. scale: of natural logarithms. unmatched: share of Gaussians that
+    only one machine emits. render_psnr: in dB, minimum over the context views.
     """
 
     position_rms: float
@@ -44,7 +46,7 @@ class Difference:
 
     @classmethod
     def largest(cls, found: Sequence["Difference"]) -> "Difference":
-        """The worst of each."""
+        """Return the worst value of each measure."""
         worst = {field.name: max(getattr(one, field.name) for one in found) for field in fields(cls)}
         return cls(**(worst | {"render_psnr": min(one.render_psnr for one in found)}))
 
@@ -56,26 +58,26 @@ class Difference:
 
 
 def tolerance(kind: str) -> dict[str, float]:
-    """The bounds of FORMAT.md, section 15, by the names of `Difference`; kind: "full" or "reduced"."""
+    """Return the tolerances of FORMAT.md, section 15, by the field names of `Difference`. kind: "full" or "reduced"."""
     text = (SPECIFICATION / "FORMAT.md").read_text().split("## 15.")[1].split("## 16.")[0]
     rows = re.findall(r"^\| `(\w+)` \| ([-.\de]+) \| ([-.\de]+) \|", text, re.MULTILINE)
     return {name: float({"full": full, "reduced": reduced}[kind]) for name, full, reduced in rows}
 
 
 def beyond(found: Difference, kind: str) -> list[str]:
-    """Names of what is outside the tolerance."""
+    """Return the names of the measures that exceed the tolerance."""
     bounds = tolerance(kind)
     low = ["render_psnr"] if found.render_psnr < bounds["render_psnr"] else []
     return low + [name for name in bounds if name != "render_psnr" and getattr(found, name) > bounds[name]]
 
 
 def difference(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
-    """Of two machines' Gaussians of the stream `data`, one a row as `gaussian_samples.table` gives them."""
+    """Compare the Gaussians of two machines for the stream `data`, as tables of `gaussian_samples.table`."""
     return replace(without_rendering(data, one, other), render_psnr=_render_psnr(data, one, other))
 
 
 def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
-    """The same, where some Gaussians are not there to be rendered; its PSNR is infinite."""
+    """Compare subsets of Gaussians, without rendering; render_psnr is infinite."""
     first, second = matched(data, one, other)
     depth = nearest_depth(data, first)
     position = (first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth
@@ -90,9 +92,10 @@ def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tens
 def matched(
     data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]
 ) -> tuple[Float[Tensor, "k 23"], Float[Tensor, "k 23"]]:
-    """The rows that stand for the same Gaussian: each the most alike of the other around its place on the other side.
+    """Return the pairs of rows of the same Gaussian: mutually most similar rows at about the same index.
 
-    Both keep the order, and a few that are almost too faint are on one side only, here or there: places shift.
+    Both tables are in the same order, but indices shift, because Gaussians near the opacity threshold may be in one
+    table only.
     """
     reach = abs(len(one) - len(other)) + MOST_FAINT
     in_other, in_one = _most_alike(data, one, other, reach), _most_alike(data, other, one, reach)
@@ -104,7 +107,7 @@ def matched(
 
 
 def _shift_between(shift: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
-    """A row takes the shift of the known rows above and below it where these agree: it is there, however unlike."""
+    """Match the other rows with the shift of the matched rows before and after them, if these are equal."""
     rows = torch.arange(len(shift))
     is_known = shift != UNKNOWN
     above = torch.where(is_known, rows, -1).cummax(0).values.roll(1)
@@ -119,7 +122,7 @@ def _shift_between(shift: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
 def _most_alike(
     data: bytes, rows: Float[Tensor, "n 23"], among: Float[Tensor, "m 23"], reach: int
 ) -> Int[Tensor, " n"]:
-    """For each row the place of the one most like it, or of a nearer one that is not much less so."""
+    """Return, for each row, the index of the most similar row, or of a closer one of comparable similarity."""
     offsets = torch.arange(-reach, reach + 1)
     offsets = offsets[offsets.abs().argsort(stable=True)]
     around = (torch.arange(len(rows))[:, None] + offsets).clamp(0, len(among) - 1)
@@ -131,7 +134,7 @@ def _most_alike(
 
 
 def _colours(data: bytes, rows: Float[Tensor, "n 23"]) -> Float[Tensor, "n view 3"]:
-    """Colour of each Gaussian as the context cameras see it."""
+    """Return the colour of each Gaussian in the direction of each context camera."""
     centres = unpack(read_stream(data).cameras).extrinsics[:, :3, 3]
     x, y, z = normalize(rows[:, None, :3].double() - centres.double(), dim=-1).unbind(dim=-1)
     basis = torch.stack((torch.full_like(x, SH_DEGREE_0), -SH_DEGREE_1 * y, SH_DEGREE_1 * z, -SH_DEGREE_1 * x), dim=-1)

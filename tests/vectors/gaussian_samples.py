@@ -16,13 +16,13 @@ FIELDS = 23  # mean, scales, rotation, opacity, harmonics up to degree 1
 
 
 def table(gaussians: Gaussians) -> Float[Tensor, "n 23"]:
-    """One Gaussian a row: x y z, three scales, quaternion wxyz, opacity, harmonics (degree, then red, green, blue)."""
+    """Return one row per Gaussian: x y z, scales, quaternion wxyz, opacity, harmonics (coefficient, then rgb)."""
     fields = (field.reshape(gaussians.count, -1) for field in gaussians.fields())
     return torch.cat(tuple(fields), dim=1)
 
 
 def scene_samples(data: bytes) -> bytes:
-    """Every sixteenth Gaussian of the whole stream, its rows as little-endian float32."""
+    """Return every sixteenth Gaussian of the stream, as rows of little-endian float32."""
     rows = table(decode(data, background=None).gaussians)[::EVERY].contiguous()
     return rows.numpy().astype("<f4").tobytes()
 
@@ -32,8 +32,9 @@ def read_samples(path: Path) -> Float[Tensor, "n 23"]:
 
 
 def like_samples(rows: Float[Tensor, "n 23"], samples: Float[Tensor, "m 23"]) -> Float[Tensor, "m 23"]:
-    """The row that stands for the Gaussian of each sample: the nearest of those around its place in the order, as a
-    few Gaussians that are almost too faint may be on one machine only.
+    """Return the row of the Gaussian of each sample: the nearest one at about the same index.
+
+    Indices shift, because Gaussians near the opacity threshold may be emitted on one machine only.
     """
     around = torch.arange(len(samples))[:, None] * EVERY + torch.arange(-EVERY // 2, EVERY // 2 + 1)
     around = around.clamp(0, len(rows) - 1)
@@ -42,6 +43,6 @@ def like_samples(rows: Float[Tensor, "n 23"], samples: Float[Tensor, "m 23"]) ->
 
 
 def nearest_depth(data: bytes, rows: Float[Tensor, "n 23"]) -> Float[Tensor, " n"]:
-    """Distance of each Gaussian from the nearest context camera, in scene units."""
+    """Return the distance of each Gaussian from the nearest context camera, in scene units."""
     centres = unpack(read_stream(data).cameras).extrinsics[:, :3, 3]
     return torch.cdist(rows[:, :3].double(), centres.double()).min(dim=1).values

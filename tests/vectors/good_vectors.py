@@ -1,4 +1,4 @@
-"""The streams under valid/ and uncommon/, each with what it would break in a naive reader."""
+"""The streams under valid/ and uncommon/, each with the kind of faulty reader that it detects."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ from tests.vectors.chosen_symbols import (
 
 @dataclass(frozen=True)
 class Vector:
-    """A stream, and in one line what a reader that was not written with care does wrong with it."""
+    """A stream, and one line about the kind of faulty reader that it detects."""
 
     data: bytes
     breaks: str
@@ -84,7 +84,7 @@ UNCOMMON: dict[str, tuple[Recipe, str]] = {
 
 
 def good_vectors() -> dict[str, Vector]:
-    """Path below vectors/ to stream, without the scenes of released models."""
+    """Return the streams by path below vectors/, without the scenes of released models."""
     found = {}
     for folder, recipes in (("valid", VALID), ("uncommon", UNCOMMON)):
         for name, (recipe, breaks) in recipes.items():
@@ -93,7 +93,7 @@ def good_vectors() -> dict[str, Vector]:
 
 
 def _from_the_future() -> dict[str, Vector]:
-    """What this version never writes and must read."""
+    """Return a stream of a newer minor version, which this version must read."""
     stream = stream_of_recipe(BASE)
     newer = write_stream(replace(stream, header=replace(stream.header, version=FormatVersion(2, 255))))
     return {
@@ -103,7 +103,7 @@ def _from_the_future() -> dict[str, Vector]:
 
 
 def _with_sections(stream: Stream) -> bytes:
-    """As many sections as there may be, most of them unknown and skippable."""
+    """Return a stream of the largest number of sections, most of them unknown and skippable."""
     kinds = (0x01, 0x11, 0x12, 0x21, 0x22, 0x23, 0x31, 0x41, 0x42, 0x43, 0x44, 0x7E, 0x7F)
     known = {0x90: 0, 0xA0: 1, 0xB0: 2}
     whole = write_stream(replace(stream, metadata=None))

@@ -1,8 +1,8 @@
-"""Makes the golden vectors again and says what changed: `python tests/vectors/make_vectors.py` (`make vectors`).
+"""Regenerate the test vectors and list the changes: `python tests/vectors/make_vectors.py` (`make vectors`).
 
-A vector that changes is a change of the format: it needs a new `BITS` line in CHANGELOG.md, without which nothing is
-written. The scene of a released model is made again only for another model, which the CHANGELOG must name by its id;
-that of the same model stays, because a sender computes in floating point and another machine may write other bytes.
+A changed vector is a change of the format. It needs a new `BITS` line in CHANGELOG.md, without which nothing is
+written. A scene is encoded only for a new released model, whose id the CHANGELOG must state. Existing scenes are kept,
+because the sender computes in floating point and its bytes differ between machines.
 """
 
 import hashlib
@@ -49,7 +49,7 @@ def main() -> int:
 
 
 def make_all(changelog: str) -> dict[str, bytes]:
-    """Every file below vectors/ but the model: path to content."""
+    """Return the content of every file below vectors/ except the model, by path."""
     good, faulty = good_vectors() | released_scenes(), faulty_vectors()
     samples = {samples_name(name): samples_of(name, vector.data) for name, vector in good.items() if is_scene(name)}
     expected = {
@@ -67,7 +67,7 @@ def make_all(changelog: str) -> dict[str, bytes]:
 
 
 def released_scenes() -> dict[str, Vector]:
-    """The scene of every released model: kept as it is, or made for a model that has none."""
+    """Return the scenes of released models; encodes a scene for the default model if there is none."""
     released = {model_id_of(path.read_bytes()) for path in SHIPPED.glob(f"*/{RECEIVER_FILE}")}
     kept = {path: path.read_bytes() for path in sorted(VECTORS.glob("valid/scene-*.fcs"))}
     found = {
@@ -82,7 +82,7 @@ def released_scenes() -> dict[str, Vector]:
 
 
 def samples_of(name: str, data: bytes) -> bytes:
-    """Reference Gaussians: kept with the scene they belong to, as floating point differs between machines."""
+    """Return reference Gaussians. Those of existing scenes are kept, because floats differ between machines."""
     scene, samples = VECTORS / name, VECTORS / samples_name(name)
     if samples.exists() and scene.exists() and scene.read_bytes() == data:
         return samples.read_bytes()
@@ -98,7 +98,7 @@ def is_scene(name: str) -> bool:
 
 
 def expectation(vector: Vector) -> dict[str, Any]:
-    """What every reader must find in a stream."""
+    """Return the expected content of a stream."""
     stream = read_stream(vector.data)
     header = stream.header
     return {
@@ -126,7 +126,7 @@ def expectation(vector: Vector) -> dict[str, Any]:
 
 
 def changes_of(made: Mapping[str, bytes], here: Mapping[str, bytes]) -> dict[str, str]:
-    """Path to `new`, `changed` or `removed`."""
+    """Return `new`, `changed` or `removed` by path."""
     return {
         name: "new    " if name not in here else "removed" if name not in made else "changed"
         for name in sorted(made.keys() | here.keys())
@@ -135,7 +135,7 @@ def changes_of(made: Mapping[str, bytes], here: Mapping[str, bytes]) -> dict[str
 
 
 def why_not(changes: Mapping[str, str], changelog: str, expected: dict[str, Any]) -> str | None:
-    """The version note that is missing, if one is."""
+    """Return a message about a missing version note, None if none is missing."""
     streams = {name: change.strip() for name, change in changes.items() if name.endswith(".fcs")}
     moved = [name for name, change in streams.items() if change != "new" and not is_scene(name)]
     if moved and newest_bits(changelog) == expected["bits"]:
@@ -153,7 +153,7 @@ def why_not(changes: Mapping[str, str], changelog: str, expected: dict[str, Any]
 
 
 def newest_bits(changelog: str) -> str:
-    """The first `BITS` line about anything but weights."""
+    """Return the first `BITS` line that is not about weights."""
     lines = re.findall(r"^- BITS: (?!weights )(.+)$", changelog, re.MULTILINE)
     return lines[0] if lines else ""
 

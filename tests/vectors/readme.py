@@ -1,4 +1,4 @@
-"""The list of vectors for people, one line a file."""
+"""Generate the README of the vectors, with one line per file."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The symbols of a stream, as the product decodes them."""
+"""Symbols of a stream, decoded by the product."""
 
 import hashlib
 from collections.abc import Sequence
@@ -30,14 +30,14 @@ class StageValues:
 
 @cache
 def prior_of(model_id: bytes) -> LatentPrior:
-    """The entropy model of that id; raises ModelError where there is none."""
+    """Return the entropy model with this id. Raises ModelError if there is none."""
     if model_id == tiny_model_id():
         return tiny_prior()
     return load_receiver(find_receiver(model_id))[0].prior
 
 
 def decode_symbols(stream: Stream) -> list[StageValues]:
-    """Every stage; raises BitstreamError for a digest that does not hold."""
+    """Decode every stage. Raises BitstreamError if a digest differs."""
     header, found = stream.header, list[CodedLatents]()
     prior = prior_of(header.model_id)
     height, width = header.grid_size
@@ -51,18 +51,18 @@ def decode_symbols(stream: Stream) -> list[StageValues]:
 
 
 def _q8(values: Tensor) -> np.ndarray:
-    """Clipped to +-2^24: beyond, the product keeps them as float32, and no layer sees more than 16 bits."""
+    """Convert to Q8, clipped to +-2^24, because float32 is not exact beyond and layers clip to 16 bits anyway."""
     return (values.permute(0, 2, 3, 1).to(torch.float64) * 256).clamp(-(1 << 24), 1 << 24).to(torch.int64).numpy()
 
 
 def fingerprint(values: np.ndarray | Sequence[int]) -> str:
-    """SHA-256, 16 hexadecimal digits, of values as little-endian int64."""
+    """Return 16 hexadecimal digits of the SHA-256 of values as little-endian int64."""
     return hashlib.sha256(np.asarray(values, dtype="<i8").tobytes()).hexdigest()[:16]
 
 
 def camera_fingerprint(cameras: PackedCameras) -> str:
-    """SHA-256, 16 hexadecimal digits, of near, far, then fx fy cx cy and rows 1 to 3 of camera-to-world of each view,
-    as little-endian float32.
+    """Return 16 hexadecimal digits of the SHA-256 of near, far, then, per view, fx fy cx cy and rows 1 to 3 of
+    camera-to-world, as little-endian float32.
     """
     values = [cameras.near, cameras.far]
     for lens, pose in zip(cameras.intrinsics, cameras.extrinsics, strict=True):

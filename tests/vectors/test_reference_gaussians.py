@@ -1,4 +1,4 @@
-"""Gaussians of released models' scenes come close to those that were kept with them (FORMAT.md, section 15)."""
+"""Gaussians of the scenes of released models agree with the stored reference values (FORMAT.md, section 15)."""
 
 import pytest
 import torch

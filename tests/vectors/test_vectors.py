@@ -1,4 +1,4 @@
-"""The golden streams: both readers find, symbol for symbol, what `expected.json` says, and refuse the faulty ones."""
+"""Both readers decode the test streams to the symbols of `expected.json` and refuse the faulty ones."""
 
 import hashlib
 import json
@@ -75,7 +75,7 @@ def test_the_second_reader_refuses_a_faulty_stream(name: str) -> None:
 
 
 def test_every_rule_has_a_faulty_vector() -> None:
-    """Those of the tables of FORMAT.md and ENTROPY.md, by the text in their first column."""
+    """Rules are identified by the first column of the tables of FORMAT.md and ENTROPY.md."""
     format_rules = first_column((SPECIFICATION / "FORMAT.md").read_text(), "## 12. Errors", "## 13.")
     entropy_rules = first_column((SPECIFICATION / "ENTROPY.md").read_text(), "## 9. Errors", "## 10.")
     found = {entry["rule"] for entry in FAULTY.values()}
@@ -89,7 +89,7 @@ def first_column(text: str, begin: str, end: str) -> set[str]:
 
 
 def test_making_the_vectors_again_changes_nothing() -> None:
-    """Recipes, model and files belong together: whoever changes what is written learns it here."""
+    """Recipes, model and files are consistent; a change of the written bytes fails here."""
     made = make_all((VECTORS.parents[1] / "CHANGELOG.md").read_text())
     here = {path.relative_to(VECTORS).as_posix(): path.read_bytes() for path in VECTORS.rglob("*") if path.is_file()}
     here.pop(TINY_MODEL.name)

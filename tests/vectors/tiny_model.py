@@ -1,6 +1,6 @@
-"""The entropy model of the test vectors: small, of fixed integers, kept beside them, and never trained.
+"""The entropy model of the test vectors: small, with random fixed integers, stored beside the vectors.
 
-`python -m tests.vectors.tiny_model` draws it anew, which only another architecture of the entropy model asks for.
+`python -m tests.vectors.tiny_model` draws it again, which is necessary only after a change of the architecture.
 """
 
 import math
@@ -22,7 +22,7 @@ LATENT_CHANNELS, HYPER_CHANNELS, WIDTH = 8, 4, 8
 
 
 def make_tiny_model() -> bytes:
-    """A weights file whose tables range from skipped to wide. To be used once: what counts is the file."""
+    """Return a weights file with widely varying table indices. The stored file is normative, not this function."""
     random = Random(20261121)
     integers = export_integers(empty_prior())
     made = {f"prior.{name}": _random_like(name, integers[name], random) for name in sorted(integers)}
@@ -34,7 +34,7 @@ def empty_prior() -> LatentPrior:
 
 
 def load_prior(weights: bytes, prior: LatentPrior) -> LatentPrior:
-    """The prior with the integers of a weights file."""
+    """Return the entropy model with the integers of a weights file."""
     found = {name.removeprefix("prior."): value for name, value in load(weights).items() if name.startswith("prior.")}
     load_integers(prior, found)
     return prior.requires_grad_(False)
@@ -51,7 +51,7 @@ def tiny_model_id() -> bytes:
 
 
 def _random_like(name: str, like: Tensor, random: Random) -> Tensor:
-    """Sums of four uniform values: near enough to a Gaussian, and the same in every Python."""
+    """Draw sums of four uniform values, an approximate Gaussian that is the same in every Python version."""
     is_output = "leave" in name or "hyper_prior" in name
     if name.endswith("weight"):
         spread, limit = 4096 * (3.0 if is_output else 1.4) / math.sqrt(like.shape[1]), (1 << 15) - 1
