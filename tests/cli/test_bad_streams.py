@@ -104,7 +104,7 @@ def test_unknown_model(
         result,
         output,
         f"{file}: the stream needs the receiver weights with model id {b'no model'.hex()}, but {random_weights} has "
-        f"{MODEL}; install the version of the package that made the file, or name the folder of its weights.",
+        f"{MODEL}; install the version of the package that made the file, or name the folder of its model.",
     )
 
 

@@ -118,11 +118,12 @@ def test_many_steps_hold_the_views_between_and_few_do_not(encoder: SceneEncoder)
         assert held is not None
         return held.images
 
-    free = replace(MSE, held_weight=0.0)
+    held = replace(MSE, step_size=1.0)  # shorter steps change no symbol of these networks
+    free = replace(held, held_weight=0.0)
     start = between(FAST)
-    moved, moved_freely = ((between(one.with_steps(12)) - start).square().mean() for one in (MSE, free))
+    moved, moved_freely = ((between(one.with_steps(12)) - start).square().mean() for one in (held, free))
     assert 0.0 < moved < moved_freely
-    assert torch.equal(between(MSE.with_steps(3)), between(free.with_steps(3)))
+    assert torch.equal(between(held.with_steps(3)), between(free.with_steps(3)))
 
 
 @pytest.mark.parametrize(("most", "is_skipped"), [(2, True), (1, False)])
