@@ -11,11 +11,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEMO_LAMBDA ?= 1e-4
+RUN ?= runs/next
+MINUTES ?= 60
 # What the command sets for its own process (cli/process.py), for what measures the library.
 TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=2147483647
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors fuzz conformance conformance-cuda bench bench-paper report check clean
+.PHONY: help demo test test-slow lint types arch vectors fuzz conformance conformance-cuda bench bench-paper report train check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -78,6 +80,13 @@ bench-paper: $(READY) ## measure time and memory of the paper's sender
 report: $(READY) ## docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
 	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make report ROOT=folder INDEX=index.json" >&2; exit 1; }
 	$(TUNED) $(BIN)/python benchmarks/make_report.py "$(ROOT)" "$(INDEX)" $(REPORT)
+
+train: $(READY) ## train on from the shipped weights: make train PHOTOGRAPHS=scenes [RUN=runs/next] [MINUTES=60]
+	@test -n "$(PHOTOGRAPHS)" || { echo "name a folder of posed scenes: make train PHOTOGRAPHS=folder" >&2; exit 1; }
+	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 10 $(BIN)/python -m torch.distributed.run --nproc-per-node 2 -m fecosplat_cli train $(RUN) \
+	  --from fecocodec/weights/compact-2 --photographs $(PHOTOGRAPHS) --freeze extractor --keep 400 --steps 20000 \
+	  --one-stage-steps 0 --bypass-steps 0 --photograph-share 1 1 --depth-weight 0.1 0.1 --learning-rate 2e-4 \
+	  --size 160x160 --size 128x192 --size 192x128 --size 128x128 --max-minutes $(MINUTES)
 
 check: lint types arch test ## everything a change must pass
 

@@ -99,6 +99,10 @@ Examples:
     help="Do not train this part. Repeat the option for both.",
 )  # fmt: skip
 @click.option(
+    "--keep", "kept_batches", type=click.IntRange(min=0), metavar="BATCHES",
+    help="Keep so many batches per process in memory with the features of a frozen extractor; steps take a third.",
+)  # fmt: skip
+@click.option(
     "--entropy-steps",
     type=click.IntRange(min=0),
     default=0,
@@ -147,7 +151,7 @@ def command(
     from .device import require_rendering_device
 
     require_rendering_device(device)
-    configuration = replace(_overridden(configuration_named(name), overrides), frozen=frozen)
+    configuration = _overridden(configuration_named(name), {**overrides, "frozen": frozen})
     with joined_processes(device) as own_device:
         sources = open_sources(photographs, textures, configuration)
         trainer = Trainer(RunSettings(folder, configuration, max_minutes, seed, own_device), sources)
@@ -177,5 +181,5 @@ def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "C
         given["sizes"] = ((given["side"], given["side"]),)
     shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
     schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
-    others = {name: given[name] for name in ("lambda_range", "precision") if name in given}
+    others = {name: given[name] for name in ("lambda_range", "precision", "frozen", "kept_batches") if name in given}
     return replace(configuration, shapes=shapes, schedule=schedule, **others)

@@ -22,8 +22,10 @@ class Configuration:
     shapes: of the batches of each process. lambda_range: least and largest lambda; log(lambda) is uniform between them.
     precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
     `fine_tuning`). distortion: D of the loss.
+    kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
 
-    Raises InputError if lambda_range is empty or exceeds that of the codec.
+    Raises InputError if lambda_range is empty or exceeds that of the codec, and if features are kept of an extractor
+    that is trained.
     """
 
     shapes: BatchShapes
@@ -34,12 +36,17 @@ class Configuration:
     sender: CodecConfig = field(default_factory=SenderConfig)
     frozen: tuple[str, ...] = ()
     distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
+    kept_batches: int = 0
 
     def __post_init__(self) -> None:
         lowest, highest = self.lambda_q_range
         if lowest > highest:
             raise InputError(
                 f"The range of lambda goes from {self.lambda_range[0]:g} down; give the smaller end first."
+            )
+        if self.kept_batches and "extractor" not in self.frozen:
+            raise InputError(
+                "Features can be kept only while the extractor is frozen; freeze it (--freeze extractor), or keep none."
             )
 
     @property

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,18 @@ from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.fine_tuning import freeze, load_extractor, load_model_weights
 from fecocodec.training.initialisation import start_as_block_transform
+from fecocodec.training.kept_batches import KeptBatches
 from fecocodec.training.log import append_row, mean_of_rows, remove_rows_after
-from fecocodec.training.objective import Batch, Coding, bypass_coding, code_with_noise, loss_of, run_stages
+from fecocodec.training.objective import (
+    Batch,
+    Coding,
+    Extracted,
+    bypass_coding,
+    code_with_noise,
+    extract,
+    loss_of,
+    run_stages,
+)
 from fecocodec.training.optimisation import clipped_step
 from fecocodec.training.processes import broadcast_from_first, gather_states, is_first, process_rank
 from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
@@ -73,6 +84,7 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
         torch.manual_seed(settings.seed * 1000 + process_rank())  # from here on each has its own noise
         self.step, self.num_skipped, self.seed = 0, 0, settings.seed
+        self.kept = KeptBatches(configuration.kept_batches, configuration.lambda_q_range)
         self._fixed_scenes: list[Batch] = []
 
     @property
@@ -144,8 +156,8 @@ class Trainer:
     def train_step(self) -> dict[str, float]:
         """Draw a batch, take one step and return the parts of the loss. Non-finite gradients skip the step."""
         schedule = self.settings.configuration.schedule
-        batch, num_stages = self._draw_batch()
-        outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages)
+        batch, extracted, num_stages = self._draw_batch()
+        outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages, extracted)
         weight = schedule.disparity_weight_at(self.step)
         loss, parts = loss_of(batch, outcomes, matched, weight, self.settings.configuration.distortion)
         self.optimiser.zero_grad(set_to_none=True)
@@ -158,17 +170,27 @@ class Trainer:
         self.step += 1
         return parts | {"loss": float(loss.detach()), "gradient": norm}
 
-    def _draw_batch(self) -> tuple[Batch, int]:
-        """Draw a batch and its number of stages. Every eighth step has one stage, because files may have one stage."""
+    def _draw_batch(self) -> tuple[Batch, Extracted | None, int]:
+        """Draw a batch, its kept features (if any) and its number of stages.
+
+        Every eighth step has one stage, because files may have one stage.
+        """
         configuration = self.settings.configuration
         # Every process draws the same shape, so that none waits for another.
         common = torch.Generator().manual_seed(self.seed * 1_000_003 + self.step)
         shape = configuration.shapes.draw(common)
         share = configuration.schedule.photograph_share_at(self.step)
-        batch = draw_batch(self.sources, self.generator, shape, share, configuration.lambda_q_range)
         is_alone = self.step % ALONE_EVERY == ALONE_EVERY - 1
         num_stages = 1 if is_alone else configuration.schedule.num_stages_at(self.step)
-        return batch.to(self.settings.device), num_stages
+
+        def draw() -> Batch:
+            batch = draw_batch(self.sources, self.generator, shape, share, configuration.lambda_q_range)
+            return batch.to(self.settings.device)
+
+        if not configuration.kept_batches:
+            return draw(), None, num_stages
+        batch, extracted = self.kept.take(shape, self.generator, draw, partial(extract, self.sender, self.receiver))
+        return batch, extracted, num_stages
 
     @property
     def _coding(self) -> Coding:

@@ -1,6 +1,7 @@
 """One training pass: the stages of the codec on a batch, and the loss of the paper (section 3.4) plus a depth loss."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -62,6 +63,26 @@ class MatchedDisparity:
 
 
 @dataclass(frozen=True)
+class Extracted:
+    """What the extractor computes for a batch; constant while the extractor is frozen.
+
+    matching: its result at the context views. features: F1. matched: disparity for the loss.
+    """
+
+    matching: Any
+    features: Float[Tensor, "item channel h4 w4"]
+    matched: MatchedDisparity
+
+    def half(self) -> "Extracted":
+        """The same with features in half precision."""
+        return replace(self, features=self.features.half())
+
+    def float(self) -> "Extracted":
+        """The same with features in single precision."""
+        return replace(self, features=self.features.float())
+
+
+@dataclass(frozen=True)
 class StageOutcome:
     """Results of one stage of a training pass. lambda_q: quantised lambda of the stage."""
 
@@ -109,10 +130,28 @@ def _scale_gradient(x: Tensor, factor: Tensor) -> Tensor:
 class BatchEncoder(SceneEncoder):
     """Scene encoder for a training batch. It also renders target views; colours do not depend on the direction."""
 
-    def __init__(self, sender: Sender, receiver: Receiver, batch: Batch) -> None:
+    def __init__(self, sender: Sender, receiver: Receiver, batch: Batch, extracted: Extracted | None = None) -> None:
+        """extracted: what the extractor computes, None to compute it here."""
         context = list(range(batch.num_context))
         super().__init__(Codec(sender, receiver, b""), batch.images[:, context], batch.cameras.select(context))
-        self.batch = batch
+        self.batch, self.extracted = batch, extracted
+
+    @cached_property
+    def matching(self) -> Any:
+        return super().matching if self.extracted is None else self.extracted.matching
+
+    @cached_property
+    def features(self) -> Float[Tensor, "item channel h4 w4"]:
+        return super().features if self.extracted is None else self.extracted.features
+
+    @property
+    def matched(self) -> MatchedDisparity:
+        """Disparity of matching, for the loss."""
+        if self.extracted is not None:
+            return self.extracted.matched
+        maps = (self.matching.relative_disparity, self.matching.depth.relative_disparity, self.matching.depth.agreement)
+        matched = MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=self.num_views) for item in maps))
+        return with_targets(self.codec.sender, self.batch, matched)
 
     def render(self, stage: Stage[Any]) -> StageRendering:
         """Render the context views, which feedback needs, and one target view."""
@@ -129,14 +168,26 @@ class BatchEncoder(SceneEncoder):
         return StageRendering(prediction, tuple(scenes))
 
 
+@torch.no_grad()
+def extract(sender: Sender, receiver: Receiver, batch: Batch) -> Extracted:
+    """Compute what a frozen extractor gives for a batch."""
+    encoder = BatchEncoder(sender, receiver, batch)
+    return Extracted(encoder.matching, encoder.features, encoder.matched)
+
+
 def run_stages(
-    sender: Sender, receiver: Receiver, batch: Batch, coding: Coding, num_stages: int
+    sender: Sender,
+    receiver: Receiver,
+    batch: Batch,
+    coding: Coding,
+    num_stages: int,
+    extracted: Extracted | None = None,
 ) -> tuple[list[StageOutcome], MatchedDisparity]:
     """Code, decode and render a batch; returns the results per stage and the disparity of matching.
 
     The last stage is rendered at all views, earlier stages at the context views and one target view.
     """
-    encoder = BatchEncoder(sender, receiver, batch)
+    encoder = BatchEncoder(sender, receiver, batch, extracted)
     stages = encoder.run(batch.lambda_q, num_stages, coding)
     renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None]
     renderings.append(encoder.render_views(stages[-1], batch.images.shape[1]))
@@ -151,10 +202,7 @@ def run_stages(
             stages, renderings, stage_lambdas(batch.lambda_q, num_stages), strict=True
         )
     ]
-    matching = encoder.matching
-    maps = (matching.relative_disparity, matching.depth.relative_disparity, matching.depth.agreement)
-    matched = MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=encoder.num_views) for item in maps))
-    return outcomes, with_targets(sender, batch, matched)
+    return outcomes, encoder.matched
 
 
 @torch.no_grad()

@@ -1,0 +1,71 @@
+"""Kept batches: the features are those that the frozen extractor gives, and a run with them leaves it as it is."""
+
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.errors import InputError
+from fecocodec.training.batch_shapes import BatchShape, BatchShapes
+from fecocodec.training.configurations import CONFIGURATIONS, Configuration
+from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.kept_batches import KeptBatches
+from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.objective import extract, loss_of, run_stages
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.schedule import Schedule
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+SHAPE = BatchShape(num_scenes=1, num_context=2, num_target=1, size=(64, 64))
+
+
+@pytest.fixture(scope="module")
+def it(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
+    """A trainer that keeps two batches of 64x64 pixels."""
+    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
+    schedule = Schedule(3, one_stage_until=0, bypass_until=0, warm_up=1)
+    configuration = Configuration(shapes, schedule, frozen=("extractor",), kept_batches=2)
+    settings = RunSettings(tmp_path_factory.mktemp("kept"), configuration, 5.0)
+    return Trainer(settings, Sources(ProceduralWorld(pattern_textures(13)), None))
+
+
+def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> None:
+    batch = draw_batch(it.sources, torch.Generator().manual_seed(1), SHAPE, 0.0)
+    extracted = extract(it.sender, it.receiver, batch)
+    losses = []
+    for known in (extracted, None):
+        torch.manual_seed(2)  # of the noise in place of rounding
+        outcomes, matched = run_stages(it.sender, it.receiver, batch, it._coding, 2, known)
+        losses.append(loss_of(batch, outcomes, matched, 1.0)[0].detach())
+    torch.testing.assert_close(*losses)
+
+
+def test_a_batch_is_used_again_with_another_lambda_until_newer_ones_replace_it(it: Trainer) -> None:
+    kept, generator, drawn = KeptBatches(2, (0, 1768)), torch.Generator().manual_seed(3), []
+
+    def draw():
+        drawn.append(draw_batch(it.sources, generator, SHAPE, 0.0))
+        return drawn[-1]
+
+    taken = [kept.take(SHAPE, generator, draw, partial(extract, it.sender, it.receiver))[0] for _ in range(24)]
+    assert len(kept) == 2 < len(drawn) < len(taken)
+    again = [one for one, next_one in pairwise(taken) if torch.equal(one.images, next_one.images)]
+    assert again and len({int(one.lambda_q) for one in taken}) > len(drawn)
+    torch.testing.assert_close(taken[0].images, drawn[0].images, atol=1e-3, rtol=0)
+
+
+def test_a_run_with_kept_batches_trains_all_but_the_extractor(it: Trainer, tmp_path: Path) -> None:
+    before = {name: value.clone() for name, value in it.networks.state_dict().items()}
+    list(it.run())
+    moved = {name for name, value in it.networks.state_dict().items() if not torch.equal(value, before[name])}
+    assert any(name.startswith("receiver.") for name in moved) and any("analysis" in name for name in moved)
+    assert not any(name.startswith("sender.extractor.") for name in moved)
+
+
+def test_features_of_an_extractor_that_is_trained_cannot_be_kept() -> None:
+    with pytest.raises(InputError, match=r"only while the extractor is frozen; freeze it \(--freeze extractor\)"):
+        replace(CONFIGURATIONS["compact"], kept_batches=10)
