@@ -22,7 +22,7 @@ def speed_systems(codec: Codec, lmbda: float) -> tuple[System, ...]:
     default = codec_system(codec, lmbda)
     fast = codec_system(codec, lmbda, effort="fast")
     half = stream_system(codec, "half the size", setting, partial(_at_half_size, codec, lambda_q))
-    single = System("one thread", setting, partial(_on_one_thread, default))
+    single = on_one_thread(default, setting)
     narrow = in_bfloat16(codec)
     in_narrow = stream_system(narrow, "bfloat16", setting, partial(encode_with, narrow, lambda_q=lambda_q))
     one_stage = codec_system(codec, lmbda, num_stages=1)
@@ -41,6 +41,11 @@ def _at_half_size(codec: Codec, lambda_q: int, views: Views) -> bytes:
     """Encode the views at half width and height. The Gaussians are rendered and compared at full size."""
     height, width = views.image_size
     return encode_with(codec, resized(views, height // 2, width // 2), lambda_q, 2)
+
+
+def on_one_thread(system: System, setting: str) -> System:
+    """The same system, encoding and decoding with one thread."""
+    return System("one thread", setting, partial(_on_one_thread, system))
 
 
 def _on_one_thread(system: System, views: Views, num_context: int) -> Reconstruction:
