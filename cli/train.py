@@ -100,7 +100,7 @@ Examples:
 )  # fmt: skip
 @click.option(
     "--keep", "kept_batches", type=click.IntRange(min=0), metavar="BATCHES",
-    help="Keep so many batches per process in memory with the features of a frozen extractor; steps take a third.",
+    help="Keep so many batches per process in memory with the features of a frozen extractor, for shorter steps.",
 )  # fmt: skip
 @click.option(
     "--entropy-steps",
