@@ -13,6 +13,7 @@ from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.schedule import Schedule
 
 Precision = Literal["float32", "bfloat16"]
+Background = Literal["black", "random"]
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Configuration:
     shapes: of the batches of each process. lambda_range: least and largest lambda; log(lambda) is uniform between them.
     precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
     `fine_tuning`). distortion: D of the loss.
+    background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
 
     Raises InputError if lambda_range is empty or exceeds that of the codec, and if features are kept of an extractor
@@ -36,6 +38,7 @@ class Configuration:
     sender: CodecConfig = field(default_factory=SenderConfig)
     frozen: tuple[str, ...] = ()
     distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
+    background: Background = "black"
     kept_batches: int = 0
 
     def __post_init__(self) -> None:
@@ -78,6 +81,7 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
             ),
             schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
             distortion=LogDistortion(),
+            background="random",
         ),
         "paper-re10k": Configuration(
             shapes=BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=4, sizes=((256, 256),)),

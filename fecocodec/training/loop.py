@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder
@@ -159,7 +159,8 @@ class Trainer:
         batch, extracted, num_stages = self._draw_batch()
         outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages, extracted)
         weight = schedule.disparity_weight_at(self.step)
-        loss, parts = loss_of(batch, outcomes, matched, weight, self.settings.configuration.distortion)
+        background = self._draw_background(batch)
+        loss, parts = loss_of(batch, outcomes, matched, weight, self.settings.configuration.distortion, background)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
@@ -191,6 +192,12 @@ class Trainer:
             return draw(), None, num_stages
         batch, extracted = self.kept.take(shape, self.generator, draw, partial(extract, self.sender, self.receiver))
         return batch, extracted, num_stages
+
+    def _draw_background(self, batch: Batch) -> Tensor | None:
+        """Return a colour per scene for the loss, None for black."""
+        if self.settings.configuration.background == "black":
+            return None
+        return torch.rand(len(batch.images), 3, generator=self.generator).to(batch.images)
 
     @property
     def _coding(self) -> Coding:
