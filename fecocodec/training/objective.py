@@ -58,7 +58,7 @@ class MatchedDisparity:
     """Relative disparity at 1/4: trainable, aggregated by matching, and the cross-view consistency of the latter."""
 
     learned: Float[Tensor, "batch view h4 w4"]
-    settled: Float[Tensor, "batch view h4 w4"]
+    aggregated: Float[Tensor, "batch view h4 w4"]
     agreement: Float[Tensor, "batch view h4 w4"]
 
 
@@ -220,7 +220,7 @@ def with_targets(sender: Sender, batch: Batch, matched: MatchedDisparity) -> Mat
     is_consistent = matched.agreement > AGREED
     return MatchedDisparity(
         matched.learned,
-        torch.where(is_consistent, matched.settled, disparity),
+        torch.where(is_consistent, matched.aggregated, disparity),
         torch.where(is_consistent, matched.agreement, consistency),
     )
 
@@ -291,7 +291,7 @@ def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tens
     Matched depth has sharper edges than decoded depth, and its errors differ between the views.
     """
     is_photograph = batch.depth.isnan().all(dim=(1, 2, 3), keepdim=True)
-    agreed = torch.where(matched.agreement > AGREED, matched.settled, torch.nan)
+    agreed = torch.where(matched.agreement > AGREED, matched.aggregated, torch.nan)
     return torch.where(is_photograph, agreed, _true_disparity(batch))
 
 

@@ -127,8 +127,8 @@ def test_depth_that_context_views_do_not_confirm_is_taken_from_targets_that_do(
     photographs = replace(batch, depth=torch.full_like(batch.depth, torch.nan))
     found = with_targets(sender, photographs, alone)
     assert calls[0].shape[1] == 3
-    assert found.settled[..., :4].unique().tolist() == pytest.approx([0.3])
-    assert found.settled[..., 4:].unique().tolist() == pytest.approx([0.9])
+    assert found.aggregated[..., :4].unique().tolist() == pytest.approx([0.3])
+    assert found.aggregated[..., 4:].unique().tolist() == pytest.approx([0.9])
     assert found.agreement[..., 3:5].flatten().unique().tolist() == pytest.approx([0.8, 0.95])
     assert with_targets(sender, batch, alone) is alone
     assert len(calls) == 1  # exact depth needs no other
