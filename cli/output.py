@@ -10,7 +10,8 @@ import click
 
 from fecocodec.errors import OutputError
 
-_OPTIONS = ("views", "size", "near", "far", "background", "overwrite")  # library arguments with an option of that name
+# Names of library arguments, in backticks, that have an option of the same name.
+_OPTIONS = ("views", "size", "near", "far", "background", "overwrite", "effort", "stages", "max_pixels", "device")
 
 
 def print_json(value: object) -> None:
@@ -49,7 +50,7 @@ def say(sentence: str) -> None:
 
 def in_options(sentence: str) -> str:
     """Replace names of library arguments (`views`) in a message by the names of the options (--views)."""
-    return re.sub(rf"`({'|'.join(_OPTIONS)})`", r"--\1", sentence)
+    return re.sub(rf"`({'|'.join(_OPTIONS)})`", lambda match: "--" + match[1].replace("_", "-"), sentence)
 
 
 def _print(line: str) -> None:
