@@ -125,11 +125,15 @@ def command(
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
                 coder = partial(encode_to_target, target=target)
-            data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress)
+            found: list[str] = []
+            data = coder(
+                scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=found.append
+            )
         on_progress("measuring quality", 1.0)
         quality = measure_decoded(data, scene, device=device, model=model)
-    for warning in (*scene.notes, *check_input(scene, effort)):  # only after all checks that can reject the views
-        say(printable(f"warning: {in_options(warning)}"))
+    warnings = [in_options(text) for text in (*scene.notes, *check_input(scene, effort), *found)]
+    for warning in warnings:  # only after all checks that can reject the views
+        say(printable(f"warning: {warning}"))
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)
@@ -138,7 +142,9 @@ def command(
         say(f"note: {output}: decode needs --max-pixels {summary.header.num_pixels} for this file.")
     if as_json:
         fields = quality_fields(summary, quality, scene.names)
-        print_json({"output": str(output), "seconds": seconds, **summary_fields(summary), **fields})
+        print_json(
+            {"output": str(output), "seconds": seconds, **summary_fields(summary), **fields, "warnings": warnings}
+        )
     else:
         say_result(f"{output}: {summary.total_bytes / 1024:.2f} KiB in {seconds:.2f} s", summary, quality)
 

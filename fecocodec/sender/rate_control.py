@@ -17,7 +17,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import DecodedQuality, decoded_quality
-from fecocodec.sender.encode import assemble, check_views, write_stages
+from fecocodec.sender.encode import OnWarning, assemble, check_views, warn_of_overlap, write_stages
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import prepare_scene
@@ -72,6 +72,7 @@ def encode_to_target(
     device: str = "cpu",
     model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
+    on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
 
@@ -80,7 +81,8 @@ def encode_to_target(
     """
     check_views(views, num_stages=2)
     config = config_of_effort(effort)
-    return encode_to_target_with(load_codec(model_folder(model), device), views, target, config, on_progress)
+    codec = load_codec(model_folder(model), device)
+    return encode_to_target_with(codec, views, target, config, on_progress, on_warning)
 
 
 @torch.inference_mode(False)
@@ -91,10 +93,12 @@ def encode_to_target_with(
     target: Target,
     config: OptimisationConfig = DEFAULT,
     on_progress: OnProgress = lambda _task, _fraction: None,
+    on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    warn_of_overlap(encoder, views.names, on_warning)
 
     def attempt(lambda_q: int, config: OptimisationConfig) -> Attempt:
         stages = write_stages(encoder, lambda_q, 2, config)
