@@ -126,7 +126,20 @@ def command(
 
 
 def _print_report(report: "Report") -> None:
-    head = ("system", "setting", "entries", "KiB", "bpp", "PSNR", "SSIM", "FLIP", "Gaussians", "encode s", "decode s")
+    head = (
+        "system",
+        "setting",
+        "entries",
+        "KiB",
+        "bpp",
+        "PSNR",
+        "SSIM",
+        "FLIP",
+        "ST-LPIPS",
+        "Gaussians",
+        "encode s",
+        "decode s",
+    )
     rows = [
         (
             row.system,
@@ -137,6 +150,7 @@ def _print_report(report: "Report") -> None:
             f"{row.psnr:.2f}",
             f"{row.ssim:.3f}",
             f"{row.flip:.3f}" if row.flip is not None else "",
+            f"{row.st_lpips:.3f}" if row.st_lpips is not None else "",
             f"{row.gaussians:.0f}",
             f"{row.encode_seconds:.3f}",
             f"{row.decode_seconds:.3f}",

@@ -76,6 +76,18 @@ def read_weights(path: Path) -> Weights:
     return Weights(tensors, config, model_id_of(data))
 
 
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Read the tensors of any safetensors file, with floats converted to float32.
+
+    Raises ModelError if the file is missing or damaged.
+    """
+    try:
+        stored = load(_read_bytes(path))
+    except SafetensorError as error:
+        raise ModelError(f"{path}: not a safetensors file, or damaged; fetch or install it again.") from error
+    return {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
+
+
 def _read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()

@@ -31,6 +31,7 @@ class Measurement:
     ssim: float = 0.0
     ms_ssim: float | None = None
     flip: float | None = None
+    st_lpips: float | None = None
     lpips: float | None = None
     context_psnr: float = 0.0
     encode_seconds: float = 0.0

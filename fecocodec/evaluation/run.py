@@ -70,6 +70,7 @@ def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: 
         ssim=target.ssim,
         ms_ssim=target.ms_ssim,
         flip=target.flip,
+        st_lpips=target.st_lpips,
         lpips=target.lpips,
         context_psnr=float(psnr(result.images[:num_context], views.images[:num_context]).clamp_max(99.0).mean()),
         encode_seconds=result.encode_seconds,

@@ -28,6 +28,7 @@ class Average:
     ssim: float
     ms_ssim: float | None
     flip: float | None
+    st_lpips: float | None
     lpips: float | None
     context_psnr: float
     encode_seconds: float
@@ -92,6 +93,7 @@ def _average(found: Sequence[Measurement]) -> Average:
         ssim=fmean(m.ssim for m in found),
         ms_ssim=_mean_if_all([m.ms_ssim for m in found]),
         flip=_mean_if_all([m.flip for m in found]),
+        st_lpips=_mean_if_all([m.st_lpips for m in found]),
         lpips=_mean_if_all([m.lpips for m in found]),
         context_psnr=fmean(m.context_psnr for m in found),
         encode_seconds=median(m.encode_seconds for m in found),
