@@ -11,7 +11,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from fecocodec.config import is_in_range
+from fecocodec.config import is_in_range, optional_fields
 from fecocodec.errors import ModelError
 
 SHIPPED = Path(__file__).parent / "weights"
@@ -133,6 +133,7 @@ def config_of(weights: Weights, end: str, like: Config, place: Path) -> Config:
         raise ModelError(f"{place}: holds no {end}; name a {end}'s weights file.")
     found = {name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()}
     expected = {field.name: getattr(like, field.name) for field in fields(like)}  # type: ignore[arg-type]
+    found = {name: expected[name] for name in optional_fields(like) - found.keys()} | found
     if {name: _form(value) for name, value in found.items()} != {n: _form(value) for n, value in expected.items()}:
         raise ModelError(f"{place}: made by another version of the codec; install that version.")
     for name, value in found.items():

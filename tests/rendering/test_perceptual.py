@@ -63,5 +63,5 @@ def test_lpips_is_refused_unless_it_is_installed() -> None:
     if is_lpips_installed():
         assert float(lpips_vgg(picture, picture)) == 0.0
     else:
-        with pytest.raises(InputError, match="LPIPS needs the packages lpips and torchvision, and .*vgg16.*ST-LPIPS"):
+        with pytest.raises(InputError, match=r"LPIPS needs the packages lpips and torchvision, and .*vgg16.*ST-LPIPS"):
             lpips_vgg(picture, picture)

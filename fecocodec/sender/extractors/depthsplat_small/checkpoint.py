@@ -16,21 +16,25 @@ from fecocodec.errors import ModelError
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 
 OFFICIAL_PREFIX = "encoder.depth_predictor."
+# Part of the name of the one published small checkpoint that saw DL3DV. Its features have 1/8 resolution.
+_COARSE_NAME = "re10kdl3dv-448x768"
 _NESTED = ("state_dict", "model")
 
 
 @dataclass(frozen=True)
 class LoadReport:
-    """Tensor names. used, missing: names in the extractor. unused: names in the file."""
+    """Tensor names. used, missing: names in the extractor. unused: names in the file. warning: one sentence, or ""."""
 
     used: tuple[str, ...]
     unused: tuple[str, ...]
     missing: tuple[str, ...]
+    warning: str = ""
 
     def __str__(self) -> str:
         parts = sorted({name.split(".")[0] for name in self.missing})
         missing = f"{len(self.missing)} missing ({', '.join(parts)})" if parts else "0 missing"
-        return f"{len(self.used)} tensors used, {len(self.unused)} unused, {missing}"
+        text = f"{len(self.used)} tensors used, {len(self.unused)} unused, {missing}"
+        return f"{text}; {self.warning}" if self.warning else text
 
 
 def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
@@ -60,7 +64,13 @@ def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
             raise ModelError(f"{path}: {name} is {found}, but {expected} here; fetch the weights of the small variant.")
     extractor.load_state_dict({name: stored[renamed[name]] for name in used}, strict=False)
     taken = {renamed[name] for name in used}
-    return LoadReport(tuple(used), tuple(name for name in stored if name not in taken), missing)
+    return LoadReport(tuple(used), tuple(name for name in stored if name not in taken), missing, _warning(path))
+
+
+def _warning(path: Path) -> str:
+    if _COARSE_NAME not in path.name:
+        return ""
+    return "it was trained with features at 1/8 resolution and is used at 1/4, so train it further"
 
 
 def _own_name(name: str) -> str:
