@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import fmean, median
-from typing import Any
+from typing import Any, Protocol
 
 from fecocodec.evaluation.bd_rate import Point, bd_psnr, bd_rate
 from fecocodec.evaluation.records import Measurement
@@ -36,6 +36,19 @@ class Average:
     peak_mib: float | None
 
 
+class RatedPoint(Protocol):
+    """A point of a rate-distortion curve: an `Average`, or a row measured elsewhere that has both numbers."""
+
+    @property
+    def system(self) -> str: ...
+    @property
+    def setting(self) -> str: ...
+    @property
+    def kib(self) -> float | None: ...
+    @property
+    def psnr(self) -> float | None: ...
+
+
 @dataclass(frozen=True)
 class Comparison:
     """BD metrics of our curve against that of a baseline: rate in percent, PSNR in dB. None: curves do not overlap."""
@@ -57,7 +70,7 @@ def averages(measurements: Sequence[Measurement]) -> tuple[Average, ...]:
     return tuple(_average([by_entry[entry] for entry in sorted(common)]) for by_entry in points.values() if common)
 
 
-def compare(rows: Sequence[Average], ours: str = OURS) -> tuple[Comparison, ...]:
+def compare(rows: Sequence[RatedPoint], ours: str = OURS) -> tuple[Comparison, ...]:
     """Compare our curve with that of every other system that has at least two settings.
 
     Variants of one codec are compared at their common settings (values of lambda), because interpolation through
@@ -65,7 +78,7 @@ def compare(rows: Sequence[Average], ours: str = OURS) -> tuple[Comparison, ...]
     """
     curves: dict[str, dict[str, Point]] = {}
     for row in rows:
-        if row.kib > 0:
+        if row.kib and row.psnr is not None:
             curves.setdefault(row.system, {})[row.setting] = (row.kib, row.psnr)
     if ours not in curves:
         return ()
