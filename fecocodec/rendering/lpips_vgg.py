@@ -31,7 +31,8 @@ def lpips_vgg(
     Gradients reach the images. Raises InputError if the package or the weights of its backbone are not installed.
     """
     network = _load(str(images.device))
-    return network(images.flatten(0, -4), targets.flatten(0, -4), normalize=True).reshape(images.shape[:-3])
+    stacked = (stack.reshape(-1, *stack.shape[-3:]) for stack in (images, targets))
+    return network(*stacked, normalize=True).reshape(images.shape[:-3])
 
 
 @lru_cache(maxsize=2)

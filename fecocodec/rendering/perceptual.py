@@ -79,9 +79,9 @@ def st_lpips(
             f"ST-LPIPS of an image of {images.shape[-2]}x{images.shape[-1]} pixels is not defined; "
             f"give at least {ST_LPIPS_LEAST_SIDE} pixels a side."
         )
-    batch = images.shape[:-3]
-    distances: Tensor = load_st_lpips(str(images.device))(images.flatten(0, -4), targets.flatten(0, -4))
-    return distances.reshape(batch)
+    stacked = (stack.reshape(-1, *stack.shape[-3:]) for stack in (images, targets))
+    distances: Tensor = load_st_lpips(str(images.device))(*stacked)
+    return distances.reshape(images.shape[:-3])
 
 
 def _normalised(images: Float[Tensor, "image 3 height width"]) -> Float[Tensor, "image 3 height width"]:

@@ -200,7 +200,8 @@ def test_every_2d_block_of_the_adapter_depends_on_lambda() -> None:
     codec = Codec(sender.eval().requires_grad_(False), paper_codec().receiver, bytes(8))
     assert decode_with(codec.receiver, encode_with(codec, example_views(2), LAMBDA_Q)).stages == 2
     with pytest.raises(ModelError, match="The adapter depends on lambda"):
-        sender.extractor.fuse(torch.zeros(1, 1, 3, 32, 32), None)  # type: ignore[arg-type]
+        images, cameras = example_views(1).images[None], example_views(1).cameras.as_batch()
+        sender.extractor(images, cameras)
 
 
 @pytest.mark.parametrize("ablation", ["no-context", "no-feedback"])
