@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import fmean, median
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from fecocodec.evaluation.bd_rate import Point, bd_psnr, bd_rate
 from fecocodec.evaluation.records import Measurement
@@ -36,6 +36,7 @@ class Average:
     peak_mib: float | None
 
 
+@runtime_checkable
 class RatedPoint(Protocol):
     """A point of a rate-distortion curve: an `Average`, or a row measured elsewhere that has both numbers."""
 

@@ -67,9 +67,7 @@ def test_scenes_that_cannot_be_used(tmp_path: Path) -> None:
         draw(ChunkScenes(write_wall_chunks(tmp_path / "short")), 0, num_context=3)
     mixed = record("mixed", shots(4))
     mixed["cameras"][1:, 0] *= 1.2
-    with pytest.raises(
-        InputError, match="none of 100 scenes can be used; the last: .*scene mixed: its frames differ in size or lens"
-    ):
+    with pytest.raises(InputError, match="scene mixed: its frames differ in size or lens"):
         draw(ChunkScenes(write_chunks(tmp_path / "mixed", [[mixed]])), 0, num_target=2)
 
 

@@ -77,7 +77,7 @@ def test_unequal_intrinsics_are_refused_under_the_public_geometry(extractor: Dep
     intrinsics = views.cameras.intrinsics.clone()
     intrinsics[1, 0, 2] += 0.05
     cameras = Cameras(views.cameras.extrinsics, intrinsics, views.cameras.near, views.cameras.far)
-    with pytest.raises(InputError, match="the views have different intrinsics, .*; crop all views alike, or use"):
+    with pytest.raises(InputError, match=r"the views have different intrinsics, .*; crop all views alike, or use"):
         extractor.match(views.images[None], cameras.as_batch())
 
 
@@ -167,7 +167,7 @@ def test_a_data_set_without_a_usable_scene_ends_the_run(tmp_path: Path) -> None:
     root = _partly_damaged(tmp_path)
     index = json.loads((root / "index.json").read_text())
     (root / "index.json").write_text(json.dumps({name: file for name, file in index.items() if name != "good"}))
-    with pytest.raises(InputError, match="none of 100 scenes can be used; the last: .*"):
+    with pytest.raises(InputError, match="none of 100 scenes can be used; the last: "):
         draw(ChunkScenes(root))
 
 
@@ -198,10 +198,7 @@ def test_a_lane_stays_with_a_chunk_and_all_chunks_are_visited(tmp_path: Path) ->
         own = visited[lane::LANES]
         for visit in range(5):
             assert len(set(own[visit * SAMPLES_OF_A_VISIT : (visit + 1) * SAMPLES_OF_A_VISIT])) == 1
-    counts = [visited[:: SAMPLES_OF_A_VISIT * LANES]]
-    assert len(set(visited)) == 10 and counts
-    others = {scenes.at_step(step, 1, 2)._names for step in range(LANES)}
-    assert others.isdisjoint({scenes.at_step(step, 0, 2)._names for step in range(2)}) or len(others) == LANES
+    assert len(set(visited)) == 10
 
 
 # 8: validation and numbered checkpoints
