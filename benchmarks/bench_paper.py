@@ -70,7 +70,7 @@ def paper_profile(matching_scale: int) -> Codec:
     """Return the shipped codec with an untrained extractor of the paper's profile."""
     folder = SHIPPED / DEFAULT_MODEL
     receiver, model_id = load_receiver(folder / RECEIVER_FILE)
-    sender = Sender(PaperSenderConfig(matching_scale=matching_scale), receiver.config)
+    sender = Sender(PaperSenderConfig(geometry="exact", matching_scale=matching_scale), receiver.config)
     adopt_codec(sender, load_sender(folder / SENDER_FILE, receiver.config, model_id))
     return Codec(sender.eval().requires_grad_(False), receiver, model_id)
 

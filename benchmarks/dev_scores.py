@@ -1,4 +1,4 @@
-"""Measure rate and quality on an evaluation index, from encoded and decoded bytes.
+"""Measure rate, PSNR, SSIM and ST-LPIPS on an evaluation index, from encoded and decoded bytes.
 
 python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--effort best]
 """
@@ -29,13 +29,14 @@ def main() -> None:
     codec = load_codec(arguments.model, "cpu")
     entries = tuple(e for e in read_index(arguments.index) if len(e.context) == arguments.views)
     size = (arguments.size, arguments.size)
-    print("lambda\tKiB\tPSNR\tSSIM\tcontext PSNR\tGaussians\tby kind")
+    print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tcontext PSNR\tGaussians\tby kind")
     for lmbda in arguments.lambdas:
         system = codec_system(codec, lmbda, arguments.stages, arguments.effort)
         scores = list(evaluate(system, arguments.root, entries, size))
         print(
             f"{lmbda:g}\t{mean(s.num_bytes for s in scores) / 1024:.2f}\t{mean(s.target_psnr for s in scores):.2f}\t"
-            f"{mean(s.target_ssim for s in scores):.3f}\t{mean(s.context_psnr for s in scores):.2f}\t"
+            f"{mean(s.target_ssim for s in scores):.3f}\t{mean(s.target_st_lpips for s in scores):.4f}\t"
+            f"{mean(s.context_psnr for s in scores):.2f}\t"
             f"{mean(s.num_gaussians for s in scores):.0f}\t{_by_kind(scores)}",
             flush=True,
         )

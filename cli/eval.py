@@ -1,5 +1,6 @@
 """`fecosplat eval`: measure rate and quality of the codec, and of alternatives, on an evaluation index."""
 
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ import click
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 
-from .options import FILE_PATH, json_option, model_option, parse_size, threads_option
+from .options import FILE_PATH, device_option, json_option, model_option, parse_size, threads_option
 from .output import print_columns, print_json, say
 from .paths import require_input
 from .progress import progress_bar
@@ -20,14 +21,26 @@ if TYPE_CHECKING:
 DEFAULT_LAMBDAS = "1e-2,3e-3,1e-3,3e-4,1e-4,1e-5"
 
 
-def parse_lambdas(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, ...]:
+def parse_lambdas(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
     """Parse comma-separated numbers. The library checks that each is a valid lambda."""
+    if value is None:
+        return None
     try:
         return tuple(float(number) for number in value.split(","))
     except ValueError as error:
         raise click.BadParameter(
             f"{value!r} is not numbers with commas between, such as 1e-2,1e-4.", ctx, param
         ) from error
+
+
+def parse_shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Parse I/N to (I, N), with 1 <= I <= N."""
+    if value is None:
+        return None
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", value)
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        raise click.BadParameter(f"{value!r} is not I/N with I from 1 to N, such as 2/8.", ctx, param)
+    return int(match[1]), int(match[2])
 
 
 @click.command(
@@ -45,10 +58,8 @@ Examples:
 @click.option(
     "--lambdas",
     callback=parse_lambdas,
-    default=DEFAULT_LAMBDAS,
-    show_default=True,
     metavar="LIST",
-    help="Comma-separated values of lambda to measure.",
+    help=f"Comma-separated values of lambda to measure.  [default: those of {DEFAULT_LAMBDAS} that the model is for]",
 )
 @click.option(
     "--systems",
@@ -76,19 +87,32 @@ Examples:
     show_default=True,
     help="Write an image per entry with target, decoded view, error and depth side by side.",
 )
+@click.option(
+    "--shard",
+    callback=parse_shard,
+    metavar="I/N",
+    help="Measure part I of N of the entries. The same command without it then merges the parts and writes the tables.",
+)
+@click.option(
+    "--external", type=FILE_PATH, metavar="CSV", help="Results of other systems, drawn and listed beside ours."
+)
+@device_option
 @threads_option
 @json_option
 def command(
     root: Path,
     index: Path,
     output: Path,
-    lambdas: tuple[float, ...],
+    lambdas: tuple[float, ...] | None,
     groups: str,
     model: Path | None,
     num_context: int | None,
     most: int | None,
     size: tuple[int, int] | None,
     strips: bool,
+    shard: tuple[int, int] | None,
+    external: Path | None,
+    device: str,
     as_json: bool,
 ) -> None:
     """Encode the context views of every entry of the index, decode the file, and compare renderings with the target
@@ -96,10 +120,10 @@ def command(
 
     ROOT contains one folder per scene (transforms.json, COLMAP), or RealEstate10K, ACID or DL3DV chunks in the format
     of pixelSplat. The rate is the size of the whole file. Results are written to entries.tsv, summary.tsv,
-    comparisons.tsv, summary.json and strips/. An interrupted run resumes where it stopped. Scenes that fail are listed
-    at the end.
+    comparisons.tsv, summary.json, complexity.md (the paper's Table 1), curves_*.png and strips/. An interrupted run
+    resumes where it stopped. Scenes that fail are listed at the end.
     """
-    for lmbda in lambdas:
+    for lmbda in lambdas or ():
         quantise_lambda(lmbda)  # raises for a value outside the range, before anything is read
 
     from fecocodec.evaluation.extras import require_packages
@@ -112,7 +136,13 @@ def command(
     from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
 
-    plan = Plan(root, index, model_folder(model), output, names, lambdas, size, num_context, most, with_strips=strips)
+    from .device import require_rendering_device
+
+    require_rendering_device(device)
+    plan = Plan(
+        root, index, model_folder(model), output, names, lambdas, size, num_context, most,
+        with_strips=strips, device=device, shard=shard, external=external,
+    )  # fmt: skip
     with progress_bar() as on_progress:
         report = evaluate_to_folder(plan, lambda m, fraction: on_progress(f"{m.entry} {m.system}"[:24], fraction))
     if as_json:
@@ -126,7 +156,20 @@ def command(
 
 
 def _print_report(report: "Report") -> None:
-    head = ("system", "setting", "entries", "KiB", "bpp", "PSNR", "SSIM", "FLIP", "Gaussians", "encode s", "decode s")
+    head = (
+        "system",
+        "setting",
+        "entries",
+        "KiB",
+        "bpp",
+        "PSNR",
+        "SSIM",
+        "FLIP",
+        "ST-LPIPS",
+        "Gaussians",
+        "encode s",
+        "decode s",
+    )
     rows = [
         (
             row.system,
@@ -137,6 +180,7 @@ def _print_report(report: "Report") -> None:
             f"{row.psnr:.2f}",
             f"{row.ssim:.3f}",
             f"{row.flip:.3f}" if row.flip is not None else "",
+            f"{row.st_lpips:.3f}" if row.st_lpips is not None else "",
             f"{row.gaussians:.0f}",
             f"{row.encode_seconds:.3f}",
             f"{row.decode_seconds:.3f}",

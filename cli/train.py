@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fecocodec.errors import InputError
+
 from .options import FILE_PATH, device_option, parse_size, threads_option
 from .output import say
 
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
 
+DEFAULT_MINUTES = 60.0
 _SHAPE_FIELDS = ("num_scenes", "view_shares", "num_target", "sizes")
 _SCHEDULE_FIELDS = (
     "num_steps", "one_stage_until", "bypass_until", "learning_rate", "photograph_share", "disparity_weight",
@@ -46,15 +49,31 @@ Examples:
 @click.argument("folder", metavar="FOLDER", type=FILE_PATH)
 @click.option(
     "--config", "name", default="compact", show_default=True, metavar="NAME",
-    help="Training configuration: compact, paper-re10k or paper-dl3dv. Options below without a default override it.",
+    help="Training configuration: compact, paper-re10k, paper-dl3dv, or a variant such as ablate-no-feedback "
+    "(docs/paper_profile.md). Options below without a default override it.",
 )  # fmt: skip
 @click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes, each with a transforms.json.")
 @click.option(
     "--textures", type=FILE_PATH, help="Folder of images that texture procedural scenes, besides the built-in patterns."
 )
 @click.option(
-    "--max-minutes", type=click.FloatRange(min=0, min_open=True), default=60.0, show_default=True,
-    help="Save a checkpoint and stop after this time.",
+    "--validation", type=FILE_PATH, help="Folder of scenes as --photographs, with other scenes, measured now and then."
+)
+@click.option(
+    "--validate-every", type=click.IntRange(min=1), default=5_000, show_default=True, metavar="STEPS",
+    help="Steps between two measurements of --validation.",
+)  # fmt: skip
+@click.option(
+    "--keep-every", type=click.IntRange(min=1), default=25_000, show_default=True, metavar="STEPS",
+    help="Steps between two checkpoints that are kept, step_*.pt.",
+)  # fmt: skip
+@click.option(
+    "--workers", "num_workers", type=click.IntRange(min=0), default=0, show_default=True,
+    help="Number of processes that draw batches ahead, per training process.",
+)  # fmt: skip
+@click.option(
+    "--max-minutes", type=click.FloatRange(min=0, min_open=True),
+    help="Save a checkpoint and stop after this time.  [default: 60, no limit for the paper's configurations]",
 )  # fmt: skip
 @click.option("--steps", "num_steps", type=int, help="Number of training steps.")
 @click.option("--one-stage-steps", "one_stage_until", type=int, help="Number of first steps that train stage 1 only.")
@@ -92,7 +111,8 @@ Examples:
 @click.option("--from", "start", type=FILE_PATH, help="Initialise with the weights of the model in this folder.")
 @click.option(
     "--extractor-weights", "extractor", type=FILE_PATH,
-    help="Initialise the extractor from a model folder, or from a DepthSplat, Depth Anything V2 or UniMatch file.",
+    help="Initialise the extractor from a model folder, or from a DepthSplat, Depth Anything V2, DINOv2 or UniMatch "
+    "file.",
 )  # fmt: skip
 @click.option(
     "--freeze", "frozen", multiple=True, type=click.Choice(["receiver", "extractor"]),
@@ -116,7 +136,7 @@ Examples:
     show_default=True,
     help="Number of scenes per process that --entropy-steps trains on.",
 )
-@click.option("--export", "model", type=FILE_PATH, help="Write the weights of the trained model to this folder.")
+@click.option("--export", "model", type=FILE_PATH, help="Write the weights of the finished model to this folder.")
 @device_option
 @threads_option
 def command(
@@ -124,7 +144,11 @@ def command(
     name: str,
     photographs: Path | None,
     textures: Path | None,
-    max_minutes: float,
+    validation: Path | None,
+    validate_every: int,
+    keep_every: int,
+    num_workers: int,
+    max_minutes: float | None,
     seed: int,
     start: Path | None,
     extractor: Path | None,
@@ -152,9 +176,14 @@ def command(
 
     require_rendering_device(device)
     configuration = _overridden(configuration_named(name), {**overrides, "frozen": frozen})
+    _check_options(configuration, entropy_steps, num_workers)
     with joined_processes(device) as own_device:
-        sources = open_sources(photographs, textures, configuration)
-        trainer = Trainer(RunSettings(folder, configuration, max_minutes, seed, own_device), sources)
+        sources = open_sources(photographs, textures, configuration, validation)
+        settings = RunSettings(
+            folder, configuration, max_minutes or _default_minutes(configuration), seed, own_device,
+            num_workers=num_workers, validate_every=validate_every, keep_every=keep_every,
+        )  # fmt: skip
+        trainer = Trainer(settings, sources)
         if trainer.checkpoint.exists():
             trainer.resume(trainer.checkpoint)
         elif start is not None:
@@ -171,7 +200,31 @@ def command(
                 if is_first():
                     say("entropy model: " + "  ".join(f"{name} {value:.4g}" for name, value in row.items()))
         if model is not None and is_first():
+            _require_finished(trainer.step, configuration.schedule.num_steps, model)
             export_model(trainer.checkpoint, model, configuration)
+
+
+def _check_options(configuration: "Configuration", entropy_steps: int, num_workers: int) -> None:
+    if configuration.sender.extractor == "adapted":
+        raise InputError(
+            "This configuration needs the network of its extractor; train it in Python (examples/larger_extractor.py)."
+        )
+    if configuration.is_paper and entropy_steps:
+        raise InputError("The paper's method has no phase for the entropy model alone; leave out --entropy-steps.")
+    if configuration.kept_batches and num_workers:
+        raise InputError("Kept batches are drawn by the training process; leave out --workers, or --keep.")
+
+
+def _default_minutes(configuration: "Configuration") -> float | None:
+    return None if configuration.is_paper else DEFAULT_MINUTES
+
+
+def _require_finished(step: int, num_steps: int, model: Path) -> None:
+    if step < num_steps:
+        raise InputError(
+            f"{model}: nothing was exported, because the run stopped after {step} of {num_steps} steps; "
+            f"run the same command again, or export these weights with --steps {step}."
+        )
 
 
 def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":
@@ -182,4 +235,6 @@ def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "C
     shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
     schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
     others = {name: given[name] for name in ("lambda_range", "precision", "frozen", "kept_batches") if name in given}
+    if configuration.is_paper and "lambda_range" in given:
+        others["receiver"] = replace(configuration.receiver, lambda_range=given["lambda_range"])
     return replace(configuration, shapes=shapes, schedule=schedule, **others)

@@ -11,7 +11,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from fecocodec.config import is_in_range
+from fecocodec.config import is_in_range, optional_fields
 from fecocodec.errors import ModelError
 
 SHIPPED = Path(__file__).parent / "weights"
@@ -76,6 +76,18 @@ def read_weights(path: Path) -> Weights:
     return Weights(tensors, config, model_id_of(data))
 
 
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Read the tensors of any safetensors file, with floats converted to float32.
+
+    Raises ModelError if the file is missing or damaged.
+    """
+    try:
+        stored = load(_read_bytes(path))
+    except SafetensorError as error:
+        raise ModelError(f"{path}: not a safetensors file, or damaged; fetch or install it again.") from error
+    return {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
+
+
 def _read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
@@ -121,6 +133,7 @@ def config_of(weights: Weights, end: str, like: Config, place: Path) -> Config:
         raise ModelError(f"{place}: holds no {end}; name a {end}'s weights file.")
     found = {name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()}
     expected = {field.name: getattr(like, field.name) for field in fields(like)}  # type: ignore[arg-type]
+    found = {name: expected[name] for name in optional_fields(like) - found.keys()} | found
     if {name: _form(value) for name, value in found.items()} != {n: _form(value) for n, value in expected.items()}:
         raise ModelError(f"{place}: made by another version of the codec; install that version.")
     for name, value in found.items():

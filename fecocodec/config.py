@@ -1,12 +1,16 @@
 """Configurations of the networks, stored in weights files. The model id of a stream therefore determines them."""
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
 
 MAX_GROWTH = 8  # largest ratio of a size to its default, so that a damaged file cannot allocate gigabytes
 MAX_SIZE_WITHOUT_DEFAULT = 4096
 MAX_FLOAT_GROWTH = 1000.0
+# Metadata of fields that weights files of released models do not have. They are stored only if they differ from their
+# default, so that the files, and with them the model ids, of released models stay the same.
+OPTIONAL = {"optional": True}
+COMPACT, PAPER = "compact", "paper"  # methods
 
 
 @dataclass(frozen=True)
@@ -43,18 +47,25 @@ class ReceiverConfig:
     view_dependence_ridge: float = 0.1  # ridge, as the difference of unit directions that halves the slope
     hiding_lag: float = 0.1  # logarithm of the ratio of depths at half occlusion: 10% behind the surface
     hiding_lag_width: float = 0.05
+    # Method: "paper" switches off what this codec adds to the paper (docs/paper_profile.md).
+    method: str = field(default=COMPACT, metadata=OPTIONAL)
+    gaussians_per_side: int = field(default=2, metadata=OPTIONAL)  # of a cell of the 1/4 grid: 1, 2 or 4
+    lambda_range: tuple[float, float] = field(default=(1e-5, 1e-2), metadata=OPTIONAL)  # that the model was trained for
+    num_stages: int = field(default=2, metadata=OPTIONAL)  # likewise; streams hold at most two
 
 
 @dataclass(frozen=True)
 class CodecConfig:
     """Sizes of g_a and E_fb, common to all feature extractors.
 
-    extractor: name of the feature extractor in weights files.
+    extractor: name of the feature extractor in weights files. ablation: "no-context" gives g_a the state S0 in stage 2,
+    "no-feedback" gives E_fb the photographs in place of the renderings; "" for the whole sender.
     """
 
     extractor: ClassVar[str]
     analysis_channels: int = 160  # inner width of g_a at 1/8
     fine_hidden: int = 96
+    ablation: str = field(default="", metadata=OPTIONAL, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -89,6 +100,18 @@ class AdaptedSenderConfig(CodecConfig):
     extractor: ClassVar[str] = "adapted"
     fingerprint: str = ""  # hash of the extractor's weights
     extractor_channels: int = 0
+
+
+def stored_fields(config: Any) -> dict[str, Any]:
+    """Return the fields of a configuration that a weights file stores: optional ones only if they are not default."""
+    values = {entry.name: getattr(config, entry.name) for entry in fields(config)}
+    defaults = {entry.name: entry.default for entry in fields(config) if entry.metadata.get("optional")}
+    return {name: value for name, value in values.items() if name not in defaults or value != defaults[name]}
+
+
+def optional_fields(config: Any) -> frozenset[str]:
+    """Return the names of the fields that a weights file may lack."""
+    return frozenset(entry.name for entry in fields(config) if entry.metadata.get("optional"))
 
 
 def is_in_range(value: object, default: object) -> bool:

@@ -6,10 +6,8 @@ from einops import rearrange, repeat
 from jaxtyping import Bool
 from torch import Tensor
 
-from fecocodec.container.coverage import CELL, coverage_grid
+from fecocodec.container.coverage import coverage_grid
 from fecocodec.container.header import Header
-
-GAUSSIANS_PER_SIDE = CELL // 2  # of a cell; there is one Gaussian per 2x2 pixels
 
 
 def cells_to_bits(cells: Bool[Tensor, "view row column"]) -> bytes:
@@ -22,9 +20,12 @@ def bits_to_cells(bits: bytes, header: Header) -> Bool[Tensor, "view row column"
     return torch.from_numpy(np.unpackbits(np.frombuffer(bits, dtype=np.uint8))).bool().view(coverage_grid(header))
 
 
-def is_in_covered_cell(bits: bytes, header: Header) -> Bool[Tensor, " n"]:
-    """Return which Gaussians belong to a covered cell. The order is (view, row, column) on the 1/2 grid."""
-    side = GAUSSIANS_PER_SIDE
+def is_in_covered_cell(bits: bytes, header: Header, gaussians_per_side: int = 2) -> Bool[Tensor, " n"]:
+    """Return which Gaussians belong to a covered cell, ordered (view, row, column).
+
+    gaussians_per_side: of a cell, 4x4 pixels; 2 for one Gaussian per 2x2 pixels.
+    """
+    side = gaussians_per_side
     return rearrange(
         repeat(bits_to_cells(bits, header), "v r c -> v r i c j", i=side, j=side), "v r i c j -> (v r i c j)"
     )

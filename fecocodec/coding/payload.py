@@ -10,7 +10,7 @@ from torch import Tensor
 
 from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
-from fecocodec.coding.symbol_choice import choose_symbols, price_of_bits
+from fecocodec.coding.symbol_choice import PriceOfBits, choose_symbols, price_of_bits
 from fecocodec.coding.walk import FACTOR_32, in_layout, split_partitions, walk_latents
 from fecocodec.entropy.digest import symbol_digest
 from fecocodec.entropy.symbol_coders import SymbolCoder, SymbolReader, SymbolWriter
@@ -41,18 +41,19 @@ def encode_latents(
     lambda_q: int,
     stage: int,
     context_y_hat: Float[Tensor, "view latent height_8 width_8"] | None,
+    price: PriceOfBits = price_of_bits,
 ) -> tuple[bytes, CodedLatents]:
     """Code the latents of one stage; returns the payload and the latents that a receiver decodes from it.
 
     lambda_q: quantised lambda of the stage, `Header.lambda_q_of_stage`. stage: 1 or 2. context_y_hat: y_hat of stage 1
-    when coding stage 2, else None. Latents may have any magnitude; symbols are clamped to +-2^20. Raises InputError
-    for NaN.
+    when coding stage 2, else None. price: of a bit, for the choice of symbols; see `PriceOfBits`. Latents may have any
+    magnitude; symbols are clamped to +-2^20. Raises InputError for NaN.
     """
     if bool(y.isnan().any() | z.isnan().any()):
         raise InputError(f"Stage {stage}: the latent holds NaN; check the images and the weights.")
     writer = SymbolWriter()
     size = (len(z), z.shape[2], z.shape[3])
-    coded = code_latents(prior, writer, lambda_q, stage, context_y_hat, size, split_partitions(y, z))
+    coded = code_latents(prior, writer, lambda_q, stage, context_y_hat, size, split_partitions(y, z), price)
     return writer.finish(), coded
 
 
@@ -87,11 +88,12 @@ def code_latents(
     context_y_hat: Float[Tensor, "view latent height_8 width_8"] | None,
     size_32: tuple[int, int, int],
     wanted: Sequence[Tensor] | None,
+    price: PriceOfBits = price_of_bits,
 ) -> CodedLatents:
     """Code the latents in coding order, in exact arithmetic, with a symbol writer or reader.
 
     size_32: views, height and width of z. wanted: latents by partition (`split_partitions`) for a writer, None for a
-    reader.
+    reader. price: used by a writer alone.
     """
     if (stage == 1) != (context_y_hat is None):
         raise ValueError(f"Stage {stage}: y_hat of the stage before belongs to stage 2, and to it only.")
@@ -102,14 +104,14 @@ def code_latents(
         table_index, sent = parameters.table_index(), None
         if wanted is not None:
             residual = wanted[partition].double() - parameters.mean_q8 / ONE_Q8
-            chosen = choose_symbols(residual, table_index.double(), in_layout(price, partition))
+            chosen = choose_symbols(residual, table_index.double(), in_layout(price_of_item, partition))
             sent = chosen.to(torch.int32).cpu().numpy()
         symbols.append(coder.exchange(table_index.cpu().numpy(), sent))
         return torch.from_numpy(symbols[-1]).to(device, torch.float64) * ONE_Q8 + parameters.mean_q8
 
     views, *size = size_32
     lambdas = torch.full((views,), lambda_q, device=device)
-    condition_q8, price = condition_vector(lambdas, stage).double(), price_of_bits(lambdas, stage)
+    condition_q8, price_of_item = condition_vector(lambdas, stage).double(), price(lambdas, stage)
     context_q8 = None if context_y_hat is None else context_y_hat.to(device, torch.float64) * ONE_Q8
     walked = walk_latents(prior, condition_q8, (size[0], size[1]), context_q8, exchange)
     # Values below 2^16 in magnitude are exact in float32; only those of extreme symbols are rounded here.

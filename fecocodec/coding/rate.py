@@ -59,8 +59,35 @@ def estimate_latents(
     else None.
     """
     meter = _Meter(split_partitions(y.float(), z.float()), price_of_bits(lambda_q, stage), soften)
+    return _estimate(prior, meter, (z.shape[2], z.shape[3]), lambda_q, stage, context_y_hat)
+
+
+def estimate_noisy_latents(
+    prior: LatentPrior,
+    y: Float[Tensor, "item latent height_8 width_8"],
+    z: Float[Tensor, "item hyper height_32 width_32"],
+    lambda_q: Int[Tensor, " item"],
+    stage: int,
+    context_y_hat: Float[Tensor, "item latent height_8 width_8"] | None,
+    noise: Softening,
+) -> LatentEstimate:
+    """Add noise to latents, and estimate the bits of the noisy values (Ballé et al., ICLR 2018): the paper's training.
+
+    y_hat and z_hat are the noisy latents. noise: `uniform_noise()`. Other arguments as for `estimate_latents`.
+    """
+    meter = _NoisyMeter(split_partitions(y.float(), z.float()), noise)
+    return _estimate(prior, meter, (z.shape[2], z.shape[3]), lambda_q, stage, context_y_hat)
+
+
+def _estimate(
+    prior: LatentPrior,
+    meter: "_Meter | _NoisyMeter",
+    size_32: tuple[int, int],
+    lambda_q: Int[Tensor, " item"],
+    stage: int,
+    context_y_hat: Float[Tensor, "item latent height_8 width_8"] | None,
+) -> LatentEstimate:
     context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
-    size_32 = (z.shape[2], z.shape[3])
     walked = walk_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
     bits_z, *bits_y = meter.bits
     return LatentEstimate(
@@ -92,6 +119,22 @@ class _Meter:
         bits = sent + (softened - softened.detach())
         self.bits.append(_zero_through(bits, skipped))
         return _zero_through(symbols, skipped) * ONE_Q8 + parameters.mean_q8
+
+
+class _NoisyMeter:
+    """Replaces the symbol coder: adds noise to each value, and records the estimated bits of the noisy values.
+
+    Values that streams do not code, because their scale is small, get noise and bits too.
+    """
+
+    def __init__(self, partitions: list[Tensor], noise: Softening) -> None:
+        self.partitions, self.noise = partitions, noise
+        self.bits: list[Tensor] = []
+
+    def exchange(self, partition: int, parameters: EntropyParameters) -> Tensor:
+        noisy = self.noise(self.partitions[partition] - parameters.mean_q8 / ONE_Q8)
+        self.bits.append(symbol_bits(noisy, clamp_through(parameters.table_position(), 0, NUM_TABLES - 1)))
+        return noisy * ONE_Q8 + parameters.mean_q8
 
 
 def _zero_through(x: Tensor, mask: Tensor) -> Tensor:

@@ -5,6 +5,7 @@ the added squared error. Only the sender chooses; the receiver decodes any symbo
 """
 
 import math
+from collections.abc import Callable
 
 import torch
 from jaxtyping import Float, Int
@@ -27,6 +28,15 @@ PRICES = {1: (0.35, 0.16), 2: (0.3, 0.05)}
 _TAIL_IN_SIGMAS = 8.0  # beyond this the tail is exponential, so that float32 values and gradients stay finite
 _TAIL_SLOPE = _TAIL_IN_SIGMAS / WIDE_SIGMA**2  # of -ln(mass) there, per standard deviation of the table
 _MOST_BITS = 32.0  # about the cost of an outlier, coded at the least frequency of a table or as an escape
+
+
+PriceOfBits = Callable[[Int[Tensor, " item"], int], Float[Tensor, " item"]]
+"""(lambda_q, stage) -> price of a bit in squared quantisation steps: `price_of_bits`, or `no_price` for rounding."""
+
+
+def no_price(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, " item"]:
+    """Return the price 0, with which `choose_symbols` rounds to the nearest integer, as the paper does."""
+    return torch.zeros_like(lambda_q, dtype=torch.float32)
 
 
 def price_of_bits(lambda_q: Int[Tensor, " item"], stage: int) -> Float[Tensor, " item"]:

@@ -5,26 +5,32 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import InputError, ModelError
 from fecocodec.evaluation.entries import open_scenes
+from fecocodec.evaluation.external import ExternalRow, read_external
 from fecocodec.evaluation.extras import require_packages
 from fecocodec.evaluation.machine import describe_machine
+from fecocodec.evaluation.paper_tables import complexity_table, quality_charts
 from fecocodec.evaluation.records import Measurement, RecordFile
+from fecocodec.evaluation.report.png import write_png
 from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
 from fecocodec.evaluation.strips import strip
 from fecocodec.evaluation.summary import OURS, Average, Comparison, as_tsv, averages, compare
-from fecocodec.evaluation.systems.groups import systems_of
+from fecocodec.evaluation.systems.groups import lambdas_in_range, systems_of
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.formats.images import write_image
 from fecocodec.geometry.views import Views
-from fecocodec.sender.codec import load_codec
+from fecocodec.sender.codec import Codec, load_codec
 
 RECORDS = "measurements.jsonl"
+SHARD_RECORDS = "measurements_{number}_of_{count}.jsonl"
+COMPLEXITY_TABLE = "complexity.md"
 STRIP_LAMBDA = 1e-3  # strips are drawn at the nearest measured lambda
 
 OnMeasured = Callable[[Measurement, float], None]  # (measurement, completed fraction of all measurements)
@@ -37,6 +43,10 @@ class Plan:
     root: folder of scenes or chunks. index: evaluation index (JSON). model: folder of the weights. output: results
     folder. groups: see `systems_of`. size: (height, width) in pixels, None for `protocol_size`. num_context: use only
     entries with this number of context views. most: use at most this many entries, evenly spaced. None: no limit.
+
+    lambdas: None for the usual ones in the range of the model. device: of networks and rendering. shard: (number from
+    1, count) to measure a part of the entries, without tables; the same plan without a shard then merges the results.
+    external: CSV file with results of other systems, see `read_external`.
     """
 
     root: Path
@@ -44,11 +54,14 @@ class Plan:
     model: Path
     output: Path
     groups: tuple[str, ...]
-    lambdas: tuple[float, ...]
+    lambdas: tuple[float, ...] | None
     size: tuple[int, int] | None = None
     num_context: int | None = None
     most: int | None = None
     with_strips: bool = True
+    device: str = "cpu"
+    shard: tuple[int, int] | None = None
+    external: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -67,21 +80,52 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
     be measured.
     """
     require_packages(plan.groups)
+    external = () if plan.external is None else read_external(plan.external)
     entries = choose_entries(read_index(plan.index), plan.num_context, plan.most, plan.index)
+    entries = entries if plan.shard is None else shard_of(entries, *plan.shard)
     read = open_scenes(plan.root, plan.size)
-    codec = load_codec(plan.model, "cpu")
-    systems = systems_of(plan.groups, codec, plan.lambdas)
+    codec = load_codec(plan.model, plan.device)
+    lambdas = lambdas_in_range(codec, plan.lambdas)
+    systems = systems_of(plan.groups, codec, lambdas)
     make_folder(plan.output)
-    records = RecordFile(plan.output / RECORDS)
-    draw = _drawing(plan) if plan.with_strips else draw_nothing
+    records = _records(plan)
+    draw = _drawing(plan, lambdas) if plan.with_strips else draw_nothing
+    label = weights_label(plan.model, plan.size)
     found = []
-    for measurement in measure_all(read, entries, systems, records, weights_label(plan.model, plan.size), draw):
+    for measurement in measure_all(read, entries, systems, records, label, draw, plan.device):
         found.append(measurement)
         on_measured(measurement, len(found) / (len(entries) * len(systems)))
     rows = averages(found)
-    report = Report(rows, compare(rows), tuple(m for m in found if m.error))
-    write_tables(plan.output, found, report)
+    others = [row for row in external if row.kib and row.psnr is not None]
+    report = Report(rows, compare((*rows, *others)), tuple(m for m in found if m.error))
+    if plan.shard is None:
+        write_tables(plan.output, found, report)
+        _write_paper_tables(plan.output, codec, rows, external)
     return report
+
+
+def shard_of(entries: Sequence[IndexEntry], number: int, count: int) -> tuple[IndexEntry, ...]:
+    """Return every `count`-th entry, from `number` (1 to `count`) on. Raises InputError for another number."""
+    if not 1 <= number <= count:
+        raise InputError(f"shard {number}/{count}: give a number from 1 to {count}.")
+    return tuple(entries[number - 1 :: count])
+
+
+def _records(plan: Plan) -> RecordFile:
+    """Open the file of a shard; or the main one, which takes over the measurements of all shards."""
+    if plan.shard is not None:
+        number, count = plan.shard
+        return RecordFile(plan.output / SHARD_RECORDS.format(number=number, count=count))
+    return RecordFile(plan.output / RECORDS, sorted(plan.output.glob(SHARD_RECORDS.format(number="*", count="*"))))
+
+
+def _write_paper_tables(folder: Path, codec: Codec, rows: Sequence[Average], external: Sequence[ExternalRow]) -> None:
+    """Write `curves_*.png` where matplotlib is installed, and the paper's Table 1."""
+    if find_spec("matplotlib") is not None:
+        for chart in quality_charts(rows, external):
+            write_png(chart, folder / f"{chart.name}.png")
+    with write_atomically(folder / COMPLEXITY_TABLE, overwrite=True) as temporary:
+        temporary.write_text(complexity_table(codec, rows, external))
 
 
 def choose_entries(
@@ -131,10 +175,10 @@ def write_tables(folder: Path, found: Sequence[Measurement], report: Report) -> 
             temporary.write_text(text)
 
 
-def _drawing(plan: Plan) -> Draw:
+def _drawing(plan: Plan, lambdas: Sequence[float]) -> Draw:
     folder = plan.output / "strips"
     make_folder(folder)
-    drawn = min(plan.lambdas, key=lambda lmbda: abs(math.log(lmbda / STRIP_LAMBDA)))
+    drawn = min(lambdas, key=lambda lmbda: abs(math.log(lmbda / STRIP_LAMBDA)))
 
     def draw(entry: IndexEntry, system: System, views: Views, found: Reconstruction) -> None:
         if (system.name, system.setting) == (OURS, f"lambda {drawn:g}"):

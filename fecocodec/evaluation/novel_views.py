@@ -14,18 +14,20 @@ from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.rendering.metrics import psnr, ssim
+from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.rendering.rasterizer import render
 
 
 @dataclass(frozen=True)
 class Score:
-    """Rate and quality of one coded scene. PSNR (dB) and SSIM are means over views. num_bytes: size of the file."""
+    """Rate and quality of one coded scene. PSNR (dB), SSIM and ST-LPIPS are means over views. num_bytes: file size."""
 
     name: str
     num_bytes: int
     num_gaussians: int
     target_psnr: float
     target_ssim: float
+    target_st_lpips: float
     context_psnr: float
 
 
@@ -46,6 +48,7 @@ def score(system: System, name: str, views: Views, num_context: int) -> Score:
         num_gaussians=0 if result.gaussians is None else result.gaussians.count,
         target_psnr=float(quality[num_context:].mean()),
         target_ssim=float(structure[num_context:].mean()),
+        target_st_lpips=float(st_lpips(result.images[num_context:], views.images[num_context:]).mean()),
         context_psnr=float(quality[:num_context].mean()),
     )
 

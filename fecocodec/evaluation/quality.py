@@ -1,7 +1,6 @@
 """Image quality in several metrics."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import torch
 from einops import rearrange
@@ -9,22 +8,24 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.evaluation.extras import require_extra
+from fecocodec.rendering.lpips_vgg import is_lpips_installed, lpips_vgg
 from fecocodec.rendering.metrics import MS_SSIM_LEAST_SIDE, ms_ssim, psnr, ssim
-
-LPIPS_BACKBONE = "alexnet-owt-7be5be79.pth"  # file name of AlexNet's weights in torchvision
+from fecocodec.rendering.perceptual import ST_LPIPS_LEAST_SIDE, st_lpips
 
 
 @dataclass(frozen=True)
 class Quality:
-    """Means over images. psnr in dB; ssim and ms_ssim are 1, flip and lpips are 0 for identical images.
+    """Means over images. psnr in dB; ssim and ms_ssim are 1, flip, st_lpips and lpips are 0 for identical images.
 
-    ms_ssim: None if a side is shorter than 176 pixels. lpips: None if the weights of its backbone are not installed.
+    ms_ssim: None if a side is shorter than 176 pixels. st_lpips: with AlexNet, None if a side is shorter than 21
+    pixels. lpips: with VGG-16, None if its package or the weights of its backbone are not installed.
     """
 
     psnr: float
     ssim: float
     ms_ssim: float | None
     flip: float
+    st_lpips: float | None
     lpips: float | None
 
 
@@ -41,7 +42,8 @@ def measure_quality(
         ssim=float(ssim(images, targets).mean()),
         ms_ssim=float(ms_ssim(images, targets).mean()) if min(images.shape[-2:]) >= MS_SSIM_LEAST_SIDE else None,
         flip=_flip(images, targets),
-        lpips=_lpips(images, targets),
+        st_lpips=float(st_lpips(images, targets).mean()) if min(images.shape[-2:]) >= ST_LPIPS_LEAST_SIDE else None,
+        lpips=float(lpips_vgg(images, targets).mean()) if is_lpips_installed() else None,
     )
 
 
@@ -51,12 +53,3 @@ def _flip(images: Tensor, targets: Tensor) -> float:
     pairs = zip(*(rearrange(stack, "i rgb h w -> i h w rgb").numpy() for stack in (targets, images)), strict=True)
     errors = [library.evaluate(target, image, "LDR", applyMagma=False)[1] for target, image in pairs]
     return float(sum(errors) / len(errors))
-
-
-def _lpips(images: Tensor, targets: Tensor) -> float | None:
-    """Zhang et al., "The Unreasonable Effectiveness of Deep Features", 2018, with AlexNet. Downloads nothing."""
-    if not Path(torch.hub.get_dir(), "checkpoints", LPIPS_BACKBONE).is_file():
-        return None
-    library = require_extra("lpips", "LPIPS")
-    network = library.LPIPS(net="alex", verbose=False)
-    return float(network(images, targets, normalize=True).mean())

@@ -1,7 +1,7 @@
 """Measurements in a JSON Lines file. Each is appended immediately, so that an interrupted run can be resumed."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -31,6 +31,7 @@ class Measurement:
     ssim: float = 0.0
     ms_ssim: float | None = None
     flip: float | None = None
+    st_lpips: float | None = None
     lpips: float | None = None
     context_psnr: float = 0.0
     encode_seconds: float = 0.0
@@ -47,12 +48,16 @@ class Measurement:
 class RecordFile:
     """Measurements backed by a JSON Lines file. Those in the file are not repeated, except failed ones."""
 
-    def __init__(self, path: Path) -> None:
-        """Read the file if it exists. Raises InputError if it does not contain measurements."""
+    def __init__(self, path: Path, others: Sequence[Path] = ()) -> None:
+        """Read the file if it exists, after the `others`, which are not written to.
+
+        Raises InputError if a file does not contain measurements.
+        """
         self.path = path
         self.measurements: dict[tuple[str, str, str, str], Measurement] = {}
-        for measurement in _read(path) if path.exists() else ():
-            self.measurements[measurement.key] = measurement
+        for known in (*others, path):
+            for measurement in _read(known) if known.exists() else ():
+                self.measurements[measurement.key] = measurement
 
     def is_known(self, key: tuple[str, str, str, str]) -> bool:
         """Return whether there is a measurement with this key and without an error."""

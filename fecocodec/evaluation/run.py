@@ -26,11 +26,13 @@ def measure_all(
     records: RecordFile,
     model: str,
     draw: Draw = draw_nothing,
+    device: str = "cpu",
 ) -> Iterator[Measurement]:
     """Run the measurements that `records` does not contain yet, and yield all measurements.
 
     read: reads the views of an entry. model: label of the weights, part of the key of a measurement. draw: called after
-    each new measurement. A failure is recorded with its error and does not affect other measurements.
+    each new measurement. device: whose peak memory is measured. A failure is recorded with its error and does not
+    affect other measurements.
     """
     for entry in entries:
         missing = [system for system in systems if not records.is_known(_key(entry, system, model))]
@@ -44,15 +46,15 @@ def measure_all(
                 yield _recorded(records, _failure(entry, system, model, error))
             continue
         for system in missing:
-            yield _recorded(records, _measure(entry, system, views, model, draw))
+            yield _recorded(records, _measure(entry, system, views, model, draw, device))
 
 
-def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: Draw) -> Measurement:
+def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: Draw, device: str) -> Measurement:
     num_context = len(entry.context)
-    forget_peak()
+    forget_peak(device)
     try:
         result = system.reconstruct(views, num_context)
-        peak = peak_mib()
+        peak = peak_mib(device)
         target = measure_quality(result.images[num_context:], views.images[num_context:])
         draw(entry, system, views, result)
     except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:  # one failure must not stop the evaluation
@@ -70,6 +72,7 @@ def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: 
         ssim=target.ssim,
         ms_ssim=target.ms_ssim,
         flip=target.flip,
+        st_lpips=target.st_lpips,
         lpips=target.lpips,
         context_psnr=float(psnr(result.images[:num_context], views.images[:num_context]).clamp_max(99.0).mean()),
         encode_seconds=result.encode_seconds,

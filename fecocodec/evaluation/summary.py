@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import fmean, median
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from fecocodec.evaluation.bd_rate import Point, bd_psnr, bd_rate
 from fecocodec.evaluation.records import Measurement
@@ -28,11 +28,26 @@ class Average:
     ssim: float
     ms_ssim: float | None
     flip: float | None
+    st_lpips: float | None
     lpips: float | None
     context_psnr: float
     encode_seconds: float
     decode_seconds: float
     peak_mib: float | None
+
+
+@runtime_checkable
+class RatedPoint(Protocol):
+    """A point of a rate-distortion curve: an `Average`, or a row measured elsewhere that has both numbers."""
+
+    @property
+    def system(self) -> str: ...
+    @property
+    def setting(self) -> str: ...
+    @property
+    def kib(self) -> float | None: ...
+    @property
+    def psnr(self) -> float | None: ...
 
 
 @dataclass(frozen=True)
@@ -56,7 +71,7 @@ def averages(measurements: Sequence[Measurement]) -> tuple[Average, ...]:
     return tuple(_average([by_entry[entry] for entry in sorted(common)]) for by_entry in points.values() if common)
 
 
-def compare(rows: Sequence[Average], ours: str = OURS) -> tuple[Comparison, ...]:
+def compare(rows: Sequence[RatedPoint], ours: str = OURS) -> tuple[Comparison, ...]:
     """Compare our curve with that of every other system that has at least two settings.
 
     Variants of one codec are compared at their common settings (values of lambda), because interpolation through
@@ -64,7 +79,7 @@ def compare(rows: Sequence[Average], ours: str = OURS) -> tuple[Comparison, ...]
     """
     curves: dict[str, dict[str, Point]] = {}
     for row in rows:
-        if row.kib > 0:
+        if row.kib and row.psnr is not None:
             curves.setdefault(row.system, {})[row.setting] = (row.kib, row.psnr)
     if ours not in curves:
         return ()
@@ -92,6 +107,7 @@ def _average(found: Sequence[Measurement]) -> Average:
         ssim=fmean(m.ssim for m in found),
         ms_ssim=_mean_if_all([m.ms_ssim for m in found]),
         flip=_mean_if_all([m.flip for m in found]),
+        st_lpips=_mean_if_all([m.st_lpips for m in found]),
         lpips=_mean_if_all([m.lpips for m in found]),
         context_psnr=fmean(m.context_psnr for m in found),
         encode_seconds=median(m.encode_seconds for m in found),

@@ -7,6 +7,7 @@ is loaded without executing code: only tensors, lists, strings and numbers are a
 
 import zipfile
 from collections import OrderedDict
+from functools import cached_property
 from pathlib import Path
 
 import torch
@@ -16,7 +17,7 @@ from fecocodec.formats.chunk_scene import ChunkScene, chunk_scene
 from fecocodec.formats.input_file import read_json
 
 INDEX_FILE = "index.json"
-_MOST_OPEN = 4  # chunks kept open; they are mapped into memory, not read
+_MOST_OPEN = 16  # chunks kept open; they are mapped into memory, not read
 
 
 def is_chunk_folder(path: Path) -> bool:
@@ -37,6 +38,14 @@ class ChunkFolder:
     def scene_names(self) -> tuple[str, ...]:
         """Return the keys of all scenes, in the order of the index."""
         return tuple(self._file_of)
+
+    @cached_property
+    def names_by_chunk(self) -> tuple[tuple[str, ...], ...]:
+        """Return the keys of the scenes of each chunk, in the order of the index."""
+        groups: dict[str, list[str]] = {}
+        for name, file in self._file_of.items():
+            groups.setdefault(file, []).append(name)
+        return tuple(tuple(names) for names in groups.values())
 
     def scene(self, name: str) -> ChunkScene:
         """Return the scene with this key. Raises InputError if there is none, or its chunk or record is damaged."""

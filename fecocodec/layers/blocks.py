@@ -159,9 +159,9 @@ class PixelShuffle(nn.Module):
         return pixel_shuffle(x)
 
 
-def pixel_shuffle(x: Float[Tensor, "item channels4 h w"]) -> Float[Tensor, "item channel h2 w2"]:
-    """Rearrange channels to pixels, as `torch.nn.functional.pixel_shuffle` by two, with channels last in memory.
+def pixel_shuffle(x: Float[Tensor, "item _ h w"], factor: int = 2) -> Float[Tensor, "item channel _ _"]:
+    """Rearrange channels to pixels, as `torch.nn.functional.pixel_shuffle`, with channels last in memory.
 
     Torch's function returns channels first, which every following layer would convert.
     """
-    return rearrange(x, "n (c i j) h w -> n (h i) (w j) c", i=2, j=2).permute(0, 3, 1, 2)
+    return rearrange(x, "n (c i j) h w -> n (h i) (w j) c", i=factor, j=factor).permute(0, 3, 1, 2)

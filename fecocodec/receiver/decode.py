@@ -134,7 +134,11 @@ def _decode_part(
     with torch.inference_mode():
         state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
         on_progress("predicting Gaussians", 0.8)
-        is_covered = None if stream.coverage is None else is_in_covered_cell(stream.coverage, header)
+        is_covered = (
+            None
+            if stream.coverage is None
+            else is_in_covered_cell(stream.coverage, header, receiver.config.gaussians_per_side)
+        )
         gaussians = emit(receiver, state, cameras, is_covered, config)
     # Clone outside inference mode, so that a caller can compute gradients of the tensors.
     gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))

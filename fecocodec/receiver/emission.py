@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from jaxtyping import Bool
 from torch import Tensor
 
+from fecocodec.config import PAPER
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
@@ -34,11 +35,13 @@ def emit(
 ) -> Gaussians:
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`, on the CPU.
 
-    cameras: of the context views, as stored in the stream. is_covered: mask of the Gaussians of the 1/2 grids, ordered
-    (view, row, column); Gaussians with False are dropped. None drops none. The background layer comes last.
+    cameras: of the context views, as stored in the stream. is_covered: mask of the Gaussians, ordered (view, row,
+    column); Gaussians with False are dropped. None drops none. The background layer comes last; the method "paper" has
+    none.
     """
     normalised, frame = normalise_scene(cameras)
-    on_device, (height, width) = normalised.to(state.state.device), (2 * side for side in state.state.shape[-2:])
+    on_device = normalised.to(state.state.device)
+    height, width = (receiver.config.gaussians_per_side * side for side in state.state.shape[-2:])
     prediction = receiver.predict(state.state, on_device.as_batch(), state.condition)
     plain = prediction.gaussians.scene(0)
     gaussians = (receiver.appearance(prediction, on_device) if config.sh_degree else plain).to("cpu")
@@ -47,7 +50,7 @@ def emit(
         emitted = gaussians.keep(is_emitted)
     else:
         emitted = merged(gaussians, is_emitted, (height, width), normalised, config.merging)
-    if config.background is not None:
+    if config.background is not None and receiver.config.method != PAPER:
         plain = replace(plain.to("cpu"), opacities=gaussians.opacities * is_emitted)
         emitted = append(emitted, background_layer(plain, normalised, (height, width), config.background))
     return denormalise_gaussians(emitted, frame)

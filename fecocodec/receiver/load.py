@@ -1,13 +1,12 @@
 """Load and serialise the receiver's weights."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 from torch import Tensor
 
 from fecocodec.checkpoint import config_of, load_into, read_weights, serialise_weights
 from fecocodec.coding.fixed_point import export_integers, load_integers
-from fecocodec.config import ReceiverConfig
+from fecocodec.config import ReceiverConfig, stored_fields
 from fecocodec.receiver.model import Receiver
 
 PRIOR = "prior."
@@ -31,7 +30,7 @@ def serialise_receiver(receiver: Receiver) -> bytes:
     """Return the bytes of the receiver's weights file: integers for the entropy model, fp16 for all else."""
     integers = {PRIOR + name: value for name, value in export_integers(receiver.prior).items()}
     floats = {name: value for name, value in receiver.state_dict().items() if not name.startswith(PRIOR)}
-    return serialise_weights(floats | integers, {"receiver": asdict(receiver.config)})
+    return serialise_weights(floats | integers, {"receiver": stored_fields(receiver.config)})
 
 
 def _prior_floats(receiver: Receiver) -> dict[str, Tensor]:

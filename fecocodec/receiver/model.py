@@ -4,8 +4,9 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.coding.priors import LatentPrior
-from fecocodec.config import ReceiverConfig
+from fecocodec.config import COMPACT, PAPER, ReceiverConfig
 from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition, RateEmbedding
@@ -18,11 +19,13 @@ from fecocodec.receiver.view_dependence import view_dependent
 class Receiver(nn.Module):
     """Receiver: payload -> entropy model -> y_hat -> g_s -> U -> S, per stage; then S, cameras -> P -> Gaussians.
 
-    Both stages share all networks.
+    Both stages share all networks. With the method "paper", P has no free-space check, and colours are constant.
     """
 
     def __init__(self, config: ReceiverConfig) -> None:
+        """Raises ModelError for a configuration that does not exist."""
         super().__init__()
+        _check(config)
         self.config = config
         self.prior = LatentPrior(config.latent_channels, config.hyper_channels)
         self.embedding = RateEmbedding(LAMBDA_Q_MAX, config.largest_gain, config.gain_exponent)
@@ -64,7 +67,19 @@ class Receiver(nn.Module):
     def appearance(self, prediction: Prediction, cameras: Cameras) -> Gaussians:
         """Return the Gaussians of a batch of one scene with view-dependent colours (degree 1).
 
-        cameras: those of the prediction, without the batch dimension.
+        cameras: those of the prediction, without the batch dimension. With the method "paper", colours stay constant.
         """
+        if self.config.method == PAPER:
+            return prediction.gaussians.scene(0)
         height, width = prediction.relative_disparity.shape[-2:]
         return view_dependent(prediction.gaussians.scene(0), cameras, (2 * height, 2 * width), self.config)
+
+
+def _check(config: ReceiverConfig) -> None:
+    if config.method not in (COMPACT, PAPER):
+        raise ModelError(f"There is no method '{config.method}'; choose {COMPACT} or {PAPER}.")
+    if config.gaussians_per_side not in (1, 2, 4) or (config.gaussians_per_side != 2 and config.method != PAPER):
+        raise ModelError(
+            f"{config.gaussians_per_side} Gaussians a side of a cell with the method '{config.method}' are not "
+            f"supported; choose 2, or 1 or 4 with the method '{PAPER}'."
+        )

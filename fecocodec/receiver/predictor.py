@@ -8,7 +8,7 @@ from einops import rearrange, repeat
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.config import ReceiverConfig
+from fecocodec.config import PAPER, ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays, rays_through
 from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
@@ -17,7 +17,7 @@ from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_sh
 from fecocodec.receiver.free_space import free_space_violation
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
-PER_CELL = 4  # Gaussians per cell of the 1/4 grid: one per 2x2 pixels
+PER_CELL = 4  # Gaussians per cell of the 1/4 grid by default: one per 2x2 pixels
 LARGEST_OFFSET_CELLS = 1.0  # largest offset of a Gaussian from the centre of its cell, in cells of the 1/2 grid
 LARGEST_DISPARITY_STEP = 0.08  # largest difference of a Gaussian's relative disparity from that of its cell
 LARGEST_LOG_SCALE = 2.5  # scales lie within a factor exp(+-2.5) of 0.67 footprints
@@ -26,7 +26,10 @@ RAW = {"opacity": 1, "offset": 2, "disparity": 1, "scale": 3, "rotation": 4, "co
 
 @dataclass(frozen=True)
 class Prediction:
-    """Gaussians per scene, ordered (view, row, column) on the 1/2 grid, and relative disparity on the 1/4 grid."""
+    """Gaussians per scene, ordered (view, row, column) on their grid, and relative disparity on the 1/4 grid.
+
+    The grid of the Gaussians has `gaussians_per_side` rows and columns per cell of the 1/4 grid: the 1/2 grid for two.
+    """
 
     gaussians: Gaussians
     relative_disparity: Float[Tensor, "batch view h4 w4"]
@@ -51,7 +54,8 @@ class Predictor(nn.Module):
         self.attention = NeighbourAttention(
             fine, config.attention_channels, config.num_neighbours, config.neighbour_fade
         )
-        first, last = nn.Conv2d(fine, fine, 1), nn.Conv2d(fine, PER_CELL * sum(RAW.values()), 1)
+        per_cell = config.gaussians_per_side**2
+        first, last = nn.Conv2d(fine, fine, 1), nn.Conv2d(fine, per_cell * sum(RAW.values()), 1)
         self.head = nn.Sequential(first, nn.GELU(approximate="tanh"), last)
         nn.init.normal_(last.weight, std=0.02)
         nn.init.constant_(last.get_parameter("bias"), 0.0)
@@ -68,7 +72,8 @@ class Predictor(nn.Module):
         relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
         with residual_branch():
             attended = self._attend(features, relative, cameras)
-        raw = rearrange(pixel_shuffle(self.head(features + attended).float()), "(b v) c h w -> b v h w c", v=views)
+        shuffled = pixel_shuffle(self.head(features + attended).float(), self.config.gaussians_per_side)
+        raw = rearrange(shuffled, "(b v) c h w -> b v h w c", v=views)
         return Prediction(self._activate(raw, relative, cameras), relative)
 
     def _coarser(self, state: Tensor, condition: RateCondition) -> Tensor:
@@ -97,13 +102,13 @@ class Predictor(nn.Module):
         return F.interpolate(attended, scale_factor=2.0, mode="nearest")
 
     def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:
-        """Convert raw outputs of the head on the 1/2 grid to bounded attributes of Gaussians, in float32."""
+        """Convert raw outputs of the head, on the grid of the Gaussians, to bounded attributes, in float32."""
         height, width = raw.shape[2:4]
         opacity, offset, disparity, scale, rotation, colour = raw.split([*RAW.values()], dim=-1)
         fine = F.interpolate(relative, size=(height, width), mode="bilinear", align_corners=False)
         depth = depth_from_relative_disparity(fine + LARGEST_DISPARITY_STEP * torch.tanh(disparity[..., 0]), cameras)
         rays = rays_through(cameras, _cell_positions(raw, height, width) + _offset_uv(offset, height, width))
-        # Width of a cell of the 1/2 grid at this depth, in scene units.
+        # Width of a cell of this grid at this depth, in scene units.
         footprint = depth / (cameras.intrinsics[..., 0, 0, None, None] * width)
         scales = footprint[..., None] * torch.exp(LARGEST_LOG_SCALE * torch.tanh(scale / LARGEST_LOG_SCALE) - 0.4)
         identity = raw.new_tensor([1.0, 0.0, 0.0, 0.0])
@@ -111,7 +116,8 @@ class Predictor(nn.Module):
         view_to_world = quaternion_from_matrix(cameras.extrinsics[..., :3, :3])[..., None, None, :]
         colour, opacity = torch.sigmoid(2.0 * colour), torch.sigmoid(opacity[..., 0] + 2.0)
         means = camera_to_world_points(cameras, rays * depth[..., None])
-        opacity = opacity * (1.0 - free_space_violation(means, depth, colour, opacity, cameras, self.config))
+        if self.config.method != PAPER:
+            opacity = opacity * (1.0 - free_space_violation(means, depth, colour, opacity, cameras, self.config))
         return Gaussians(
             means=rearrange(means, "b v h w xyz -> b (v h w) xyz"),
             scales=rearrange(scales, "b v h w xyz -> b (v h w) xyz"),

@@ -7,9 +7,9 @@ of the extractor that they were trained with. It does not contain the weights of
 from pathlib import Path
 
 from fecocodec.checkpoint import config_of, load_into, read_weights
-from fecocodec.config import AdaptedSenderConfig, ReceiverConfig
+from fecocodec.config import PAPER, AdaptedSenderConfig, ReceiverConfig
 from fecocodec.errors import ModelError
-from fecocodec.sender.extractors.adapter import AdaptedExtractor, LargeExtractor
+from fecocodec.sender.extractors.adapter import AdaptedExtractor, ConditionedAdapter, LargeExtractor
 from fecocodec.sender.load import require_receiver
 from fecocodec.sender.model import Sender
 
@@ -17,10 +17,12 @@ from fecocodec.sender.model import Sender
 def adapted_sender(extractor: LargeExtractor, receiver: ReceiverConfig) -> Sender:
     """Return an untrained sender with this extractor, for a receiver with this configuration.
 
-    Call `adopt_codec` before training to start from a trained codec.
+    Call `adopt_codec` before training to start from a trained codec. With the method "paper", the blocks of the adapter
+    are conditioned on lambda.
     """
     config = AdaptedSenderConfig(fingerprint=extractor.fingerprint(), extractor_channels=extractor.num_channels())
-    return Sender(config, receiver, AdaptedExtractor(extractor, receiver.state_channels))
+    adapter = ConditionedAdapter if receiver.method == PAPER else AdaptedExtractor
+    return Sender(config, receiver, adapter(extractor, receiver.state_channels))
 
 
 def load_adapted_sender(path: Path, extractor: LargeExtractor, receiver: ReceiverConfig, model_id: bytes) -> Sender:

@@ -1,13 +1,22 @@
 """Per-view distortion D, used for training and for the optimisation of latents."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fecocodec.errors import InputError
+from fecocodec.rendering.lpips_vgg import lpips_vgg
 from fecocodec.rendering.metrics import ssim
+from fecocodec.rendering.perceptual import st_lpips
+
+PERCEPTUAL: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = MappingProxyType(
+    {"st-lpips": st_lpips, "lpips": lpips_vgg}
+)
 
 
 @runtime_checkable
@@ -66,3 +75,31 @@ class LogDistortion:
         squared = (renderings - images).square().mean(dim=(-3, -2, -1))
         structure = 1.0 - ssim(renderings.clamp(0, 1), images, ssim_stride)
         return self.log_weight * torch.log(squared + self.least_error) + self.ssim_weight * structure
+
+
+@dataclass(frozen=True)
+class PerceptualDistortion:
+    """D = MSE + perceptual_weight * distance, the paper's (training strategy, beta = 0.05).
+
+    perceptual: "st-lpips", or "lpips" (VGG-16) where its package is installed. The distances differ, and so do models
+    trained with them. Raises InputError for another name.
+    """
+
+    target_weight: ClassVar[float] = 1.0
+    perceptual: str = "st-lpips"
+    perceptual_weight: float = 0.05
+
+    def __post_init__(self) -> None:
+        if self.perceptual not in PERCEPTUAL:
+            raise InputError(
+                f"There is no perceptual distance '{self.perceptual}'; choose one of {', '.join(PERCEPTUAL)}."
+            )
+
+    def __call__(
+        self,
+        renderings: Float[Tensor, "*batch 3 height width"],
+        images: Float[Tensor, "*batch 3 height width"],
+        ssim_stride: int = 1,
+    ) -> Float[Tensor, "*batch"]:
+        squared = (renderings - images).square().mean(dim=(-3, -2, -1))
+        return squared + self.perceptual_weight * PERCEPTUAL[self.perceptual](renderings, images)

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.container import EXCESS_UNIT, Header, Stream, quantise_lambda, write_stream
+from fecocodec.config import PAPER, ReceiverConfig
+from fecocodec.container import EXCESS_UNIT, Header, Stream, dequantise_lambda, quantise_lambda, write_stream
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
@@ -19,7 +20,7 @@ from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_l
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import Scene, prepare_scene
-from fecocodec.sender.scene_encoder import SceneEncoder, Stage
+from fecocodec.sender.scene_encoder import SceneEncoder, Stage, not_optimised
 from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 
 OnWarning = Callable[[str], None]  # (sentence)
@@ -90,9 +91,29 @@ def write_stages(
     config: OptimisationConfig,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> tuple[Stage[WrittenLatent], ...]:
-    """Optimise the latents of each stage of one scene and entropy-code them."""
-    optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
+    """Optimise the latents of each stage of one scene and entropy-code them.
+
+    The method "paper" does not optimise latents, whatever `config` says, and a model that was trained with one stage
+    codes one. Raises InputError for a lambda outside the range of the model.
+    """
+    model = encoder.codec.receiver.config
+    check_lambda(model, lambda_q)
+    num_stages = min(num_stages, model.num_stages)
+    optimise = not_optimised
+    if model.method != PAPER:
+        optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
     return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, on_progress)
+
+
+def check_lambda(model: ReceiverConfig, lambda_q: int) -> None:
+    """Raise InputError for a quantised lambda outside the range that the model was trained for."""
+    lowest, highest = (quantise_lambda(lmbda) for lmbda in model.lambda_range)
+    if not lowest <= lambda_q <= highest:
+        smallest, largest = model.lambda_range
+        raise InputError(
+            f"lambda is {dequantise_lambda(lambda_q):.2g}, but the model was trained for {smallest:g} to {largest:g}; "
+            "choose a value in this range."
+        )
 
 
 def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...]) -> bytes:

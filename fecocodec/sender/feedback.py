@@ -1,4 +1,4 @@
-"""Feedback extractor E_fb: photographs, the rendering of stage 1 and its depth errors -> F2."""
+"""Feedback extractors E_fb: photographs, the rendering of stage 1 (and its depth errors) -> F2."""
 
 import torch
 import torch.nn.functional as F
@@ -31,3 +31,23 @@ class FeedbackExtractor(nn.Module):
         """Return F2. images, renderings: sRGB in [0, 1], sides multiples of 4. depth_errors: see `depth_feedback`."""
         stacked = torch.cat((2.0 * images - 1.0, 4.0 * (images - renderings)), dim=1)
         return self.blocks(self.input(torch.cat((F.pixel_unshuffle(stacked, 4), depth_errors), dim=1)), condition)
+
+
+class PictureFeedbackExtractor(nn.Module):
+    """pixel unshuffle 4 of concat(I, I1_hat) -> 1x1 conv -> 2D blocks at 1/4 -> F2, as the paper describes it."""
+
+    def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:
+        super().__init__()
+        self.input = nn.Conv2d(2 * 3 * 16, receiver.state_channels, 1)
+        self.blocks = BlockChain(receiver.state_channels, sender.fine_hidden, 2)
+
+    def forward(
+        self,
+        images: Float[Tensor, "item 3 h w"],
+        renderings: Float[Tensor, "item 3 h w"],
+        depth_errors: Float[Tensor, "item 2 h4 w4"],
+        condition: RateCondition,
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        """Return F2. Arguments as for `FeedbackExtractor`; the depth errors are not used."""
+        stacked = torch.cat((2.0 * images - 1.0, 2.0 * renderings - 1.0), dim=1)
+        return self.blocks(self.input(F.pixel_unshuffle(stacked, 4)), condition)

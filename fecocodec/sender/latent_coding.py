@@ -7,6 +7,8 @@ from torch import Tensor
 
 from fecocodec.coding.payload import encode_latents
 from fecocodec.coding.rate import estimate_latents, straight_through
+from fecocodec.coding.symbol_choice import no_price, price_of_bits
+from fecocodec.config import PAPER
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.scene_encoder import LatentCoder, StageInputs
 
@@ -29,12 +31,16 @@ class EstimatedLatent:
 
 
 def write_latents(codec: Codec) -> LatentCoder[WrittenLatent]:
-    """Return a coder that codes y and z = h_a(y) of one scene to bytes. It raises InputError for a latent with NaN."""
+    """Return a coder that codes y and z = h_a(y) of one scene to bytes. It raises InputError for a latent with NaN.
+
+    Symbols are chosen by rate and distortion; with the method "paper", latents are rounded.
+    """
+    price = no_price if codec.receiver.config.method == PAPER else price_of_bits
 
     def code(y: Tensor, inputs: StageInputs) -> WrittenLatent:
         z = codec.sender.hyper_analysis(y)
         lambda_q = int(inputs.lambda_q[0])
-        payload, coded = encode_latents(codec.receiver.prior, y, z, lambda_q, inputs.stage, inputs.y_hat)
+        payload, coded = encode_latents(codec.receiver.prior, y, z, lambda_q, inputs.stage, inputs.y_hat, price)
         return WrittenLatent(coded.y_hat, payload, coded.digest())
 
     return code

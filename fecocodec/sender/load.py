@@ -1,10 +1,16 @@
 """Load and serialise the weights of the sender."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 from fecocodec.checkpoint import Weights, config_of, load_into, read_weights, serialise_weights
-from fecocodec.config import AdaptedSenderConfig, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import (
+    AdaptedSenderConfig,
+    CodecConfig,
+    PaperSenderConfig,
+    ReceiverConfig,
+    SenderConfig,
+    stored_fields,
+)
 from fecocodec.errors import ModelError
 from fecocodec.sender.model import Sender
 
@@ -39,7 +45,7 @@ def require_receiver(weights: Weights, model_id: bytes, path: Path) -> None:
 def serialise_sender(sender: Sender, model_id: bytes) -> bytes:
     """Return the bytes of the sender's weights file, in fp16. model_id: id of the receiver it was trained with."""
     config = sender.config
-    described = {"sender": asdict(config), EXTRACTOR: config.extractor, RECEIVER_ID: model_id.hex()}
+    described = {"sender": stored_fields(config), EXTRACTOR: config.extractor, RECEIVER_ID: model_id.hex()}
     return serialise_weights(dict(sender.state_dict()), described)
 
 

@@ -4,13 +4,15 @@ from typing import Any
 
 from torch import nn
 
-from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.analysis import Analysis, HyperAnalysis
 from fecocodec.sender.extractors.adapter import AdaptedExtractor
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
-from fecocodec.sender.feedback import FeedbackExtractor
+from fecocodec.sender.feedback import FeedbackExtractor, PictureFeedbackExtractor
+
+NO_CONTEXT, NO_FEEDBACK = "no-context", "no-feedback"
 
 
 class Sender(nn.Module):
@@ -19,12 +21,18 @@ class Sender(nn.Module):
     def __init__(
         self, config: CodecConfig, receiver: ReceiverConfig, extractor: AdaptedExtractor | None = None
     ) -> None:
-        """extractor: third-party extractor, see `adapted_sender`; None for the one that the configuration describes."""
+        """extractor: third-party extractor, see `adapted_sender`; None for the one that the configuration describes.
+
+        Raises ModelError for an unknown extractor or ablation.
+        """
         super().__init__()
+        if config.ablation not in ("", NO_CONTEXT, NO_FEEDBACK):
+            raise ModelError(f"There is no ablation '{config.ablation}'; choose {NO_CONTEXT} or {NO_FEEDBACK}.")
         self.config = config
         # CompactExtractor, DepthSplatSmall or AdaptedExtractor. All have `match`, `fuse`, and `forward`, which is both.
         self.extractor: Any = extractor or _extractor(config, receiver.state_channels)
-        self.feedback = FeedbackExtractor(config, receiver)
+        feedback = PictureFeedbackExtractor if receiver.method == PAPER else FeedbackExtractor
+        self.feedback = feedback(config, receiver)
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)
 

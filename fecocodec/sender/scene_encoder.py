@@ -20,8 +20,10 @@ from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.codec import Codec
+from fecocodec.sender.extractors.adapter import ConditionedAdapter
 from fecocodec.sender.matched_depth import depth_feedback
-from fecocodec.sender.stage_lambdas import stage_lambdas
+from fecocodec.sender.model import NO_CONTEXT, NO_FEEDBACK
+from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,13 @@ class SceneEncoder:
         features: Tensor = self.codec.sender.extractor.fuse(self.images, self.matching)
         return features
 
+    def features_at(self, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
+        """Return F1 at a rate condition, on which only the paper's adapter of a third-party extractor depends."""
+        extractor = self.codec.sender.extractor
+        if isinstance(extractor, ConditionedAdapter):
+            return extractor.fuse_at(self.matching, condition)
+        return self.features
+
     def run(
         self,
         lambda_q: Int[Tensor, " batch"],
@@ -129,9 +138,11 @@ class SceneEncoder:
         repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs) -> optimised y.
         """
         on_progress("matching views", 0.0)
-        features, state, y_hat = self.features, self.initial_state, None  # F1, S0
+        state, y_hat = self.initial_state, None  # S0
         stages: list[Stage[Coded]] = []
-        for number, lambda_q_k in enumerate(stage_lambdas(lambda_q.to(self.images.device), num_stages), start=1):
+        offset = stage_1_offset(self.codec.receiver.config)
+        lambdas = stage_lambdas(lambda_q.to(self.images.device), num_stages, offset)
+        for number, lambda_q_k in enumerate(lambdas, start=1):
             done = 0.1 + 0.9 * (number - 1) / num_stages
             kind, lambda_q_of_item = min(number, 2), lambda_q_k.repeat_interleave(self.num_views)
             condition = self.codec.receiver.condition(lambda_q_of_item, kind)
@@ -140,6 +151,8 @@ class SceneEncoder:
                 on_progress("rendering feedback", done)
                 rendering = self.render(stages[-1])  # I1_hat, of G1 = P(S1)
                 features = self.feedback(rendering, condition)  # F2 = E_fb(I, I1_hat)
+            else:
+                features = self.features_at(condition)  # F1 = E_mv(I)
             inputs = StageInputs(kind, number == num_stages, lambda_q_of_item, condition, state, y_hat)
             on_progress(f"optimising stage {number}", done + 0.1 / num_stages)
             y = optimise(self.analyse(features, inputs), inputs)  # y_k = g_a(F_k, S_{k-1})
@@ -157,8 +170,9 @@ class SceneEncoder:
     def analyse(
         self, features: Float[Tensor, "item channel h4 w4"], inputs: StageInputs
     ) -> Float[Tensor, "item latent h8 w8"]:
-        """y_k = g_a(concat(F_k, S_{k-1}))."""
-        state = inputs.state.expand(-1, -1, *features.shape[-2:])
+        """y_k = g_a(concat(F_k, S_{k-1})); S0 in place of S_{k-1} for a sender without context."""
+        given = self.initial_state if self.codec.sender.config.ablation == NO_CONTEXT else inputs.state
+        state = given.expand(-1, -1, *features.shape[-2:])
         y: Tensor = self.codec.sender.analysis(features, state, inputs.condition)
         return y
 
@@ -179,7 +193,13 @@ class SceneEncoder:
         return StageRendering(prediction, (render(gaussians, cameras, self.size),))
 
     def feedback(self, rendering: StageRendering, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
-        """F_{k+1} = E_fb(I, I_k_hat, depth errors). Gradients do not reach the previous stage."""
+        """F_{k+1} = E_fb(I, I_k_hat, depth errors). Gradients do not reach the previous stage.
+
+        A sender without feedback gets its photographs as renderings, and no depth errors.
+        """
+        if self.codec.sender.config.ablation == NO_FEEDBACK:
+            images = rearrange(self.images, "b v rgb h w -> (b v) rgb h w")
+            return self.features_of_errors(images, self.matching.depth.relative_disparity, condition)
         rendered = torch.cat([scene.color[: self.num_views] for scene in rendering.scenes]).detach()
         disparity = rearrange(rendering.prediction.relative_disparity, "b v h w -> (b v) 1 h w")
         return self.features_of_errors(rendered, disparity, condition)

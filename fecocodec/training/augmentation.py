@@ -13,6 +13,8 @@ from fecocodec.geometry.views import Views
 from fecocodec.training.posed_scene import Capture
 from fecocodec.training.samples import Sample
 
+CROP_SPREAD = 0.1  # of the windows of a scene's frames, as a share of the room that they have
+
 
 @dataclass(frozen=True)
 class _Crop:
@@ -24,10 +26,19 @@ class _Crop:
 
 
 def augment(
-    rng: np.random.Generator, scene: Capture, frames: list[int], num_context: int, size: tuple[int, int]
+    rng: np.random.Generator,
+    scene: Capture,
+    frames: list[int],
+    num_context: int,
+    size: tuple[int, int],
+    spread: float = CROP_SPREAD,
 ) -> Sample:
-    """Crop, resize, mirror at random and tint frames, and adjust the cameras. size: (height, width) in pixels."""
-    crops = _crops(rng, (scene.lens.height, scene.lens.width), len(frames), size)
+    """Crop, resize, mirror at random and tint frames, and adjust the cameras. size: (height, width) in pixels.
+
+    spread: largest distance of a frame's window from their common position, as a share of the room. With 0 all frames
+    have one window, and so equal intrinsics, which the public geometry of depthsplat-small requires.
+    """
+    crops = _crops(rng, (scene.lens.height, scene.lens.width), len(frames), size, spread)
     images = [_resized(scene.image(frame), crop, size) for frame, crop in zip(frames, crops, strict=True)]
     intrinsics = torch.stack([_cropped_intrinsics(scene.lens, crop) for crop in crops])
     extrinsics = torch.from_numpy(scene.extrinsics[frames]).float()
@@ -53,14 +64,16 @@ def mirrored(views: Views) -> Views:
     return Views(views.images.flip(-1), cameras, views.names)
 
 
-def _crops(rng: np.random.Generator, stored: tuple[int, int], count: int, size: tuple[int, int]) -> list[_Crop]:
+def _crops(
+    rng: np.random.Generator, stored: tuple[int, int], count: int, size: tuple[int, int], spread: float
+) -> list[_Crop]:
     """Draw windows of one size, 60-100% of the largest that fits, each near one common random position."""
     share = rng.uniform(0.6, 1.0) * min(stored[0] / size[0], stored[1] / size[1])
     window = (max(round(size[0] * share), 1), max(round(size[1] * share), 1))
     room = np.array([stored[0] - window[0], stored[1] - window[1]])
     # Photographers keep the subject in the middle; far corners of different frames would not overlap.
     middle = rng.uniform(0.25, 0.75, 2)
-    corners = np.clip(middle + rng.uniform(-0.1, 0.1, (count, 2)), 0, 1) * room
+    corners = np.clip(middle + rng.uniform(-spread, spread, (count, 2)), 0, 1) * room
     return [_Crop(int(left), int(top), window) for top, left in corners]
 
 

@@ -1,6 +1,7 @@
 """Training samples from RealEstate10K, ACID or DL3DV in the chunks of pixelSplat."""
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,44 +13,86 @@ from fecocodec.errors import InputError
 from fecocodec.formats.chunk_scene import VIDEO_BOUNDS, ChunkScene
 from fecocodec.formats.chunks import ChunkFolder
 from fecocodec.formats.lens import Lens
-from fecocodec.training.augmentation import augment
+from fecocodec.training.augmentation import CROP_SPREAD, augment, mirrored
 from fecocodec.training.samples import Sample
+from fecocodec.training.video_protocol import VideoProtocol, choose_farthest_frames
 
 VIDEO_GAPS = (45, 192)  # frames between the first and last context view: pixelSplat's bounded sampling
 DL3DV_GAPS = (20, 50)  # and DepthSplat's for DL3DV, whose frames lie further apart
 _MOST_TRIES = 100  # scenes drawn before giving up on finding one with enough frames
+LANES = 8  # chunks that a process reads side by side; a worker reads one or more of them
+SAMPLES_OF_A_VISIT = 16  # drawn from a chunk before the lane takes the next one: about the scenes of a chunk
 _LENS_TOLERANCE = 1e-3  # largest difference of normalised intrinsics within a scene
 
 
 class ChunkScenes:
     """Draws scenes uniformly. Context views are the ends of a random stretch of frames and further frames inside it;
-    targets lie in between. Consecutive frames of these data sets overlap, so distance in time replaces overlap."""
+    targets lie in between. Consecutive frames of these data sets overlap, so distance in time replaces overlap.
 
-    def __init__(self, root: Path) -> None:
-        """root: folder of a split, such as `re10k/train`. Raises InputError if its index is missing or damaged."""
+    Scenes that cannot be used are skipped; `Sample.skipped` says why.
+    """
+
+    def __init__(self, root: Path, spread: float = CROP_SPREAD, protocol: VideoProtocol | None = None) -> None:
+        """root: folder of a split, such as `re10k/train`. spread: see `augment`.
+
+        protocol: chooses frames, which are then cropped to the centre and mirrored at random, but not tinted; None for
+        random crops, tints and frames. Raises InputError if the index is missing or damaged.
+        """
         self._chunks = ChunkFolder(root)
         self._names = self._chunks.scene_names
+        self._spread, self._protocol, self._step = spread, protocol, 0
+
+    def at_step(self, step: int, rank: int, num_ranks: int) -> "ChunkScenes":
+        """Return these scenes as process `rank` of `num_ranks` draws from them at a training step.
+
+        Chunks are visited in random order, each once per pass over the data set, so that few files are open at a time.
+        """
+        visit, lane = divmod(step, LANES)
+        number = (visit // SAMPLES_OF_A_VISIT * num_ranks + rank) * LANES + lane
+        groups = self._chunks.names_by_chunk
+        epoch, place = divmod(number, len(groups))
+        chunk = int(np.random.default_rng(epoch).permutation(len(groups))[place])
+        found = copy(self)
+        found._names, found._step = groups[chunk], step
+        return found
 
     def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
         """Draw a sample, augmented by `augment`; size: (height, width) in pixels.
 
         A stretch with too few frames repeats target frames. Equal generator states give equal samples.
-        Raises InputError if a chunk is damaged or no scene has enough frames.
+        Raises InputError if none of many scenes can be used.
         """
         rng = np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))
-        scene = self._scene(rng, num_context)
-        gaps = VIDEO_GAPS if scene.bounds == VIDEO_BOUNDS else DL3DV_GAPS
-        frames = choose_stretch(rng, len(scene), gaps, num_context, num_target)
-        return augment(rng, _capture(scene, frames), frames, num_context, size)
-
-    def _scene(self, rng: np.random.Generator, num_context: int) -> ChunkScene:
+        skipped: list[str] = []
+        names = self._names
         for _ in range(_MOST_TRIES):
-            scene = self._chunks.scene(self._names[int(rng.integers(len(self._names)))])
-            if len(scene) > num_context:
-                return scene
+            try:
+                scene = self._chunks.scene(names[int(rng.integers(len(names)))])
+                if len(scene) > num_context:
+                    sample = self._sample(rng, scene, num_context, num_target, size)
+                    return replace(sample, skipped=tuple(skipped))
+            except InputError as error:
+                skipped.append(str(error))
+            names = self._chunks.scene_names  # all scenes of this chunk may be unusable
+        if skipped:
+            raise InputError(f"{self._chunks.root}: none of {_MOST_TRIES} scenes can be used; the last: {skipped[-1]}")
         raise InputError(
             f"{self._chunks.root}: {_MOST_TRIES} scenes have no more than {num_context} frames; ask for fewer."
         )
+
+    def _sample(
+        self, rng: np.random.Generator, scene: ChunkScene, num_context: int, num_target: int, size: tuple[int, int]
+    ) -> Sample:
+        """Draw frames of a scene. Raises InputError if one of them is damaged, or they differ in size or lens."""
+        if self._protocol is None:
+            gaps = VIDEO_GAPS if scene.bounds == VIDEO_BOUNDS else DL3DV_GAPS
+            frames = choose_stretch(rng, len(scene), gaps, num_context, num_target)
+            return augment(rng, _capture(scene, frames), frames, num_context, size, self._spread)
+        gaps, centres = self._protocol.gaps_at(self._step), scene.extrinsics[:, :3, 3]
+        frames = choose_farthest_frames(rng, centres, gaps, num_context, num_target)
+        _require_equal_lenses(scene, frames)
+        views = scene.views(tuple(frames), size=size)
+        return Sample(mirrored(views) if rng.random() < 0.5 else views, num_context, None)
 
 
 def choose_stretch(
@@ -102,7 +145,12 @@ def _capture(scene: ChunkScene, frames: list[int]) -> _ChunkCapture:
     """Decode these frames of a scene. Raises InputError if they differ in size or lens."""
     images = {frame: (scene.image(frame) * 255).round().to(torch.uint8) for frame in sorted(set(frames))}
     sizes = {image.shape[1:] for image in images.values()}
-    lenses = scene.intrinsics[frames]
-    if len(sizes) > 1 or float(np.ptp(lenses, axis=0).max()) > _LENS_TOLERANCE:
+    _require_equal_lenses(scene, frames)
+    if len(sizes) > 1:
         raise InputError(f"{scene.place}: its frames differ in size or lens; leave this scene out of the index.")
     return _ChunkCapture(scene, scene.lens(frames[0], *sizes.pop()), images)
+
+
+def _require_equal_lenses(scene: ChunkScene, frames: list[int]) -> None:
+    if float(np.ptp(scene.intrinsics[frames], axis=0).max()) > _LENS_TOLERANCE:
+        raise InputError(f"{scene.place}: its frames differ in size or lens; leave this scene out of the index.")

@@ -1,16 +1,18 @@
 """Named configurations of `fecosplat train`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
-from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import PAPER, AdaptedSenderConfig, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
 from fecocodec.errors import InputError
-from fecocodec.sender.distortion import Distortion, LogDistortion, MseDistortion
+from fecocodec.sender.distortion import Distortion, LogDistortion, MseDistortion, PerceptualDistortion
 from fecocodec.training.batch_shapes import BatchShapes
+from fecocodec.training.optimisation import OptimiserConfig
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, VideoProtocol
 
 Precision = Literal["float32", "bfloat16"]
 Background = Literal["black", "random"]
@@ -25,6 +27,11 @@ class Configuration:
     `fine_tuning`). distortion: D of the loss.
     background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
+    alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimiser: parameters of the optimiser.
+    protocol: choice of the frames of chunks, None for our own (see `ChunkScenes`).
+
+    The method and the number of stages are fields of `receiver`, because sender, receiver and `eval` need them too.
+    With the method "paper", the loss and the coding of latents are the paper's.
 
     Raises InputError if lambda_range is empty or exceeds that of the codec, and if features are kept of an extractor
     that is trained.
@@ -40,6 +47,9 @@ class Configuration:
     distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
     background: Background = "black"
     kept_batches: int = 0
+    alone_every: int = 8
+    optimiser: OptimiserConfig = OptimiserConfig()  # noqa: RUF009 - frozen
+    protocol: VideoProtocol | None = None
 
     def __post_init__(self) -> None:
         lowest, highest = self.lambda_q_range
@@ -51,6 +61,13 @@ class Configuration:
             raise InputError(
                 "Features can be kept only while the extractor is frozen; add it to `frozen`, or keep none."
             )
+        if self.kept_batches and self.is_paper:
+            raise InputError("The paper's method keeps no features; leave out --keep.")
+
+    @property
+    def is_paper(self) -> bool:
+        """Whether the method is the paper's."""
+        return self.receiver.method == PAPER
 
     @property
     def lambda_q_range(self) -> tuple[int, int]:
@@ -58,17 +75,47 @@ class Configuration:
         return quantise_lambda(self.lambda_range[0]), quantise_lambda(self.lambda_range[1])
 
 
-# As published (paper, implementation details): 300,000 steps of four scenes, one in each of four processes.
-# The warm-up without a rate is ours: without it, feature codecs saturate (docs/training.md).
+# As published (paper, implementation details): 300,000 steps of four scenes, one in each of four processes. The
+# learning rate of the pretrained ViT is that of DepthSplat's published training, 2e-6.
 _PAPER_SCHEDULE = Schedule(
     num_steps=300_000,
-    one_stage_until=5_000,
-    bypass_until=15_000,
     learning_rate=2e-4,
-    warm_up=2_000,
+    warm_up=1,
     photograph_share=(1.0, 1.0),
     disparity_weight=(0.0, 0.0),
 )
+_PAPER_OPTIMISER = OptimiserConfig(betas=(0.9, 0.999), weight_decay=0.01, average_decay=0.0, backbone_share=0.01)
+_NARROW_LAMBDAS = (LAMBDA_MIN, 1e-3)
+
+_PAPER_RE10K = Configuration(
+    shapes=BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=4, sizes=((256, 256),)),
+    schedule=_PAPER_SCHEDULE,
+    precision="bfloat16",
+    receiver=ReceiverConfig(method=PAPER),
+    sender=PaperSenderConfig(),
+    distortion=PerceptualDistortion(),
+    alone_every=0,
+    optimiser=_PAPER_OPTIMISER,
+    protocol=REALESTATE10K,
+)
+_PAPER_DL3DV = replace(
+    _PAPER_RE10K,
+    shapes=BatchShapes(num_scenes=1, view_shares=((8, 1.0),), num_target=4, sizes=((256, 448),)),
+    lambda_range=_NARROW_LAMBDAS,
+    receiver=ReceiverConfig(method=PAPER, lambda_range=_NARROW_LAMBDAS),
+    sender=PaperSenderConfig(matching_scale=2),
+    protocol=DL3DV,
+)
+_ABLATION_STEPS = 100_000  # of every variant (paper, ablation study)
+
+
+def _ablation(**changes: object) -> Configuration:
+    """Return `paper-re10k` with 100,000 steps and other fields of the receiver, or with `sender`."""
+    schedule = replace(_PAPER_SCHEDULE, num_steps=_ABLATION_STEPS)
+    sender = changes.pop("sender", _PAPER_RE10K.sender)
+    receiver = ReceiverConfig(method=PAPER, **changes)  # type: ignore[arg-type]
+    return replace(_PAPER_RE10K, schedule=schedule, receiver=receiver, sender=sender)  # type: ignore[arg-type]
+
 
 CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
     {
@@ -83,19 +130,21 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
             distortion=LogDistortion(),
             background="random",
         ),
-        "paper-re10k": Configuration(
-            shapes=BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=4, sizes=((256, 256),)),
-            schedule=_PAPER_SCHEDULE,
-            precision="bfloat16",
-            sender=PaperSenderConfig(),
+        "paper-re10k": _PAPER_RE10K,
+        "paper-dl3dv": _PAPER_DL3DV,
+        # The paper's larger variant: a frozen extractor through the adapter (`sender/extractors/adapter.py`). `Trainer`
+        # takes its network; the rest starts from the model of paper-dl3dv.
+        "paper-dl3dv-large": replace(
+            _PAPER_DL3DV, schedule=replace(_PAPER_SCHEDULE, num_steps=150_000), sender=AdaptedSenderConfig()
         ),
-        "paper-dl3dv": Configuration(
-            shapes=BatchShapes(num_scenes=1, view_shares=((8, 1.0),), num_target=4, sizes=((256, 448),)),
-            schedule=_PAPER_SCHEDULE,
-            lambda_range=(LAMBDA_MIN, 1e-3),
-            precision="bfloat16",
-            sender=PaperSenderConfig(matching_scale=2),
-        ),
+        "ablate-no-context": _ablation(sender=PaperSenderConfig(ablation="no-context")),
+        "ablate-no-feedback": _ablation(sender=PaperSenderConfig(ablation="no-feedback")),
+        "ablate-gaussians-quarter": _ablation(gaussians_per_side=1),
+        "ablate-gaussians-half": _ablation(gaussians_per_side=2),
+        "ablate-gaussians-full": _ablation(gaussians_per_side=4),
+        "ablate-iterations-1": _ablation(num_stages=1),
+        "ablate-iterations-2": _ablation(num_stages=2),
+        "ablate-iterations-3": _ablation(num_stages=3),
     }
 )
 

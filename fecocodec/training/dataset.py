@@ -1,6 +1,6 @@
 """Batches from the data sources, with scenes normalised as in the codec."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -8,16 +8,24 @@ from fecocodec.container.lagrangian import LAMBDA_Q_MAX
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.normalisation import normalise_scene
 from fecocodec.training.batch_shapes import BatchShape
+from fecocodec.training.chunk_scenes import ChunkScenes
 from fecocodec.training.objective import Batch
 from fecocodec.training.samples import Sample, SampleSource
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Sources of samples. photographs: None to train on procedural scenes alone."""
+    """Sources of samples. photographs: None to train on procedural scenes alone. validation: held-out scenes."""
 
     world: SampleSource
     photographs: SampleSource | None
+    validation: SampleSource | None = None
+
+    def at_step(self, step: int, rank: int, num_ranks: int) -> "Sources":
+        """Return the sources of process `rank` of `num_ranks` at a training step; only chunks depend on it."""
+        if not isinstance(self.photographs, ChunkScenes):
+            return self
+        return replace(self, photographs=self.photographs.at_step(step, rank, num_ranks))
 
 
 def draw_batch(
@@ -47,6 +55,7 @@ def draw_batch(
         depth=torch.stack(depths).float(),
         num_context=shape.num_context,
         lambda_q=torch.randint(lowest, highest + 1, (shape.num_scenes,), generator=generator),
+        skipped=tuple(sentence for sample in samples for sentence in sample.skipped),
     )
 
 

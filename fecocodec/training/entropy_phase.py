@@ -24,12 +24,13 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
-from fecocodec.training.loop import ALONE_EVERY, Trainer
+from fecocodec.training.loop import Trainer
 from fecocodec.training.objective import lambda_of
 from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
 
 LAMBDAS_OF_A_SCENE = 2  # matching, the slowest part, is shared by them
 SCENES_OF_A_STEP = 2
+ALONE_EVERY = 8  # scenes: the last of every eight has one stage, as in training
 WARM_UP = 100  # steps
 LOG_EVERY = 200  # steps
 

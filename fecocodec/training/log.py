@@ -9,6 +9,7 @@ from fecocodec.formats.atomic import write_atomically
 LOG_COLUMNS = (
     "step", "minutes", "loss", "mse1", "mse2", "mse_context1", "mse_context2", "bpp1", "bpp2",
     "matching", "disparity1", "disparity2", "gradient", "skipped",
+    "mse3", "mse_context3", "bpp3", "bad_scenes", "val_psnr", "val_st_lpips", "val_bpp",
 )  # fmt: skip
 
 
@@ -43,3 +44,12 @@ def mean_of_rows(rows: list[dict[str, float]]) -> dict[str, float]:
     """Return the mean of every column over the rows that have it."""
     columns = {name: [row[name] for row in rows if name in row] for row in rows for name in row}
     return {name: sum(values) / len(values) for name, values in columns.items()}
+
+
+def append_lines(path: Path, lines: tuple[str, ...]) -> None:
+    """Append lines to a text file. Raises OutputError if the file cannot be written."""
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.writelines(f"{line}\n" for line in lines)
+    except OSError as error:
+        raise OutputError(f"{path}: the log cannot be written ({error.strerror}); check free space.") from error

@@ -25,7 +25,7 @@ from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.fine_tuning import freeze, load_extractor, load_model_weights
 from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.kept_batches import KeptBatches
-from fecocodec.training.log import append_row, mean_of_rows, remove_rows_after
+from fecocodec.training.log import append_lines, append_row, mean_of_rows, remove_rows_after
 from fecocodec.training.objective import (
     Batch,
     Coding,
@@ -36,29 +36,47 @@ from fecocodec.training.objective import (
     loss_of,
     run_stages,
 )
-from fecocodec.training.optimisation import clipped_step
-from fecocodec.training.processes import broadcast_from_first, gather_states, is_first, process_rank
+from fecocodec.training.optimisation import build_optimiser, clipped_step
+from fecocodec.training.paper_objective import code_with_additive_noise, paper_loss, run_paper_stages
+from fecocodec.training.prefetch import BatchesByStep, batches_from, shape_at
+from fecocodec.training.processes import (
+    broadcast_from_first,
+    gather_states,
+    is_first,
+    num_processes,
+    process_rank,
+)
 from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
-
-AVERAGE_DECAY = 0.998
-ALONE_EVERY = 8  # steps: the last of every eight codes stage 1 alone
+from fecocodec.training.samples import Sample
+from fecocodec.training.validation import (
+    draw_validation_scenes,
+    means_of,
+    validate,
+    validation_codec,
+    weights_replaced,
+)
 
 
 @dataclass(frozen=True)
 class RunSettings:
     """Settings of a training run.
 
-    device: where the networks run, `cpu` or `cuda:N`; batches are drawn on the CPU.
+    max_minutes: save and stop after this time; None for no limit. device: where the networks run, `cpu` or `cuda:N`;
+    batches are drawn on the CPU. num_workers: processes that draw batches ahead; with 0 the training process does.
+    validate_every, keep_every: steps between validations, and between checkpoints that are kept, with a number.
     """
 
     folder: Path
     configuration: Configuration
-    max_minutes: float
+    max_minutes: float | None
     seed: int = 0
     device: str = "cpu"
     log_every: int = 50
     save_every_minutes: float = 5.0
     samples_every_minutes: float = 15.0
+    num_workers: int = 0
+    validate_every: int = 5_000
+    keep_every: int = 25_000
 
 
 class Trainer:
@@ -79,11 +97,12 @@ class Trainer:
             run_in_bfloat16(self.networks, settings.device)
         self._begin_average()
         freeze(self.sender, self.receiver, configuration.frozen)
-        learning = [parameter for parameter in self.networks.parameters() if parameter.requires_grad]
-        self.optimiser = torch.optim.AdamW(learning, lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
+        self.optimiser = build_optimiser(self.networks, configuration.optimiser)
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
         torch.manual_seed(settings.seed * 1000 + process_rank())  # from here on each has its own noise
-        self.step, self.num_skipped, self.seed = 0, 0, settings.seed
+        self.step, self.num_skipped, self.num_bad_scenes, self.seed = 0, 0, 0, settings.seed
+        self._ahead: Iterator[Batch] | None = None
+        self._validation_scenes: tuple[Sample, ...] = ()
         self.kept = KeptBatches(configuration.kept_batches, configuration.lambda_q_range)
         self._fixed_scenes: list[Batch] = []
 
@@ -118,7 +137,10 @@ class Trainer:
             generator, noise = (saved[name][process_rank()] for name in ("generators", "global_generators"))
             self.networks.load_state_dict(saved["networks"])
             self.optimiser.load_state_dict(saved["optimiser"])
-            self.average, self.step, self.num_skipped = saved["average"], saved["step"], saved["num_skipped"]
+            for name, value in self.average.items():
+                value.copy_(saved["average"][name])  # in place: the averaged weights stay on their device
+            self.step, self.num_skipped = saved["step"], saved["num_skipped"]
+            self.num_bad_scenes = saved.get("num_bad_scenes", 0)
             self.seed = saved.get("seed", self.seed)  # older checkpoints have none
         except (KeyError, IndexError, RuntimeError, ValueError) as error:
             raise ModelError(
@@ -140,6 +162,7 @@ class Trainer:
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
             "num_skipped": self.num_skipped,
+            "num_bad_scenes": self.num_bad_scenes,
             "seed": self.seed,
             "generators": gather_states(self.generator.get_state()),
             "global_generators": gather_states(torch.get_rng_state()),
@@ -157,10 +180,8 @@ class Trainer:
         """Draw a batch, take one step and return the parts of the loss. Non-finite gradients skip the step."""
         schedule = self.settings.configuration.schedule
         batch, extracted, num_stages = self._draw_batch()
-        outcomes, matched = run_stages(self.sender, self.receiver, batch, self._coding, num_stages, extracted)
-        weight = schedule.disparity_weight_at(self.step)
-        background = self._draw_background(batch)
-        loss, parts = loss_of(batch, outcomes, matched, weight, self.settings.configuration.distortion, background)
+        self._report_skipped(batch)
+        loss, parts = self._loss(batch, extracted, num_stages)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
@@ -171,21 +192,39 @@ class Trainer:
         self.step += 1
         return parts | {"loss": float(loss.detach()), "gradient": norm}
 
+    def _loss(self, batch: Batch, extracted: Extracted | None, num_stages: int) -> tuple[Tensor, dict[str, float]]:
+        """Run the stages and return the loss and its parts."""
+        configuration, coding = self.settings.configuration, self._coding
+        if configuration.is_paper:
+            stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages)
+            return paper_loss(batch, stages, configuration.distortion)
+        weight = configuration.schedule.disparity_weight_at(self.step)
+        outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, num_stages, extracted, weight)
+        background = self._draw_background(batch)
+        return loss_of(batch, outcomes, matched, weight, configuration.distortion, background)
+
+    def _report_skipped(self, batch: Batch) -> None:
+        """Count the scenes that could not be used, and write why, one line each, to `bad_scenes_RANK.txt`."""
+        self.num_bad_scenes += len(batch.skipped)
+        if batch.skipped:
+            make_folder(self.settings.folder)
+            append_lines(self.settings.folder / f"bad_scenes_{process_rank()}.txt", batch.skipped)
+
     def _draw_batch(self) -> tuple[Batch, Extracted | None, int]:
         """Draw a batch, its kept features (if any) and its number of stages.
 
-        Every eighth step has one stage, because files may have one stage.
+        One of `alone_every` steps has one stage, because files may have one stage.
         """
         configuration = self.settings.configuration
-        # Every process draws the same shape, so that none waits for another.
-        common = torch.Generator().manual_seed(self.seed * 1_000_003 + self.step)
-        shape = configuration.shapes.draw(common)
+        shape = shape_at(configuration, self.seed, self.step)
         share = configuration.schedule.photograph_share_at(self.step)
-        is_alone = self.step % ALONE_EVERY == ALONE_EVERY - 1
-        num_stages = 1 if is_alone else configuration.schedule.num_stages_at(self.step)
+        num_stages = self._num_stages
+        if self.settings.num_workers:
+            return next(self._batches_ahead()).to(self.settings.device), None, num_stages
 
         def draw() -> Batch:
-            batch = draw_batch(self.sources, self.generator, shape, share, configuration.lambda_q_range)
+            sources = self.sources.at_step(self.step, process_rank(), num_processes())
+            batch = draw_batch(sources, self.generator, shape, share, configuration.lambda_q_range)
             return batch.to(self.settings.device)
 
         if not configuration.kept_batches:
@@ -199,14 +238,35 @@ class Trainer:
             return None
         return torch.rand(len(batch.images), 3, generator=self.generator).to(batch.images)
 
+    def _batches_ahead(self) -> Iterator[Batch]:
+        """Return the batches from the present step on; workers start at the first call."""
+        if self._ahead is None:
+            settings, rank = self.settings, process_rank()
+            dataset = BatchesByStep(self.sources, settings.configuration, self.seed, rank, num_processes())
+            self._ahead = batches_from(dataset, self.step, settings.num_workers, settings.device)
+        return self._ahead
+
+    @property
+    def _num_stages(self) -> int:
+        """Number of stages of the present step."""
+        configuration = self.settings.configuration
+        every = configuration.alone_every
+        if self.step < configuration.schedule.one_stage_until or (every and self.step % every == every - 1):
+            return 1
+        return configuration.receiver.num_stages
+
     @property
     def _coding(self) -> Coding:
-        is_warming_up = self.step < self.settings.configuration.schedule.bypass_until
-        return bypass_coding if is_warming_up else code_with_noise(self.receiver, self.sender)
+        configuration = self.settings.configuration
+        if self.step < configuration.schedule.bypass_until:
+            return bypass_coding
+        code = code_with_additive_noise if configuration.is_paper else code_with_noise
+        return code(self.receiver, self.sender)
 
     @torch.no_grad()
     def _update_average(self) -> None:
-        decay = min(AVERAGE_DECAY, (1 + self.step) / (10 + self.step))
+        largest = self.settings.configuration.optimiser.average_decay
+        decay = min(largest, (1 + self.step) / (10 + self.step))
         torch._foreach_lerp_(list(self.average.values()), list(self.networks.state_dict().values()), 1.0 - decay)
 
     def run(self) -> Iterator[dict[str, float]]:
@@ -225,13 +285,14 @@ class Trainer:
             if math.isfinite(parts["gradient"]):
                 window.append(parts)
             now = time.monotonic()
-            is_over = broadcast_from_first(now - start > 60 * settings.max_minutes)
+            is_over = broadcast_from_first(now - start > 60 * (settings.max_minutes or math.inf))
             if is_first() and now - drawn > 60 * settings.samples_every_minutes:
                 self.draw_samples()
                 drawn = now
             is_last = self.step == settings.configuration.schedule.num_steps
-            if self.step % settings.log_every == 0 or is_over or is_last:
-                row = mean_of_rows(window) | self._counts((now - start) / 60)
+            validated = self._validate() if self.step % settings.validate_every == 0 or is_last else {}
+            if self.step % settings.log_every == 0 or is_over or is_last or validated:
+                row = mean_of_rows(window) | self._counts((now - start) / 60) | validated
                 window = []
                 if is_first():
                     append_row(self.log, row)
@@ -240,12 +301,29 @@ class Trainer:
             if is_due or is_over:
                 self.save(self.checkpoint)
                 saved = now
+            if self.step % settings.keep_every == 0:
+                self.save(settings.folder / f"step_{self.step:07}.pt")
             if is_over:
                 return
         self.save(self.checkpoint)
 
     def _counts(self, minutes: float) -> dict[str, float]:
-        return {"step": float(self.step), "minutes": minutes, "skipped": float(self.num_skipped)}
+        counts = {"step": self.step, "skipped": self.num_skipped, "bad_scenes": self.num_bad_scenes}
+        return {name: float(count) for name, count in counts.items()} | {"minutes": minutes}
+
+    def _validate(self) -> dict[str, float]:
+        """Measure the held-out scenes in the first process, if there are any; returns columns of the log."""
+        configuration = self.settings.configuration
+        if self.sources.validation is None or not is_first():
+            return {}
+        if not self._validation_scenes:
+            shape = configuration.shapes.usual
+            self._validation_scenes = draw_validation_scenes(self.sources.validation, shape)
+        with weights_replaced(self.networks, self.average):
+            rows = validate(validation_codec(self.networks), self._validation_scenes, configuration.lambda_q_range)
+        path = self.settings.folder / "validation.txt"
+        append_lines(path, tuple(f"step {self.step}  {row}" for row in rows))
+        return means_of(rows)
 
     def draw_samples(self) -> Path:
         """Render the fixed scenes with the current networks, write the image and return its path."""
@@ -253,6 +331,7 @@ class Trainer:
         if not self._fixed_scenes:
             scenes = draw_fixed_scenes(self.sources, settings.configuration.shapes.usual.size)
             self._fixed_scenes = [scene.to(settings.device) for scene in scenes]
-        num_stages = settings.configuration.schedule.num_stages_at(self.step)
+        is_single = self.step < settings.configuration.schedule.one_stage_until
+        num_stages = 1 if is_single else settings.configuration.receiver.num_stages
         grid = sample_grid(self.sender, self.receiver, self._fixed_scenes, self._coding, num_stages)
         return write_sample_grid(settings.folder, self.step, grid)

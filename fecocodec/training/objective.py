@@ -22,7 +22,7 @@ from fecocodec.sender.distortion import Distortion, MseDistortion
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene_encoder import LatentCoder, SceneEncoder, Stage, StageInputs, StageRendering
-from fecocodec.sender.stage_lambdas import stage_lambdas
+from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
 
 MATCHING_WEIGHT = 0.5
 DISPARITY_WEIGHT = 0.5
@@ -38,7 +38,7 @@ class Batch:
     """Scenes with equally many views of one size. The first `num_context` views are coded, the others are targets.
 
     images: sRGB in [0, 1]. cameras: in the normalised frame of each scene. depth: in units of near, exact for
-    procedural scenes, NaN for photographs.
+    procedural scenes, NaN for photographs. skipped: one sentence for each scene that was drawn and could not be used.
     """
 
     images: Float[Tensor, "batch view 3 h w"]
@@ -46,11 +46,14 @@ class Batch:
     depth: Float[Tensor, "batch view h w"]
     num_context: int
     lambda_q: Int[Tensor, " batch"]
+    skipped: tuple[str, ...] = ()
 
     def to(self, device: str) -> "Batch":
         """Return the batch on a device."""
-        images, depth, lambda_q = (tensor.to(device) for tensor in (self.images, self.depth, self.lambda_q))
-        return Batch(images, self.cameras.to(device), depth, self.num_context, lambda_q)
+        images, depth, lambda_q = (
+            tensor.to(device, non_blocking=True) for tensor in (self.images, self.depth, self.lambda_q)
+        )
+        return replace(self, images=images, cameras=self.cameras.to(device), depth=depth, lambda_q=lambda_q)
 
 
 @dataclass(frozen=True)
@@ -149,9 +152,15 @@ class BatchEncoder(SceneEncoder):
         """Disparity of matching, for the loss."""
         if self.extracted is not None:
             return self.extracted.matched
+        return with_targets(self.codec.sender, self.batch, self.matched_in_context)
+
+    @property
+    def matched_in_context(self) -> MatchedDisparity:
+        """Disparity of matching among the context views alone."""
+        if self.extracted is not None:
+            return self.extracted.matched
         maps = (self.matching.relative_disparity, self.matching.depth.relative_disparity, self.matching.depth.agreement)
-        matched = MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=self.num_views) for item in maps))
-        return with_targets(self.codec.sender, self.batch, matched)
+        return MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=self.num_views) for item in maps))
 
     def render(self, stage: Stage[Any]) -> StageRendering:
         """Render the context views, which feedback needs, and one target view."""
@@ -182,10 +191,12 @@ def run_stages(
     coding: Coding,
     num_stages: int,
     extracted: Extracted | None = None,
+    disparity_weight: float = 1.0,
 ) -> tuple[list[StageOutcome], MatchedDisparity]:
     """Code, decode and render a batch; returns the results per stage and the disparity of matching.
 
-    The last stage is rendered at all views, earlier stages at the context views and one target view.
+    disparity_weight: with 0, target views are not matched, which would take a third of a step. The last stage is
+    rendered at all views, earlier stages at the context views and one target view.
     """
     encoder = BatchEncoder(sender, receiver, batch, extracted)
     stages = encoder.run(batch.lambda_q, num_stages, coding)
@@ -199,10 +210,10 @@ def run_stages(
             lambda_q,
         )
         for stage, rendering, lambda_q in zip(
-            stages, renderings, stage_lambdas(batch.lambda_q, num_stages), strict=True
+            stages, renderings, stage_lambdas(batch.lambda_q, num_stages, stage_1_offset(receiver.config)), strict=True
         )
     ]
-    return outcomes, encoder.matched
+    return outcomes, encoder.matched if disparity_weight else encoder.matched_in_context
 
 
 @torch.no_grad()

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.training.augmentation import augment
+from fecocodec.training.augmentation import CROP_SPREAD, augment
 from fecocodec.training.frame_choice import choose_frames, context_pairs, relative_baselines
 from fecocodec.training.posed_scene import read_posed_scene
 from fecocodec.training.samples import Sample
@@ -18,14 +18,15 @@ class Photographs:
     Images are decoded on first use and kept in memory as bytes at their stored size.
     """
 
-    def __init__(self, root: Path) -> None:
-        """root: a folder of scene folders, each with `transforms.json` and images.
+    def __init__(self, root: Path, spread: float = CROP_SPREAD) -> None:
+        """root: a folder of scene folders, each with `transforms.json` and images. spread: see `augment`.
 
         Raises InputError if there is no scene or a scene cannot be used.
         """
         folders = sorted(path.parent for path in root.glob("*/transforms.json"))
         if not folders:
             raise InputError(f"{root}: no scene folders with transforms.json; give the folder that holds the scenes.")
+        self._spread = spread
         self._scenes = [read_posed_scene(folder) for folder in folders]
         self._pairs = [
             context_pairs(scene.covisibility, relative_baselines(scene.extrinsics, scene.near, scene.far))
@@ -54,4 +55,4 @@ class Photographs:
         index = usable[int(rng.integers(len(usable)))]
         scene = self._scenes[index]
         frames = choose_frames(rng, scene.covisibility, self._pairs[index], num_context, num_target)
-        return augment(rng, scene, frames, num_context, size)
+        return augment(rng, scene, frames, num_context, size, self._spread)

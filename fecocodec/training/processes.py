@@ -33,6 +33,11 @@ def process_rank() -> int:
     return dist.get_rank() if dist.is_initialized() else 0
 
 
+def num_processes() -> int:
+    """Return the number of processes."""
+    return dist.get_world_size() if dist.is_initialized() else 1
+
+
 def is_first() -> bool:
     """Return whether this is the process of rank 0, which writes files."""
     return process_rank() == 0

@@ -18,11 +18,13 @@ class Sample:
     views: the context views first, then the target views; one set of near and far for all.
     num_context: how many of the views are context.
     depth: z along the optical axis in scene units at pixel centres, exact; None for photographs.
+    skipped: one sentence for each scene that was drawn before this one and could not be used.
     """
 
     views: Views
     num_context: int
     depth: Float[Tensor, "view height width"] | None
+    skipped: tuple[str, ...] = ()
 
 
 @runtime_checkable

@@ -43,9 +43,6 @@ class Schedule:
     def disparity_weight_at(self, step: int) -> float:
         return self._between(self.disparity_weight, step)
 
-    def num_stages_at(self, step: int) -> int:
-        return 1 if step < self.one_stage_until else 2
-
     def _between(self, ends: tuple[float, float], step: int) -> float:
         progress = min(1.0, step / self.num_steps)
         return ends[0] + (ends[1] - ends[0]) * progress

@@ -150,7 +150,6 @@ def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
     assert 0.0 < schedule.learning_rate_at(999) < 1e-8
     rates = [schedule.learning_rate_at(step) for step in range(100, 1001)]
     assert rates == sorted(rates, reverse=True)
-    assert [schedule.num_stages_at(step) for step in (9, 10)] == [1, 2]
     assert schedule.photograph_share_at(0) == 0.4 and schedule.photograph_share_at(2000) == pytest.approx(0.6)
 
 

@@ -99,7 +99,19 @@ def _comparisons(rows: Sequence[Average], *variants: str) -> str:
 
 
 def _averages(rows: Sequence[Average]) -> str:
-    head = ("system", "setting", "KiB", "bits a pixel", "PSNR", "SSIM", "MS-SSIM", "FLIP", "LPIPS", "Gaussians")
+    head = (
+        "system",
+        "setting",
+        "KiB",
+        "bits a pixel",
+        "PSNR",
+        "SSIM",
+        "MS-SSIM",
+        "FLIP",
+        "ST-LPIPS",
+        "LPIPS",
+        "Gaussians",
+    )
     return table(
         head,
         [
@@ -112,6 +124,7 @@ def _averages(rows: Sequence[Average]) -> str:
                 number(row.ssim, 3),
                 number(row.ms_ssim, 3),
                 number(row.flip, 3),
+                number(row.st_lpips, 3),
                 number(row.lpips, 3),
                 number(row.gaussians, 0),
             )

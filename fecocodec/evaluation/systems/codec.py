@@ -40,13 +40,19 @@ def _reconstruct(codec: Codec, encoder: Encoder, views: Views, num_context: int)
     data = encoder(views.select(list(range(num_context))))
     encoded = perf_counter()
     gaussians = decode_with(codec.receiver, data).gaussians
-    return rendered(gaussians, views, len(data), encoded - begin, perf_counter() - encoded)
+    return rendered(gaussians, views, len(data), encoded - begin, perf_counter() - encoded, codec.device)
 
 
 @torch.no_grad()
 def rendered(
-    gaussians: Gaussians, views: Views, num_bytes: int, encode_seconds: float, decode_seconds: float
+    gaussians: Gaussians,
+    views: Views,
+    num_bytes: int,
+    encode_seconds: float,
+    decode_seconds: float,
+    device: torch.device = torch.device("cpu"),  # noqa: B008 - immutable
 ) -> Reconstruction:
-    """Render Gaussians at the cameras of all views, and return the reconstruction."""
-    result = render(gaussians, views.cameras, views.image_size)
-    return Reconstruction(num_bytes, encode_seconds, decode_seconds, gaussians, result.color.clamp(0, 1), result.depth)
+    """Render Gaussians at the cameras of all views on a device, and return the reconstruction, on the CPU."""
+    result = render(gaussians.to(device), views.cameras.to(device), views.image_size)
+    images, depth = result.color.clamp(0, 1).cpu(), result.depth.cpu()
+    return Reconstruction(num_bytes, encode_seconds, decode_seconds, gaussians, images, depth)

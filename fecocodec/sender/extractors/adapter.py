@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import PlainBlock2d
+from fecocodec.layers.blocks import BlockChain, PlainBlock2d, RateCondition
 from fecocodec.sender.matched_depth import MatchedDepth
 
 NUM_BLOCKS, HIDDEN = 3, 96
@@ -65,7 +65,7 @@ class AdaptedExtractor(nn.Module):
         super().__init__()
         self._frozen = (extractor,)  # a tuple keeps it out of this module's parameters
         self.input = nn.Conv2d(16 * extractor.num_channels(), channels, 1)
-        self.blocks = nn.Sequential(*(PlainBlock2d(channels, HIDDEN) for _ in range(NUM_BLOCKS)))
+        self.blocks: nn.Module = nn.Sequential(*(PlainBlock2d(channels, HIDDEN) for _ in range(NUM_BLOCKS)))
 
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
@@ -92,3 +92,22 @@ class AdaptedExtractor(nn.Module):
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Run the trained adapter. The images are not used."""
         return self.blocks(self.input(found.unshuffled))
+
+
+class ConditionedAdapter(AdaptedExtractor):
+    """`AdaptedExtractor` whose 2D blocks are conditioned on lambda by AdaLN, as every 2D block of the paper is."""
+
+    def __init__(self, extractor: LargeExtractor, channels: int) -> None:
+        super().__init__(extractor, channels)
+        self.blocks = BlockChain(channels, HIDDEN, NUM_BLOCKS)
+
+    def fuse(
+        self, images: Float[Tensor, "batch view 3 h w"], found: AdaptedFeatures
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        """Raises ModelError: F1 depends on lambda, see `fuse_at`."""
+        raise ModelError("The adapter depends on lambda; call `fuse_at` with a rate condition.")
+
+    def fuse_at(self, found: AdaptedFeatures, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
+        """Run the trained adapter at a rate condition; returns F1."""
+        features: Tensor = self.blocks(self.input(found.unshuffled), condition)
+        return features

@@ -1,8 +1,9 @@
-"""Load public weights into the extractor by name: official DepthSplat, Depth Anything V2 and UniMatch checkpoints.
+"""Load public weights into the extractor by name: DepthSplat, Depth Anything V2, DINOv2 and UniMatch checkpoints.
 
 A checkpoint is a dict of tensors, or contains one as "state_dict" or "model". Keys of official DepthSplat checkpoints
 begin with `encoder.depth_predictor.`. Depth Anything V2 (`pretrained.*`) and UniMatch (`backbone.*`, `transformer.*`)
-initialise only a part of the extractor.
+initialise only a part of the extractor, as DINOv2 does (`blocks.*`, ViT-S/14, with the names of Transformers or of
+DINOv2), in a `.safetensors` file too.
 """
 
 from collections.abc import Mapping
@@ -12,25 +13,42 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from fecocodec.checkpoint import read_tensors
 from fecocodec.errors import ModelError
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 
 OFFICIAL_PREFIX = "encoder.depth_predictor."
+# Part of the name of the one published small checkpoint that saw DL3DV. Its features have 1/8 resolution.
+_COARSE_NAME = "re10kdl3dv-448x768"
 _NESTED = ("state_dict", "model")
+_DINO_STARTS = (
+    "blocks.", "norm.", "patch_embed", "class_token", "cls_token", "position_embedding", "pos_embed",
+)  # fmt: skip
+_DINO_NAMES = (  # stored, in the extractor
+    ("attention.output", "attn.proj"),
+    ("attention.qkv", "attn.qkv"),
+    ("layer_scale1", "ls1.gamma"),
+    ("layer_scale2", "ls2.gamma"),
+    ("class_token", "cls_token"),
+    ("position_embedding", "pos_embed"),
+    ("patch_embedding.", "patch_embed.proj."),
+)
 
 
 @dataclass(frozen=True)
 class LoadReport:
-    """Tensor names. used, missing: names in the extractor. unused: names in the file."""
+    """Tensor names. used, missing: names in the extractor. unused: names in the file. warning: one sentence, or ""."""
 
     used: tuple[str, ...]
     unused: tuple[str, ...]
     missing: tuple[str, ...]
+    warning: str = ""
 
     def __str__(self) -> str:
         parts = sorted({name.split(".")[0] for name in self.missing})
         missing = f"{len(self.missing)} missing ({', '.join(parts)})" if parts else "0 missing"
-        return f"{len(self.used)} tensors used, {len(self.unused)} unused, {missing}"
+        text = f"{len(self.used)} tensors used, {len(self.unused)} unused, {missing}"
+        return f"{text}; {self.warning}" if self.warning else text
 
 
 def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
@@ -47,6 +65,7 @@ def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
             "build it with geometry 'public'."
         )
     renamed = {_own_name(name): name for name in stored}
+    stored = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
     wanted = extractor.state_dict()
     used = [name for name in wanted if name in renamed]
     missing = tuple(name for name in wanted if name not in renamed)
@@ -60,10 +79,21 @@ def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
             raise ModelError(f"{path}: {name} is {found}, but {expected} here; fetch the weights of the small variant.")
     extractor.load_state_dict({name: stored[renamed[name]] for name in used}, strict=False)
     taken = {renamed[name] for name in used}
-    return LoadReport(tuple(used), tuple(name for name in stored if name not in taken), missing)
+    return LoadReport(tuple(used), tuple(name for name in stored if name not in taken), missing, _warning(path))
+
+
+def _warning(path: Path) -> str:
+    if _COARSE_NAME not in path.name:
+        return ""
+    return "it was trained with features at 1/8 resolution and is used at 1/4, so train it further"
 
 
 def _own_name(name: str) -> str:
+    """Return the name of a stored tensor in the extractor; names that match nothing are left as they are."""
+    if name.startswith(_DINO_STARTS):
+        for stored, own in _DINO_NAMES:
+            name = name.replace(stored, own)
+        return f"pretrained.{name}"
     return name.removeprefix(OFFICIAL_PREFIX)
 
 
@@ -71,6 +101,8 @@ def _read(path: Path) -> dict[str, Tensor]:
     """Read all tensors of a checkpoint by name, without executing pickled code."""
     if not path.is_file():
         raise ModelError(f"{path}: no such checkpoint; check the path.")
+    if path.suffix == ".safetensors":
+        return read_tensors(path)
     try:
         contents = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # a damaged pickle can raise any exception

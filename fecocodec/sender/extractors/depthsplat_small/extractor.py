@@ -32,6 +32,7 @@ from fecocodec.sender.extractors.depthsplat_small.windows import (
 from fecocodec.sender.matched_depth import MatchedDepth
 
 SIDE_MULTIPLE = 16  # pixels
+_LENS_TOLERANCE = 2e-3  # largest difference of normalised intrinsics between views with the public geometry
 _POSITIONS: dict[str, Positions] = {"public": public_positions, "exact": exact_positions}
 _MASKS_OF_SOURCES = {"public": public_masks_of_sources, "exact": masks_of_sources}
 _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's
@@ -108,7 +109,12 @@ class DepthSplatSmall(nn.Module):
         return self.fuse(images, self.match(images, cameras))
 
     def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Evidence:
-        """Run the three branches and build the cost volume. Raises InputError if a side is not a multiple of 16."""
+        """Run the three branches and build the cost volume.
+
+        Raises InputError if a side is not a multiple of 16, or if intrinsics differ with the public geometry.
+        """
+        if self.geometry == "public":
+            _require_equal_intrinsics(cameras)
         if images.shape[-2] % SIDE_MULTIPLE or images.shape[-1] % SIDE_MULTIPLE:
             raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of 16.")
         views = images.shape[1]
@@ -162,3 +168,13 @@ def _colour(values: tuple[float, float, float], like: Tensor) -> Float[Tensor, "
 
 def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
     return rearrange(x, "b v c h w -> (b v) c h w")
+
+
+def _require_equal_intrinsics(cameras: Cameras) -> None:
+    """The public geometry projects into all views with the intrinsics of one, so they must be equal."""
+    spread = cameras.intrinsics.amax(dim=1) - cameras.intrinsics.amin(dim=1)
+    if float(spread.max()) > _LENS_TOLERANCE:
+        raise InputError(
+            "the views have different intrinsics, which an extractor with public geometry cannot match; "
+            "crop all views alike, or use geometry 'exact'."
+        )

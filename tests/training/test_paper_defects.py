@@ -1,0 +1,278 @@
+"""Defects that would spoil or stop the paper's training, one test each (or a few)."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from fecosplat_cli.train import _default_minutes, _require_finished
+from torch import Tensor
+
+from fecocodec.config import PaperSenderConfig
+from fecocodec.errors import InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
+from fecocodec.training import objective
+from fecocodec.training.batch_shapes import BatchShapes
+from fecocodec.training.chunk_scenes import LANES, SAMPLES_OF_A_VISIT, ChunkScenes
+from fecocodec.training.configurations import Configuration, configuration_named
+from fecocodec.training.dataset import Sources
+from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.objective import bypass_coding, run_stages
+from fecocodec.training.prefetch import BatchesByStep, batches_from
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.samples import Sample
+from fecocodec.training.schedule import Schedule
+from fecocodec.training.sources import open_sources
+from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, choose_farthest_frames
+from tests.chunk_files import record, write_chunks, write_wall_chunks
+from tests.example_scenes import example_views
+from tests.formats.wall_scene import shots
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+SHAPES = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
+TINY = Configuration(SHAPES, Schedule(4, photograph_share=(1.0, 1.0), warm_up=1, disparity_weight=(0.0, 0.0)))
+
+
+def draw(scenes: ChunkScenes, seed: int = 0, num_target: int = 2) -> Sample:
+    generator = torch.Generator().manual_seed(seed)
+    return scenes.sample(generator, num_context=2, num_target=num_target, size=(64, 64))
+
+
+def trainer_on(folder: Path, sources: Sources, **settings: object) -> Trainer:
+    folder.mkdir(parents=True, exist_ok=True)
+    return Trainer(RunSettings(folder, TINY, None, log_every=2, **settings), sources)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def extractor() -> DepthSplatSmall:
+    return DepthSplatSmall()
+
+
+# 1: crops
+
+
+def test_all_frames_have_one_crop_under_the_public_geometry(tmp_path: Path) -> None:
+    chunks = write_wall_chunks(tmp_path, num_scenes=1, num_frames=6)
+    for protocol in (None, REALESTATE10K):
+        configuration = replace(configuration_named("paper-re10k"), protocol=protocol)
+        public = open_sources(chunks, None, configuration).photographs
+        own = open_sources(chunks, None, replace(configuration, sender=PaperSenderConfig(geometry="exact"))).photographs
+        assert isinstance(public, ChunkScenes) and isinstance(own, ChunkScenes)
+        for seed in range(4):
+            intrinsics = draw(public, seed).views.cameras.intrinsics
+            assert torch.equal(intrinsics, intrinsics[:1].expand_as(intrinsics))
+        if protocol is None:
+            spread = draw(own).views.cameras.intrinsics
+            assert not torch.equal(spread, spread[:1].expand_as(spread))
+
+
+def test_unequal_intrinsics_are_refused_under_the_public_geometry(extractor: DepthSplatSmall) -> None:
+    views = example_views(2)
+    intrinsics = views.cameras.intrinsics.clone()
+    intrinsics[1, 0, 2] += 0.05
+    cameras = Cameras(views.cameras.extrinsics, intrinsics, views.cameras.near, views.cameras.far)
+    with pytest.raises(InputError, match=r"the views have different intrinsics, .*; crop all views alike, or use"):
+        extractor.match(views.images[None], cameras.as_batch())
+
+
+# 2: time limit and unfinished runs
+
+
+def test_the_papers_configurations_have_no_time_limit() -> None:
+    assert _default_minutes(configuration_named("paper-re10k")) is None
+    assert _default_minutes(configuration_named("compact")) == 60.0
+
+
+def test_an_unfinished_run_exports_nothing() -> None:
+    _require_finished(300_000, 300_000, Path("model"))
+    with pytest.raises(InputError, match=r"model: nothing was exported, .* after 120 of 300000 steps; .*--steps 120"):
+        _require_finished(120, 300_000, Path("model"))
+
+
+# 3: averaged weights after resuming
+
+
+def test_resuming_copies_into_the_averaged_weights_on_their_device(tmp_path: Path) -> None:
+    world = Sources(ProceduralWorld(pattern_textures(13)), None)
+    it = trainer_on(tmp_path, world)
+    it.save(it.checkpoint)
+    before = {name: value.data_ptr() for name, value in it.average.items()}
+    expected = {name: value.clone() for name, value in it.average.items()}
+    for value in it.average.values():
+        value.zero_()
+    it.resume(it.checkpoint)
+    assert {name: value.data_ptr() for name, value in it.average.items()} == before
+    assert all(torch.equal(value, expected[name]) for name, value in it.average.items())
+
+
+# 4: matching of target views
+
+
+def test_target_views_are_not_matched_for_a_loss_of_weight_zero(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    it = trainer_on(tmp_path / "run", Sources(ProceduralWorld(pattern_textures(13)), ChunkScenes(_chunks(tmp_path))))
+    batch, _, _ = it._draw_batch()
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("target views were matched")
+
+    monkeypatch.setattr(objective, "with_targets", refuse)
+    run_stages(it.sender, it.receiver, batch, bypass_coding, 1, None, 0.0)
+    with pytest.raises(AssertionError, match="target views were matched"):
+        run_stages(it.sender, it.receiver, batch, bypass_coding, 1, None, 0.5)
+
+
+def _chunks(folder: Path) -> Path:
+    return write_wall_chunks(folder / "chunks", num_scenes=2, num_frames=6)
+
+
+# 5: frames, scenes and chunks that cannot be used
+
+
+def _partly_damaged(folder: Path) -> Path:
+    """One good scene, one whose images are cut short, and a chunk that is missing."""
+    good, cut = record("good", shots(6)), record("cut", shots(6))
+    cut["images"] = [image[:40] for image in cut["images"]]
+    root = write_chunks(folder, [[good, cut], [record("gone", shots(3))]])
+    (root / "000001.torch").unlink()
+    return root
+
+
+def test_what_cannot_be_used_is_skipped_and_counted(tmp_path: Path) -> None:
+    scenes = ChunkScenes(_partly_damaged(tmp_path / "chunks"))
+    samples = [draw(scenes, seed) for seed in range(12)]
+    assert {sample.views.names[0].split(":")[0] for sample in samples} == {"good"}
+    skipped = [sentence for sample in samples for sentence in sample.skipped]
+    assert any("scene cut" in sentence for sentence in skipped)
+    assert any("000001.torch: no such chunk" in sentence for sentence in skipped)
+
+
+def test_skipped_scenes_are_logged(tmp_path: Path) -> None:
+    source = ChunkScenes(_partly_damaged(tmp_path / "chunks"))
+    it = trainer_on(tmp_path / "run", Sources(ProceduralWorld(pattern_textures(13)), source))
+    while not it.num_bad_scenes:
+        it._report_skipped(it._draw_batch()[0])
+    lines = (tmp_path / "run" / "bad_scenes_0.txt").read_text().splitlines()
+    assert len(lines) == it.num_bad_scenes and it._counts(0.0)["bad_scenes"] == len(lines)
+
+
+def test_a_data_set_without_a_usable_scene_ends_the_run(tmp_path: Path) -> None:
+    root = _partly_damaged(tmp_path)
+    index = json.loads((root / "index.json").read_text())
+    (root / "index.json").write_text(json.dumps({name: file for name, file in index.items() if name != "good"}))
+    with pytest.raises(InputError, match="none of 100 scenes can be used; the last: "):
+        draw(ChunkScenes(root))
+
+
+# 6: worker processes
+
+
+def test_workers_draw_what_the_process_itself_would(tmp_path: Path) -> None:
+    sources = Sources(ProceduralWorld(pattern_textures(13)), ChunkScenes(_chunks(tmp_path)))
+    dataset = BatchesByStep(sources, TINY, seed=3, rank=1, num_ranks=2)
+    drawn = list(batches_from(dataset, 1, num_workers=2, device="cpu"))
+    assert len(drawn) == 3
+    for step, batch in enumerate(drawn, start=1):
+        assert torch.equal(batch.images, dataset[step].images)  # type: ignore[union-attr]
+    assert not torch.equal(drawn[0].images, drawn[1].images)
+
+
+def test_an_error_in_a_worker_is_one_sentence(tmp_path: Path) -> None:
+    short = ChunkScenes(write_wall_chunks(tmp_path, num_frames=2))
+    dataset = BatchesByStep(Sources(short, short), TINY, seed=0, rank=0, num_ranks=1)
+    with pytest.raises(InputError, match=r"^[^\n]*100 scenes have no more than 2 frames; ask for fewer\.$"):
+        next(batches_from(dataset, 0, num_workers=1, device="cpu"))
+
+
+def test_a_lane_stays_with_a_chunk_and_all_chunks_are_visited(tmp_path: Path) -> None:
+    scenes = ChunkScenes(write_wall_chunks(tmp_path, num_scenes=20))  # ten chunks
+    visited = [scenes.at_step(step, 0, 1)._names for step in range(LANES * SAMPLES_OF_A_VISIT * 5)]
+    for lane in range(LANES):
+        own = visited[lane::LANES]
+        for visit in range(5):
+            assert len(set(own[visit * SAMPLES_OF_A_VISIT : (visit + 1) * SAMPLES_OF_A_VISIT])) == 1
+    assert len(set(visited)) == 10
+
+
+# 8: validation and numbered checkpoints
+
+
+def test_held_out_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> None:
+    chunks = ChunkScenes(_chunks(tmp_path))
+    sources = Sources(ProceduralWorld(pattern_textures(13)), chunks, chunks)
+    it = trainer_on(tmp_path / "run", sources, validate_every=2, keep_every=2)
+    weights = [value.clone() for value in it.networks.parameters()]
+    first = it._validate()
+    assert all(torch.equal(a, b) for a, b in zip(weights, it.networks.parameters(), strict=True))
+    assert first == it._validate() and first["val_bpp"] > 0 and first["val_psnr"] > 3 and first["val_st_lpips"] > 0
+    rows = list(it.run())
+    assert all({"val_psnr", "val_st_lpips", "val_bpp"} <= row.keys() for row in rows)
+    assert {path.name for path in (tmp_path / "run").glob("*.pt")} == {
+        "last.pt", "step_0000002.pt", "step_0000004.pt",
+    }  # fmt: skip
+    lines = (tmp_path / "run" / "validation.txt").read_text().splitlines()
+    assert len(lines) == 3 * 4 and lines[-1].startswith("step 4  ValidationRow(lmbda=0.00998")
+
+
+# 9: the published checkpoint that has coarser features
+
+
+def test_the_small_dl3dv_checkpoint_loads_with_a_warning(extractor: DepthSplatSmall, tmp_path: Path) -> None:
+    tensors: dict[str, Tensor] = {f"encoder.depth_predictor.{k}": v for k, v in extractor.state_dict().items()}
+    names = ("re10k-256x256-view2-cfeab6b1.pth", "re10kdl3dv-448x768-randview4-10-c08188db.pth")
+    for name, warning in zip(names, ("", "features at 1/8 resolution"), strict=True):
+        path = tmp_path / f"depthsplat-gs-small-{name}"
+        torch.save(tensors, path)
+        report = load_public_weights(extractor, path)
+        path.unlink()
+        assert warning in str(report) and bool(report.warning) == bool(warning)
+
+
+# The data protocol of DepthSplat
+
+
+def test_the_gap_grows_over_the_first_steps() -> None:
+    assert REALESTATE10K.gaps_at(0) == (25, 45) and REALESTATE10K.gaps_at(15_000) == (35, 90)
+    assert REALESTATE10K.gaps_at(30_000) == REALESTATE10K.gaps_at(200_000) == (45, 135)
+    assert DL3DV.gaps_at(0) == DL3DV.gaps_at(10) == (20, 50)
+
+
+def stretches() -> Iterator[list[int]]:
+    import numpy as np
+
+    centres = np.stack([np.linspace(0.0, 1.0, 200) ** 2, np.zeros(200), np.zeros(200)], axis=1)
+    for seed in range(20):
+        yield choose_farthest_frames(np.random.default_rng(seed), centres, (40, 60), 4, 3)
+
+
+def test_further_context_views_are_the_farthest_points() -> None:
+    for frames in stretches():
+        context, targets = frames[:4], frames[4:]
+        assert 40 <= context[-1] - context[0] <= 60 and context == sorted(set(context))
+        assert all(context[0] <= target <= context[-1] for target in targets)
+        # Cameras accelerate, so the farthest point lies after the middle of the time.
+        middle = (context[0] + context[-1]) / 2
+        assert any(frame > middle for frame in context[1:3])
+
+
+def test_frames_of_the_protocol_are_cropped_to_the_centre_and_not_tinted(tmp_path: Path) -> None:
+    scenes = ChunkScenes(write_wall_chunks(tmp_path, num_scenes=1, num_frames=6), protocol=REALESTATE10K)
+    samples = [draw(scenes, seed) for seed in range(8)]
+    lenses = torch.stack([sample.views.cameras.intrinsics for sample in samples])
+    assert torch.allclose(lenses[..., 0, 0], lenses[0, 0, 0, 0]) and torch.allclose(
+        lenses[..., 1, 2], lenses[0, 0, 1, 2]
+    )
+    by_name: dict[str, list[Tensor]] = {}
+    for sample in samples:
+        for name, image in zip(sample.views.names, sample.views.images, strict=True):
+            by_name.setdefault(name, []).append(image)
+    for images in by_name.values():
+        for image in images:
+            assert torch.equal(image, images[0]) or torch.equal(image.flip(-1), images[0])

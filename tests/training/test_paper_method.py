@@ -1,0 +1,225 @@
+"""The method "paper" switches off every addition of ours, from training to decoding. `compact` keeps them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from fecocodec.config import COMPACT, PAPER, PaperSenderConfig, ReceiverConfig, SenderConfig, stored_fields
+from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.errors import InputError, ModelError
+from fecocodec.receiver.decode import decode_with
+from fecocodec.receiver.load import load_receiver, serialise_receiver
+from fecocodec.receiver.model import Receiver
+from fecocodec.sender.adapted import adapted_sender
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.distortion import PerceptualDistortion
+from fecocodec.sender.encode import encode_with
+from fecocodec.sender.extractors.adapter import ConditionedAdapter
+from fecocodec.sender.feedback import PictureFeedbackExtractor
+from fecocodec.sender.model import Sender
+from fecocodec.sender.optimisation_config import BEST
+from fecocodec.sender.stage_lambdas import stage_1_offset
+from fecocodec.training.batch_shapes import BatchShape
+from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
+from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.objective import Batch, lambda_of
+from fecocodec.training.optimisation import SHARE, build_optimiser
+from fecocodec.training.paper_objective import RatedStage, code_with_additive_noise, paper_loss, run_paper_stages
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
+from tests.example_scenes import example_views
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+PAPERS = [name for name in CONFIGURATIONS if name != "compact"]
+LAMBDA_Q = quantise_lambda(1e-4)
+
+
+def paper_codec(**changes: object) -> Codec:
+    """Untrained networks with the paper's method; the compact extractor, which is faster."""
+    torch.manual_seed(0)
+    receiver = Receiver(ReceiverConfig(method=PAPER, **changes))  # type: ignore[arg-type]
+    sender = Sender(SenderConfig(), receiver.config)
+    return Codec(sender.eval().requires_grad_(False), receiver.eval().requires_grad_(False), bytes(8))
+
+
+@pytest.fixture(scope="module")
+def codec() -> Codec:
+    return paper_codec()
+
+
+@pytest.fixture(scope="module")
+def batch() -> Batch:
+    sources = Sources(ProceduralWorld(pattern_textures(13)), None)
+    return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 2, (64, 64)), 0.0)
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_no_configuration_of_the_paper_has_an_addition_of_ours(name: str) -> None:
+    found = configuration_named(name)
+    assert found.is_paper and stage_1_offset(found.receiver) == 0
+    assert found.distortion == PerceptualDistortion(perceptual_weight=0.05)
+    assert found.schedule.one_stage_until == found.schedule.bypass_until == 0 and found.schedule.warm_up == 1
+    assert found.schedule.learning_rate == 2e-4 and found.schedule.disparity_weight == (0.0, 0.0)
+    assert found.schedule.photograph_share == (1.0, 1.0)
+    assert found.alone_every == 0 and found.kept_batches == 0
+    assert found.optimiser.average_decay == 0.0 and found.optimiser.backbone_share * 2e-4 == pytest.approx(2e-6)
+    assert found.protocol is not None and found.precision == "bfloat16" and found.shapes.num_scenes == 1
+
+
+def test_compact_keeps_its_method() -> None:
+    found = configuration_named("compact")
+    assert not found.is_paper and stage_1_offset(found.receiver) == 229 and found.protocol is None
+    assert found.alone_every == 8 and found.optimiser.average_decay == 0.998
+
+
+def test_the_method_is_stored_with_the_weights_and_compact_files_do_not_change(codec: Codec, tmp_path: Path) -> None:
+    path = tmp_path / "receiver.safetensors"
+    path.write_bytes(serialise_receiver(codec.receiver))
+    assert load_receiver(path)[0].config == codec.receiver.config
+    assert stored_fields(codec.receiver.config)["method"] == PAPER
+    assert {"method", "gaussians_per_side", "lambda_range", "num_stages"}.isdisjoint(stored_fields(ReceiverConfig()))
+
+
+def test_streams_have_one_lambda_rounded_latents_and_no_optimisation(codec: Codec) -> None:
+    views = example_views(2)
+    data = encode_with(codec, views, LAMBDA_Q)
+    header = read_stream(data).header
+    assert header.lambda_q_of_stage(1) == header.lambda_q_of_stage(2) == LAMBDA_Q
+    assert encode_with(codec, views, LAMBDA_Q, config=BEST) == data
+
+
+def test_decoded_gaussians_are_those_of_the_predictor(codec: Codec) -> None:
+    """No background layer, no free-space check, no fitted directions; the compact method has all three."""
+    data = encode_with(codec, example_views(2), LAMBDA_Q)
+    found = decode_with(codec.receiver, data).gaussians
+    assert found.count == 2 * 32 * 32 and found.harmonics.shape[1] == 1
+    usual = Receiver(ReceiverConfig())
+    usual.load_state_dict(codec.receiver.state_dict())
+    others = decode_with(usual.eval(), data).gaussians
+    assert others.count > found.count and others.harmonics.shape[1] == 4
+    assert float(others.opacities[: found.count].sum()) < float(found.opacities.sum())
+
+
+@pytest.mark.parametrize("per_side", [1, 4])
+def test_gaussians_at_other_resolutions(per_side: int) -> None:
+    codec = paper_codec(gaussians_per_side=per_side)
+    data = encode_with(codec, example_views(2), LAMBDA_Q, num_stages=1)
+    assert decode_with(codec.receiver, data).gaussians.count == 2 * (16 * per_side) ** 2
+    with pytest.raises(ModelError, match=f"{per_side} Gaussians a side of a cell with the method 'compact'"):
+        Receiver(ReceiverConfig(gaussians_per_side=per_side))
+
+
+def test_a_model_of_one_stage_codes_one(codec: Codec) -> None:
+    single = Codec(codec.sender, paper_codec(num_stages=1).receiver, bytes(8))
+    assert read_stream(encode_with(single, example_views(2), LAMBDA_Q)).header.num_stages == 1
+
+
+def test_a_lambda_outside_the_range_of_the_model_is_refused() -> None:
+    narrow = paper_codec(lambda_range=(1e-5, 1e-3))
+    with pytest.raises(InputError, match=r"lambda is 0\.01, but the model was trained for 1e-05 to 0\.001; choose a"):
+        encode_with(narrow, example_views(2), quantise_lambda(1e-2))
+
+
+def test_feedback_sees_the_two_pictures_alone(codec: Codec) -> None:
+    feedback = codec.sender.feedback
+    assert isinstance(feedback, PictureFeedbackExtractor) and feedback.input.in_channels == 2 * 3 * 16
+    images, renderings = torch.rand(2, 1, 3, 32, 32, generator=torch.Generator().manual_seed(0))
+    condition = codec.receiver.condition(torch.tensor([LAMBDA_Q]), 2)
+    depths = torch.zeros(1, 2, 8, 8), torch.ones(1, 2, 8, 8)
+    first, second = (feedback(images, renderings, errors, condition) for errors in depths)
+    assert torch.equal(first, second)
+
+
+def test_noise_is_additive_in_the_latent_and_in_the_rate(codec: Codec, batch: Batch) -> None:
+    seen: list[tuple[Tensor, Tensor]] = []
+    code = code_with_additive_noise(codec.receiver, codec.sender)
+
+    def watched(y: Tensor, inputs: object) -> object:
+        coded = code(y, inputs)  # type: ignore[arg-type]
+        seen.append((y, coded.y_hat))
+        return coded
+
+    torch.manual_seed(0)
+    first, second = run_paper_stages(codec.sender, codec.receiver, batch, watched, 2)  # type: ignore[arg-type]
+    for y, y_hat in seen:
+        noise = y_hat - y
+        assert noise.abs().max() <= 0.51 and 0.27 < noise.std() < 0.31  # means are multiples of 1/256
+    assert first.images.shape[1] == second.images.shape[1] == 4  # all targets of both stages
+    assert first.rate > 0 and second.rate > 0
+
+
+def test_the_loss_is_the_papers_sum(batch: Batch) -> None:
+    generator = torch.Generator().manual_seed(0)
+    stages = [
+        RatedStage(torch.rand(batch.images.shape, generator=generator), torch.tensor([rate])) for rate in (0.5, 2.0)
+    ]
+    distortion = PerceptualDistortion()
+    found, parts = paper_loss(batch, stages, distortion)
+    expected = torch.zeros(())
+    for stage in stages:
+        expected += float(lambda_of(batch.lambda_q)) * float(stage.rate)
+        for view in range(batch.num_context, batch.images.shape[1]):
+            expected += distortion(stage.images[0, view], batch.images[0, view])
+    torch.testing.assert_close(found, expected)
+    assert parts["bpp1"] == 0.5 and parts["bpp2"] == 2.0
+
+
+def test_only_the_pretrained_backbone_has_a_smaller_learning_rate() -> None:
+    networks = nn.ModuleDict({"sender": nn.ModuleDict({"extractor": nn.ModuleDict({
+        "pretrained": nn.Linear(2, 2), "backbone": nn.Linear(2, 2),
+    })})})  # fmt: skip
+    config = configuration_named("paper-re10k").optimiser
+    others, backbone = build_optimiser(networks, config).param_groups
+    assert backbone[SHARE] == 0.01 and SHARE not in others
+    assert [p.data_ptr() for p in backbone["params"]] == [
+        p.data_ptr() for p in networks["sender"]["extractor"]["pretrained"].parameters()
+    ]
+    assert len(build_optimiser(networks, configuration_named("compact").optimiser).param_groups) == 1
+
+
+class Edges:
+    """A third-party extractor."""
+
+    def num_channels(self) -> int:
+        return 3
+
+    def features(self, images: Tensor, cameras: object) -> Tensor:
+        return images
+
+    def fingerprint(self) -> str:
+        return "edges"
+
+
+def test_every_2d_block_of_the_adapter_depends_on_lambda() -> None:
+    sender = adapted_sender(Edges(), ReceiverConfig(method=PAPER))
+    assert isinstance(sender.extractor, ConditionedAdapter)
+    codec = Codec(sender.eval().requires_grad_(False), paper_codec().receiver, bytes(8))
+    assert decode_with(codec.receiver, encode_with(codec, example_views(2), LAMBDA_Q)).stages == 2
+    with pytest.raises(ModelError, match="The adapter depends on lambda"):
+        images, cameras = example_views(1).images[None], example_views(1).cameras.as_batch()
+        sender.extractor(images, cameras)
+
+
+@pytest.mark.parametrize("ablation", ["no-context", "no-feedback"])
+def test_ablations_of_the_sender_change_stage_2_alone(codec: Codec, ablation: str) -> None:
+    part = Sender(SenderConfig(ablation=ablation), codec.receiver.config)
+    part.load_state_dict(codec.sender.state_dict())
+    whole, without = (
+        read_stream(encode_with(Codec(sender, codec.receiver, bytes(8)), example_views(2), LAMBDA_Q)).payloads
+        for sender in (codec.sender, part.eval().requires_grad_(False))
+    )
+    assert whole[0] == without[0] and whole[1] != without[1]
+
+
+def test_what_does_not_exist_is_refused() -> None:
+    with pytest.raises(ModelError, match="no method 'ours'; choose compact or paper"):
+        Receiver(ReceiverConfig(method="ours"))
+    with pytest.raises(ModelError, match="no ablation 'no-depth'"):
+        Sender(PaperSenderConfig(ablation="no-depth"), ReceiverConfig(method=COMPACT))
+    with pytest.raises(InputError, match="keeps no features"):
+        replace(configuration_named("paper-re10k"), frozen=("extractor",), kept_batches=4)
+    assert isinstance(configuration_named("compact"), Configuration)
