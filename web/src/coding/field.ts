@@ -75,6 +75,17 @@ export class Inputs {
     return this;
   }
 
+  /** Append the vectors of a field at the positions, without clipping. */
+  addExact({ values, rows, columns, channels }: Field): this {
+    const { view, row, column, count } = this.positions;
+    for (let position = 0; position < count; position++) {
+      const from = ((view[position] * rows + row[position]) * columns + column[position]) * channels;
+      this.values.set(values.subarray(from, from + channels), position * this.channels + this.filled);
+    }
+    this.filled += channels;
+    return this;
+  }
+
   private addOne(field: Field, a: number, b: number): void {
     const { view, row, column, count } = this.positions;
     const { rows, columns, channels, values } = field;

@@ -20,6 +20,8 @@ export interface Latents {
   /** Dequantised values in Q8, not clipped. */
   zHat: Field;
   yHat: Field;
+  /** Values of the four steps of y in Q8, [4 phases, view, row, column, quarter of the channels]. */
+  steps: Int32Array[];
 }
 
 /** The state of decoding one payload: its decoder, its batches so far, the model. */
@@ -78,9 +80,9 @@ export function decodeLatents(
   const condition = stage === 1 ? [256, 0, lambdaQ - 884, 0] : [0, 256, 0, lambdaQ - 884];
   const zHat = decodeHyper(scan, size8, condition);
   const features = featuresOf(scan, zHat, condition, before);
-  const yHat = decodeLatent(scan, features);
+  const { yHat, steps } = decodeLatent(scan, features);
   scan.decoder.end();
-  return { batches: scan.batches, zHat, yHat };
+  return { batches: scan.batches, zHat, yHat, steps };
 }
 
 function tableIndex(position: number): number {
@@ -123,11 +125,12 @@ function featuresOf(scan: Scan, zHat: Field, condition: number[], before: Field 
   return { ...d, values: scan.layer("merge_8").apply(inputs.values, positions.count, 0, 0), channels: width };
 }
 
-function decodeLatent(scan: Scan, features: Field): Field {
+function decodeLatent(scan: Scan, features: Field): { yHat: Field; steps: Int32Array[] } {
   const quarter = scan.model.latent / 4;
   const { views, rows, columns } = features;
   const phases = [0, 1, 2, 3].map((m) => positionsOf(views, rows, columns, (i, j) => phaseOf(i, j) === m));
   const steps = [decodeFirstStep(scan, features)];
+  const inOrder = [gathered(steps[0], phases)];
   for (let step = 1; step < 4; step++) {
     const parameters = phases.map((positions, phase) => {
       const inputs = new Inputs(positions, features.channels + 9 * quarter * step).add(features, HERE);
@@ -136,8 +139,9 @@ function decodeLatent(scan: Scan, features: Field): Field {
     });
     const values = scan.values(joined(parameters), quarter);
     steps.push(scattered(values, phases, emptyField(views, rows, columns, quarter)));
+    inOrder.push(Int32Array.from(values));
   }
-  return quartersInPlace(steps, emptyField(views, rows, columns, scan.model.latent));
+  return { yHat: quartersInPlace(steps, emptyField(views, rows, columns, scan.model.latent)), steps: inOrder };
 }
 
 /** Decode step 0, block by block in three passes; returns its values at every position. */
@@ -209,6 +213,11 @@ function joined(parts: Float64Array[]): Float64Array {
     at += part.length;
   }
   return result;
+}
+
+/** Return the values of a field in the order of a batch, phase by phase. */
+function gathered(field: Field, phases: Positions[]): Int32Array {
+  return Int32Array.from(joined(phases.map((positions) => new Inputs(positions, field.channels).addExact(field).values)));
 }
 
 /** Write values in the order of a batch, phase by phase, to their positions. */
