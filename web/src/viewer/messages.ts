@@ -1,44 +1,32 @@
 /** Messages between the page and its decoder worker. */
 
 import type { StoredCameras } from "../container/cameras";
+import type { Timing } from "../decoder";
+import type { ModelFiles } from "../receiver/networks";
 
-/** Files that decoding needs, by name; `model` holds those of the stream's model. */
-export interface Assets {
-  wasm: Uint8Array;
-  tables: Uint8Array;
-  model: ModelFiles;
-}
-
-export interface ModelFiles {
-  prior: Uint8Array;
-  update: Uint8Array;
-  points: Uint8Array;
-  predict: Uint8Array;
-}
-
+/** What the page shows of a stream before it is decoded. */
 export interface Summary {
   bytes: number;
-  modelId: string;
   version: string;
+  modelId: string;
   height: number;
   width: number;
-  /** Name and size in bytes of the header and every section. */
+  stages: number;
+  /** Name and size in bytes of the header and of every section. */
   parts: [string, number][];
   cameras: StoredCameras;
-  stages: number;
   /** Message about damage after the decodable stages, null for an intact stream. */
   damage: string | null;
 }
 
-/** Duration of a step of decoding in milliseconds. */
-export interface Timing {
-  step: string;
-  ms: number;
-}
+export type Request =
+  | { kind: "open"; data: Uint8Array }
+  | { kind: "decode"; wasm: Uint8Array; tables: Uint8Array; model: ModelFiles };
 
-export interface DecodedStage {
-  stage: number;
-  count: number;
-  ply: Uint8Array<ArrayBuffer>;
-  timings: Timing[];
-}
+export type Reply =
+  | { kind: "summary"; summary: Summary }
+  | { kind: "ready"; ms: number }
+  | { kind: "stage"; stage: number; count: number; ply: Uint8Array<ArrayBuffer>; timings: Timing[] }
+  | { kind: "done" }
+  | { kind: "refused"; message: string; rule: string }
+  | { kind: "failed"; message: string };
