@@ -56,9 +56,15 @@ export function resampled(map: Float64Array, rows: Float64Array[], columns: Floa
   const width = columns[0].length;
   return rows.map((row) => {
     const line = new Float64Array(width);
-    row.forEach((weight, i) => {
-      for (let j = 0; j < width; j++) line[j] += weight * map[i * width + j];
-    });
-    return Float64Array.from(columns, (column) => column.reduce((sum, weight, j) => sum + weight * line[j], 0));
+    for (let i = 0; i < row.length; i++) {
+      for (let j = 0; j < width; j++) line[j] += row[i] * map[i * width + j];
+    }
+    return Float64Array.from(columns, (column) => dot(column, line));
   });
+}
+
+function dot(a: Float64Array, b: Float64Array): number {
+  let sum = 0;
+  for (let i = 0; i < a.length; i++) sum += a[i] * b[i];
+  return sum;
 }

@@ -38,7 +38,10 @@ export function backgroundLayer(gaussians: Gaussians, cameras: NormalisedCameras
   const views = cameras.views.map((camera, view) => extrapolated(gaussians, camera, view, grid, axis));
   const candidates = candidatesOf(views, cameras, axis);
   const depths = views.map(({ depth }) => extendedDepth(depth, axis.centres));
-  return keep(candidates, (index) => candidates.opacities[index] > 0 && isHidden(candidates, index, depths, cameras));
+  const isKept = Uint8Array.from(candidates.opacities, (opacity, index) =>
+    Number(opacity > 0 && isHidden(candidates, index, depths, cameras)),
+  );
+  return keep(candidates, isKept);
 }
 
 function extrapolated(
@@ -74,8 +77,11 @@ function extrapolated(
 
 /** Return the depth of a Gaussian in its own view; NaN if its centre is not finite. */
 function depthOf({ means }: Gaussians, index: number, { rotation, centre }: NormalisedCamera): number {
-  const offset = [0, 1, 2].map((axis) => means[3 * index + axis] - centre[axis]);
-  return offset[0] * rotation[2] + offset[1] * rotation[5] + offset[2] * rotation[8];
+  return (
+    (means[3 * index] - centre[0]) * rotation[2] +
+    (means[3 * index + 1] - centre[1]) * rotation[5] +
+    (means[3 * index + 2] - centre[2]) * rotation[8]
+  );
 }
 
 /** Return one Gaussian per layer, view and cell outside the image, facing its view, in this order. */

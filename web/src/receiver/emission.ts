@@ -21,20 +21,22 @@ export function emit(
   coverage: Uint8Array | null,
 ): Gaussians {
   const grid: [number, number] = [header.gridHeight / 2, header.gridWidth / 2];
-  const isEmitted = (index: number) =>
-    isDrawable(predicted, index) && (coverage === null || isCovered(coverage, grid, index));
-  const opacities = predicted.opacities.map((opacity, index) => (isEmitted(index) ? opacity : 0));
+  const isEmitted = new Uint8Array(predicted.count);
+  for (let index = 0; index < predicted.count; index++) {
+    isEmitted[index] = Number(isDrawable(predicted, index) && (!coverage || isCovered(coverage, grid[1], index)));
+  }
+  const opacities = predicted.opacities.map((opacity, index) => opacity * isEmitted[index]);
   const surface = { ...predicted, numHarmonics: 1, opacities, harmonics: plain };
   return toStoredFrame(append(keep(predicted, isEmitted), backgroundLayer(surface, cameras, grid)), cameras);
 }
 
 function isDrawable({ means, opacities }: Gaussians, index: number): boolean {
-  const isFinite = [0, 1, 2].every((axis) => Number.isFinite(means[3 * index + axis]));
-  return isFinite && opacities[index] >= LEAST_OPACITY;
+  const sum = means[3 * index] + means[3 * index + 1] + means[3 * index + 2]; // below the overflow of binary64
+  return opacities[index] >= LEAST_OPACITY && Number.isFinite(sum);
 }
 
 /** Return whether the cell of a Gaussian is covered; a cell has 2x2 Gaussians. */
-function isCovered(coverage: Uint8Array, [, width]: [number, number], index: number): boolean {
+function isCovered(coverage: Uint8Array, width: number, index: number): boolean {
   const column = index % width;
   const line = Math.floor(index / width); // rows of all views
   const cell = (line >> 1) * (width / 2) + (column >> 1);

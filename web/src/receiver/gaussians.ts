@@ -30,9 +30,10 @@ export function emptyGaussians(count: number, numHarmonics: number): Gaussians {
   };
 }
 
-/** Return the Gaussians for which the predicate holds, in the same order. */
-export function keep(gaussians: Gaussians, isKept: (index: number) => boolean): Gaussians {
-  const kept = Uint32Array.from({ length: gaussians.count }, (_, index) => index).filter(isKept);
+/** Return the Gaussians with a mask of 1, in the same order. */
+export function keep(gaussians: Gaussians, mask: Uint8Array): Gaussians {
+  const kept = new Uint32Array(mask.reduce((count, isKept) => count + isKept, 0));
+  for (let index = 0, at = 0; index < mask.length; index++) if (mask[index]) kept[at++] = index;
   const { numHarmonics } = gaussians;
   return {
     count: kept.length,
@@ -65,6 +66,8 @@ export function append(gaussians: Gaussians, layer: Gaussians): Gaussians {
 
 function rows(values: Float32Array, width: number, indices: Uint32Array): Float32Array {
   const result = new Float32Array(width * indices.length);
-  indices.forEach((index, at) => result.set(values.subarray(width * index, width * (index + 1)), width * at));
+  for (let at = 0; at < indices.length; at++) {
+    for (let i = 0; i < width; i++) result[width * at + i] = values[width * indices[at] + i];
+  }
   return result;
 }
