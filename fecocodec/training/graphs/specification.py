@@ -80,9 +80,7 @@ def prior_graphs(prior: LatentPrior) -> dict[str, Graph]:
             {"lambda_q": lambda_q, "z_hat": z_hat} | {f"context_{number}": step for number in range(4)},
             ("features", *parameters),
         ),
-        "pass_1": Graph(
-            of_prior.SecondPassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters
-        ),
+        "pass_1": Graph(of_prior.SecondPassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters),
         "pass_2": Graph(
             of_prior.ThirdPassGraph(prior),
             {"features": features, "pass_0": quarter_pass, "pass_1": quarter_pass},
