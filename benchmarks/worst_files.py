@@ -93,10 +93,11 @@ def code_stages(
     return (first, last), (coded.digest(), coded_last.digest())
 
 
-def measure(file: Path) -> dict[str, float]:
+def measure(file: Path, threads: int) -> dict[str, float]:
     """Decode a file by a new process; return the number of Gaussians, wall and CPU seconds, and peak memory in GiB."""
     output = file.with_suffix(".ply")
     command = [sys.executable, "-m", "fecosplat_cli", "decode", str(file), "-o", str(output), "--overwrite", "--json"]
+    command += ["--threads", str(threads)]
     start = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT)
     assert process.stdout is not None
@@ -117,6 +118,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=list(FILES), help="measure this file alone")
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "worst", help="keep the files here")
+    parser.add_argument("--threads", type=int, default=CORES, help="threads of decode; waiting threads use CPU time")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     receiver, model_id = load_receiver(model_folder(None) / RECEIVER_FILE)
@@ -125,7 +127,7 @@ def main() -> int:
     for name in [options.only] if options.only else FILES:
         file = options.folder / f"{name.replace(' ', '_')}.fcs"
         file.write_bytes(make_file(receiver, model_id, FILES[name]))
-        size, found = file.stat().st_size, measure(file)
+        size, found = file.stat().st_size, measure(file, options.threads)
         is_within = found["cpu"] <= CORES * MOST_SECONDS and found["gib"] <= MOST_GIB and found["gaussians"] >= 0
         failures += not is_within and size <= LARGEST_FILE
         numbers = f"{size:7} {found['gaussians']:9.0f} {found['wall']:7.1f} {found['cpu']:6.1f} {found['gib']:5.2f}"
