@@ -3,14 +3,15 @@
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import click
 
-from fecocodec.container import StreamSummary, inspect, quantise_lambda
+from fecocodec.container import inspect, quantise_lambda
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
+from .encoding_report import quality_fields, say_result
 from .info import summary_fields
 from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
@@ -20,9 +21,6 @@ from .progress import progress_bar
 from .rate_control import rate_control_options, target_of
 from .selection import Selection, parse_selection, resolve
 from .terminal import printable
-
-if TYPE_CHECKING:
-    from fecocodec.sender.decoded_quality import DecodedQuality
 
 
 @click.command(
@@ -129,13 +127,12 @@ def command(
             data = coder(
                 scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=found.append
             )
-        on_progress("measuring quality", 1.0)
-        quality = measure_decoded(data, scene, device=device, model=model)
     warnings = [in_options(text) for text in (*scene.notes, *check_input(scene, effort), *found)]
     for warning in warnings:  # only after all checks that can reject the views
         say(printable(f"warning: {warning}"))
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
+    quality = measure_decoded(data, scene, device=device, model=model)
     seconds = round(perf_counter() - start, 3)
     summary = inspect(data)
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:
@@ -147,33 +144,3 @@ def command(
         )
     else:
         say_result(f"{output}: {summary.total_bytes / 1024:.2f} KiB in {seconds:.2f} s", summary, quality)
-
-
-def quality_fields(
-    summary: StreamSummary, quality: "tuple[DecodedQuality, ...]", names: tuple[str, ...]
-) -> dict[str, object]:
-    """Return the JSON fields about quality: PSNR in dB and KiB, in all, per stage and per view."""
-    stages = zip(_stage_kib(summary), quality, strict=True)
-    of_view = zip(names, quality[-1].psnr_of_view, strict=True)
-    return {
-        "kib": round(summary.total_bytes / 1024, 3),
-        "context_psnr": round(quality[-1].psnr, 3),
-        "stage_results": [{"kib": round(kib, 3), "context_psnr": round(after.psnr, 3)} for kib, after in stages],
-        "context_views": [{"name": name, "psnr": round(psnr, 3)} for name, psnr in of_view],
-    }
-
-
-def say_result(first_line: str, summary: StreamSummary, quality: "tuple[DecodedQuality, ...]") -> None:
-    """Print the size of the file, and for each stage its size and the PSNR of the decoded context views after it."""
-    say(first_line)
-    for stage, (kib, after) in enumerate(zip(_stage_kib(summary), quality, strict=True), start=1):
-        say(f"  stage {stage}: {kib:8.2f} KiB  {after.psnr:6.2f} dB")
-    worst = min(quality[-1].psnr_of_view)
-    count = len(quality[-1].psnr_of_view)
-    views = "context view" if count == 1 else f"{count} context views (worst {worst:.2f} dB)"
-    say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the decoded {views}")
-
-
-def _stage_kib(summary: StreamSummary) -> list[float]:
-    """Return the size of each stage's section in KiB."""
-    return [section.total_bytes / 1024 for section in summary.sections if section.name in ("B1", "B2")]

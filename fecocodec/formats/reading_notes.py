@@ -7,6 +7,7 @@ from fecocodec.formats.lens import Lens
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
+LARGEST_FOCAL_WITHOUT_SIZE = 1.5  # 37 degrees; twice the focal length of a phone exceeds it
 
 
 def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int]) -> list[str]:
@@ -32,15 +33,21 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
     return notes
 
 
-def lens_notes(pinholes: list[Lens], names: list[str]) -> list[str]:
-    """Return a note if a focal length seems to refer to a larger image than the stored one."""
-    focal = [lens.fx / max(lens.width, lens.height) for lens in pinholes]
-    largest = max(focal)
-    if largest <= LARGEST_FOCAL:
+def lens_notes(pinholes: list[Lens], names: list[str], sizes: list[tuple[int, int] | None]) -> list[str]:
+    """Return a note if a focal length in pixels seems to refer to a larger image than the stored one.
+
+    sizes: image sizes that the camera file states, None where it states none and the focal length is thus ambiguous.
+    """
+    suspects = [
+        (lens, name)
+        for lens, name, size in zip(pinholes, names, sizes, strict=True)
+        if lens.fx / max(lens.width, lens.height) > (LARGEST_FOCAL if size else LARGEST_FOCAL_WITHOUT_SIZE)
+    ]
+    if not suspects:
         return []
-    lens, name = pinholes[focal.index(largest)], names[focal.index(largest)]
+    lens, name = max(suspects, key=lambda suspect: suspect[0].fx / max(suspect[0].width, suspect[0].height))
     return [
-        f"the focal length of {name} is {lens.fx:.0f} pixels for an image of {lens.width}x{lens.height}, a very narrow "
+        f"the focal length of {name} is {lens.fx:.0f} pixels for an image of {lens.width}x{lens.height}, a narrow "
         "field of view; if the image was reduced after its camera was computed, give the camera file the size (w, h) "
         "that fl_x is for."
     ]

@@ -104,7 +104,8 @@ def _choose(path: Path, views: tuple[int | str, ...] | None, size: tuple[int, in
         far=torch.tensor(torch.nan),
     )
     names = [photograph.path.name for photograph in photographs]
-    notes += [*lens_notes(pinholes, names), *framing_notes(pinholes, names, common)]
+    sizes = [photograph.declared_size for photograph in photographs]
+    notes += [*lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
     return _Chosen(scene, photographs, lenses, common, cameras, tuple(notes))
 
 

@@ -66,7 +66,7 @@ def _warnings_about_cameras(cameras: Cameras, names: tuple[str, ...]) -> list[st
     ]
     if alone:
         warnings.append(
-            f"by their cameras, these views hardly overlap others: {', '.join(alone)}; choose views that overlap."
+            f"by their cameras, these views hardly overlap with any other: {', '.join(alone)}; choose others."
         )
     if _largest_parallax(points, cameras) < LEAST_PARALLAX_DEGREES:
         warnings.append("the cameras are almost at one position, so depth is unreliable; choose views farther apart.")

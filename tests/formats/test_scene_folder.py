@@ -20,6 +20,7 @@ from wall_scene import (
     write_transforms,
 )
 
+from fecocodec.errors import InputError
 from fecocodec.formats.exr import ExrImage, write_exr
 from fecocodec.formats.scene_folder import read_views, view_names
 from fecocodec.geometry.cameras import pixel_rays
@@ -245,7 +246,9 @@ def test_reduced_images_without_their_size_are_noted(tmp_path):
                 values[key] *= 4
     (folder / "transforms.json").write_text(json.dumps(cameras))
     (note,) = read(folder).notes
-    assert note.startswith(f"the focal length of 000.png is {4 * taken[0].fx:.0f} pixels for an image of 96x80, a very")
+    assert note.startswith(
+        f"the focal length of 000.png is {4 * taken[0].fx:.0f} pixels for an image of 96x80, a narrow"
+    )
 
 
 def test_reduced_images_whose_field_of_view_is_known_are_read_as_they_are(tmp_path):
@@ -286,3 +289,27 @@ def test_transparency_is_kept_beside_the_images(tmp_path):
     assert torch.equal(on_white.images, views.images)
     torch.testing.assert_close(on_white.images[1] - on_black.images[1], torch.full((3, 80, 96), 0.8))
     assert torch.equal(on_black.images[0], views.images[0])
+
+
+@pytest.mark.parametrize(("factor", "is_noted"), [(1.0, False), (2.0, True), (4.0, True)])
+def test_a_focal_length_in_pixels_of_a_larger_image_is_noted(factor, is_noted, tmp_path):
+    """Without w, h and a principal point, only the field of view shows that the images were reduced."""
+    folder = write_transforms(tmp_path / "scene", shots(2), near=1.5, far=9.0)
+    scene = json.loads((folder / "transforms.json").read_text())
+    for frame in scene["frames"]:
+        for key in ("w", "h", "cx", "cy"):
+            del frame[key]
+        frame["fl_x"], frame["fl_y"] = factor * frame["fl_x"], factor * frame["fl_y"]
+    (folder / "transforms.json").write_text(json.dumps(scene))
+    notes = read(folder).notes
+    assert [note.startswith("the focal length of 000.png is") for note in notes] == ([True] if is_noted else [])
+
+
+@pytest.mark.parametrize("name", ["/", ""])
+def test_an_image_name_that_is_a_folder_is_one_sentence(name, tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2), near=1.5, far=9.0)
+    scene = json.loads((folder / "transforms.json").read_text())
+    scene["frames"][1]["file_path"] = name
+    (folder / "transforms.json").write_text(json.dumps(scene))
+    with pytest.raises(InputError, match=r"frame 1 \(/?\): there is no image .*; put it there or leave this view out"):
+        read(folder)

@@ -1,0 +1,40 @@
+"""The report of `fecosplat encode`: size and quality of the file, per stage and in all."""
+
+from typing import TYPE_CHECKING
+
+from fecocodec.container import StreamSummary
+
+from .output import say
+
+if TYPE_CHECKING:
+    from fecocodec import DecodedQuality
+
+
+def quality_fields(
+    summary: StreamSummary, quality: "tuple[DecodedQuality, ...]", names: tuple[str, ...]
+) -> dict[str, object]:
+    """Return the JSON fields about quality: PSNR in dB and KiB, in all, per stage and per view."""
+    stages = zip(_stage_kib(summary), quality, strict=True)
+    of_view = zip(names, quality[-1].psnr_of_view, strict=True)
+    return {
+        "kib": round(summary.total_bytes / 1024, 3),
+        "context_psnr": round(quality[-1].psnr, 3),
+        "stage_results": [{"kib": round(kib, 3), "context_psnr": round(after.psnr, 3)} for kib, after in stages],
+        "context_views": [{"name": name, "psnr": round(psnr, 3)} for name, psnr in of_view],
+    }
+
+
+def say_result(first_line: str, summary: StreamSummary, quality: "tuple[DecodedQuality, ...]") -> None:
+    """Print the size of the file, and for each stage its size and the PSNR of the decoded context views after it."""
+    say(first_line)
+    for stage, (kib, after) in enumerate(zip(_stage_kib(summary), quality, strict=True), start=1):
+        say(f"  stage {stage}: {kib:8.2f} KiB  {after.psnr:6.2f} dB")
+    worst = min(quality[-1].psnr_of_view)
+    count = len(quality[-1].psnr_of_view)
+    views = "context view" if count == 1 else f"{count} context views (worst {worst:.2f} dB)"
+    say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the decoded {views}")
+
+
+def _stage_kib(summary: StreamSummary) -> list[float]:
+    """Return the size of each stage's section in KiB."""
+    return [section.total_bytes / 1024 for section in summary.sections if section.name in ("B1", "B2")]
