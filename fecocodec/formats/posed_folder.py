@@ -44,20 +44,20 @@ class PosedFolder:
 
 
 @contextmanager
-def posed_folder(folder: Path, num_threads: int = -1) -> Iterator[PosedFolder]:
+def posed_folder(folder: Path, num_threads: int = -1, name: str = "") -> Iterator[PosedFolder]:
     """Estimate cameras and yield a scene folder that exists until the block ends. Photographs in it are upright.
 
-    Photographs that cannot be registered are left out, with a note. Raises InputError if fewer than two can be
+    name: of the input in messages, by default the folder. Photographs that cannot be registered are left out, with a note. Raises InputError if fewer than two can be
     registered, all are taken from one position, or pycolmap is missing.
     """
-    photographs, notes = _chosen(folder)
+    photographs, notes = _chosen(folder, name or str(folder))
     with TemporaryDirectory(prefix="fecosplat-") as temporary:
         root = Path(temporary)
         groups = upright_copies(photographs, root)
         workspace = root / "colmap"
         workspace.mkdir()
         reconstruction = reconstruct(root, groups, workspace, num_threads)
-        _require_cameras(folder, photographs, reconstruction)
+        _require_cameras(name or str(folder), photographs, reconstruction)
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
         has_exif = all(group.is_known for group in groups)
@@ -65,12 +65,12 @@ def posed_folder(folder: Path, num_threads: int = -1) -> Iterator[PosedFolder]:
         yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes))
 
 
-def _chosen(folder: Path) -> tuple[list[Path], list[str]]:
+def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
     """Return at most MAX_PHOTOGRAPHS photographs, evenly spread over the folder, and a note if some are left out."""
     photographs = find_photographs(folder)
     if len(photographs) < 2:
         raise InputError(
-            f"{folder}: {len(photographs)} photographs without cameras, but poses can be estimated from two or more; "
+            f"{name}: {len(photographs)} photographs without cameras, but poses can be estimated from two or more; "
             "add photographs or a camera file."
         )
     if len(photographs) <= MAX_PHOTOGRAPHS:
@@ -79,14 +79,14 @@ def _chosen(folder: Path) -> tuple[list[Path], list[str]]:
     return kept, [f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras."]
 
 
-def _require_cameras(folder: Path, photographs: list[Path], found: Reconstruction) -> None:
+def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
     """Raise InputError if the reconstruction is not usable."""
     if len(found.cameras) < 2:
         weak = _weak_pairs([copy_name(path) for path in photographs], found)
-        raise InputError(f"{folder}: no camera poses can be estimated ({weak}); {_REMEDY}.")
+        raise InputError(f"{name}: no camera poses can be estimated ({weak}); {_REMEDY}.")
     if found.angle < LEAST_ANGLE:
         raise InputError(
-            f"{folder}: the photographs seem to be taken from one position (median angle between rays "
+            f"{name}: the photographs seem to be taken from one position (median angle between rays "
             f"{found.angle:.2f} degrees), so depth is unknown; move the camera sideways between photographs."
         )
 
