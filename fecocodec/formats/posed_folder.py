@@ -47,8 +47,10 @@ class PosedFolder:
 def posed_folder(folder: Path, num_threads: int = -1, name: str = "") -> Iterator[PosedFolder]:
     """Estimate cameras and yield a scene folder that exists until the block ends. Photographs in it are upright.
 
-    name: of the input in messages, by default the folder. Photographs that cannot be registered are left out, with a note. Raises InputError if fewer than two can be
-    registered, all are taken from one position, or pycolmap is missing.
+    Photographs that cannot be registered are left out, with a note. num_threads: -1 for all cores. name: of the input
+    in messages, by default the folder.
+    Raises InputError if fewer than two photographs can be registered, all are taken from one position, or pycolmap is
+    missing.
     """
     photographs, notes = _chosen(folder, name or str(folder))
     with TemporaryDirectory(prefix="fecosplat-") as temporary:
