@@ -3,39 +3,32 @@
 import warnings
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, UInt8, UInt16
 from PIL import Image
-from PIL.PngImagePlugin import PngImageFile
 
 from fecocodec.errors import InputError
 from fecocodec.formats.input_file import MAX_IMAGE_PIXELS, require_regular_file
+from fecocodec.formats.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
 
 _FORMATS = ("PNG", "JPEG", "WEBP")
-# Pillow keeps the high bytes of 16-bit colour. If the samples are declared to have the other byte order, it keeps the
-# low bytes.
-_LOW_BYTES = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
 
 
 def decode_with_pillow(source: Path | BytesIO, place: Path | str) -> Float[np.ndarray, "channel height width"]:
     """Return 3 channels of sRGB in [0, 1], or 4 if the image has opacity (not premultiplied).
 
+    Pillow reads the header of every image; PNG images with 16 bits per channel are then decoded by `png16`.
     Raises InputError, which begins with `place`, if the image is missing, damaged, too large or of another format.
     """
     try:
         with _open(source, place) as image:
-            low_bytes = _low_bytes_of(image)
-            samples = _samples(image) if low_bytes is None else np.asarray(image)
-        if low_bytes is not None:
-            with _open(source, place) as image:
-                return _sixteen_bits(samples, _samples_as(low_bytes, image))
+            data = _bytes_of_sixteen_bits(source)
+            return _in_unit_range(_samples(image) if data is None else decode_sixteen_bits(data, str(place)))
     except (InputError, MemoryError):
         raise
     except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
         raise InputError(unreadable(place, error)) from error
-    return _in_unit_range(samples)
 
 
 def size_with_pillow(path: Path) -> tuple[int, int]:
@@ -81,42 +74,29 @@ def _open(source: Path | BytesIO, place: Path | str) -> Image.Image:
     return image
 
 
-def _samples(image: Image.Image) -> np.ndarray:
-    """Return 8-bit samples with 3 or 4 channels, or 16-bit samples with one channel."""
-    if image.mode.startswith("I"):  # 16-bit grey
-        return np.asarray(image)
+def _bytes_of_sixteen_bits(source: Path | BytesIO) -> bytes | None:
+    """Return the bytes of a PNG with 16 bits per channel; None for all other images."""
+    if isinstance(source, BytesIO):
+        data = source.getvalue()
+        return data if has_sixteen_bits(data[:HEAD_BYTES]) else None
+    with source.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+        return head + file.read() if has_sixteen_bits(head) else None
+
+
+def _samples(image: Image.Image) -> UInt8[np.ndarray, "height width channel"]:
+    """Return 8-bit samples with 3 or 4 channels."""
     return np.asarray(image.convert("RGBA" if image.has_transparency_data else "RGB"))
 
 
-def _in_unit_range(samples: np.ndarray) -> Float[np.ndarray, "channel height width"]:
-    if samples.ndim == 2:
-        grey = np.asarray(samples, np.float32) / 65535
-        return np.repeat(grey[None], 3, axis=0)
-    pixels = np.empty((samples.shape[2], *samples.shape[:2]), np.float32)
-    for channel, plane in enumerate(pixels):  # one at a time, to need little memory
-        np.divide(samples[..., channel], np.float32(255), out=plane, dtype=np.float32)
-    return pixels
-
-
-def _low_bytes_of(image: Image.Image) -> str | None:
-    """Return the raw mode that reads the low bytes of a PNG with 16 bits per colour; None for all other images."""
-    if not isinstance(image, PngImageFile) or not image.tile or "transparency" in image.info:
-        return None
-    return _LOW_BYTES.get(str(image.tile[0][3]))
-
-
-def _samples_as(raw_mode: str, image: Any) -> UInt8[np.ndarray, "height width channel"]:
-    """Return the samples of a PNG that was opened but not read, with its bytes interpreted in another raw mode."""
-    image.tile = [(*image.tile[0][:3], raw_mode)]
-    return np.asarray(image)
-
-
-def _sixteen_bits(
-    high: UInt8[np.ndarray, "height width channel"], low: UInt8[np.ndarray, "height width channel"]
+def _in_unit_range(
+    samples: UInt8[np.ndarray, "height width samples"] | UInt16[np.ndarray, "height width samples"],
 ) -> Float[np.ndarray, "channel height width"]:
-    pixels = np.empty((high.shape[2], *high.shape[:2]), np.float32)
-    for channel, plane in enumerate(pixels):
-        np.multiply(high[..., channel], np.float32(256), out=plane, dtype=np.float32)
-        plane += low[..., channel]
-        plane /= 65535
+    """Return 3 or 4 channels in [0, 1]; grey, with or without opacity, becomes three equal channels."""
+    count = samples.shape[2]
+    order = {1: (0, 0, 0), 2: (0, 0, 0, 1)}.get(count, tuple(range(count)))
+    largest = np.float32(np.iinfo(samples.dtype).max)
+    pixels = np.empty((len(order), *samples.shape[:2]), np.float32)
+    for channel, plane in zip(order, pixels, strict=True):  # one at a time, to need little memory
+        np.divide(samples[..., channel], largest, out=plane, dtype=np.float32)
     return pixels

@@ -1,6 +1,5 @@
 """Per-view distortion D, used for training and for the optimisation of latents."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -67,9 +66,3 @@ class LogDistortion:
         squared = (renderings - images).square().mean(dim=(-3, -2, -1))
         structure = 1.0 - ssim(renderings.clamp(0, 1), images, ssim_stride)
         return self.log_weight * torch.log(squared + self.least_error) + self.ssim_weight * structure
-
-
-def mean_psnr(renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]) -> float:
-    """Return the PSNR in dB, at most 100, over all pixels of all views. Renderings are clamped to [0, 1]."""
-    squared = float((renderings.clamp(0, 1) - images).square().mean())
-    return -10.0 * math.log10(max(squared, 1e-10))

@@ -46,7 +46,7 @@ class Configuration:
             )
         if self.kept_batches and "extractor" not in self.frozen:
             raise InputError(
-                "Features can be kept only while the extractor is frozen; freeze it (--freeze extractor), or keep none."
+                "Features can be kept only while the extractor is frozen; add it to `frozen`, or keep none."
             )
 
     @property

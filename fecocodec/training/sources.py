@@ -21,7 +21,7 @@ def open_sources(photographs: Path | None, textures: Path | None, configuration:
     Raises InputError if a folder has no usable content, or too few frames for the batches of the configuration.
     """
     if photographs is None and min(configuration.schedule.photograph_share) == 1.0:
-        raise InputError("This configuration trains on photographs alone, but there are none; give --photographs.")
+        raise InputError("This configuration trains on photographs alone, but there are none; give `photographs`.")
     texture_set = pattern_textures(NUM_PATTERNS)
     if textures is not None:
         texture_set += textures_from_folder(textures)
@@ -34,7 +34,7 @@ def open_sources(photographs: Path | None, textures: Path | None, configuration:
     if scenes.most_frames < most_views:
         raise InputError(
             f"{photographs}: no scene has the {most_views} frames that batches may ask for; "
-            "add photographs, or train fewer context views (--views 2)."
+            "add photographs, or train fewer context views by `view_shares`."
         )
     texture_set += textures_from_photographs(photographs, NUM_CROPS)
     return Sources(ProceduralWorld(texture_set), scenes)

@@ -2,6 +2,7 @@
 
 import os
 import struct
+import sys
 import zlib
 
 import numpy as np
@@ -49,9 +50,9 @@ def test_sixteen_bit_grey(colours, tmp_path):
 
 
 def png_of_sixteen_bits(samples: np.ndarray) -> bytes:
-    """A PNG of 16 bits a channel, which Pillow does not write, of [height width 3 or 4] whole numbers."""
+    """A PNG of 16 bits a channel, which Pillow does not write, of [height width 1 to 4] whole numbers."""
     height, width, channels = samples.shape
-    head = struct.pack(">IIBBBBB", width, height, 16, {3: 2, 4: 6}[channels], 0, 0, 0)
+    head = struct.pack(">IIBBBBB", width, height, 16, {1: 0, 2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
     rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
     chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
     framed = (struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in chunks)
@@ -67,6 +68,25 @@ def test_sixteen_bit_colour(colours, tmp_path):
     (tmp_path / "cut.png").write_bytes(data[:-200])
     with pytest.raises(InputError, match=r"cut\.png: the image is damaged, cut short"):
         read_image(tmp_path / "cut.png")
+
+
+def test_sixteen_bit_grey_with_transparency(tmp_path):
+    samples = np.zeros((HEIGHT, WIDTH, 2))
+    samples[..., 0], samples[..., 1] = 40_001, 13_000
+    (tmp_path / "image.png").write_bytes(png_of_sixteen_bits(samples))
+    colour, alpha = read_image_and_alpha(tmp_path / "image.png", "black")
+    torch.testing.assert_close(alpha, torch.full((HEIGHT, WIDTH), 13_000 / 65535), atol=1e-6, rtol=0)
+    torch.testing.assert_close(colour / alpha, torch.full((3, HEIGHT, WIDTH), 40_001 / 65535), atol=1e-6, rtol=0)
+
+
+def test_sixteen_bits_without_the_package_are_one_sentence(tmp_path, monkeypatch):
+    (tmp_path / "image.png").write_bytes(png_of_sixteen_bits(np.zeros((HEIGHT, WIDTH, 3))))
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    with pytest.raises(
+        InputError, match=r"image\.png: a PNG with 16 bits .* pip install 'fecosplat\[png16\]', or store"
+    ):
+        read_image(tmp_path / "image.png")
+    assert read_image_size(tmp_path / "image.png") == (HEIGHT, WIDTH)
 
 
 def test_sixteen_bit_colour_with_transparency_shows_white(tmp_path):

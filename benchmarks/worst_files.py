@@ -1,0 +1,131 @@
+"""Measure `fecosplat decode` on hand-made files that are valid, tiny and as expensive as the format allows.
+
+    python benchmarks/worst_files.py
+    python benchmarks/worst_files.py --only coincident --folder out/worst
+
+Every file has 2^22 pixels in all, the default limit of `decode`, and both stages; its cameras or symbols are chosen to
+make a step of decoding slow. Each file is decoded by a process of its own. Prints bytes, Gaussians, wall time, CPU time
+(user and system) and peak memory. The exit code is 1 if a file takes more CPU time than CORES idle cores have in
+MOST_SECONDS, or more than MOST_GIB.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+import torch  # noqa: E402
+
+from fecocodec.checkpoint import RECEIVER_FILE, model_folder  # noqa: E402
+from fecocodec.coding.payload import encode_latents  # noqa: E402
+from fecocodec.container import Header, PackedCameras, Stream, write_stream  # noqa: E402
+from fecocodec.container.camera_rules import MAX_FOCAL, MIN_DEPTH_RATIO, MIN_FOCAL  # noqa: E402
+from fecocodec.receiver.load import load_receiver  # noqa: E402
+from fecocodec.receiver.model import Receiver  # noqa: E402
+
+CORES, MOST_SECONDS, MOST_GIB = 2, 10.0, 1.5  # bounds for files of at most LARGEST_FILE bytes
+LARGEST_FILE = 64 << 10
+LATENT, HYPER = 8, 32  # pixels per latent and per hyper-latent
+VIEWS, SIDE = 16, 512
+
+
+@dataclass(frozen=True)
+class WorstFile:
+    """Parameters of a file. noise: standard deviation of the latents before rounding; baseline: between cameras."""
+
+    views: int = VIEWS
+    height: int = SIDE
+    width: int = SIDE
+    focal: float = 1.0
+    baseline: float = 0.1
+    far: float = 10.0
+    noise: float = 0.0
+    lambda_q: int = 1179
+
+
+FILES = {
+    "ordinary": WorstFile(),
+    "one position": WorstFile(baseline=0.0),
+    "one depth": WorstFile(baseline=0.0, far=MIN_DEPTH_RATIO),
+    "coincident": WorstFile(baseline=0.0, focal=MAX_FOCAL, far=MIN_DEPTH_RATIO),
+    "widest": WorstFile(baseline=100.0, focal=MIN_FOCAL, far=2.0**14),
+    "far apart": WorstFile(baseline=1000.0, far=2.0**14),
+    "four largest views": WorstFile(views=4, height=1024, width=1024),
+    "widest images": WorstFile(views=16, height=256, width=1024),
+    "finest lambda": WorstFile(lambda_q=0),
+    "noise": WorstFile(noise=0.02),
+}
+
+
+def make_file(receiver: Receiver, model_id: bytes, worst: WorstFile) -> bytes:
+    """Return the bytes of the stream. Latents are noise around 0, the same for all files."""
+    generator = torch.Generator().manual_seed(0)
+    size = (worst.views, worst.height, worst.width)
+    payloads, digests, context = [], [], None
+    for stage in (1, 2):
+        y, z = (
+            worst.noise * torch.randn(worst.views, channels, *(side // step for side in size[1:]), generator=generator)
+            for channels, step in ((receiver.config.latent_channels, LATENT), (receiver.config.hyper_channels, HYPER))
+        )
+        with torch.no_grad():
+            payload, coded = encode_latents(receiver.prior, y, z, worst.lambda_q, stage, context)
+        context = coded.y_hat
+        payloads.append(payload)
+        digests.append(coded.digest())
+    header = Header(model_id, *size, worst.lambda_q, tuple(digests))
+    poses = tuple(
+        (1.0, 0.0, 0.0, worst.baseline * view, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0) for view in range(worst.views)
+    )
+    cameras = PackedCameras(poses, ((worst.focal, worst.focal, 0.5, 0.5),) * worst.views, near=1.0, far=worst.far)
+    return write_stream(Stream(header, cameras, tuple(payloads)))
+
+
+def measure(file: Path) -> dict[str, float]:
+    """Decode a file by a new process; return the number of Gaussians, wall and CPU seconds, and peak memory in GiB."""
+    output = file.with_suffix(".ply")
+    command = [sys.executable, "-m", "fecosplat_cli", "decode", str(file), "-o", str(output), "--overwrite", "--json"]
+    start = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT)
+    assert process.stdout is not None
+    printed = process.stdout.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    wall = time.perf_counter() - start
+    process.returncode = os.waitstatus_to_exitcode(status)
+    output.unlink(missing_ok=True)
+    return {
+        "gaussians": json.loads(printed)["gaussians"] if process.returncode == 0 else -1,
+        "wall": wall,
+        "cpu": usage.ru_utime + usage.ru_stime,
+        "gib": usage.ru_maxrss / 2**20,
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", choices=list(FILES), help="measure this file alone")
+    parser.add_argument("--folder", type=Path, default=ROOT / "out" / "worst", help="keep the files here")
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    receiver, model_id = load_receiver(model_folder(None) / RECEIVER_FILE)
+    failures = 0
+    print(f"{'file':<20} {'bytes':>7} {'Gaussians':>9} {'wall s':>7} {'CPU s':>6} {'GiB':>5}")
+    for name in [options.only] if options.only else FILES:
+        file = options.folder / f"{name.replace(' ', '_')}.fcs"
+        file.write_bytes(make_file(receiver, model_id, FILES[name]))
+        size, found = file.stat().st_size, measure(file)
+        is_within = found["cpu"] <= CORES * MOST_SECONDS and found["gib"] <= MOST_GIB and found["gaussians"] >= 0
+        failures += not is_within and size <= LARGEST_FILE
+        numbers = f"{size:7} {found['gaussians']:9.0f} {found['wall']:7.1f} {found['cpu']:6.1f} {found['gib']:5.2f}"
+        print(f"{name:<20} {numbers}  {'' if is_within else 'exceeds the bound'}", flush=True)
+    return failures > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,42 @@
+"""Decode PNG images with 16 bits per channel by imagecodecs, the `png16` extra; Pillow keeps only 8 bits of colour."""
+
+from types import ModuleType
+
+import numpy as np
+from jaxtyping import UInt16
+
+from fecocodec.errors import InputError
+
+_BIT_DEPTH_AT = 24  # byte of a PNG file: after the signature, and length, type, width and height of IHDR
+HEAD_BYTES = _BIT_DEPTH_AT + 1
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def has_sixteen_bits(head: bytes) -> bool:
+    """Return whether a file is a PNG with 16 bits per channel. head: its first HEAD_BYTES bytes."""
+    return head.startswith(_SIGNATURE) and head[_BIT_DEPTH_AT:HEAD_BYTES] == bytes([16])
+
+
+def decode_sixteen_bits(data: bytes, place: str) -> UInt16[np.ndarray, "height width channel"]:
+    """Return the samples of a PNG with 16 bits: grey, grey and opacity, colour, or colour and opacity.
+
+    A colour that the file declares transparent becomes an opacity of 0. The caller must bound the number of pixels.
+    Raises InputError, which begins with `place`, if imagecodecs is missing or the image is damaged.
+    """
+    imagecodecs = _imagecodecs(place)
+    try:
+        samples = imagecodecs.png_decode(data)
+    except imagecodecs.PngError as error:
+        raise InputError(f"{place}: the image is damaged, cut short or not PNG ({error}); store it again.") from error
+    return samples.reshape(*samples.shape[:2], -1)
+
+
+def _imagecodecs(place: str) -> ModuleType:
+    try:
+        import imagecodecs
+    except ImportError as error:
+        raise InputError(
+            f"{place}: a PNG with 16 bits per channel needs the package imagecodecs; pip install 'fecosplat[png16]', "
+            "or store it with 8 bits."
+        ) from error
+    return imagecodecs
