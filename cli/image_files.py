@@ -26,8 +26,8 @@ def is_image_file(output: Path) -> bool:
 def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: bool) -> list[list[Path]]:
     """Return the files to write for each view. Raises OutputError if one of them cannot be written.
 
-    output: a folder, or, if `is_image_file`, the file for a single view. stem: first part of the file names in a folder.
-    names: of the views, second part of the file names.
+    output: a folder, or the file for a single view (see `is_image_file`). stem: first part of the file names in a
+    folder. names: of the views, second part of the file names.
     """
     is_image = is_image_file(output)
     if not is_image and not os.path.isdir(output):

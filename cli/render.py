@@ -48,7 +48,8 @@ Examples:
     "-o",
     "--output",
     type=FILE_PATH,
-    help="Output folder, or a .png, .jpg, .webp or .exr file for a single view: of a .fcs file, the first coded camera.",
+    help="Output folder, or a .png, .jpg, .webp or .exr file for a single view. Without --cameras and --path it shows "
+    "the first coded camera.",
 )
 @click.option("--video", type=FILE_PATH, metavar="FILE.mp4", help="Output video; needs the `video` extra (PyAV).")
 @click.option(
@@ -140,10 +141,8 @@ def command(
     num_frames = None if path_name is None else frames or DEFAULT_FRAMES
     given = None if cameras_path is None else read_given_cameras(cameras_path, views, size)
     names = names_of(given, scene, data, num_frames)
-    is_first_only = (
-        output is not None and video is None and given is None and path_name is None and is_image_file(output)
-    )
-    names = names[:1] if is_first_only else names
+    is_preview = output is not None and video is None and given is None and path_name is None and is_image_file(output)
+    names = names[:1] if is_preview else names
     files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
     from fecocodec import decode, read_ply
@@ -165,7 +164,7 @@ def command(
                 )
         gaussians = read_ply(scene).to(device) if decoded is None else decoded.gaussians
         cameras, image_size = cameras_and_size(given, decoded, gaussians)
-        if is_first_only:
+        if is_preview:
             cameras = cameras.select([0])
         if path_name is not None and num_frames is not None:
             cameras = PATHS[path_name](cameras, num_frames)
