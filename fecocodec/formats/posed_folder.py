@@ -71,9 +71,10 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
     """Return at most MAX_PHOTOGRAPHS photographs, evenly spread over the folder, and a note if some are left out."""
     photographs = find_photographs(folder)
     if len(photographs) < 2:
+        found = "one photograph" if photographs else "no photographs"
         raise InputError(
-            f"{name}: {len(photographs)} photographs without cameras, but poses can be estimated from two or more; "
-            "add photographs or a camera file."
+            f"{name}: {found} without cameras, but cameras are estimated from two or more; add photographs or a camera "
+            "file."
         )
     if len(photographs) <= MAX_PHOTOGRAPHS:
         return photographs, []

@@ -129,7 +129,7 @@ def test_a_camera_that_only_turns_is_refused(tmp_path):
 
 def test_one_photograph_is_refused(tmp_path):
     shutil.copy(PHOTOGRAPHS[0], tmp_path)
-    assert "1 photographs without cameras" in refusal(tmp_path)
+    assert "one photograph without cameras" in refusal(tmp_path)
 
 
 def test_a_damaged_photograph_is_refused(tmp_path):
