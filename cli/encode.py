@@ -1,5 +1,6 @@
 """`fecosplat encode`: encode a folder of posed photographs to a .fcs file."""
 
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -7,18 +8,20 @@ from typing import Literal
 
 import click
 
-from fecocodec.container import inspect, quantise_lambda
+from fecocodec.container import inspect, quantise_lambda, with_metadata
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 from .encoding_report import quality_fields, say_result
 from .info import summary_fields
+from .metadata_options import metadata_of, metadata_options
 from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
 from .output import in_options, print_json, say
 from .paths import require_ending, require_photographs
 from .progress import progress_bar
 from .rate_control import rate_control_options, target_of
+from .scene_source import DEFAULT_FRAMES, require_cameras_file, scene_source
 from .selection import Selection, parse_selection, resolve
 from .terminal import printable
 
@@ -32,7 +35,9 @@ Examples:
   fecosplat encode photos/ -o scene.fcs --views 0,5 --size 256x256
   fecosplat encode photos/ -o scene.fcs --views left.jpg,right.jpg --lambda 1e-2
   fecosplat encode photos/ -o scene.fcs --views spread:4 --near 0.5 --far 20
-  fecosplat encode photos/ -o scene.fcs --target-kib 8""",
+  fecosplat encode photos/ -o scene.fcs --target-kib 8
+  fecosplat encode photos_without_cameras/ -o scene.fcs --save-cameras transforms.json
+  fecosplat encode clip.mp4 -o scene.fcs --frames 8""",
 )
 @click.argument("views_folder", metavar="VIEWS", type=FILE_PATH)
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Output file (.fcs).")
@@ -46,6 +51,20 @@ Examples:
     help="Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file.",
 )
 @rate_control_options
+@click.option(
+    "--frames",
+    "num_frames",
+    type=click.IntRange(2, 60),
+    metavar="NUMBER",
+    help=f"Number of sharp, evenly spread frames to take from a video.  [default: {DEFAULT_FRAMES}]",
+)
+@click.option(
+    "--save-cameras",
+    "cameras_file",
+    type=FILE_PATH,
+    metavar="FILE.json",
+    help="Write the cameras estimated for photographs without cameras, in the layout of nerfstudio (transforms.json).",
+)
 @click.option(
     "--views",
     callback=parse_selection,
@@ -70,6 +89,7 @@ Examples:
     help="Encoding effort: more effort gives a smaller file at equal quality. fast takes about a third of the time of "
     "default, best about three times as long.",
 )
+@metadata_options
 @model_option
 @device_option
 @threads_option
@@ -81,6 +101,8 @@ def command(
     lmbda: float,
     target_kib: float | None,
     target_psnr: float | None,
+    num_frames: int | None,
+    cameras_file: Path | None,
     views: Selection | None,
     size: tuple[int, int] | None,
     near: float | None,
@@ -88,6 +110,10 @@ def command(
     background: Literal["white", "black"] | None,
     stages: int,
     effort: str,
+    title: str | None,
+    author: str | None,
+    licence: str | None,
+    date: str | None,
     model: Path | None,
     device: str,
     overwrite: bool,
@@ -96,7 +122,8 @@ def command(
     """Compress the photographs in the folder VIEWS to a .fcs file.
 
     VIEWS contains images (PNG, JPEG, WebP, EXR) and their cameras: a transforms.json (nerfstudio, instant-ngp), a
-    COLMAP sparse model, or a RealEstate10K camera file.
+    COLMAP sparse model, or a RealEstate10K camera file. Without cameras, or for a video, they are estimated (needs the
+    `poses` extra).
     """
     start = perf_counter()
     require_writable(output, overwrite=overwrite)
@@ -105,6 +132,7 @@ def command(
     quantise_lambda(lmbda)  # raises for a value outside the range, before any view is read
     target = target_of(target_kib, target_psnr, stages)
     require_photographs(views_folder)
+    require_cameras_file(cameras_file, views_folder, overwrite=overwrite)
 
     from fecocodec import check_input, encode, encode_to_target, measure_decoded, read_views
 
@@ -114,10 +142,14 @@ def command(
         require_device(device)
     else:
         require_rendering_device(device)  # optimisation and feedback render on this device
-    chosen = resolve(views_folder, views)
-    with progress_bar() as on_progress:
+    with progress_bar() as on_progress, ExitStack() as stack:
         on_progress("reading views", 0.0)
-        scene = read_views(views_folder, views=chosen, size=size, near=near, far=far, background=background)
+        source = stack.enter_context(scene_source(views_folder, num_frames, cameras_file, overwrite=overwrite))
+        for note in source.notes:
+            say(printable(note))
+        scene = read_views(
+            source.path, views=resolve(source.path, views), size=size, near=near, far=far, background=background
+        )
         with naming(views_folder, OF_VIEWS):
             if target is None:
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
@@ -127,6 +159,8 @@ def command(
             data = coder(
                 scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=found.append
             )
+        if metadata := metadata_of(title, author, licence, date):
+            data = with_metadata(data, metadata)
     warnings = [in_options(text) for text in (*scene.notes, *check_input(scene, effort), *found)]
     for warning in warnings:  # only after all checks that can reject the views
         say(printable(f"warning: {warning}"))

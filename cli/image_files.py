@@ -18,13 +18,18 @@ FOLDER_SUFFIXES = (".png", ".exr")  # written per view to a folder: sRGB colour,
 FILE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")  # accepted for a single output file
 
 
+def is_image_file(output: Path) -> bool:
+    """Return whether an output path is a single image, not a folder."""
+    return output.suffix.lower() in FILE_SUFFIXES and not os.path.isdir(output)
+
+
 def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: bool) -> list[list[Path]]:
     """Return the files to write for each view. Raises OutputError if one of them cannot be written.
 
-    output: a folder, or, if it ends in one of FILE_SUFFIXES, the file for a single view. stem: first part of the file
-    names in a folder. names: of the views, second part of the file names.
+    output: a folder, or the file for a single view (see `is_image_file`). stem: first part of the file names in a
+    folder. names: of the views, second part of the file names.
     """
-    is_image = output.suffix.lower() in FILE_SUFFIXES and not os.path.isdir(output)
+    is_image = is_image_file(output)
     if not is_image and not os.path.isdir(output):
         require_ending(output, ("a folder", *FILE_SUFFIXES))
     if is_image and len(names) != 1:

@@ -5,11 +5,14 @@ from pathlib import Path
 import click
 
 from fecocodec.container import Header, StreamSummary, inspect, read_stream_file
+from fecocodec.container.metadata import Metadata
 from fecocodec.errors import BitstreamError
 
+from .metadata_options import FIELDS
 from .naming import naming
 from .options import FILE_PATH, json_option
 from .output import print_columns, print_fields, print_json
+from .terminal import printable
 
 GIB_OF_PROGRAM, GIB_PER_MEGAPIXEL = 0.4, 0.25  # memory of `decode`: linear fit to 0.1 to 16 megapixels
 
@@ -104,12 +107,19 @@ def print_summary(summary: StreamSummary) -> None:
             ("stages", f"{header.num_stages}"),
             *([] if summary.covered is None else [("covered", f"{100 * summary.covered:.1f}% of the views")]),
             ("size", f"{summary.total_bytes:,} bytes, {summary.bits_per_pixel:.4f} bits per pixel"),
+            *_described(summary.metadata),
             ("decoding", f"{header.num_pixels:,} pixels in all, about {decoding_gib(header):.1f} GiB of memory"),
         ]
     )
     click.echo()
     rows = [(f"{s.offset}", s.name, f"{s.total_bytes}", "" if s.is_intact else "damaged") for s in summary.sections]
     print_columns([("at byte", "section", "bytes", ""), ("0", "header", f"{summary.header_bytes}", ""), *rows])
+
+
+def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
+    """Return the text fields of the metadata that `encode` writes, with control characters escaped."""
+    values = [(name, (metadata or {}).get(name)) for name in FIELDS]
+    return [(name, printable(value)) for name, value in values if isinstance(value, str)]
 
 
 def _lambda(header: Header) -> str:

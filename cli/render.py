@@ -10,7 +10,7 @@ from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_writable
 from fecocodec.formats.video_extra import require_video_extra
 
-from .image_files import image_files, image_writer
+from .image_files import image_files, image_writer, is_image_file
 from .naming import naming
 from .options import (
     FILE_PATH,
@@ -37,6 +37,7 @@ BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
     epilog="""\b
 Examples:
   fecosplat render scene.fcs -o images/
+  fecosplat render scene.fcs -o preview.webp
   fecosplat render scene.fcs -o new_view.png --cameras photos/ --views 7
   fecosplat render scene.ply -o images/ --cameras photos/ --size 512x512
   fecosplat render scene.fcs --video orbit.mp4 --path orbit
@@ -47,7 +48,8 @@ Examples:
     "-o",
     "--output",
     type=FILE_PATH,
-    help="Output folder, or a .png, .jpg, .webp or .exr file for a single view.",
+    help="Output folder, or a .png, .jpg, .webp or .exr file for a single view. Without --cameras and --path it shows "
+    "the first coded camera.",
 )
 @click.option("--video", type=FILE_PATH, metavar="FILE.mp4", help="Output video; needs the `video` extra (PyAV).")
 @click.option(
@@ -139,6 +141,8 @@ def command(
     num_frames = None if path_name is None else frames or DEFAULT_FRAMES
     given = None if cameras_path is None else read_given_cameras(cameras_path, views, size)
     names = names_of(given, scene, data, num_frames)
+    is_preview = output is not None and video is None and given is None and path_name is None and is_image_file(output)
+    names = names[:1] if is_preview else names
     files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
     from fecocodec import decode, read_ply
@@ -160,6 +164,8 @@ def command(
                 )
         gaussians = read_ply(scene).to(device) if decoded is None else decoded.gaussians
         cameras, image_size = cameras_and_size(given, decoded, gaussians)
+        if is_preview:
+            cameras = cameras.select([0])
         if path_name is not None and num_frames is not None:
             cameras = PATHS[path_name](cameras, num_frames)
         write_images = writers.enter_context(image_writer(files, overwrite=overwrite)) if files else None

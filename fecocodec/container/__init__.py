@@ -19,6 +19,7 @@ from fecocodec.container.stream import (
     read_intact,
     read_prefix,
     read_stream,
+    with_metadata,
     write_stream,
 )
 from fecocodec.container.stream_file import read_stream_file
@@ -48,5 +49,6 @@ __all__ = [
     "read_prefix",
     "read_stream",
     "read_stream_file",
+    "with_metadata",
     "write_stream",
 ]

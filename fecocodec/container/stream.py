@@ -97,6 +97,15 @@ def read_stream(data: bytes) -> Stream:
     )
 
 
+def with_metadata(data: bytes, metadata: Metadata) -> bytes:
+    """Return a valid stream with these entries added to its metadata; entries of the same name are replaced.
+
+    Raises BitstreamError for an invalid stream or metadata that the section cannot hold.
+    """
+    stream = read_stream(data)
+    return write_stream(replace(stream, metadata={**(stream.metadata or {}), **metadata}))
+
+
 def read_prefix(data: bytes, num_stages: int) -> Stream:
     """Parse a stream up to the payload of stage `num_stages` (1 or 2); what follows may be damaged or missing.
 

@@ -8,6 +8,7 @@ from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.posed_photographs import PosedPhotographs
 from fecocodec.formats.realestate10k import find_realestate10k, read_realestate10k
 from fecocodec.formats.transforms_json import find_transforms_json, read_transforms_json
+from fecocodec.formats.unposed_photographs import find_photographs
 
 
 def read_cameras(path: StrPath) -> PosedPhotographs:
@@ -29,6 +30,19 @@ def read_cameras(path: StrPath) -> PosedPhotographs:
             "file."
         )
     return scene
+
+
+def has_cameras(path: StrPath) -> bool:
+    """Return whether there is a camera file, or nothing from which cameras could be estimated.
+
+    Photographs without a camera file are the only case for which the answer is no.
+    """
+    path = Path(path)
+    try:
+        is_known = any(find(path) for find in (find_transforms_json, find_colmap_model, find_realestate10k))
+        return is_known or not find_photographs(path)
+    except (OSError, ValueError):  # `read_cameras` reports it
+        return True
 
 
 def _find_cameras(path: Path) -> PosedPhotographs | None:

@@ -21,7 +21,7 @@ MAX_PALETTE = 1 << 16
 _RUN = 64  # Gaussians that are neighbours in the images
 _PALETTE_COLUMNS = 64
 _ROTATION_MODE = 252  # alpha of a rotation: this plus the index of the omitted component
-_GAUSSIANS_PER_ENTRY = 3  # of the palette
+_GAUSSIANS_PER_ENTRY = 2  # of the palette
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # equal input gives equal bytes
 
 

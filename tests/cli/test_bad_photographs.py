@@ -52,10 +52,6 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
         shutil.rmtree,
         "{folder}: no such folder; give the folder that holds images and cameras.",
     ),
-    "no cameras": (
-        lambda folder: (folder / "transforms.json").unlink(),
-        "{folder}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file.",
-    ),
     "camera without image": (
         lambda folder: (folder / "view_1.png").unlink(),
         FRAME + ": there is no image {folder}/view_1.png; put it there or leave this view out by --views.",

@@ -209,8 +209,8 @@ def test_render_refuses_existing_images_before_decoding(fecosplat, stream_file: 
     assert [file.name for file in images.iterdir()] == ["scene_01.exr"]
 
 
-def test_render_of_several_views_into_one_file_is_refused(fecosplat, stream_file: Path, tmp_path: Path) -> None:
-    result = fecosplat("render", stream_file, "-o", tmp_path / "view.png")
+def test_render_of_a_path_into_one_file_is_refused(fecosplat, stream_file: Path, tmp_path: Path) -> None:
+    result = fecosplat("render", stream_file, "-o", tmp_path / "view.png", "--path", "orbit", "--frames", 2)
     assert (result.code, result.err) == (
         1,
         f"fecosplat: {tmp_path / 'view.png'}: one file cannot hold 2 views; give a folder or choose one view.\n",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fecocodec.container import read_stream, write_stream
+from fecocodec.container import read_stream, with_metadata, write_stream
 
 
 def test_json_describes_the_stream(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
@@ -94,3 +94,20 @@ def test_loads_neither_torch_nor_numpy(stream_file: Path) -> None:
     )
     result = subprocess.run([sys.executable, "-c", program, stream_file], capture_output=True, text=True, check=True)
     assert result.stdout.splitlines()[-1] == "0 []"
+
+
+def test_text_shows_title_and_author_with_escaped_control_characters(
+    fecosplat, stream_bytes: bytes, tmp_path: Path
+) -> None:
+    data = with_metadata(stream_bytes, {"title": "Fox\x1b[2J", "author": "A. B.", "date": "2026-05-31", "other": 3})
+    (tmp_path / "scene.fcs").write_bytes(data)
+    lines = [line.split(maxsplit=1) for line in fecosplat("info", tmp_path / "scene.fcs").out.splitlines() if line]
+    shown = {line[0]: line[1] for line in lines if len(line) == 2}
+    assert (shown["title"], shown["author"], shown["date"]) == ("Fox\\x1b[2J", "A. B.", "2026-05-31")
+    assert "other" not in shown
+    assert read_stream(data).payloads == read_stream(stream_bytes).payloads
+
+
+def test_added_metadata_keeps_earlier_entries(stream_bytes: bytes) -> None:
+    data = with_metadata(with_metadata(stream_bytes, {"title": "a", "author": "b"}), {"title": "c"})
+    assert read_stream(data).metadata == {"title": "c", "author": "b"}

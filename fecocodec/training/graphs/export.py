@@ -1,6 +1,5 @@
 """Export the receiver's networks to ONNX graphs, which hold no weights: they refer to the weights file."""
 
-import json
 import logging
 import warnings
 from collections.abc import Iterator

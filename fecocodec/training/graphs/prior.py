@@ -8,9 +8,9 @@ import torch
 from einops import rearrange
 from torch import Tensor, nn
 
+from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import LAMBDA_Q_CENTRE, NUM_STAGES, EntropyParameters, LatentPrior
 from fecocodec.coding.quadtree import from_coding_order, merge_passes
-from fecocodec.coding.fixed_point import ONE_Q8
 
 
 def _outputs(parameters: EntropyParameters) -> tuple[Tensor, Tensor]:

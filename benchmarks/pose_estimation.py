@@ -1,0 +1,162 @@
+"""Measure pose estimation on scenes with known cameras, which are hidden from the estimator.
+
+    python benchmarks/pose_estimation.py DATA_FOLDER INDEX.json [--psnr NUMBER] [--match LABEL] > table.tsv
+
+For each entry of the evaluation index, cameras of the context photographs are estimated. Reported are the number of
+registered photographs, the median errors of rotations and directions between pairs of cameras in degrees, the mean
+error of the camera centres after alignment by a similarity (relative to their spread), the ratio of the focal lengths,
+and the reprojection error. With --psnr, the first NUMBER entries are also encoded with stored and with estimated
+cameras; the last column is then the PSNR of the target views with stored cameras and the loss with estimated ones, in
+dB. Targets are carried over by the similarity.
+"""
+
+import shutil
+import time
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+import numpy as np
+import torch
+
+from fecocodec import decode, encode, read_views
+from fecocodec.errors import FecoError
+from fecocodec.evaluation.novel_views import render_views
+from fecocodec.formats.camera_files import read_cameras
+from fecocodec.formats.evaluation_index import IndexEntry, read_index
+from fecocodec.formats.posed_folder import PosedFolder, posed_folder
+from fecocodec.formats.posed_photographs import PosedPhotograph
+from fecocodec.rendering.metrics import psnr
+
+COLUMNS = ("entry", "views", "registered", "rotation_deg", "direction_deg", "centre", "focal", "px", "seconds", "psnr")
+
+
+@click.command()
+@click.argument("data", type=click.Path(path_type=Path))
+@click.argument("index", type=click.Path(path_type=Path))
+@click.option("--psnr", "num_encoded", type=int, default=0, help="Number of entries to encode with both cameras.")
+@click.option("--match", "label", default="", help="Only entries whose name contains this text.")
+def main(data: Path, index: Path, num_encoded: int, label: str) -> None:
+    """Print one row per entry as TSV, then a summary by number of views."""
+    print("\t".join(COLUMNS))
+    rows = []
+    for number, entry in enumerate(entry for entry in read_index(index) if label in entry.name):
+        row = measure(data, entry, is_encoded=number < num_encoded)
+        rows.append(row)
+        print("\t".join(row), flush=True)
+    for count in sorted({int(row[1]) for row in rows}):
+        of_count = [row for row in rows if int(row[1]) == count]
+        full = sum(row[2] == row[1] for row in of_count)
+        print(f"# {count} views: {full} of {len(of_count)} entries registered fully", flush=True)
+
+
+def measure(data: Path, entry: IndexEntry, is_encoded: bool) -> tuple[str, ...]:
+    scene = read_cameras(data / entry.scene)
+    context = [scene.photographs[view] for view in entry.context]
+    start = time.perf_counter()
+    with TemporaryDirectory() as temporary:
+        for photograph in context:
+            shutil.copy(photograph.path, temporary)
+        try:
+            with posed_folder(Path(temporary), num_threads=1) as posed:
+                seconds = time.perf_counter() - start
+                errors = compare(context, posed)
+                loss = psnr_lost(data, entry, context, posed) if is_encoded else ""
+        except FecoError as error:
+            return (
+                entry.name,
+                str(len(context)),
+                "0",
+                *[""] * 5,
+                f"{time.perf_counter() - start:.1f}",
+                str(error)[-60:],
+            )
+    return (entry.name, str(len(context)), *errors, f"{seconds:.1f}", loss)
+
+
+def compare(context: list[PosedPhotograph], posed: PosedFolder) -> tuple[str, ...]:
+    """Return the registered count, errors of rotations and directions in degrees, centres and focal length."""
+    cameras = posed.reconstruction.cameras
+    truth = stored_poses(context, posed)
+    found = np.stack([camera.camera_to_world for camera in cameras])
+    rotation, direction = [], []
+    for i in range(len(found)):
+        for j in range(i):
+            known, estimated = (np.linalg.inv(poses[i]) @ poses[j] for poses in (truth, found))
+            rotation.append(angle_of(known[:3, :3].T @ estimated[:3, :3]))
+            direction.append(angle_between(known[:3, 3], estimated[:3, 3]))
+    scale, turn, shift = similarity(found[:, :3, 3], truth[:, :3, 3], found, truth)
+    centres = scale * found[:, :3, 3] @ turn.T + shift
+    spread = np.linalg.norm(truth[:, :3, 3] - truth[:, :3, 3].mean(axis=0), axis=1).max()
+    error = np.linalg.norm(centres - truth[:, :3, 3], axis=1).mean() / spread
+    lens = cameras[0].lens
+    known_lens = context[0].lens_for(lens.width, lens.height)
+    return (
+        str(len(cameras)),
+        f"{np.median(rotation):.2f}",
+        f"{np.median(direction):.2f}",
+        f"{error:.3f}",
+        f"{lens.fx / known_lens.fx:.3f}",
+        f"{posed.reconstruction.reprojection_error_px:.2f}",
+    )
+
+
+def stored_poses(context: list[PosedPhotograph], posed: PosedFolder) -> np.ndarray:
+    by_name = {f"{photograph.path.name}.png": photograph.camera_to_world for photograph in context}
+    return np.stack([by_name[camera.name] for camera in posed.reconstruction.cameras])
+
+
+def similarity(
+    source: np.ndarray, target: np.ndarray, source_poses: np.ndarray, target_poses: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return scale, rotation and shift from source to target: mean of relative rotations, then scale and shift."""
+    total = sum(known[:3, :3] @ found[:3, :3].T for known, found in zip(target_poses, source_poses, strict=True))
+    left, _, right = np.linalg.svd(total)
+    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    centred, wanted = (source - source.mean(axis=0)) @ turn.T, target - target.mean(axis=0)
+    scale = float((centred * wanted).sum() / (centred**2).sum())
+    return scale, turn, target.mean(axis=0) - scale * turn @ source.mean(axis=0)
+
+
+def psnr_lost(data: Path, entry: IndexEntry, context: list[PosedPhotograph], posed: PosedFolder) -> str:
+    """Return the PSNR of the targets with stored cameras, and what estimated cameras lose, in dB."""
+    views = read_views(data / entry.scene, views=(*entry.context, *entry.target), size=(256, 256))
+    estimated = read_views(posed.path, size=(256, 256))
+    num_context = len(context)
+    if estimated.cameras.num_views != num_context:
+        return "not all registered"
+    truth, found = stored_poses(context, posed), estimated.cameras.extrinsics.numpy().astype(np.float64)
+    scale, turn, shift = similarity(found[:, :3, 3], truth[:, :3, 3], found, truth)
+    targets = views.cameras.extrinsics[num_context:].numpy().astype(np.float64)
+    carried = targets.copy()
+    carried[:, :3, :3] = turn.T @ targets[:, :3, :3]
+    carried[:, :3, 3] = (targets[:, :3, 3] - shift) @ turn / scale
+    scores = []
+    for scene, poses in (
+        (views.select(list(range(num_context))), targets),
+        (replace(estimated, alpha=None), carried),
+    ):
+        decoded = decode(encode(scene, effort="fast"))
+        cameras = replace(
+            views.cameras.select(list(range(num_context, num_context + len(entry.target)))),
+            extrinsics=torch.from_numpy(poses.astype(np.float32)),
+            near=scene.cameras.near,
+            far=scene.cameras.far,
+        )
+        wanted = replace(views, images=views.images[num_context:], cameras=cameras, alpha=None)
+        scores.append(float(psnr(render_views(decoded.gaussians, wanted), wanted.images).mean()))
+    return f"{scores[0]:.2f} {scores[0] - scores[1]:+.2f}"
+
+
+def angle_of(rotation: np.ndarray) -> float:
+    return float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
+
+
+def angle_between(first: np.ndarray, second: np.ndarray) -> float:
+    cosine = first @ second / (np.linalg.norm(first) * np.linalg.norm(second))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""`fecosplat doctor`: versions, optional extras, compiled kernels, and the speed of this machine."""
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from time import perf_counter
+
+import click
+
+from fecocodec import __version__
+
+from .options import json_option, threads_option
+from .output import print_fields, print_json
+
+LIBRARIES = ("torch", "numpy", "scipy", "numba", "constriction", "zstandard", "Pillow", "OpenEXR")
+EXTRAS = {"cuda": "gsplat", "poses": "pycolmap", "video": "av", "png16": "imagecodecs", "eval": "flip-evaluator"}
+NUM_GAUSSIANS, SIDE_PX = 20_000, 256
+
+
+@click.command(
+    "doctor",
+    short_help="Show versions, optional extras and the speed of this machine.",
+    epilog="""\b
+Examples:
+  fecosplat doctor
+  fecosplat doctor --json""",
+)
+@threads_option
+@json_option
+def command(as_json: bool) -> None:
+    """Show versions, optional extras, whether kernels are compiled, and how fast this machine renders.
+
+    Kernels are compiled on first use; running this command once after installation compiles those of rendering.
+    """
+    first, later = rendering_seconds()
+    fields = {
+        "fecosplat": __version__,
+        "python": platform.python_version(),
+        "processor": f"{platform.machine()}, {os.cpu_count()} threads",
+        "cuda": cuda_device(),
+        **{name.lower(): installed(name) or "missing" for name in LIBRARIES},
+        **{f"extra {extra}": installed(name) or f"missing: {install_line(extra)}" for extra, name in EXTRAS.items()},
+        "kernels": f"ready, first use took {first:.2f} s",
+        "speed": f"{NUM_GAUSSIANS:,} Gaussians at {SIDE_PX}x{SIDE_PX} in {1000 * later:.0f} ms",
+    }
+    if as_json:
+        print_json({**fields, "first_rendering_seconds": round(first, 4), "rendering_seconds": round(later, 4)})
+    else:
+        print_fields(list(fields.items()))
+
+
+def installed(distribution: str) -> str | None:
+    """Return the version of an installed distribution."""
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return None
+
+
+def install_line(extra: str) -> str:
+    return f"pip install 'fecosplat[{extra}]'"
+
+
+def cuda_device() -> str:
+    """Return the name of the first CUDA device."""
+    import torch
+
+    return torch.cuda.get_device_name(0) if torch.cuda.is_available() else "none"
+
+
+def rendering_seconds() -> tuple[float, float]:
+    """Return the time of the first and of the second rendering of random Gaussians on the CPU."""
+    import torch
+
+    from fecocodec import Cameras, Gaussians, render
+
+    generator = torch.Generator().manual_seed(0)
+    means = torch.rand(NUM_GAUSSIANS, 3, generator=generator) * 2 - 1 + torch.tensor([0.0, 0.0, 3.0])
+    rotations = torch.nn.functional.normalize(torch.randn(NUM_GAUSSIANS, 4, generator=generator), dim=-1)
+    gaussians = Gaussians(
+        means,
+        torch.full((NUM_GAUSSIANS, 3), 0.02),
+        rotations,
+        torch.full((NUM_GAUSSIANS,), 0.5),
+        torch.rand(NUM_GAUSSIANS, 1, 3, generator=generator),
+    )
+    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    cameras = Cameras(torch.eye(4)[None], intrinsics[None], torch.tensor(1.0), torch.tensor(10.0))
+    seconds = []
+    for _ in range(2):
+        start = perf_counter()
+        render(gaussians, cameras, (SIDE_PX, SIDE_PX))
+        seconds.append(perf_counter() - start)
+    return seconds[0], seconds[1]

@@ -1,0 +1,61 @@
+"""The scene folder to encode: the given folder, or one with cameras estimated for its photographs or a video."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+
+from fecocodec.formats.atomic import require_other_file, require_writable
+
+from .paths import require_ending
+
+DEFAULT_FRAMES = 8
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """path: a folder with photographs and cameras. notes: how the cameras were estimated, one sentence each."""
+
+    path: Path
+    notes: tuple[str, ...] = ()
+
+
+def require_cameras_file(cameras_file: Path | None, views: Path, *, overwrite: bool) -> None:
+    """Raise OutputError if the file for estimated cameras cannot be written."""
+    if cameras_file is not None:
+        require_writable(cameras_file, overwrite=overwrite)
+        require_ending(cameras_file, (".json",))
+        require_other_file(cameras_file, views)
+
+
+@contextmanager
+def scene_source(
+    views: Path, num_frames: int | None, cameras_file: Path | None, *, overwrite: bool
+) -> Iterator[SceneSource]:
+    """Yield a scene folder that exists until the block ends; write estimated cameras to `cameras_file`.
+
+    num_frames: number of frames to take from a video. Raises InputError as `posed_folder` and `video_frames` do.
+    """
+    from fecocodec.formats.camera_files import has_cameras
+    from fecocodec.formats.posed_folder import posed_folder
+    from fecocodec.formats.video_frames import is_video, write_sharp_frames
+
+    if num_frames is not None and not is_video(views):
+        raise click.UsageError("--frames is for a video file.")
+    if not is_video(views) and has_cameras(views):
+        if cameras_file is not None:
+            raise click.UsageError("--save-cameras is for photographs without cameras; this folder has cameras.")
+        yield SceneSource(views)
+        return
+    with ExitStack() as stack:
+        photographs = views
+        if is_video(views):
+            photographs = Path(stack.enter_context(TemporaryDirectory(prefix="fecosplat-")))
+            write_sharp_frames(views, photographs, num_frames or DEFAULT_FRAMES)
+        posed = stack.enter_context(posed_folder(photographs, name=str(views)))
+        if cameras_file is not None:
+            posed.save_cameras(cameras_file, overwrite=overwrite)
+        yield SceneSource(posed.path, posed.notes)

@@ -1,0 +1,211 @@
+"""Estimate the cameras of 2 to 60 photographs of a static scene with pycolmap (optional extra `poses`).
+
+SIFT features, exhaustive matching, incremental reconstruction. The initialisation is loosened step by step, because few
+views give few points and small angles. Method: Schönberger and Frahm, "Structure-from-Motion Revisited", 2016.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from fecocodec.errors import InputError
+from fecocodec.formats.lens import Lens
+
+LEAST_ANGLE = 1.0  # degrees, median angle between the rays of a point; with less, depth is not determined
+_SEED = 0
+_RADIAL_FROM = 4  # photographs; fewer do not determine the lens distortion
+_PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more features in small photographs
+# Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.
+_ATTEMPTS = ((8.0, 60, 24), (4.0, 40, 18), (2.0, 25, 14), (1.0, 20, 12))
+
+
+@dataclass(frozen=True)
+class ImageGroup:
+    """Photographs of one size, taken to share their lens. focal_px: initial focal length in pixels.
+
+    is_known: whether the focal length comes from EXIF data. It is refined in both cases.
+    """
+
+    names: tuple[str, ...]
+    focal_px: float
+    is_known: bool
+
+
+@dataclass(frozen=True)
+class EstimatedCamera:
+    """The camera of one registered photograph. camera_to_world: OpenCV axes, in the frame of the first camera.
+
+    depths: of the reconstructed points that it observes, in the unit of the reconstruction.
+    """
+
+    name: str
+    lens: Lens
+    camera_to_world: Float[np.ndarray, "4 4"]
+    depths: Float[np.ndarray, " point"]
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """Registered cameras in the order of their names, and the quality of the reconstruction.
+
+    reprojection_error_px: mean over observations. angle: median angle in degrees between the rays of a point.
+    matches: number of verified matches of each pair of photographs (names in order).
+    """
+
+    cameras: tuple[EstimatedCamera, ...]
+    reprojection_error_px: float
+    angle: float
+    matches: dict[tuple[str, str], int]
+
+
+def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_threads: int = -1) -> Reconstruction:
+    """Reconstruct the photographs in `folder` (PNG). workspace: an empty folder for the database.
+
+    num_threads: -1 for all cores. Raises InputError if pycolmap is missing; the result has no cameras if no pair of
+    photographs can be reconstructed.
+    """
+    pycolmap = _pycolmap()
+    database = workspace / "database.db"
+    _extract(pycolmap, database, folder, groups, num_threads)
+    _match(pycolmap, database, num_threads)
+    count = sum(len(group.names) for group in groups)
+    best = None
+    for number, attempt in enumerate(_ATTEMPTS):
+        output = workspace / f"attempt{number}"
+        output.mkdir()
+        options = _mapping_options(pycolmap, attempt, count, num_threads)
+        models = pycolmap.incremental_mapping(database, folder, output, options)
+        for model in models.values():
+            if best is None or model.num_reg_images() > best.num_reg_images():
+                best = model
+        if best is not None and best.num_reg_images() == count:
+            break
+    matches = _verified_matches(pycolmap, database)
+    if best is None:
+        return Reconstruction((), 0.0, 0.0, matches)
+    return Reconstruction(_cameras(best), best.compute_mean_reprojection_error(), _median_angle(best), matches)
+
+
+def _pycolmap() -> Any:
+    try:
+        import pycolmap
+    except ImportError as error:
+        raise InputError(
+            "cameras of photographs without poses are estimated with pycolmap, which is not installed; run "
+            "`pip install 'fecosplat[poses]'`."
+        ) from error
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL  # its messages go to stderr otherwise
+    pycolmap.set_random_seed(_SEED)
+    return pycolmap
+
+
+def _extract(pycolmap: Any, database: Path, folder: Path, groups: list[ImageGroup], num_threads: int) -> None:
+    """Extract features; every group of photographs gets one camera."""
+    count = sum(len(group.names) for group in groups)
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = num_threads
+    options.use_gpu = False
+    options.sift.peak_threshold = _PEAK_THRESHOLD
+    for group in groups:
+        height, width = _size(pycolmap, folder / group.names[0])
+        lens = [group.focal_px, width / 2, height / 2]
+        reader = pycolmap.ImageReaderOptions()
+        reader.camera_model = "SIMPLE_RADIAL" if count >= _RADIAL_FROM else "SIMPLE_PINHOLE"
+        reader.camera_params = ",".join(map(repr, lens + [0.0] * (count >= _RADIAL_FROM)))
+        pycolmap.extract_features(
+            database,
+            folder,
+            image_names=list(group.names),
+            camera_mode=pycolmap.CameraMode.SINGLE,
+            reader_options=reader,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+        )
+
+
+def _size(pycolmap: Any, path: Path) -> tuple[int, int]:
+    bitmap = pycolmap.Bitmap.read(path, as_rgb=False)
+    return bitmap.height, bitmap.width
+
+
+def _match(pycolmap: Any, database: Path, num_threads: int) -> None:
+    options = pycolmap.FeatureMatchingOptions()
+    options.num_threads = num_threads
+    options.use_gpu = False
+    options.guided_matching = True
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = _SEED
+    pycolmap.match_exhaustive(
+        database, matching_options=options, verification_options=verification, device=pycolmap.Device.cpu
+    )
+
+
+def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int, num_threads: int) -> Any:
+    angle, num_init_inliers, num_inliers = attempt
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_model_size = 2
+    options.num_threads = num_threads
+    options.random_seed = _SEED
+    options.extract_colors = False
+    options.ba_refine_extra_params = count >= _RADIAL_FROM
+    options.mapper.init_min_tri_angle = angle
+    options.mapper.init_min_num_inliers = num_init_inliers
+    options.mapper.abs_pose_min_num_inliers = num_inliers
+    options.mapper.abs_pose_min_inlier_ratio = 0.15
+    options.mapper.filter_min_tri_angle = min(1.5, angle / 2)
+    options.triangulation.min_angle = min(1.5, angle / 2)
+    options.triangulation.ignore_two_view_tracks = False  # few views: most points are seen by two
+    return options
+
+
+def _verified_matches(pycolmap: Any, database: Path) -> dict[tuple[str, str], int]:
+    """Return the number of verified matches of every pair of photographs that has any."""
+    with pycolmap.Database.open(database) as opened:
+        name_of = {image.image_id: image.name for image in opened.read_all_images()}
+        pair_ids, counts = opened.read_two_view_geometry_num_inliers()
+        pairs = [pycolmap.pair_id_to_image_pair(pair_id) for pair_id in pair_ids]
+        named = [sorted((name_of[first], name_of[second])) for first, second in pairs]
+    return {(first, second): int(count) for (first, second), count in zip(named, counts, strict=True)}
+
+
+def _cameras(model: Any) -> tuple[EstimatedCamera, ...]:
+    """Return the registered cameras, in the frame of the first one."""
+    images = sorted((model.image(image_id) for image_id in model.reg_image_ids()), key=lambda image: image.name)
+    points = {point_id: point.xyz for point_id, point in model.points3D.items()}
+    world_to_first = _matrix(images[0])
+    cameras = []
+    for image in images:
+        world_to_camera = _matrix(image)
+        seen = [points[point.point3D_id] for point in image.points2D if point.has_point3D()]
+        depths = np.array(seen).reshape(-1, 3) @ world_to_camera[2, :3] + world_to_camera[2, 3]
+        pose = world_to_first @ np.linalg.inv(world_to_camera)
+        cameras.append(EstimatedCamera(image.name, _lens(model.camera(image.camera_id)), pose, depths[depths > 0]))
+    return tuple(cameras)
+
+
+def _matrix(image: Any) -> Float[np.ndarray, "4 4"]:
+    """Return the world-to-camera matrix."""
+    pose = np.eye(4)
+    pose[:3] = image.cam_from_world().matrix()
+    return pose
+
+
+def _lens(camera: Any) -> Lens:
+    """Convert SIMPLE_PINHOLE (f, cx, cy) or SIMPLE_RADIAL (f, cx, cy, k)."""
+    focal, cx, cy, *radial = map(float, camera.params)
+    return Lens(camera.width, camera.height, focal, focal, cx, cy, tuple(radial))
+
+
+def _median_angle(model: Any) -> float:
+    """Return the median over points of the largest angle, in degrees, between the rays to cameras that observe it."""
+    centres = {image_id: model.image(image_id).projection_center() for image_id in model.reg_image_ids()}
+    angles = []
+    for point in model.points3D.values():
+        observers = {element.image_id for element in point.track.elements}
+        rays = np.array([centres[image_id] - point.xyz for image_id in observers])
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        angles.append(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1))))
+    return float(np.median(angles)) if angles else 0.0

@@ -1,0 +1,154 @@
+"""Estimate the cameras of a folder of photographs without poses, and write them as a scene folder."""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import torch
+
+from fecocodec.errors import InputError
+from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.pose_estimation import LEAST_ANGLE, EstimatedCamera, Reconstruction, reconstruct
+from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, copy_name, find_photographs, upright_copies
+from fecocodec.geometry.depth_range import bounds_of_depths
+
+_FEW_MATCHES = 30  # of a pair; named in messages
+_OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+_REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
+
+
+@dataclass(frozen=True)
+class PosedFolder:
+    """A temporary scene folder with estimated cameras. notes: what was done, one sentence each, for the user."""
+
+    path: Path
+    photographs: tuple[Path, ...]
+    reconstruction: Reconstruction
+    notes: tuple[str, ...]
+
+    def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
+        """Write the estimated cameras as `transforms.json` that refers to the photographs. Raises OutputError."""
+        names = {copy_name(photograph): photograph for photograph in self.photographs}
+        files = [
+            os.path.relpath(names[camera.name].resolve(), path.resolve().parent)
+            for camera in self.reconstruction.cameras
+        ]
+        with write_atomically(path, overwrite=overwrite) as temporary:
+            temporary.write_text(json.dumps(_transforms(self.reconstruction, files), indent=2) + "\n", "utf-8")
+
+
+@contextmanager
+def posed_folder(folder: Path, num_threads: int = -1, name: str = "") -> Iterator[PosedFolder]:
+    """Estimate cameras and yield a scene folder that exists until the block ends. Photographs in it are upright.
+
+    Photographs that cannot be registered are left out, with a note. num_threads: -1 for all cores. name: of the input
+    in messages, by default the folder.
+    Raises InputError if fewer than two photographs can be registered, all are taken from one position, or pycolmap is
+    missing.
+    """
+    photographs, notes = _chosen(folder, name or str(folder))
+    with TemporaryDirectory(prefix="fecosplat-") as temporary:
+        root = Path(temporary)
+        groups = upright_copies(photographs, root)
+        workspace = root / "colmap"
+        workspace.mkdir()
+        reconstruction = reconstruct(root, groups, workspace, num_threads)
+        _require_cameras(name or str(folder), photographs, reconstruction)
+        text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
+        (root / "transforms.json").write_text(text, encoding="utf-8")
+        has_exif = all(group.is_known for group in groups)
+        notes += _notes(photographs, reconstruction, has_exif)
+        yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes))
+
+
+def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
+    """Return at most MAX_PHOTOGRAPHS photographs, evenly spread over the folder, and a note if some are left out."""
+    photographs = find_photographs(folder)
+    if len(photographs) < 2:
+        found = "one photograph" if photographs else "no photographs"
+        raise InputError(
+            f"{name}: {found} without cameras, but cameras are estimated from two or more; add photographs or a camera "
+            "file."
+        )
+    if len(photographs) <= MAX_PHOTOGRAPHS:
+        return photographs, []
+    kept = [photographs[index] for index in np.linspace(0, len(photographs) - 1, MAX_PHOTOGRAPHS).round().astype(int)]
+    return kept, [f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras."]
+
+
+def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
+    """Raise InputError if the reconstruction is not usable."""
+    if len(found.cameras) < 2:
+        weak = _weak_pairs([copy_name(path) for path in photographs], found)
+        raise InputError(f"{name}: no camera poses can be estimated ({weak}); {_REMEDY}.")
+    if found.angle < LEAST_ANGLE:
+        raise InputError(
+            f"{name}: the photographs seem to be taken from one position (median angle between rays "
+            f"{found.angle:.2f} degrees), so depth is unknown; move the camera sideways between photographs."
+        )
+
+
+def _weak_pairs(names: list[str], found: Reconstruction) -> str:
+    """Describe the pairs with the fewest matches."""
+    pairs = [(first, second) for index, first in enumerate(sorted(names)) for second in sorted(names)[index + 1 :]]
+    weakest = sorted((found.matches.get(pair, 0), pair) for pair in pairs)
+    few = [
+        f"{first.removesuffix('.png')} and {second.removesuffix('.png')}: {count} matches"
+        for count, (first, second) in weakest
+        if count < _FEW_MATCHES
+    ]
+    if not few:
+        return "the matches do not determine camera positions, as if the camera only turned"
+    more = f" and {len(few) - 3} more pairs" if len(few) > 3 else ""
+    return "; ".join(few[:3]).replace(";", ",") + more
+
+
+def _notes(photographs: list[Path], found: Reconstruction, has_exif: bool) -> list[str]:
+    cameras = found.cameras
+    focal = "EXIF data" if has_exif else "a standard lens"
+    lens = cameras[0].lens
+    shared = [count for count in found.matches.values() if count >= _FEW_MATCHES]
+    notes = [
+        f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
+        f"{found.reprojection_error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
+        f"{len(shared)} pairs with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels for "
+        f"{lens.width}x{lens.height} (started from {focal}); the unit of length is arbitrary."
+    ]
+    registered = {camera.name for camera in cameras}
+    for path in photographs:
+        if (name := copy_name(path)) not in registered:
+            counts = [count for pair, count in found.matches.items() if name in pair]
+            notes.append(
+                f"{path.name} is left out: at most {max(counts, default=0)} matches with another photograph; "
+                "take it again with more overlap."
+            )
+    return notes
+
+
+def _transforms(found: Reconstruction, files: list[str]) -> dict[str, Any]:
+    """Return the cameras in the layout of nerfstudio."""
+    depths = np.concatenate([camera.depths for camera in found.cameras])
+    bounds = bounds_of_depths(torch.from_numpy(depths))
+    frames = [_frame(camera, file) for camera, file in zip(found.cameras, files, strict=True)]
+    return {"camera_model": "OPENCV", **({"near": bounds[0], "far": bounds[1]} if bounds else {}), "frames": frames}
+
+
+def _frame(camera: EstimatedCamera, file: str) -> dict[str, Any]:
+    lens = camera.lens
+    return {
+        "file_path": file,
+        "w": lens.width,
+        "h": lens.height,
+        "fl_x": lens.fx,
+        "fl_y": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        **{f"k{index + 1}": value for index, value in enumerate(lens.radial)},
+        "transform_matrix": (camera.camera_to_world @ _OPENGL_TO_OPENCV).tolist(),
+    }

@@ -1,0 +1,86 @@
+"""Prepare photographs without cameras for pose estimation: upright copies of moderate size and focal lengths."""
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+from PIL import ExifTags, Image, ImageOps
+
+from fecocodec.errors import InputError
+from fecocodec.formats.images import IMAGE_SUFFIXES
+from fecocodec.formats.pillow_images import decode_with_pillow, unreadable
+from fecocodec.formats.pose_estimation import ImageGroup
+
+MAX_PHOTOGRAPHS = 60
+MAX_SIDE_PX = 1600  # of the copies from which features are extracted
+# Without EXIF data: the median of 8 training captures, in longer image sides (a 27 mm lens on 35 mm film).
+FOCAL_PRIOR = 0.75
+_FILM_WIDTH_MM = 36.0
+
+
+def find_photographs(folder: Path) -> list[Path]:
+    """Return the PNG, JPEG and WebP files of a folder, or of its folder `images`, in the order of their names."""
+    for place in (folder, folder / "images"):
+        if place.is_dir():
+            files = [path for path in place.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()]
+            if found := sorted(path for path in files if path.suffix.lower() != ".exr"):
+                return found
+    return []
+
+
+def upright_copies(photographs: list[Path], target: Path) -> list[ImageGroup]:
+    """Write an upright PNG of every photograph to `target`, under its name plus `.png`, with sides of at most 1600.
+
+    Returns groups of photographs of one size and focal length. Raises InputError for a photograph that cannot be read,
+    or two that are equal.
+    """
+    members: dict[tuple[tuple[int, int], float | None], list[str]] = defaultdict(list)
+    name_of_pixels: dict[bytes, str] = {}
+    for path in photographs:
+        image, focal = _upright(path)
+        pixels = image.tobytes()
+        if (same := name_of_pixels.get(pixels)) is not None:
+            raise InputError(f"{path}: this is the same picture as {same}; remove one of the two.")
+        name_of_pixels[pixels] = path.name
+        image.save(target / copy_name(path), compress_level=1)
+        members[image.size, focal].append(copy_name(path))
+    return [
+        ImageGroup(tuple(names), (focal or FOCAL_PRIOR) * max(size), focal is not None)
+        for (size, focal), names in members.items()
+    ]
+
+
+def copy_name(path: Path) -> str:
+    return f"{path.name}.png"
+
+
+def _upright(path: Path) -> tuple[Image.Image, float | None]:
+    """Return the upright photograph, and its focal length in longer image sides if EXIF data has it."""
+    decode_with_pillow(path, path)  # reports damage and sizes beyond the limits as one sentence
+    try:
+        with Image.open(path) as stored:
+            focal = _focal_of_exif(stored)
+            image = ImageOps.exif_transpose(stored)
+            image = _on_white(image)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(unreadable(path, error)) from error
+    image.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX), Image.Resampling.LANCZOS)
+    return image, focal
+
+
+def _on_white(image: Image.Image) -> Image.Image:
+    if not image.has_transparency_data:
+        return image.convert("RGB")
+    colours = image.convert("RGBA")
+    white = Image.new("RGBA", colours.size, "white")
+    return Image.alpha_composite(white, colours).convert("RGB")
+
+
+def _focal_of_exif(image: Image.Image) -> float | None:
+    """Return the focal length in longer image sides from FocalLengthIn35mmFilm; None if it is missing or absurd."""
+    value = image.getexif().get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.FocalLengthIn35mmFilm)
+    try:
+        focal = float(value) / _FILM_WIDTH_MM if value is not None else 0.0
+    except (TypeError, ValueError):
+        return None
+    return focal if np.isfinite(focal) and 0.2 < focal < 20 else None

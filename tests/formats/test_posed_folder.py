@@ -1,0 +1,144 @@
+"""Cameras of photographs without poses: the example scene with its known cameras, and inputs without a solution."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import map_coordinates
+
+from fecocodec.errors import InputError
+from fecocodec.formats.camera_files import has_cameras
+from fecocodec.formats.posed_folder import posed_folder
+from fecocodec.formats.scene_folder import read_view_cameras
+from fecocodec.formats.transforms_json import read_transforms_json
+
+pytest.importorskip("pycolmap")
+EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
+PHOTOGRAPHS = [photograph.path for photograph in read_transforms_json(EXAMPLE / "transforms.json").photographs]
+
+
+def copies(folder: Path) -> list[Path]:
+    folder.mkdir(exist_ok=True)
+    return [Path(shutil.copy(path, folder)) for path in PHOTOGRAPHS]
+
+
+def turned(image: np.ndarray, degrees: float, focal_px: float) -> np.ndarray:
+    """Return the image of the same camera after a rotation about the vertical axis."""
+    height, width = image.shape[:2]
+    angle = np.radians(degrees)
+    rows, columns = np.meshgrid(np.arange(height) - height / 2, np.arange(width) - width / 2, indexing="ij")
+    rays = np.stack((columns / focal_px, rows / focal_px, np.ones_like(rows)))
+    rotation = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    x, y, z = np.einsum("ij,jhw->ihw", rotation, rays)
+    position = np.stack((y / z * focal_px + height / 2, x / z * focal_px + width / 2))
+    channels = [map_coordinates(channel.astype(float), position, order=1) for channel in np.moveaxis(image, 2, 0)]
+    return np.stack(channels, axis=2).round().clip(0, 255).astype(np.uint8)
+
+
+def test_the_cameras_of_the_example_are_found(tmp_path):
+    copies(tmp_path / "photos")
+    assert not has_cameras(tmp_path / "photos")
+    assert has_cameras(EXAMPLE)
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        posed.save_cameras(tmp_path / "transforms.json")
+        cameras, _, names = read_view_cameras(posed.path)
+        assert 0 < cameras.near < cameras.far
+    assert not posed.path.exists()
+    assert len(names) == 2 and "2 of 2" in posed.notes[0]
+    truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
+    known = np.linalg.inv(truth[0].camera_to_world) @ truth[1].camera_to_world
+    found = np.linalg.inv(cameras.extrinsics[0].numpy()) @ cameras.extrinsics[1].numpy()
+    cosine = (np.trace(known[:3, :3].T @ found[:3, :3]) - 1) / 2
+    assert np.degrees(np.arccos(min(1, cosine))) < 2
+    directions = [pose[:3, 3] / np.linalg.norm(pose[:3, 3]) for pose in (known, found)]
+    assert np.degrees(np.arccos(directions[0] @ directions[1])) < 10
+    saved = read_transforms_json(tmp_path / "transforms.json")
+    assert [photograph.path.resolve() for photograph in saved.photographs] == [
+        (tmp_path / "photos" / path.name).resolve() for path in sorted(PHOTOGRAPHS)
+    ]
+
+
+def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
+    first, second = copies(tmp_path / "photos")
+    image = Image.open(second).convert("RGB")
+    exif = Image.Exif()
+    exif[0x0112] = 6  # rotate by 90 degrees clockwise to show
+    image.transpose(Image.Transpose.ROTATE_90).save(tmp_path / "photos" / "turned.jpg", exif=exif, quality=95)
+    second.unlink()
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        _, size, names = read_view_cameras(posed.path)
+    assert (size[1], size[0]) == image.size
+    assert set(names) == {f"{first.name}.png", "turned.jpg.png"}
+
+
+def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
+    paths = copies(tmp_path / "photos")
+    for path in paths:
+        image = Image.open(path).convert("RGB")
+        exif = Image.Exif()
+        exif.get_ifd(0x8769)[0xA405] = 40  # mm on 35 mm film
+        image.save(path.with_suffix(".jpg"), exif=exif, quality=97)
+        if path.suffix != ".jpg":
+            path.unlink()
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        assert "started from EXIF data" in posed.notes[0]
+
+
+def test_an_unrelated_photograph_is_left_out_with_a_note(tmp_path):
+    copies(tmp_path / "photos")
+    noise = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    Image.fromarray(noise).resize((512, 384), Image.Resampling.BICUBIC).save(tmp_path / "photos" / "zz.png")
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        assert "2 of 3" in posed.notes[0]
+        assert "zz.png is left out" in posed.notes[1]
+        frames = json.loads((posed.path / "transforms.json").read_text())["frames"]
+        assert len(frames) == 2
+
+
+def refusal(folder: Path) -> str:
+    with pytest.raises(InputError) as refused, posed_folder(folder, num_threads=1):
+        pass
+    sentence = str(refused.value)
+    assert "\n" not in sentence and sentence.endswith(".")
+    return sentence
+
+
+def test_unrelated_photographs_are_refused(tmp_path):
+    generator = np.random.default_rng(0)
+    for name in ("a.png", "b.png", "c.png"):
+        noise = Image.fromarray(generator.integers(0, 256, (30, 40, 3), dtype=np.uint8))
+        noise.resize((320, 240), Image.Resampling.BICUBIC).save(tmp_path / name)
+    assert "a.png and b.png: 0 matches" in refusal(tmp_path)
+
+
+def test_two_identical_photographs_are_refused(tmp_path):
+    shutil.copy(PHOTOGRAPHS[0], tmp_path / "a.png")
+    shutil.copy(PHOTOGRAPHS[0], tmp_path / "b.png")
+    assert "b.png: this is the same picture as a.png" in refusal(tmp_path)
+
+
+def test_a_camera_that_only_turns_is_refused(tmp_path):
+    image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
+    for index, degrees in enumerate((0, 4, 8)):
+        Image.fromarray(turned(image, degrees, 0.75 * image.shape[1])).save(tmp_path / f"{index}.png")
+    assert "one position" in refusal(tmp_path) or "only turned" in refusal(tmp_path)
+
+
+def test_one_photograph_is_refused(tmp_path):
+    shutil.copy(PHOTOGRAPHS[0], tmp_path)
+    assert "one photograph without cameras" in refusal(tmp_path)
+
+
+def test_a_damaged_photograph_is_refused(tmp_path):
+    first, _ = copies(tmp_path / "photos")
+    first.write_bytes(first.read_bytes()[:2000])
+    assert first.name in refusal(tmp_path / "photos")
+
+
+def test_pycolmap_missing_names_the_extra(tmp_path, monkeypatch):
+    copies(tmp_path / "photos")
+    monkeypatch.setitem(__import__("sys").modules, "pycolmap", None)
+    assert "fecosplat[poses]" in refusal(tmp_path / "photos")
