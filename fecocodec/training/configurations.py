@@ -126,6 +126,13 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
             schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
             distortion=LogDistortion(),
         ),
+        # Our method with the paper's extractor, for the receivers of compact models.
+        "compact-re10k": Configuration(
+            shapes=_PAPER_RE10K.shapes,
+            schedule=replace(_PAPER_SCHEDULE, one_stage_until=5_000, bypass_until=15_000, warm_up=2_000),
+            precision="bfloat16",
+            sender=PaperSenderConfig(),
+        ),
         "paper-re10k": _PAPER_RE10K,
         "paper-dl3dv": _PAPER_DL3DV,
         # The paper's larger variant: a frozen extractor through the adapter (`sender/extractors/adapter.py`). `Trainer`

@@ -83,9 +83,10 @@ def _score(codec: Codec, sample: Sample, lambda_q: int) -> tuple[float, float, f
     """Return bits per context pixel, PSNR and ST-LPIPS of the target views of one scene."""
     context = sample.views.select(list(range(sample.num_context)))
     data = encode_with(codec, context, lambda_q, MAX_STAGES, FAST)
-    gaussians = decode_with(codec.receiver, data).gaussians
+    gaussians = decode_with(codec.receiver, data).gaussians.to(codec.device)
     targets = sample.views.select(list(range(sample.num_context, len(sample.views.images))))
-    images = render(gaussians, targets.cameras, targets.image_size).color.clamp(0.0, 1.0)
+    cameras = targets.cameras.to(codec.device)
+    images = render(gaussians, cameras, targets.image_size).color.clamp(0.0, 1.0).cpu()
     height, width = context.image_size
     return (
         8 * len(data) / (sample.num_context * height * width),
