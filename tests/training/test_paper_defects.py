@@ -223,7 +223,7 @@ def test_held_out_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> No
         "last.pt", "step_0000001.pt", "step_0000002.pt",
     }  # fmt: skip
     lines = (tmp_path / "run" / "validation.txt").read_text().splitlines()
-    assert len(lines) == 3 and lines[-1].startswith("step 2  ValidationRow(lmbda=0.00099")
+    assert len(lines) == 3 and lines[-1].startswith("step 2  ValidationRow(lmbda=0.001")
 
 
 # 9: the published checkpoint that has coarser features
