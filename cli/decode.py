@@ -1,5 +1,6 @@
-"""`fecosplat decode`: decode a .fcs file to a PLY file of 3D Gaussians."""
+"""`fecosplat decode`: decode a .fcs file to a file of 3D Gaussians."""
 
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -18,9 +19,10 @@ from .options import (
     overwrite_option,
     threads_option,
 )
-from .output import print_json, say, write_stdout
+from .output import print_json, say
 from .paths import STDOUT, require_ending
 from .progress import progress_bar
+from .scene_output import GAUSSIAN_ENDINGS, Frame, write_scene
 from .terminal import printable
 
 PARTLY_DECODED = 3  # exit code
@@ -29,16 +31,46 @@ DECODED = {1: "stage 1 could be", 2: "the two stages could be"}
 
 @click.command(
     "decode",
-    short_help="Decode a .fcs file to 3D Gaussians (.ply).",
+    short_help="Decode a .fcs file to 3D Gaussians (.ply, .spz, .sog, .glb).",
     epilog="""\b
 Examples:
   fecosplat decode scene.fcs -o scene.ply
+  fecosplat decode scene.fcs -o scene.sog --frame first-camera
+  fecosplat decode scene.fcs -o scene.ply --save-cameras cameras.json
   fecosplat decode scene.fcs -o preview.ply --stages 1
   fecosplat decode damaged.fcs -o rescued.ply --partial""",
 )
 @click.argument("stream", metavar="FILE.fcs", type=FILE_PATH)
 @click.option(
-    "-o", "--output", required=True, type=FILE_PATH, help="Output file (3DGS .ply); - writes to standard output."
+    "-o",
+    "--output",
+    required=True,
+    type=FILE_PATH,
+    help="Output file: .ply (3DGS), .compressed.ply, .spz, .sog or .glb (KHR_gaussian_splatting); - writes a .ply to "
+    "standard output.",
+)
+@click.option(
+    "--save-cameras",
+    "cameras_file",
+    type=FILE_PATH,
+    metavar="FILE.json",
+    help="Write the coded cameras in the frame of the .ply file, in the layout of nerfstudio (transforms.json), or of "
+    "the 3DGS reference if the file is called cameras.json.",
+)
+@click.option(
+    "--frame",
+    type=click.Choice(["input", "first-camera"]),
+    default="input",
+    show_default=True,
+    help="Coordinate frame of the output: that of the input cameras, or the first camera at the origin, looking along "
+    "+Z with +Y down (.ply, .compressed.ply, .sog) or along -Z with +Y up (.spz, .glb).",
+)
+@click.option(
+    "--spz-version",
+    type=click.Choice(["3", "4"]),
+    default="4",
+    show_default=True,
+    help="Version of .spz files. Older viewers read only 3.",
 )
 @click.option(
     "--stages",
@@ -87,6 +119,9 @@ Examples:
 def command(
     stream: Path,
     output: Path,
+    cameras_file: Path | None,
+    frame: Frame,
+    spz_version: str,
     stages: int | None,
     partial: bool,
     prune: bool,
@@ -99,9 +134,9 @@ def command(
     overwrite: bool,
     as_json: bool,
 ) -> int:
-    """Decode FILE.fcs to 3D Gaussians, in the coordinate frame and unit of length of the input cameras.
+    """Decode FILE.fcs to 3D Gaussians, in the unit of length of the input cameras.
 
-    The output is a .ply file with the standard 3DGS properties. Viewers such as SuperSplat open it.
+    The ending of the output selects the format. Viewers such as SuperSplat open all of them.
     """
     if partial and stages is not None:
         raise click.UsageError("--partial decodes all intact stages; leave --stages out.")
@@ -111,11 +146,14 @@ def command(
     if output != STDOUT:
         require_writable(output, overwrite=overwrite)
         require_other_file(output, stream)
-        require_ending(output, (".ply",))
+        require_ending(output, GAUSSIAN_ENDINGS)
+    if cameras_file is not None:
+        require_writable(cameras_file, overwrite=overwrite)
+        require_other_file(cameras_file, stream)
+        require_ending(cameras_file, (".json",))
     data = read_stream_file(stream)
 
     from fecocodec import decode
-    from fecocodec.formats.ply import ply_bytes, write_ply
     from fecocodec.receiver.background import DEFAULT_BACKGROUND
     from fecocodec.receiver.merging import MergingConfig
 
@@ -139,10 +177,14 @@ def command(
             from fecocodec.rendering import pruning
 
             gaussians = pruning.prune(gaussians, decoded.cameras, decoded.image_size)
-    if output == STDOUT:
-        write_stdout(ply_bytes(gaussians, "standard output"))
-    else:
-        write_ply(output, gaussians, overwrite=overwrite)
+    write_scene(
+        replace(decoded, gaussians=gaussians),
+        output,
+        cameras_file,
+        frame=frame,
+        spz_version=3 if spz_version == "3" else 4,
+        overwrite=overwrite,
+    )
     seconds = round(perf_counter() - start, 3)
     damage = decoded.damage
     if as_json:

@@ -3,11 +3,11 @@
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
-from fecocodec.container import inspect, quantise_lambda
+from fecocodec.container import StreamSummary, inspect, quantise_lambda
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
@@ -20,6 +20,9 @@ from .progress import progress_bar
 from .rate_control import rate_control_options, target_of
 from .selection import Selection, parse_selection, resolve
 from .terminal import printable
+
+if TYPE_CHECKING:
+    from fecocodec.sender.decoded_quality import DecodedQuality
 
 
 @click.command(
@@ -105,7 +108,7 @@ def command(
     target = target_of(target_kib, target_psnr, stages)
     require_photographs(views_folder)
 
-    from fecocodec import check_input, encode, encode_to_target, read_views
+    from fecocodec import check_input, encode, encode_to_target, measure_decoded, read_views
 
     from .device import require_device, require_rendering_device
 
@@ -122,9 +125,15 @@ def command(
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
                 coder = partial(encode_to_target, target=target)
-            data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress)
-    for warning in (*scene.notes, *check_input(scene, effort)):  # only after all checks that can reject the views
-        say(printable(f"warning: {in_options(warning)}"))
+            found: list[str] = []
+            data = coder(
+                scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=found.append
+            )
+        on_progress("measuring quality", 1.0)
+        quality = measure_decoded(data, scene, device=device, model=model)
+    warnings = [in_options(text) for text in (*scene.notes, *check_input(scene, effort), *found)]
+    for warning in warnings:  # only after all checks that can reject the views
+        say(printable(f"warning: {warning}"))
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     seconds = round(perf_counter() - start, 3)
@@ -132,7 +141,39 @@ def command(
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:
         say(f"note: {output}: decode needs --max-pixels {summary.header.num_pixels} for this file.")
     if as_json:
-        print_json({"output": str(output), "seconds": seconds, **summary_fields(summary)})
+        fields = quality_fields(summary, quality, scene.names)
+        print_json(
+            {"output": str(output), "seconds": seconds, **summary_fields(summary), **fields, "warnings": warnings}
+        )
     else:
-        count = scene.cameras.num_views
-        say(f"{output}: {len(data)} bytes for {count} view{'s' if count > 1 else ''} in {seconds:.2f} s")
+        say_result(f"{output}: {summary.total_bytes / 1024:.2f} KiB in {seconds:.2f} s", summary, quality)
+
+
+def quality_fields(
+    summary: StreamSummary, quality: "tuple[DecodedQuality, ...]", names: tuple[str, ...]
+) -> dict[str, object]:
+    """Return the JSON fields about quality: PSNR in dB and KiB, in all, per stage and per view."""
+    stages = zip(_stage_kib(summary), quality, strict=True)
+    of_view = zip(names, quality[-1].psnr_of_view, strict=True)
+    return {
+        "kib": round(summary.total_bytes / 1024, 3),
+        "context_psnr": round(quality[-1].psnr, 3),
+        "stage_results": [{"kib": round(kib, 3), "context_psnr": round(after.psnr, 3)} for kib, after in stages],
+        "context_views": [{"name": name, "psnr": round(psnr, 3)} for name, psnr in of_view],
+    }
+
+
+def say_result(first_line: str, summary: StreamSummary, quality: "tuple[DecodedQuality, ...]") -> None:
+    """Print the size of the file, and for each stage its size and the PSNR of the decoded context views after it."""
+    say(first_line)
+    for stage, (kib, after) in enumerate(zip(_stage_kib(summary), quality, strict=True), start=1):
+        say(f"  stage {stage}: {kib:8.2f} KiB  {after.psnr:6.2f} dB")
+    worst = min(quality[-1].psnr_of_view)
+    count = len(quality[-1].psnr_of_view)
+    views = "context view" if count == 1 else f"{count} context views (worst {worst:.2f} dB)"
+    say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the decoded {views}")
+
+
+def _stage_kib(summary: StreamSummary) -> list[float]:
+    """Return the size of each stage's section in KiB."""
+    return [section.total_bytes / 1024 for section in summary.sections if section.name in ("B1", "B2")]

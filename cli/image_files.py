@@ -1,7 +1,7 @@
 """Names of the image files of a rendering, and writing all of them or none."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,22 +42,26 @@ def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: b
     return files
 
 
-def write_image_files(rendering: "Rendering", files: list[list[Path]], *, overwrite: bool) -> None:
-    """Write every view of a rendering to its files. The folder is created if it does not exist.
+@contextmanager
+def image_writer(files: list[list[Path]], *, overwrite: bool) -> Iterator[Callable[[list[Path], "Rendering"], None]]:
+    """Yield a function that writes the rendering of one view to its files. The folder is created if it does not exist.
 
-    If a file cannot be written, the new files are removed. A file that existed before then holds either its old or its
-    new contents, each complete. Raises OutputError.
+    files: of all views. If a file cannot be written, the new files are removed. A file that existed before then holds
+    either its old or its new contents, each complete. Raises OutputError.
     """
     from fecocodec.formats.exr import ExrImage, write_exr
     from fecocodec.formats.images import write_image
 
+    def write(of_view: list[Path], rendering: "Rendering") -> None:
+        color, depth = rendering.color[0], rendering.depth[0]
+        for file in of_view:
+            if file.suffix.lower() == ".exr":
+                write_exr(file, ExrImage(color, depth), overwrite=overwrite)
+            else:
+                write_image(file, color, overwrite=overwrite)
+
     with _folder(files[0][0].parent), _all_or_none([file for of_view in files for file in of_view]):
-        for color, depth, of_view in zip(rendering.color, rendering.depth, files, strict=True):
-            for file in of_view:
-                if file.suffix.lower() == ".exr":
-                    write_exr(file, ExrImage(color, depth), overwrite=overwrite)
-                else:
-                    write_image(file, color, overwrite=overwrite)
+        yield write
 
 
 @contextmanager

@@ -10,7 +10,16 @@ import click
 
 from fecocodec.errors import OutputError
 
-_OPTIONS = ("views", "size", "near", "far", "background", "overwrite")  # library arguments with an option of that name
+# Arguments of the library, which its messages name in backticks, and the options with that meaning.
+_OPTIONS = {
+    **{name: f"--{name}" for name in ("views", "size", "near", "far", "background", "overwrite", "effort", "device")},
+    **{name: f"--{name}" for name in ("stages", "photographs")},
+    "max_pixels": "--max-pixels",
+    "view_shares": "--views",
+    "frozen": "--freeze",
+    'stages="intact"': "--partial",
+    "stages=1": "--stages 1",
+}
 
 
 def print_json(value: object) -> None:
@@ -49,7 +58,7 @@ def say(sentence: str) -> None:
 
 def in_options(sentence: str) -> str:
     """Replace names of library arguments (`views`) in a message by the names of the options (--views)."""
-    return re.sub(rf"`({'|'.join(_OPTIONS)})`", r"--\1", sentence)
+    return re.sub("`([^`]+)`", lambda found: _OPTIONS.get(found[1], found[0]), sentence)
 
 
 def _print(line: str) -> None:

@@ -1,14 +1,16 @@
-"""`fecosplat render`: render Gaussians to PNG (sRGB colour) and EXR (linear colour and depth)."""
+"""`fecosplat render`: render Gaussians to PNG (sRGB colour), EXR (linear colour and depth) or a video."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import click
 
-from fecocodec.container import read_header, read_stream_file
+from fecocodec.container import read_stream_file
+from fecocodec.formats.atomic import require_writable
+from fecocodec.formats.video_extra import require_video_extra
 
-from .image_files import image_files, write_image_files
+from .image_files import image_files, image_writer
 from .naming import naming
 from .options import (
     FILE_PATH,
@@ -21,44 +23,61 @@ from .options import (
     threads_option,
 )
 from .output import print_json, say
-from .paths import require_input, require_photographs
+from .paths import require_ending, require_input
 from .progress import progress_bar
-from .selection import Selection, parse_selection, resolve
-
-if TYPE_CHECKING:
-    from fecocodec import Cameras
+from .selection import Selection, parse_selection
+from .viewpoints import DEFAULT_FPS, DEFAULT_FRAMES, PATH_NAMES, cameras_and_size, names_of, read_given_cameras
 
 BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 
 
 @click.command(
     "render",
-    short_help="Render a .fcs or .ply file to images.",
+    short_help="Render a .fcs or .ply file to images or a video.",
     epilog="""\b
 Examples:
   fecosplat render scene.fcs -o images/
   fecosplat render scene.fcs -o new_view.png --cameras photos/ --views 7
-  fecosplat render scene.ply -o images/ --cameras photos/ --size 512x512""",
+  fecosplat render scene.ply -o images/ --cameras photos/ --size 512x512
+  fecosplat render scene.fcs --video orbit.mp4 --path orbit
+  fecosplat render scene.fcs --video flight.mp4 --cameras camera_path.json""",
 )
 @click.argument("scene", metavar="FILE", type=FILE_PATH)
 @click.option(
     "-o",
     "--output",
-    required=True,
     type=FILE_PATH,
     help="Output folder, or a .png, .jpg, .webp or .exr file for a single view.",
 )
+@click.option("--video", type=FILE_PATH, metavar="FILE.mp4", help="Output video; needs the `video` extra (PyAV).")
 @click.option(
     "--cameras",
-    "cameras_folder",
+    "cameras_path",
     type=FILE_PATH,
-    help="Folder of photographs; render their cameras.  [default: the cameras in the .fcs file]",
+    help="Cameras to render: a folder of photographs, a camera file, a COLMAP model, or a camera path of nerfstudio "
+    "(JSON). The photographs are not needed.  [default: the cameras in the .fcs file]",
+)
+@click.option(
+    "--path",
+    "path_name",
+    type=click.Choice(PATH_NAMES),
+    help="Render a path near the cameras: a spiral around their mean, an orbit around the scene, or a path that passes "
+    "through all of them.",
+)
+@click.option(
+    "--frames", type=click.IntRange(2, 10_000), help="Number of frames of --path.  [default: 120]", metavar="NUMBER"
+)
+@click.option(
+    "--fps",
+    type=click.FloatRange(1, 240),
+    metavar="NUMBER",
+    help=f"Frames per second of --video.  [default: that of the camera path, else {DEFAULT_FPS}]",
 )
 @click.option(
     "--views",
     callback=parse_selection,
     metavar="WHICH",
-    help="Views of --cameras to render: 0,5 or a.jpg,b.jpg or spread:N or auto.  [default: all]",
+    help="Views of --cameras to use: 0,5 or a.jpg,b.jpg or spread:N or auto.  [default: all]",
 )
 @click.option(
     "--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: that of the photographs]"
@@ -79,8 +98,12 @@ Examples:
 @json_option
 def command(
     scene: Path,
-    output: Path,
-    cameras_folder: Path | None,
+    output: Path | None,
+    video: Path | None,
+    cameras_path: Path | None,
+    path_name: str | None,
+    frames: int | None,
+    fps: float | None,
     views: Selection | None,
     size: tuple[int, int] | None,
     stages: int | None,
@@ -91,35 +114,41 @@ def command(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Render the Gaussians of FILE (.fcs or .ply) to PNG and EXR images.
+    """Render the Gaussians of FILE (.fcs or .ply) to PNG and EXR images, or to a video.
 
     PNG files contain sRGB colour. EXR files contain linear colour and, in channel Z, the depth along the optical axis
-    in scene units.
+    in scene units. --cameras must be in the frame and unit of length of the cameras that the scene was encoded with.
     """
     is_ply = scene.suffix.lower() == ".ply"
-    if cameras_folder is None and (views or size or is_ply):
-        raise click.UsageError("A .ply file, --views and --size need --cameras FOLDER.")
+    if output is None and video is None:
+        raise click.UsageError("Give -o for images, --video for a video, or both.")
+    if cameras_path is None and (views or size or is_ply):
+        raise click.UsageError("A .ply file, --views and --size need --cameras.")
     if is_ply and (stages or model):
         raise click.UsageError("--stages and --model say how a .fcs file is decoded; leave them out for a .ply file.")
+    if (frames and path_name is None) or (fps and video is None):
+        raise click.UsageError("--frames is for --path, and --fps for --video.")
     start = perf_counter()
     require_input(scene)
-    if cameras_folder is not None:
-        require_photographs(cameras_folder)
+    if cameras_path is not None:
+        require_input(cameras_path, "no such folder or file; give the folder that holds the cameras, or a camera file.")
+    if video is not None:
+        _require_video(video, overwrite=overwrite)
     _require_device(device, scene)
     data = b"" if is_ply else read_stream_file(scene)
-    if cameras_folder is None:
-        with naming(scene):
-            names = tuple(f"{view:02d}" for view in range(read_header(data).header.num_views))
-    else:
-        cameras, image_size, names = _cameras_of_folder(cameras_folder, views, size)
-    files = image_files(output, scene.stem, names, overwrite=overwrite)
+    num_frames = None if path_name is None else frames or DEFAULT_FRAMES
+    given = None if cameras_path is None else read_given_cameras(cameras_path, views, size)
+    names = names_of(given, scene, data, num_frames)
+    files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
-    from fecocodec import decode, read_ply, render
+    from fecocodec import decode, read_ply
+    from fecocodec.formats.video import video_writer
+    from fecocodec.geometry.camera_paths import PATHS
+    from fecocodec.rendering.rasterizer import render_each
 
-    with progress_bar() as on_progress:
-        if is_ply:
-            gaussians = read_ply(scene).to(device)
-        else:
+    with progress_bar() as on_progress, ExitStack() as writers:
+        decoded = None
+        if not is_ply:
             with naming(scene):
                 decoded = decode(
                     data,
@@ -127,37 +156,35 @@ def command(
                     device=device,
                     model=model,
                     max_pixels=max_pixels,
-                    on_progress=on_progress,
+                    on_progress=lambda task, fraction: on_progress(task, 0.5 * fraction),
                 )
-            gaussians = decoded.gaussians
-            if cameras_folder is None:
-                cameras, image_size = decoded.cameras, decoded.image_size
-        on_progress("rendering", 1.0)
-        rendering = render(gaussians, cameras, image_size, BACKGROUNDS[background])
-        write_image_files(rendering, files, overwrite=overwrite)
+        gaussians = read_ply(scene).to(device) if decoded is None else decoded.gaussians
+        cameras, image_size = cameras_and_size(given, decoded, gaussians)
+        if path_name is not None and num_frames is not None:
+            cameras = PATHS[path_name](cameras, num_frames)
+        write_images = writers.enter_context(image_writer(files, overwrite=overwrite)) if files else None
+        rate = fps or (given and given.frames_per_second) or DEFAULT_FPS
+        add_frame = writers.enter_context(video_writer(video, image_size, rate, overwrite=overwrite)) if video else None
+        for number, rendering in enumerate(render_each(gaussians, cameras, image_size, BACKGROUNDS[background])):
+            on_progress("rendering", 0.5 + 0.5 * number / len(names))
+            if write_images:
+                write_images(files[number], rendering)
+            if add_frame:
+                add_frame(rendering.color[0].cpu())
     seconds = round(perf_counter() - start, 3)
-    written = [str(file) for of_view in files for file in of_view]
+    written = [str(file) for of_view in files for file in of_view] + ([str(video)] if video else [])
     if as_json:
         print_json({"outputs": written, "gaussians": gaussians.count, "seconds": seconds})
     else:
-        say(f"{output}: {len(files)} {'view' if len(files) == 1 else 'views'} rendered in {seconds:.2f} s")
+        count = f"{len(names)} {'view' if len(names) == 1 else 'views'}"
+        say(f"{' and '.join(str(path) for path in (output, video) if path)}: {count} rendered in {seconds:.2f} s")
 
 
-def _cameras_of_folder(
-    folder: Path, selection: Selection | None, size: tuple[int, int] | None
-) -> tuple["Cameras", tuple[int, int], tuple[str, ...]]:
-    """Return the selected cameras of a folder of photographs, (height, width) in pixels, and one name per view."""
-    from fecocodec.formats.scene_folder import read_view_cameras
-
-    cameras, image_size, files = read_view_cameras(folder, views=resolve(folder, selection), size=size)
-    return cameras, image_size, _distinct(tuple(Path(name).stem for name in files))
-
-
-def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return unique names: if two views share a name (left/a.png, right/a.png), each name gets a number in front."""
-    if len(set(names)) == len(names):
-        return names
-    return tuple(f"{view:02d}_{name}" for view, name in enumerate(names))
+def _require_video(video: Path, *, overwrite: bool) -> None:
+    """Raise OutputError, before any work, if the video cannot be written."""
+    require_ending(video, (".mp4",))
+    require_writable(video, overwrite=overwrite)
+    require_video_extra()
 
 
 def _require_device(name: str, scene: Path) -> None:

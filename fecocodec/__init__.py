@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fecocodec.geometry.views import Views
     from fecocodec.receiver.decode import Decoded, decode
     from fecocodec.rendering.rasterizer import Rendering, render
+    from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded
     from fecocodec.sender.encode import encode
     from fecocodec.sender.input_warnings import check_input
     from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
@@ -31,6 +32,7 @@ __all__ = [
     "BitstreamError",
     "Cameras",
     "Decoded",
+    "DecodedQuality",
     "FecoError",
     "Gaussians",
     "InputError",
@@ -43,6 +45,7 @@ __all__ = [
     "decode",
     "encode",
     "encode_to_target",
+    "measure_decoded",
     "read_ply",
     "read_views",
     "render",
@@ -55,6 +58,7 @@ _MODULE_OF = {
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
     "Decoded": "fecocodec.receiver.decode",
+    "DecodedQuality": "fecocodec.sender.decoded_quality",
     "FecoError": "fecocodec.errors",
     "Gaussians": "fecocodec.geometry.gaussians",
     "InputError": "fecocodec.errors",
@@ -66,6 +70,7 @@ _MODULE_OF = {
     "decode": "fecocodec.receiver.decode",
     "encode": "fecocodec.sender.encode",
     "encode_to_target": "fecocodec.sender.rate_control",
+    "measure_decoded": "fecocodec.sender.decoded_quality",
     "read_ply": "fecocodec.formats.ply",
     "read_views": "fecocodec.formats.scene_folder",
     "render": "fecocodec.rendering.rasterizer",

@@ -15,6 +15,7 @@ HOME_OF_LIBRARY = {
     "constriction": ("fecocodec/entropy/symbol_coders.py",),
     "zstandard": ("fecocodec/container/", "bitstream_spec/"),
     "OpenEXR": ("fecocodec/formats/exr.py",),
+    "av": ("fecocodec/formats/video.py",),
     "PIL": ("fecocodec/formats/",),
     "gsplat": ("fecocodec/rendering/cuda.py",),
     # The receiver needs scipy for its neighbour search alone.

@@ -1,6 +1,7 @@
 """Errors are sentences: every text that the library raises ends with a full stop."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,3 +27,29 @@ def test_every_error_ends_with_a_full_stop() -> None:
     found = list(texts())
     assert len(found) > 100
     assert [place for place, text in found if not text.endswith(".")] == []
+
+
+def test_the_library_names_arguments_not_options_of_the_command_line() -> None:
+    """`in_options` replaces the names of arguments on the command line; from Python, an option would mean nothing."""
+    pieces = [
+        (f"{file.relative_to(ROOT)}:{node.lineno}", node.value)
+        for file in (ROOT / "fecocodec").rglob("*.py")
+        for node in ast.walk(without_docstrings(ast.parse(file.read_text())))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    named = [(place, text) for place, text in pieces if re.search(r"(?<![\w-])--[a-z]", text) and "report" not in place]
+    assert len(pieces) > 1000
+    assert named == []
+
+
+def without_docstrings(tree: ast.Module) -> ast.Module:
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if (
+            isinstance(body, list)
+            and body
+            and isinstance(body[0], ast.Expr)
+            and isinstance(body[0].value, ast.Constant)
+        ):
+            body[0].value = ast.Constant(None)
+    return tree

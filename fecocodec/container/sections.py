@@ -10,7 +10,7 @@ from fecocodec.errors import BitstreamError
 CRITICAL = 0x80  # bit of a kind: a reader refuses an unknown kind with this bit and skips one without it
 MAX_PAYLOAD = 1 << 26
 # Appended to messages about a damaged section B2, because stage 1 is still decodable.
-WHAT_IS_INTACT = ", or decode what stands before it with --partial or --stages 1"
+WHAT_IS_INTACT = ', or decode what precedes it with `stages="intact"` or `stages=1`'
 
 _HEAD = struct.Struct("<BI")
 _CRC = struct.Struct("<I")

@@ -42,14 +42,16 @@ def _photograph(model_folder: Path, image_folder: Path, model: ColmapModel, imag
     if image.camera_id not in model.cameras:
         raise InputError(f"{place}: its camera {image.camera_id} is not in the model; export the model again.")
     world_to_camera = _world_to_camera(image, place)
+    camera = model.cameras[image.camera_id]
     points = np.array([model.points[point] for point in image.point_ids.tolist() if point in model.points])
     depths = points.reshape(-1, 3) @ world_to_camera[2, :3] + world_to_camera[2, 3]
     return PosedPhotograph(
         path=find_image(image_folder, image.name),
         place=place,
         camera_to_world=np.linalg.inv(world_to_camera),
-        lens_for=partial(_lens, model.cameras[image.camera_id], place),
+        lens_for=partial(_lens, camera, place),
         sparse_depths=depths[depths > 0],
+        declared_size=(camera.width, camera.height),
     )
 
 

@@ -11,17 +11,17 @@ import torch
 from einops import rearrange
 from jaxtyping import Float
 
-from fecocodec.errors import InputError, OutputError
+from fecocodec.errors import InputError
 from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.gaussian_arrays import GaussianArrays, gaussian_arrays
 from fecocodec.formats.input_file import StrPath, read_file
 from fecocodec.geometry.gaussians import Gaussians
 
-OPACITY_MARGIN = 1e-6  # opacities 0 and 1 have no finite logit; they are stored this far inside
 MAX_HEADER_BYTES = 1 << 16
 _D_SH_OF_NUM_REST = {3 * (d_sh - 1): d_sh for d_sh in (1, 4, 9, 16, 25)}
 
 
-def write_ply(path: StrPath, gaussians: Gaussians, *, overwrite: bool = False) -> None:
+def write_ply(path: StrPath, gaussians: Gaussians | GaussianArrays, *, overwrite: bool = False) -> None:
     """Write one scene's Gaussians (no batch axis) as a 3DGS PLY, float32, little-endian.
 
     Raises OutputError if a value is not finite or out of range (scales must be above 0), or the file cannot be written.
@@ -32,7 +32,7 @@ def write_ply(path: StrPath, gaussians: Gaussians, *, overwrite: bool = False) -
         temporary.write_bytes(data)
 
 
-def ply_bytes(gaussians: Gaussians, place: str) -> bytes:
+def ply_bytes(gaussians: Gaussians | GaussianArrays, place: str) -> bytes:
     """Return the bytes of the file that `write_ply` writes.
 
     Raises OutputError, which begins with `place`, if a value is not finite or out of range.
@@ -73,37 +73,18 @@ def _property_names(d_sh: int) -> list[str]:
     return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
 
 
-def _columns(place: str, gaussians: Gaussians) -> Float[np.ndarray, "n property"]:
-    means, scales, rotations, opacities, harmonics = (
-        field.detach().cpu().to(torch.float64).numpy() for field in gaussians.fields()
+def _columns(place: str, gaussians: Gaussians | GaussianArrays) -> Float[np.ndarray, "n property"]:
+    arrays = gaussian_arrays(gaussians, place)
+    columns = (
+        arrays.means,
+        np.zeros_like(arrays.means),  # normals, which viewers expect but do not use
+        arrays.harmonics[:, 0],
+        rearrange(arrays.harmonics[:, 1:], "n rest rgb -> n (rgb rest)"),
+        arrays.logits[:, None],
+        arrays.log_scales,
+        arrays.rotations,
     )
-    _require(place, "opacities", "in [0, 1]", (opacities >= 0) & (opacities <= 1))
-    _require(place, "scales", "above 0", scales > 0)
-    opacities = np.clip(opacities, OPACITY_MARGIN, 1 - OPACITY_MARGIN)[:, None]
-    columns = np.concatenate(
-        (
-            means,
-            np.zeros_like(means),  # normals, which viewers expect but do not use
-            harmonics[:, 0],
-            rearrange(harmonics[:, 1:], "n rest rgb -> n (rgb rest)"),
-            np.log(opacities) - np.log1p(-opacities),
-            np.log(scales),
-            rotations,
-        ),
-        axis=1,
-    )
-    with np.errstate(over="ignore"):
-        _require(place, "values", "finite in float32", np.isfinite(columns.astype(np.float32)))
-    return columns
-
-
-def _require(place: str, what: str, demand: str, is_good: np.ndarray) -> None:
-    """Raise OutputError for the first Gaussian that is not good. Comparisons with NaN are false, so NaN is rejected."""
-    if not is_good.all():
-        first = int(np.argwhere(~is_good)[0, 0])
-        raise OutputError(
-            f"{place}: Gaussian {first} has {what} not {demand}; nothing was written, check their source."
-        )
+    return np.concatenate(columns, axis=1)
 
 
 def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:

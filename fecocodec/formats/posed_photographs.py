@@ -21,7 +21,7 @@ class PosedPhotograph:
     path: the image file, which need not exist. place: location of the camera in its file, for messages.
     camera_to_world: OpenCV axes, as stored (not validated). lens_for: (width, height) of the stored pixels -> lens.
     sparse_depths: depths, in scene units, of the reconstructed points that this photograph observes, if the format has
-    them.
+    them. declared_size: (width, height) in pixels that the camera file states, None if it states none.
     """
 
     path: Path
@@ -29,6 +29,7 @@ class PosedPhotograph:
     camera_to_world: Float[np.ndarray, "4 4"]
     lens_for: Callable[[int, int], Lens]
     sparse_depths: Float[np.ndarray, " point"] = field(default_factory=lambda: np.zeros(0))
+    declared_size: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,25 @@ def stored_lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
     lens = photograph.lens_for(width, height)
     require_representable(lens, photograph.place)
     return lens, undistorted(lens, photograph.place)
+
+
+def known_pinhole(photograph: PosedPhotograph, size: tuple[int, int] | None = None) -> Lens:
+    """Return the pinhole to which a photograph is undistorted; the photograph need not exist.
+
+    Without a photograph, the lens is for the size that the camera file states, else for `size` = (height, width).
+    Raises InputError if no size is known, or the lens is not valid.
+    """
+    if photograph.path.is_file():
+        return stored_lens(photograph)[1]
+    declared = photograph.declared_size or (size and (size[1], size[0]))
+    if declared is None:
+        raise InputError(
+            f"{photograph.place}: there is no image {photograph.path}, and the camera file states no image size; "
+            "put the image there or give `size`."
+        )
+    lens = photograph.lens_for(*declared)
+    require_representable(lens, photograph.place)
+    return undistorted(lens, photograph.place)
 
 
 def find_image(folder: Path, name: str) -> Path:

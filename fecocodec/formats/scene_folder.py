@@ -77,19 +77,6 @@ def read_views(
     return replace(unbounded, cameras=cameras)
 
 
-def read_view_cameras(
-    path: StrPath, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
-) -> tuple[Cameras, tuple[int, int], tuple[str, ...]]:
-    """Return the cameras, (height, width) and names of the views that `read_views` returns.
-
-    Pixels are read only if neither the camera file nor its sparse points give the depth bounds.
-    Raises InputError as `read_views` does.
-    """
-    chosen = _choose(Path(path), views, size)
-    cameras = _with_depth_bounds(chosen, None, None, lambda: estimate_depth_range(_read_unbounded(chosen)))
-    return cameras, chosen.image_size, chosen.names
-
-
 def view_names(path: StrPath) -> tuple[str, ...]:
     """Return the file names of all views of a scene folder, in the order of their indices. Images are not read.
 

@@ -20,7 +20,7 @@ from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotograph
 
 _FILE_NAMES = ("transforms.json", "transforms_train.json")
 _SUPPORTED_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
-_OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _RADIAL_KEYS = ("k1", "k2", "k3", "k4")
 
 
@@ -61,9 +61,18 @@ def _photograph(path: Path, scene: dict[str, Any], index: int, frame: object) ->
     return PosedPhotograph(
         path=find_image(path.parent, frame["file_path"]),
         place=place,
-        camera_to_world=_pose(frame.get("transform_matrix"), place) @ _OPENGL_TO_OPENCV,
+        camera_to_world=_pose(frame.get("transform_matrix"), place) @ OPENGL_TO_OPENCV,
         lens_for=partial(_lens, values, place),
+        declared_size=_declared_size(values, place),
     )
+
+
+def _declared_size(values: dict[str, Any], place: str) -> tuple[int, int] | None:
+    """Return (`w`, `h`) in pixels, None if one is missing or is no size of an image."""
+    w, h = (_number(values, key, place) for key in ("w", "h"))
+    if w is None or h is None or not (1 <= w <= MAX_SIDE_PX and 1 <= h <= MAX_SIDE_PX):
+        return None
+    return round(w), round(h)
 
 
 def _pose(matrix: object, place: str) -> Float[np.ndarray, "4 4"]:

@@ -6,7 +6,7 @@ from jaxtyping import Float
 
 from fecocodec.errors import InputError
 from fecocodec.formats.framing import framed_intrinsics
-from fecocodec.formats.posed_photographs import PosedPhotographs, stored_lens
+from fecocodec.formats.posed_photographs import PosedPhotographs, known_pinhole
 from fecocodec.geometry.depth_range import bounds_of_depths
 from fecocodec.geometry.frustum_overlap import covisibility_estimate
 from fecocodec.limits import MAX_VIEWS
@@ -97,11 +97,11 @@ def _depth_bounds(scene: PosedPhotographs, distance: Float[np.ndarray, "view vie
 
 
 def _typical_intrinsics(scene: PosedPhotographs) -> Float[np.ndarray, "3 3"]:
-    """Return the normalised intrinsics of the first photograph whose image can be read."""
+    """Return the normalised intrinsics of the first photograph whose lens and size are known."""
     refused: InputError | None = None
     for photograph in scene.photographs:
         try:
-            _, pinhole = stored_lens(photograph)
+            pinhole = known_pinhole(photograph)
         except InputError as error:
             refused = refused or error
             continue

@@ -5,6 +5,7 @@ evenly in log depth from 0.05 to 500 baselines. Only depths that are consistent 
 """
 
 import itertools
+from dataclasses import replace
 
 import torch
 import torch.nn.functional as F
@@ -45,6 +46,17 @@ def bounds_of_depths(depths: Float[Tensor, " n"]) -> tuple[float, float] | None:
     ordered = depths.double().sort().values  # torch.quantile refuses more than 2^24 values
     near, median, far = (ordered[round(share * (len(ordered) - 1))].item() for share in _PERCENTILES)
     return near / _MARGIN, min(far * _MARGIN, median * _MAX_FAR_OVER_MEDIAN)
+
+
+def bounds_of_visible_points(points: Float[Tensor, "n 3"], cameras: Cameras) -> tuple[float, float]:
+    """Return (near, far) of the points that the cameras see; DEFAULT_RANGE if they see too few.
+
+    Uses at most 16 cameras and 2^16 points. near and far of the cameras are ignored.
+    """
+    chosen = torch.linspace(0, cameras.num_views - 1, min(cameras.num_views, 16)).round().long().tolist()
+    seen = replace(cameras.select(chosen), near=torch.tensor(1e-6), far=torch.tensor(1.0))
+    projected = seen.project(points[:: max(1, len(points) >> 16)])
+    return bounds_of_depths(projected.depth[projected.is_visible]) or DEFAULT_RANGE
 
 
 def estimate_depth_range(views: Views) -> tuple[float, float]:

@@ -78,7 +78,7 @@ def decode(
     if part.stream.header.num_pixels > max_pixels:
         raise InputError(
             f"the views have {part.stream.header.num_pixels} pixels in all, more than the {max_pixels} that are "
-            "allowed; if you trust the file, raise max_pixels (--max-pixels)."
+            "allowed; if you trust the file, raise `max_pixels`."
         )
     receiver = receiver_of(part.stream.header.model_id, None if model is None else Path(model).absolute(), device)
     return _decode_part(receiver, part, stages, EmissionConfig(sh_degree, background, merging), on_progress)

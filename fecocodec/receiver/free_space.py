@@ -18,9 +18,10 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.layers.loops import fold
 from fecocodec.receiver.confirmation import Comparison, compare, confirmation
 from fecocodec.receiver.near_bound import near_bound_violation
-from fecocodec.receiver.sampling import sample_at
+from fecocodec.receiver.view_pairs import cameras_of, end_of_third_view_shifts, others
 
 POOLED = 2  # side of the blocks of Gaussians that are averaged to a view's surface
 
@@ -39,9 +40,7 @@ def free_space_violation(
     means: in the frame of the cameras. depth: in the Gaussian's own view, in scene units. colour: sRGB. h2 and w2 must
     be even.
     """
-    if cameras.num_views == 1:
-        return torch.zeros_like(depth)
-    points, colour = (rearrange(x, "b v h w c -> b c v h w").contiguous() for x in (means, colour))
+    points, colour = (rearrange(x, "b v h w c -> b v c h w").contiguous() for x in (means, colour))
     surfaces = _surfaces(depth, colour, opacity)
     scenes = zip(points, colour, surfaces, strict=True)
     return torch.stack([_violation(*scene, cameras.scene(index), config) for index, scene in enumerate(scenes)])
@@ -49,52 +48,44 @@ def free_space_violation(
 
 def _surfaces(
     depth: Float[Tensor, "batch view h2 w2"],
-    colour: Float[Tensor, "batch 3 view h2 w2"],
+    colour: Float[Tensor, "batch view 3 h2 w2"],
     opacity: Float[Tensor, "batch view h2 w2"],
 ) -> Float[Tensor, "batch view 4 h4 w4"]:
     """Return each view's surface: colour and inverse depth of its Gaussians, averaged over blocks, opacity-weighted."""
-    values = torch.cat((colour, 1.0 / depth[:, None], torch.ones_like(depth)[:, None]), dim=1)
-    weighted = rearrange(values * (opacity[:, None] + 1e-3), "b c v h w -> (b v) c h w")
-    pooled = rearrange(F.avg_pool2d(weighted, POOLED), "(b v) c h w -> b v c h w", b=len(depth))
+    values = torch.cat((colour, 1.0 / depth[:, :, None], torch.ones_like(depth)[:, :, None]), dim=2)
+    weighted = (values * (opacity[:, :, None] + 1e-3)).flatten(0, 1)
+    pooled = F.avg_pool2d(weighted, POOLED).unflatten(0, depth.shape[:2])
     return pooled[:, :, :4] / pooled[:, :, 4:]
 
 
 def _violation(
-    points: Float[Tensor, "3 view h2 w2"],
-    colour: Float[Tensor, "3 view h2 w2"],
+    points: Float[Tensor, "view 3 h2 w2"],
+    colour: Float[Tensor, "view 3 h2 w2"],
     surfaces: Float[Tensor, "view 4 h4 w4"],
     cameras: Cameras,
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
     """Return the strongest violation of each Gaussian of one scene."""
     views = cameras.num_views
-    has_third_views = views > 2
-    strongest = near_bound_violation(points, cameras, config) if has_third_views else torch.zeros_like(points[0])
-    confirmed = torch.zeros_like(strongest)
-    if has_third_views:
-        confirmed = confirmation(points, colour, surfaces, cameras, config)
+    confirmed = confirmation(points, colour, surfaces, cameras, config)
     share = confirmed.mean(dim=(1, 2))
-    pooled = F.avg_pool2d(confirmed[:, None], POOLED)
-    for judge in range(views):
-        others = [view for view in range(views) if view != judge]
-        seen = compare(points[:, others], colour[:, others], surfaces[judge], cameras.select([judge]))
-        tolerance = torch.full_like(share[others], config.free_space_colour)
-        if has_third_views:
-            tolerance = (
-                tolerance
-                * (share[others] / share[judge].clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
-            )
-        violation = _in_front(seen, tolerance, config)
-        if has_third_views:
-            surface = sample_at(pooled[judge], seen.uv)[0]
-            violation = violation * (1.0 - config.free_space_protection * confirmed[others] * (1.0 - surface))
-        strongest[others] = torch.maximum(strongest[others], violation)
-    return strongest
+    has_third_views = torch.as_tensor(end_of_third_view_shifts(views), device=points.device) > 1
+    surfaces = torch.cat((surfaces, F.avg_pool2d(confirmed[:, None], POOLED)), dim=1)
+
+    def step(shift: int | Tensor, strongest: Tensor) -> tuple[Tensor]:
+        index = others(views, shift, points.device)
+        seen = compare(points, colour, surfaces.index_select(0, index), cameras_of(cameras, index))
+        ratio = (share / share.index_select(0, index).clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
+        tolerance = config.free_space_colour * torch.where(has_third_views, ratio, 1.0)
+        protection = config.free_space_protection * confirmed * (1.0 - seen.surface[:, 4])
+        return (torch.maximum(strongest, _in_front(seen, tolerance, config) * (1.0 - protection)),)
+
+    return fold(step, 1, views, (near_bound_violation(points, cameras, config),))[0]
 
 
 def _in_front(
-    seen: Comparison, tolerance: Float[Tensor, " other"], config: ReceiverConfig
-) -> Float[Tensor, "other h2 w2"]:
+    seen: Comparison, tolerance: Float[Tensor, " view"], config: ReceiverConfig
+) -> Float[Tensor, "view h2 w2"]:
     """Return the violation from position and colour, without confirmation."""
     nearer = torch.sigmoid((seen.lead - config.free_space_lead) / config.free_space_lead_width)
     difference = seen.squared_difference.square()

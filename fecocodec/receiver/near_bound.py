@@ -10,23 +10,29 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.layers.loops import fold
 from fecocodec.receiver.sampling import project
+from fecocodec.receiver.view_pairs import cameras_of, end_of_third_view_shifts, others
 
 
 @torch.no_grad()
 def near_bound_violation(
-    points: Float[Tensor, "3 view h2 w2"], cameras: Cameras, config: ReceiverConfig
+    points: Float[Tensor, "view 3 h2 w2"], cameras: Cameras, config: ReceiverConfig
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return each Gaussian's strongest violation of the near bound over all other views of the scene, in [0, 1]."""
-    strongest, margin = torch.zeros_like(points[0]), config.near_bound_margin
-    for judge in range(cameras.num_views):
-        others = [view for view in range(cameras.num_views) if view != judge]
-        camera = cameras.select([judge])
-        uv, depth, _ = project(camera, points[:, others])
-        forward = camera.extrinsics[0, :3, 2]
-        offset = points[:, others] - camera.extrinsics[0, :3, 3, None, None, None]
-        is_in_front = (offset * forward[:, None, None, None]).sum(dim=0) > 0
-        is_inside = ((uv > -margin) & (uv < 1 + margin)).all(dim=0)
-        excess = (depth / (config.near_bound_depth * camera.near)).log() / config.near_bound_width
-        strongest[others] = torch.maximum(strongest[others], is_in_front * is_inside * torch.sigmoid(-excess))
-    return strongest
+    """Return each Gaussian's strongest violation of the near bound over all other views of the scene, in [0, 1].
+
+    It is zero for fewer than three views.
+    """
+    margin = config.near_bound_margin
+
+    def step(shift: int | Tensor, strongest: Tensor) -> tuple[Tensor]:
+        cameras_there = cameras_of(cameras, others(cameras.num_views, shift, points.device))
+        uv, depth, _ = project(cameras_there, points)
+        forward, centre = cameras_there.extrinsics[:, :3, 2], cameras_there.extrinsics[:, :3, 3]
+        offset = points - centre[..., None, None]
+        is_in_front = (offset * forward[..., None, None]).sum(dim=1) > 0
+        is_inside = ((uv > -margin) & (uv < 1 + margin)).all(dim=1)
+        excess = (depth / (config.near_bound_depth * cameras.near)).log() / config.near_bound_width
+        return (torch.maximum(strongest, is_in_front * is_inside * torch.sigmoid(-excess)),)
+
+    return fold(step, 1, end_of_third_view_shifts(cameras.num_views), (torch.zeros_like(points[:, 0]),))[0]

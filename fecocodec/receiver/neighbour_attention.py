@@ -1,5 +1,7 @@
 """KNN attention: each 3D point attends to its nearest points of all views."""
 
+from functools import partial
+
 import torch
 import torch.nn.functional as F
 from einops import rearrange
@@ -7,6 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.geometry.neighbours import nearest_neighbours
+from fecocodec.layers.loops import in_blocks
 
 NUM_HEADS = 4
 OFFSET_CHANNELS = 4  # relative position (3) and its length
@@ -52,12 +55,29 @@ class NeighbourAttention(nn.Module):
 
         Points are processed in blocks, because gathered keys and values dominate the memory.
         """
-        neighbours, presence = self._neighbours(points)
+        return self.attend_to(self.search(points), features, points, depth, world_to_view)
+
+    def search(self, points: Float[Tensor, "point 3"]) -> Int[Tensor, "point k1"]:
+        """Return the indices of the k + 1 nearest points of each point, or of k if there are no more points."""
+        is_one_left = len(points) > self.num_neighbours
+        return nearest_neighbours(points, self.num_neighbours + is_one_left)
+
+    def attend_to(
+        self,
+        neighbours: Int[Tensor, "point k1"],
+        features: Float[Tensor, "point channel"],
+        points: Float[Tensor, "point 3"],
+        depth: Float[Tensor, " point"],
+        world_to_view: Float[Tensor, "point 3 3"],
+    ) -> Float[Tensor, "point channel"]:
+        """Return the residual for neighbours that `search` found; other arguments as for `forward`."""
+        presence = self._presence(neighbours, points)
+        neighbours = neighbours[:, : self.num_neighbours]
         normed = self.norm(features)
         key_value, query = self.key_value(normed), self.query_scale * self.query(normed)
         of_points = (neighbours, presence, query, points, depth, world_to_view)
-        blocks = zip(*(x.split(POINTS_AT_ONCE) for x in of_points), strict=True)
-        return self.output(torch.cat([self._gather(key_value, points, *block) for block in blocks]))
+        gather = partial(self._gather, key_value, points)
+        return self.output(in_blocks(gather, POINTS_AT_ONCE, *of_points))
 
     def _gather(
         self,
@@ -80,19 +100,17 @@ class NeighbourAttention(nn.Module):
         key, value = F.embedding(neighbours, key_value).chunk(2, dim=-1)  # [asking k attention]
         logits = key @ (query[..., None] * self.head_of_channel) + self.offset_bias(offsets) + presence.log()[..., None]
         weights = logits.softmax(dim=1).transpose(1, 2)  # [asking head k]
-        gathered = ((weights @ value) * self.head_of_channel.T).sum(dim=1)
+        gathered = ((weights @ value) * self.head_of_channel.transpose(0, 1)).sum(dim=1)
         return torch.cat((gathered, rearrange(weights @ offsets, "p head c -> p (head c)")), dim=-1)
 
-    def _neighbours(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the indices of the k nearest points and their weights in [LEAST_PRESENCE, 1], both [point k]."""
-        if len(points) <= self.num_neighbours:  # no point is left out
-            neighbours = nearest_neighbours(points, self.num_neighbours)
-            return neighbours, torch.ones_like(neighbours, dtype=points.dtype)
-        neighbours = nearest_neighbours(points, self.num_neighbours + 1)
+    def _presence(self, neighbours: Int[Tensor, "point k1"], points: Float[Tensor, "point 3"]) -> Tensor:
+        """Return the weights in [LEAST_PRESENCE, 1] of the k nearest points, [point k]."""
+        if neighbours.shape[1] == self.num_neighbours:  # no point is left out
+            return torch.ones_like(neighbours, dtype=points.dtype)
         distance = (F.embedding(neighbours, points) - points[:, None]).square().sum(dim=-1)
         beyond = distance.amax(dim=1, keepdim=True)
         presence = (beyond - distance) / (self.fade * beyond).clamp(min=1e-30)
-        return neighbours[:, :-1], presence[:, :-1].clamp(LEAST_PRESENCE, 1.0)
+        return presence[:, :-1].clamp(LEAST_PRESENCE, 1.0)
 
 
 def _relative_offsets(

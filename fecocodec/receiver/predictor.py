@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 import torch.nn.functional as F
 from einops import rearrange, repeat
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.config import PAPER, ReceiverConfig
@@ -64,14 +64,30 @@ class Predictor(nn.Module):
         self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
     ) -> Prediction:
         """Predict the Gaussians in the frame of the cameras. item: (batch view). cameras: with one batch dimension."""
-        views = cameras.num_views
+        features, relative = self.geometry(state, cameras.num_views, condition)
+        with residual_branch():
+            attended = self._attend(features, relative, cameras)
+        return self.gaussians(features, attended, relative, cameras)
+
+    def geometry(
+        self, state: Float[Tensor, "item channel h4 w4"], views: int, condition: RateCondition
+    ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "batch view h4 w4"]]:
+        """Return features and relative disparity, the part of the predictor before attention."""
         with residual_branch():
             coarser = self._coarser(state, condition)
         features = self.fine(state + coarser, condition)
         relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
-        relative = rearrange(relative, "(b v) h w -> b v h w", v=views)
-        with residual_branch():
-            attended = self._attend(features, relative, cameras)
+        return features, rearrange(relative, "(b v) h w -> b v h w", v=views)
+
+    def gaussians(
+        self,
+        features: Float[Tensor, "item channel h4 w4"],
+        attended: Float[Tensor, "item channel h4 w4"],
+        relative: Float[Tensor, "batch view h4 w4"],
+        cameras: Cameras,
+    ) -> Prediction:
+        """Return the Gaussians, the part of the predictor after attention. attended: residual of the features."""
+        views = cameras.num_views
         shuffled = pixel_shuffle(self.head(features + attended).float(), self.config.gaussians_per_side)
         raw = rearrange(shuffled, "(b v) c h w -> b v h w c", v=views)
         return Prediction(self._activate(raw, relative, cameras), relative)
@@ -84,20 +100,41 @@ class Predictor(nn.Module):
 
     def _attend(self, features: Tensor, relative: Tensor, cameras: Cameras) -> Tensor:
         """Return the residual of KNN attention over the points of all views, per scene, at half the resolution."""
-        views = cameras.num_views
-        pooled = F.avg_pool2d(features, 2)
+        points, depth = self.attention_points(relative, cameras)
+        neighbours = torch.stack([self.attention.search(scene) for scene in points])
+        return self.attended(features, points, depth, neighbours, cameras)
+
+    def attention_points(
+        self, relative: Float[Tensor, "batch view h4 w4"], cameras: Cameras
+    ) -> tuple[Float[Tensor, "batch n 3"], Float[Tensor, "batch n"]]:
+        """Return the points of KNN attention in the frame of the cameras, and their depths, at half the resolution."""
         relative = F.avg_pool2d(relative, 2)
         height, width = relative.shape[-2:]
         depth = depth_from_relative_disparity(relative, cameras)
         points = camera_to_world_points(cameras, pixel_rays(cameras, height, width) * depth[..., None])
+        return rearrange(points, "b v h w xyz -> b (v h w) xyz"), rearrange(depth, "b v h w -> b (v h w)")
+
+    def attended(
+        self,
+        features: Float[Tensor, "item channel h4 w4"],
+        points: Float[Tensor, "batch n 3"],
+        depth: Float[Tensor, "batch n"],
+        neighbours: Int[Tensor, "batch n k1"],
+        cameras: Cameras,
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        """Return the residual of attention to neighbours that `NeighbourAttention.search` found."""
+        views = cameras.num_views
+        pooled = F.avg_pool2d(features, 2)
+        height, width = pooled.shape[-2:]
         scenes = zip(
+            neighbours,
             rearrange(pooled, "(b v) c h w -> b (v h w) c", v=views),
-            rearrange(points, "b v h w xyz -> b (v h w) xyz"),
-            rearrange(depth, "b v h w -> b (v h w)"),
+            points,
+            depth,
             repeat(cameras.world_to_camera[..., :3, :3], "b v i j -> b (v h w) i j", h=height, w=width),
             strict=True,
         )
-        attended = torch.stack([self.attention(*scene) for scene in scenes])
+        attended = torch.stack([self.attention.attend_to(*scene) for scene in scenes])
         attended = rearrange(attended, "b (v h w) c -> (b v) c h w", v=views, h=height)
         return F.interpolate(attended, scale_factor=2.0, mode="nearest")
 

@@ -1,4 +1,4 @@
-"""Project points into a camera and sample maps of its view at their projections.
+"""Project points into cameras and sample maps of their views at the projections.
 
 The Gaussians of a view form a regular grid over its image, so maps of their attributes are sampled without rendering.
 """
@@ -14,28 +14,26 @@ SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
 
 def project(
-    camera: Cameras, points: Float[Tensor, "3 *grid"]
-) -> tuple[Float[Tensor, "2 *grid"], Float[Tensor, "*grid"], Bool[Tensor, "*grid"]]:
-    """Project points in the world frame into one camera.
+    cameras: Cameras, points: Float[Tensor, "view 3 h w"]
+) -> tuple[Float[Tensor, "view 2 h w"], Float[Tensor, "view h w"], Bool[Tensor, "view h w"]]:
+    """Project points in the world frame, those of entry v into camera v.
 
     Returns normalised image positions, depths, and whether each point is inside the image. Points behind the camera get
-    depth 1 and are not inside. Coordinates are the first dimension, because it is several times as fast as the last.
+    depth 1 and are not inside. Coordinates precede the grid, because this is several times as fast as the last place.
     """
-    to_camera = camera.world_to_camera[0]
-    projection = camera.intrinsics[0] @ to_camera[:3]
-    projected = torch.addmm(projection[:, 3:], projection[:, :3], points.flatten(1)).view_as(points)
-    depth = projected[2]
+    projection = cameras.intrinsics @ cameras.world_to_camera[:, :3]
+    projected = torch.baddbmm(projection[..., 3:], projection[..., :3], points.flatten(2)).view_as(points)
+    depth = projected[:, 2]
     is_in_front = depth > SMALLEST_DEPTH
     depth = torch.where(is_in_front, depth, 1.0)
-    uv = projected[:2] / depth
+    uv = projected[:, :2] / depth[:, None]
     inside = (uv >= 0) & (uv <= 1)
-    return uv, depth, is_in_front & inside[0] & inside[1]
+    return uv, depth, is_in_front & inside[:, 0] & inside[:, 1]
 
 
 def sample_at(
-    values: Float[Tensor, "channel height width"], uv: Float[Tensor, "2 *grid h w"]
-) -> Float[Tensor, "channel *grid h w"]:
-    """Sample a map of a view bilinearly at normalised image positions; outside the image the border is replicated."""
-    positions = (2.0 * uv.clamp(-1, 2) - 1.0).flatten(1, -2)
-    sampled = F.grid_sample(values[None], positions.permute(1, 2, 0)[None], padding_mode="border", align_corners=False)
-    return sampled.view(len(values), *uv.shape[1:])
+    values: Float[Tensor, "view channel height width"], uv: Float[Tensor, "view 2 h w"]
+) -> Float[Tensor, "view channel h w"]:
+    """Sample maps of views bilinearly at normalised image positions; outside the image the border is replicated."""
+    positions = (2.0 * uv.clamp(-1, 2) - 1.0).permute(0, 2, 3, 1)
+    return F.grid_sample(values, positions, padding_mode="border", align_corners=False)

@@ -17,7 +17,9 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
+from fecocodec.layers.loops import fold
 from fecocodec.receiver.sampling import SMALLEST_DEPTH, project, sample_at
+from fecocodec.receiver.view_pairs import cameras_of, others
 
 
 def view_dependent(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: ReceiverConfig) -> Gaussians:
@@ -30,65 +32,79 @@ def view_dependent(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int]
     views = cameras.num_views
     if views == 1 or gaussians.harmonics.shape[-2] > 1:
         return gaussians
-    points = rearrange(gaussians.means, "(v h w) xyz -> v xyz h w", v=views, h=grid[0]).contiguous()
-    colour = rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0]).contiguous()
-    colour = 0.5 + SH_DEGREE_0 * colour
-    forward, centres = cameras.extrinsics[:, :3, 2], cameras.extrinsics[:, :3, 3]
-    depth = ((points - centres[..., None, None]) * forward[..., None, None]).sum(dim=1)
-    surfaces = torch.cat((colour, 1.0 / depth[:, None].clamp_min(SMALLEST_DEPTH)), dim=1)
-    harmonics = torch.stack([_harmonics(view, points[view], surfaces, cameras, config) for view in range(views)])
-    return replace(gaussians, harmonics=rearrange(harmonics, "v sh rgb h w -> (v h w) sh rgb"))
+    harmonics = fitted_harmonics(gaussians.means, gaussians.harmonics, cameras, grid, config)
+    return replace(gaussians, harmonics=harmonics)
 
 
-def _harmonics(
-    view: int,
-    points: Float[Tensor, "3 h w"],
-    surfaces: Float[Tensor, "view 4 h w"],
+def fitted_harmonics(
+    means: Float[Tensor, "n 3"],
+    harmonics: Float[Tensor, "n 1 3"],
     cameras: Cameras,
+    grid: tuple[int, int],
     config: ReceiverConfig,
-) -> Float[Tensor, "4 3 h w"]:
-    """Return the harmonics of one view's Gaussians: their own colour in their own direction d, plus a fitted slope.
+) -> Float[Tensor, "n 4 3"]:
+    """Return the harmonics of `view_dependent`: each Gaussian's own colour in its own direction d, plus a fitted slope.
 
     The slope S (xyz to rgb) minimises sum_j w_j |S^T (d_j - d) - (c_j - c)|^2 + ridge^2 |S|^2 over the other views j.
-    The weight w_j is small where the surface of view j occludes the Gaussian. points: in the world frame. surfaces:
-    sRGB colour and inverse depth of each view.
+    The weight w_j is small where the surface of view j occludes the Gaussian.
     """
-    own, centres = surfaces[view, :3], cameras.extrinsics[:, :3, 3]
-    direction = _directions(points, centres[view])
-    ridge = config.view_dependence_ridge**2 * torch.eye(3, device=own.device)
-    matrix = ridge[..., None, None].repeat(1, 1, *own.shape[1:])
-    right = torch.zeros_like(matrix)
-    for other in range(cameras.num_views):
-        if other == view:
-            continue
-        uv, depth, is_seen = project(cameras.select([other]), points)
-        there = sample_at(surfaces[other], uv)
-        lag = (there[3] * depth).clamp_min(1e-6).log()
-        weight = is_seen * torch.sigmoid((config.hiding_lag - lag) / config.hiding_lag_width)
-        turn = _directions(points, centres[other]) - direction
-        weighted = (weight * turn)[:, None]
-        matrix.addcmul_(weighted, turn)
-        right.addcmul_(weighted, there[:3] - own)
+    views = cameras.num_views
+    points = rearrange(means, "(v h w) xyz -> v xyz h w", v=views, h=grid[0]).contiguous()
+    own = 0.5 + SH_DEGREE_0 * rearrange(harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0]).contiguous()
+    direction = _directions(points, cameras.extrinsics[:, :3, 3])
+    matrix, right = _normal_equations(points, own, direction, cameras, config)
     slope = config.view_dependence * _solution(matrix, right)
-    base = (own - 0.5 - (direction[:, None] * slope).sum(dim=0)) / SH_DEGREE_0
-    x, y, z = slope / SH_DEGREE_1
-    fitted = torch.stack((base, -y, z, -x))
-    plain = F.pad(((own - 0.5) / SH_DEGREE_0)[None], (0, 0, 0, 0, 0, 0, 0, 3))
-    is_placed = fitted.sum(dim=(0, 1)).isfinite()
-    return torch.where(is_placed, fitted, plain)
+    base = (own - 0.5 - (direction[:, :, None] * slope).sum(dim=1)) / SH_DEGREE_0
+    x, y, z = (slope / SH_DEGREE_1).unbind(dim=1)
+    fitted = torch.stack((base, -y, z, -x), dim=1)
+    plain = F.pad(((own - 0.5) / SH_DEGREE_0)[:, None], (0, 0, 0, 0, 0, 0, 0, 3))
+    is_placed = fitted.sum(dim=(1, 2)).isfinite()
+    return rearrange(torch.where(is_placed[:, None, None], fitted, plain), "v sh rgb h w -> (v h w) sh rgb")
 
 
-def _solution(matrix: Float[Tensor, "3 3 h w"], right: Float[Tensor, "3 3 h w"]) -> Float[Tensor, "3 3 h w"]:
+def _normal_equations(
+    points: Float[Tensor, "view 3 h w"],
+    own: Float[Tensor, "view 3 h w"],
+    direction: Float[Tensor, "view 3 h w"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> tuple[Float[Tensor, "view 3 3 h w"], Float[Tensor, "view 3 3 h w"]]:
+    """Return matrix and right-hand side of the slopes of all Gaussians. own: sRGB colours."""
+    forward, centres = cameras.extrinsics[:, :3, 2], cameras.extrinsics[:, :3, 3]
+    depth = ((points - centres[..., None, None]) * forward[..., None, None]).sum(dim=1)
+    surfaces = torch.cat((own, 1.0 / depth[:, None].clamp_min(SMALLEST_DEPTH)), dim=1)
+
+    def step(shift: int | Tensor, matrix: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
+        index = others(cameras.num_views, shift, points.device)
+        judges = cameras_of(cameras, index)
+        uv, depth, is_seen = project(judges, points)
+        there = sample_at(surfaces.index_select(0, index), uv)
+        lag = (there[:, 3] * depth).clamp_min(1e-6).log()
+        weight = is_seen * torch.sigmoid((config.hiding_lag - lag) / config.hiding_lag_width)
+        turn = _directions(points, judges.extrinsics[:, :3, 3]) - direction
+        weighted = (weight[:, None] * turn)[:, :, None]
+        difference = there[:, :3] - own
+        return torch.addcmul(matrix, weighted, turn[:, None]), torch.addcmul(right, weighted, difference[:, None])
+
+    ridge = config.view_dependence_ridge**2 * torch.eye(3, device=own.device)
+    start = ridge[..., None, None] + torch.zeros_like(own)[:, :, None]
+    matrix, right = fold(step, 1, cameras.num_views, (start, torch.zeros_like(start)))
+    return matrix, right
+
+
+def _solution(
+    matrix: Float[Tensor, "view 3 3 h w"], right: Float[Tensor, "view 3 3 h w"]
+) -> Float[Tensor, "view 3 3 h w"]:
     """Solve matrix X = right for X by Cramer's rule; the matrices are symmetric."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = matrix
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = (row.unbind(dim=1) for row in matrix.unbind(dim=1))
     of_x = (yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy)
     of_y, of_z = (of_x[1], xx * zz - xz * xz, xy * xz - xx * yz), (of_x[2], xy * xz - xx * yz, xx * yy - xy * xy)
     determinant = xx * of_x[0] + xy * of_x[1] + xz * of_x[2]
-    adjugate = torch.stack([torch.stack(row) for row in (of_x, of_y, of_z)])
-    return (adjugate[:, :, None] * right).sum(dim=1) / determinant
+    adjugate = torch.stack([torch.stack(row, dim=1) for row in (of_x, of_y, of_z)], dim=1)
+    return (adjugate[:, :, :, None] * right[:, None]).sum(dim=2) / determinant[:, None, None]
 
 
-def _directions(points: Float[Tensor, "3 h w"], centre: Float[Tensor, "3"]) -> Float[Tensor, "3 h w"]:
-    """Return unit vectors from a camera centre to points."""
-    offset = points - centre[:, None, None]
-    return offset * offset.square().sum(dim=0).clamp_min(SMALLEST_DEPTH**2).rsqrt()
+def _directions(points: Float[Tensor, "view 3 h w"], centres: Float[Tensor, "view 3"]) -> Float[Tensor, "view 3 h w"]:
+    """Return unit vectors to points from one camera centre per view."""
+    offset = points - centres[..., None, None]
+    return offset * offset.square().sum(dim=1, keepdim=True).clamp_min(SMALLEST_DEPTH**2).rsqrt()

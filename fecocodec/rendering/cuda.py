@@ -58,7 +58,7 @@ def gsplat_rasterization() -> Callable[..., Any]:
     except ImportError as error:
         raise InputError(
             "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
-            "run `pip install gsplat`, or stay on the CPU (--device cpu)."
+            "run `pip install gsplat`, or use the CPU by `device`."
         ) from error
     function: Callable[..., Any] = rasterization
     return function

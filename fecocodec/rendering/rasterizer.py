@@ -1,5 +1,7 @@
 """Render Gaussians through pinhole cameras."""
 
+from collections.abc import Iterator
+
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
@@ -7,7 +9,7 @@ from fecocodec.rendering.cpu import render_on_cpu
 from fecocodec.rendering.cuda import render_on_cuda
 from fecocodec.rendering.rendering import Rendering
 
-__all__ = ["Rendering", "render"]
+__all__ = ["Rendering", "render", "render_each"]
 
 _NEAR_FRACTION = 0.1  # Gaussians closer than this fraction of the near bound are not drawn
 _SH_SIZES = (1, 4, 9, 16)
@@ -37,6 +39,20 @@ def render(
     if device == "cpu":
         return render_on_cpu(gaussians, cameras, image_size, background, near)
     raise InputError(f"Gaussians on device '{device}' cannot be rendered; move them to 'cpu' or 'cuda'.")
+
+
+def render_each(
+    gaussians: Gaussians,
+    cameras: Cameras,
+    image_size: tuple[int, int],
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Iterator[Rendering]:
+    """Yield the rendering of one camera after another, so that memory does not grow with their number.
+
+    Arguments and errors as for `render`.
+    """
+    for view in range(cameras.num_views):
+        yield render(gaussians, cameras.select([view]), image_size, background)
 
 
 def _check(gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]) -> None:

@@ -1,6 +1,5 @@
 """Per-view distortion D, used for training and for the optimisation of latents."""
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -104,9 +103,3 @@ class PerceptualDistortion:
     ) -> Float[Tensor, "*batch"]:
         squared = (renderings - images).square().mean(dim=(-3, -2, -1))
         return squared + self.perceptual_weight * PERCEPTUAL[self.perceptual](renderings, images)
-
-
-def mean_psnr(renderings: Float[Tensor, "view 3 height width"], images: Float[Tensor, "view 3 height width"]) -> float:
-    """Return the PSNR in dB, at most 100, over all pixels of all views. Renderings are clamped to [0, 1]."""
-    squared = float((renderings.clamp(0, 1) - images).square().mean())
-    return -10.0 * math.log10(max(squared, 1e-10))

@@ -1,5 +1,6 @@
 """`encode`: posed photographs -> stream."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
@@ -20,6 +21,9 @@ from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder, Stage, not_optimised
+from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
+
+OnWarning = Callable[[str], None]  # (sentence)
 
 
 def encode(
@@ -31,6 +35,7 @@ def encode(
     device: str = "cpu",
     model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
+    on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream.
 
@@ -38,7 +43,7 @@ def encode(
     files. effort: "fast", "default" or "best", or an `OptimisationConfig`; more effort gives a smaller file at equal
     quality. num_stages: 1 omits the feedback stage. device: "cpu", "cuda" or "cuda:N". model: folder of the weights of
     sender and receiver, None for the default shipped model. on_progress: called with the name of the current step and
-    the completed fraction.
+    the completed fraction. on_warning: called with a sentence about each view that does not fit the others.
 
     If `views` has `alpha`, the stream marks the transparent cells, and decoders emit no Gaussians for them.
 
@@ -46,7 +51,8 @@ def encode(
     """
     lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort)
     check_views(views, num_stages)
-    return encode_with(load_codec(model_folder(model), device), views, lambda_q, num_stages, config, on_progress)
+    codec = load_codec(model_folder(model), device)
+    return encode_with(codec, views, lambda_q, num_stages, config, on_progress, on_warning)
 
 
 @torch.inference_mode(False)  # the optimisation needs gradients, which inference-mode tensors cannot have
@@ -58,6 +64,7 @@ def encode_with(
     num_stages: int = 2,
     config: OptimisationConfig = DEFAULT,
     on_progress: OnProgress = lambda _task, _fraction: None,
+    on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode with loaded networks. lambda_q: quantised lambda, see `quantise_lambda`. Views must pass `check_views`.
 
@@ -65,7 +72,16 @@ def encode_with(
     """
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    warn_of_overlap(encoder, views.names, on_warning)
     return assemble(codec, scene, write_stages(encoder, lambda_q, num_stages, config, on_progress))
+
+
+def warn_of_overlap(encoder: SceneEncoder, names: tuple[str, ...], on_warning: OnWarning) -> None:
+    """Call `on_warning` with a sentence about each view that does not fit the others, as matching shows."""
+    disparity = encoder.matching.depth.relative_disparity
+    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0))
+    for sentence in overlap_warnings(overlap, names):
+        on_warning(sentence)
 
 
 def write_stages(
@@ -114,11 +130,11 @@ def check_views(views: Views, num_stages: int) -> None:
     """Raise InputError for views or a number of stages that cannot be encoded."""
     count, (height, width) = len(views.images), views.image_size
     if not 1 <= count <= MAX_VIEWS:
-        raise InputError(f"{count} views were given; give 1 to {MAX_VIEWS} (--views chooses some).")
+        raise InputError(f"{count} views were given; give 1 to {MAX_VIEWS}, chosen by `views`.")
     if views.cameras.num_views != count:
         raise InputError(f"{count} images were given with {views.cameras.num_views} cameras; give one camera an image.")
     if min(height, width) < MIN_SIDE or max(height, width) > MAX_SIDE:
-        raise InputError(f"views are {width}x{height} pixels; sides must be {MIN_SIDE} to {MAX_SIDE} (--size resizes).")
+        raise InputError(f"views are {width}x{height} pixels; sides must be {MIN_SIDE} to {MAX_SIDE}; change `size`.")
     if not 1 <= num_stages <= MAX_STAGES:
         raise InputError(f"{num_stages} stages were asked for; choose 1 or 2.")
     if not bool(views.images.isfinite().all()):

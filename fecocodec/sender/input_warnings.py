@@ -31,7 +31,7 @@ def check_input(views: Views, effort: str | OptimisationConfig = "default") -> t
     effort: as for `encode`. The result is empty if nothing is wrong. Raises InputError for an unknown effort.
     """
     return (
-        *_warnings_about_cameras(views.cameras),
+        *_warnings_about_cameras(views.cameras, views.names),
         *_warnings_about_images(views.images),
         *_warnings_about_axes(views),
         *_warnings_about_size(views, config_of_effort(effort)),
@@ -45,11 +45,13 @@ def _warnings_about_size(views: Views, config: OptimisationConfig) -> list[str]:
     return ["the views have too many pixels to optimise their latents; give fewer or smaller views."]
 
 
-def _warnings_about_cameras(cameras: Cameras) -> list[str]:
+def _warnings_about_cameras(cameras: Cameras, names: tuple[str, ...]) -> list[str]:
     warnings = []
     ratio = float(cameras.far / cameras.near)
     if ratio > LARGEST_DEPTH_RATIO:
-        warnings.append(f"far is {ratio:.0f} times near, so depth will be coarse; give tighter bounds (--near, --far).")
+        warnings.append(
+            f"far is {ratio:.0f} times near, so depth will be coarse; give tighter bounds by `near` and `far`."
+        )
     if cameras.num_views == 1:
         return [
             *warnings,
@@ -57,9 +59,15 @@ def _warnings_about_cameras(cameras: Cameras) -> list[str]:
         ]
     points = _sample_points(cameras)
     overlap = _largest_overlap(points, cameras)
-    alone = [str(view) for view in range(cameras.num_views) if overlap[view] < LEAST_OVERLAP]
+    alone = [
+        f"{name} ({100 * share:.0f}%)"
+        for name, share in zip(names, overlap.tolist(), strict=True)
+        if share < LEAST_OVERLAP
+    ]
     if alone:
-        warnings.append(f"views that hardly overlap with any other: {', '.join(alone)}; choose views that overlap.")
+        warnings.append(
+            f"by their cameras, these views hardly overlap others: {', '.join(alone)}; choose views that overlap."
+        )
     if _largest_parallax(points, cameras) < LEAST_PARALLAX_DEGREES:
         warnings.append("the cameras are almost at one position, so depth is unreliable; choose views farther apart.")
     return warnings

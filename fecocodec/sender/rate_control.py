@@ -16,10 +16,10 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.distortion import mean_psnr
-from fecocodec.sender.encode import assemble, check_views, write_stages
+from fecocodec.sender.decoded_quality import DecodedQuality, decoded_quality
+from fecocodec.sender.encode import OnWarning, assemble, check_views, warn_of_overlap, write_stages
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
-from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig, config_of_effort
+from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 
@@ -49,11 +49,16 @@ Target = AtMostKib | AtLeastPsnr
 
 @dataclass(frozen=True)
 class Attempt:
-    """One encoding. data: the stream. psnr: PSNR of the decoded context views, in dB."""
+    """One encoding. data: the stream. quality: of the context views, decoded from it."""
 
     lambda_q: int
     data: bytes
-    psnr: float
+    quality: DecodedQuality
+
+    @property
+    def psnr(self) -> float:
+        """Mean PSNR of the decoded context views, in dB."""
+        return self.quality.psnr
 
 
 Encoder = Callable[[int, OptimisationConfig], Attempt]
@@ -67,6 +72,7 @@ def encode_to_target(
     device: str = "cpu",
     model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
+    on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
 
@@ -75,7 +81,8 @@ def encode_to_target(
     """
     check_views(views, num_stages=2)
     config = config_of_effort(effort)
-    return encode_to_target_with(load_codec(model_folder(model), device), views, target, config, on_progress)
+    codec = load_codec(model_folder(model), device)
+    return encode_to_target_with(codec, views, target, config, on_progress, on_warning)
 
 
 @torch.inference_mode(False)
@@ -86,21 +93,28 @@ def encode_to_target_with(
     target: Target,
     config: OptimisationConfig = DEFAULT,
     on_progress: OnProgress = lambda _task, _fraction: None,
+    on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    warn_of_overlap(encoder, views.names, on_warning)
 
     def attempt(lambda_q: int, config: OptimisationConfig) -> Attempt:
         stages = write_stages(encoder, lambda_q, 2, config)
-        rendering = encoder.render(stages[-1]).scenes[0].color
-        return Attempt(lambda_q, assemble(codec, scene, stages), mean_psnr(rendering, scene.images[0]))
+        data = assemble(codec, scene, stages)
+        return Attempt(lambda_q, data, decoded_quality(codec.receiver, data, views, len(stages)))
 
-    return search(attempt, target, config, on_progress).data
+    return search(attempt, target, config, views.names, on_progress).data
 
 
-def search(encoder: Encoder, target: Target, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
-    """Return the best of a few encodings that reach the target. Raises InputError if no lambda reaches it."""
+def search(
+    encoder: Encoder, target: Target, config: OptimisationConfig, names: tuple[str, ...], on_progress: OnProgress
+) -> Attempt:
+    """Return the best of a few encodings that reach the target. names: of the views, for messages.
+
+    Raises InputError if no lambda reaches the target.
+    """
     fast: list[Point] = []
     lambda_q = FIRST_LAMBDA_Q
     for number in range(NUM_FAST_ENCODINGS):
@@ -111,6 +125,7 @@ def search(encoder: Encoder, target: Target, config: OptimisationConfig, on_prog
             break
     full: list[Attempt] = []
     while not _is_done(full, target):
+        _require_reachable(full, target, config, names)
         on_progress(f"coding, attempt {len(full) + 1}", min(0.9, 0.3 + 0.2 * len(full)))
         full.append(encoder(lambda_q, config))
         lambda_q = next_lambda_q(fast, [_point(attempt, target) for attempt in full])
@@ -121,7 +136,6 @@ def _is_done(full: Sequence[Attempt], target: Target) -> bool:
     """Return whether the search can end.
 
     It ends if an attempt is within the tolerance, or if one reaches the target and no better attempt is left to make.
-    Raises InputError if the attempt at the favourable end of the lambda range misses the target.
     """
     points = [_point(attempt, target) for attempt in full]
     if any(is_inside(point) for point in points):
@@ -129,12 +143,22 @@ def _is_done(full: Sequence[Attempt], target: Target) -> bool:
     is_reached = any(point.margin >= 0.0 for point in points)
     if is_reached and len(full) >= NUM_FULL_ENCODINGS:
         return True
-    end = LAMBDA_Q_MAX if isinstance(target, AtMostKib) else 0
-    at_end = [attempt for attempt in full if attempt.lambda_q == end]
-    if at_end and not is_reached:
-        raise InputError(_unreachable(at_end[-1], target))
-    other_end = LAMBDA_Q_MAX - end
-    return any(attempt.lambda_q == other_end for attempt in full) and is_reached
+    unfavourable_end = LAMBDA_Q_MAX - _favourable_end(target)
+    return any(attempt.lambda_q == unfavourable_end for attempt in full) and is_reached
+
+
+def _require_reachable(
+    full: Sequence[Attempt], target: Target, config: OptimisationConfig, names: tuple[str, ...]
+) -> None:
+    """Raise InputError if the attempt at the favourable end of the lambda range misses the target, as all do then."""
+    at_end = [attempt for attempt in full if attempt.lambda_q == _favourable_end(target)]
+    if at_end and all(_point(attempt, target).margin < 0.0 for attempt in full):
+        raise InputError(_unreachable(at_end[-1], target, config, names))
+
+
+def _favourable_end(target: Target) -> int:
+    """Return the quantised lambda of the smallest file, or of the best quality."""
+    return LAMBDA_Q_MAX if isinstance(target, AtMostKib) else 0
 
 
 def _best(full: Sequence[Attempt], target: Target) -> Attempt:
@@ -158,10 +182,18 @@ def _expected(fast: Point, target: Target, config: OptimisationConfig) -> Point:
     return replace(fast, margin=fast.margin + (SIZE_GAIN if isinstance(target, AtMostKib) else PSNR_GAIN))
 
 
-def _unreachable(attempt: Attempt, target: Target) -> str:
+def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, names: tuple[str, ...]) -> str:
+    """Return the error message for a target that `attempt`, at the favourable end of the lambda range, misses."""
     if isinstance(target, AtMostKib):
         return (
             f"a file of {target.kib:g} KiB cannot be made, the smallest has {len(attempt.data) / 1024:.2f}; "
             "raise the target, or give fewer or smaller views."
         )
-    return f"a PSNR of {target.psnr:g} dB cannot be reached, the best is {attempt.psnr:.2f}; lower the target."
+    worst = attempt.quality.worst_view
+    effort = "" if config.num_steps >= BEST.num_steps else ", use more `effort`"
+    others = f", or leave out the worst view, {names[worst]} ({attempt.quality.psnr_of_view[worst]:.2f} dB)"
+    return (
+        f"a PSNR of {target.psnr:g} dB cannot be reached, the best is {attempt.psnr:.2f}: even the smallest lambda, "
+        "with the largest file, is limited by the detail that the networks represent and by how well the views "
+        f"agree; lower the target{effort}{others if len(names) > 2 else ''}."
+    )

@@ -53,7 +53,7 @@ class BatchShapes:
             if not self._sizes_for(count):
                 raise InputError(
                     f"{count} context views exceed the {self.most_pixels} pixels of a batch of the usual shape at "
-                    "every size; give a smaller size too, fewer views (--views 2), or more scenes."
+                    "every size; give a smaller size too, fewer context views by `view_shares`, or more scenes."
                 )
 
     @property

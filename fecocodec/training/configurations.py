@@ -15,6 +15,7 @@ from fecocodec.training.schedule import Schedule
 from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, VideoProtocol
 
 Precision = Literal["float32", "bfloat16"]
+Background = Literal["black", "random"]
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Configuration:
     shapes: of the batches of each process. lambda_range: least and largest lambda; log(lambda) is uniform between them.
     precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
     `fine_tuning`). distortion: D of the loss.
+    background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
     alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimiser: parameters of the optimiser.
     protocol: choice of the frames of chunks, None for our own (see `ChunkScenes`).
@@ -43,6 +45,7 @@ class Configuration:
     sender: CodecConfig = field(default_factory=SenderConfig)
     frozen: tuple[str, ...] = ()
     distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
+    background: Background = "black"
     kept_batches: int = 0
     alone_every: int = 8
     optimiser: OptimiserConfig = OptimiserConfig()  # noqa: RUF009 - frozen
@@ -56,7 +59,7 @@ class Configuration:
             )
         if self.kept_batches and "extractor" not in self.frozen:
             raise InputError(
-                "Features can be kept only while the extractor is frozen; freeze it (--freeze extractor), or keep none."
+                "Features can be kept only while the extractor is frozen; add it to `frozen`, or keep none."
             )
         if self.kept_batches and self.is_paper:
             raise InputError("The paper's method keeps no features; leave out --keep.")
@@ -125,6 +128,7 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
             ),
             schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
             distortion=LogDistortion(),
+            background="random",
         ),
         # Our method with the paper's extractor, for the receivers of compact models.
         "compact-re10k": Configuration(

@@ -13,7 +13,7 @@ import torch
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.objective import Batch, Extracted
 
-FRESH_SHARE = 0.25  # of the steps draw a new batch
+FRESH_SHARE = 0.15  # of the steps draw a new batch
 
 
 @dataclass(frozen=True)

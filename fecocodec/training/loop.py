@@ -202,7 +202,8 @@ class Trainer:
             return paper_loss(batch, stages, configuration.distortion)
         weight = configuration.schedule.disparity_weight_at(self.step)
         outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, num_stages, extracted, weight)
-        return loss_of(batch, outcomes, matched, weight, configuration.distortion)
+        background = self._draw_background(batch)
+        return loss_of(batch, outcomes, matched, weight, configuration.distortion, background)
 
     def _report_skipped(self, batch: Batch) -> None:
         """Count the scenes that could not be used, and write why, one line each, to `bad_scenes_RANK.txt`."""
@@ -232,6 +233,12 @@ class Trainer:
             return draw(), None, num_stages
         batch, extracted = self.kept.take(shape, self.generator, draw, partial(extract, self.sender, self.receiver))
         return batch, extracted, num_stages
+
+    def _draw_background(self, batch: Batch) -> Tensor | None:
+        """Return a colour per scene for the loss, None for black."""
+        if self.settings.configuration.background == "black":
+            return None
+        return torch.rand(len(batch.images), 3, generator=self.generator).to(batch.images)
 
     def _batches_ahead(self) -> Iterator[Batch]:
         """Return the batches from the present step on; workers start at the first call."""

@@ -61,7 +61,7 @@ class MatchedDisparity:
     """Relative disparity at 1/4: trainable, aggregated by matching, and the cross-view consistency of the latter."""
 
     learned: Float[Tensor, "batch view h4 w4"]
-    settled: Float[Tensor, "batch view h4 w4"]
+    aggregated: Float[Tensor, "batch view h4 w4"]
     agreement: Float[Tensor, "batch view h4 w4"]
 
 
@@ -231,7 +231,7 @@ def with_targets(sender: Sender, batch: Batch, matched: MatchedDisparity) -> Mat
     is_consistent = matched.agreement > AGREED
     return MatchedDisparity(
         matched.learned,
-        torch.where(is_consistent, matched.settled, disparity),
+        torch.where(is_consistent, matched.aggregated, disparity),
         torch.where(is_consistent, matched.agreement, consistency),
     )
 
@@ -242,20 +242,22 @@ def loss_of(
     matched: MatchedDisparity,
     disparity_weight: float,
     distortion: Distortion = MseDistortion(),  # noqa: B008 - frozen
+    background: Float[Tensor, "batch 3"] | None = None,
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
     """Return the loss and its parts for the log.
 
     The loss is the sum over stages of D + lambda R (paper, training strategy), with lambda of the stage, plus L1 losses
-    on relative disparity. D: weighted mean of `distortion` over views. R: bits per context pixel. Disparity is
-    supervised where depth is known or cross-view consistent. The gradient of R has the weight ENTROPY_PRICE, which
-    `code_with_noise` rescales to lambda for all networks except the entropy model.
+    on relative disparity. D: weighted mean of `distortion` over views, rendered over `background`, an sRGB colour per
+    scene, black by default. R: bits per context pixel. Disparity is supervised where depth is known or cross-view
+    consistent. The gradient of R has the weight ENTROPY_PRICE, which `code_with_noise` rescales to lambda for all
+    networks except the entropy model.
     """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
     truth = _best_known_disparity(batch, matched)
     parts = {"matching": _masked_l1(matched.learned, truth)}
     total = disparity_weight * MATCHING_WEIGHT * parts["matching"]
     for stage, outcome in enumerate(outcomes, start=1):
-        rendered = torch.stack([rendering.color for rendering in outcome.renderings])
+        rendered = _over_background(outcome.renderings, background)
         images = batch.images[:, : rendered.shape[1]]
         squared = (rendered.detach() - images).square().mean(dim=(0, 2, 3, 4))
         weight = _view_weights(batch.num_context, images.shape[1], distortion.target_weight).to(squared)
@@ -271,6 +273,17 @@ def loss_of(
             f"disparity{stage}": disparity,
         }
     return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def _over_background(
+    renderings: tuple[Rendering, ...], background: Float[Tensor, "batch 3"] | None
+) -> Float[Tensor, "batch view 3 h w"]:
+    """Return the images over a background colour. renderings: over black."""
+    colour = torch.stack([rendering.color for rendering in renderings])
+    if background is None:
+        return colour
+    transparency = 1.0 - torch.stack([rendering.alpha for rendering in renderings])
+    return colour + transparency[:, :, None] * background[:, None, :, None, None]
 
 
 def _view_weights(num_context: int, num_views: int, target_weight: float) -> Float[Tensor, " view"]:
@@ -289,7 +302,7 @@ def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tens
     Matched depth has sharper edges than decoded depth, and its errors differ between the views.
     """
     is_photograph = batch.depth.isnan().all(dim=(1, 2, 3), keepdim=True)
-    agreed = torch.where(matched.agreement > AGREED, matched.settled, torch.nan)
+    agreed = torch.where(matched.agreement > AGREED, matched.aggregated, torch.nan)
     return torch.where(is_photograph, agreed, _true_disparity(batch))
 
 

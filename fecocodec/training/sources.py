@@ -27,7 +27,7 @@ def open_sources(
     Raises InputError if a folder has no usable content, or too few frames for the batches of the configuration.
     """
     if photographs is None and min(configuration.schedule.photograph_share) == 1.0:
-        raise InputError("This configuration trains on photographs alone, but there are none; give --photographs.")
+        raise InputError("This configuration trains on photographs alone, but there are none; give `photographs`.")
     texture_set = pattern_textures(NUM_PATTERNS)
     if textures is not None:
         texture_set += textures_from_folder(textures)
@@ -50,7 +50,7 @@ def _open_photographs(folder: Path, configuration: Configuration) -> ChunkScenes
     if scenes.most_frames < most_views:
         raise InputError(
             f"{folder}: no scene has the {most_views} frames that batches may ask for; "
-            "add photographs, or train fewer context views (--views 2)."
+            "add photographs, or train fewer context views by `view_shares`."
         )
     return scenes
 

@@ -31,8 +31,9 @@ CommandLine = Callable[..., Result]
 
 
 @pytest.fixture
-def fecosplat(capsys: pytest.CaptureFixture[str]) -> CommandLine:
-    """Call `fecosplat(*arguments)` as a terminal would."""
+def fecosplat(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> CommandLine:
+    """Call `fecosplat(*arguments)` as a terminal would, without lines of progress, which a slow machine would print."""
+    monkeypatch.setattr("fecosplat_cli.progress.SECONDS_BETWEEN_LINES", float("inf"))
 
     def call(*arguments: object) -> Result:
         code = run([str(argument) for argument in arguments])

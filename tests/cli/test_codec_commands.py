@@ -1,6 +1,7 @@
 """`encode`, `decode` and `render` on photographs, with the shipped weights."""
 
 import json
+import re
 import resource
 import subprocess
 import sys
@@ -33,6 +34,20 @@ def test_encode_reports_json(fecosplat, photographs: Path, tmp_path: Path) -> No
     assert fields["bytes"] == output.stat().st_size
     assert (fields["views"], fields["height"], fields["width"], fields["stages"]) == (3, 64, 96, 2)
     assert fields["lambda"] == pytest.approx(1e-2, rel=2e-3)
+    views = fecocodec.read_views(photographs, views=tuple(view["name"] for view in fields["context_views"]))
+    decoded = fecocodec.decode(output.read_bytes())
+    rendered = fecocodec.render(decoded.gaussians, decoded.cameras, decoded.image_size).color.clamp(0, 1)
+    expected = -10 * (rendered - views.images).square().mean(dim=(1, 2, 3)).log10()
+    assert [view["psnr"] for view in fields["context_views"]] == pytest.approx(expected.tolist(), abs=0.01)
+    assert fields["context_psnr"] == pytest.approx(float(expected.mean()), abs=0.01)
+    sizes = [section["payload_bytes"] for section in fields["sections"] if section["name"] in ("B1", "B2")]
+    assert [stage["kib"] for stage in fields["stage_results"]] == pytest.approx([n / 1024 for n in sizes], abs=0.02)
+
+
+def test_encode_prints_size_and_quality_of_each_stage(fecosplat, photographs: Path, tmp_path: Path) -> None:
+    result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", "--views", "0,1", "--effort", "fast")
+    quality = r" +\d+\.\d\d KiB +\d+\.\d\d dB"
+    assert re.search(rf"\n  stage 1:{quality}\n  stage 2:{quality}\n  in all: {quality}, PSNR of the", result.err)
 
 
 def test_encode_chooses_views_by_name_size_and_bounds(fecosplat, photographs: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from refusals import assert_refused
 
 WITHOUT_GSPLAT = (
     "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
-    "run `pip install gsplat`, or stay on the CPU (--device cpu)."
+    "run `pip install gsplat`, or use the CPU by --device."
 )
 
 PHOTOGRAPHS, GAUSSIANS = "a folder of photographs", "a file of Gaussians"

@@ -12,7 +12,7 @@ from tests.example_scenes import MODEL
 
 
 def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
-    yield Verdict("wall: easy", "finite", 20.0, 0.0, 21.0, 0.0, 3.5, 0, ""), 0.5
+    yield Verdict("wall: reference", "finite", 20.0, 0.0, 21.0, 0.0, 3.5, 0, ""), 0.5
     yield Verdict("wall: black", "warned", 40.0, -20.0, 40.0, -19.0, 1.5, 0, "the sender gave no warning"), 1.0
 
 

@@ -103,7 +103,7 @@ def test_nothing_is_intact_without_the_first_stage() -> None:
 
 
 def test_a_damaged_second_stage_is_answered_with_the_way_out() -> None:
-    with pytest.raises(BitstreamError, match=r"section B2 .*--stages 1"):
+    with pytest.raises(BitstreamError, match=r"section B2 .*`stages=1`"):
         read_stream(GOOD[: EXAMPLE.end - 1])
 
 

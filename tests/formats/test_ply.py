@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from fecocodec.errors import InputError, OutputError
-from fecocodec.formats.ply import OPACITY_MARGIN, read_ply, write_ply
+from fecocodec.formats.gaussian_arrays import OPACITY_MARGIN
+from fecocodec.formats.ply import read_ply, write_ply
 from fecocodec.geometry.gaussians import Gaussians
 
 

@@ -21,7 +21,7 @@ from wall_scene import (
 )
 
 from fecocodec.formats.exr import ExrImage, write_exr
-from fecocodec.formats.scene_folder import read_view_cameras, read_views, view_names
+from fecocodec.formats.scene_folder import read_views, view_names
 from fecocodec.geometry.cameras import pixel_rays
 from fecocodec.geometry.views import Views
 
@@ -173,25 +173,6 @@ def test_missing_depth_bounds_enclose_the_wall_closely(write, tmp_path):
     depths = np.stack([wall_depth(shot.camera_to_world, ray) for shot, ray in zip(taken, rays, strict=True)])
     assert 0.5 * depths.min() < cameras.near.item() < depths.min()
     assert depths.max() < cameras.far.item() < 2 * depths.max()
-
-
-@pytest.mark.parametrize(("distortion", "size"), [({}, None), (BARREL, None), (BARREL, (64, 96))])
-def test_cameras_alone_are_those_of_the_views_and_need_no_pixels(distortion, size, tmp_path):
-    folder = write_transforms(tmp_path / "scene", shots(3, distortion=distortion), near=1.5, far=9.0)
-    expected = read_views(folder, views=(2, 0), size=size)
-    for image in (folder / "images").iterdir():
-        image.write_bytes(image.read_bytes()[:200])  # the header is whole
-    cameras, image_size, names = read_view_cameras(folder, views=(2, 0), size=size)
-    for field, expected_field in zip(cameras.fields(), expected.cameras.fields(), strict=True):
-        assert torch.equal(field, expected_field)
-    assert (image_size, names) == (expected.image_size, expected.names)
-
-
-def test_cameras_alone_get_their_depth_bounds_from_pixels_where_nothing_else_tells_them(tmp_path):
-    folder = write_transforms(tmp_path / "scene", shots(2))
-    cameras, _, _ = read_view_cameras(folder)
-    expected = read_views(folder).cameras
-    assert torch.equal(cameras.near, expected.near) and torch.equal(cameras.far, expected.far)
 
 
 def test_small_errors_of_a_rotation_are_mended(tmp_path):

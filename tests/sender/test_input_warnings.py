@@ -32,7 +32,7 @@ def test_too_many_pixels_for_the_effort_that_is_asked_for() -> None:
     [
         (sideways(0.002), "the cameras are almost at one position"),
         (turning(), "the cameras are almost at one position"),
-        (back_to_back(), "views that hardly overlap with any other: 0, 1"),
+        (back_to_back(), "by their cameras, these views hardly overlap with any other: view 0 (0%), view 1 (0%)"),
     ],
 )
 def test_cameras_that_reconstruct_badly(poses: torch.Tensor, sentence: str) -> None:

@@ -13,7 +13,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.distortion import mean_psnr
+from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 from fecocodec.sender.rate_control import (
@@ -29,6 +29,7 @@ from fecocodec.sender.rate_control import (
 from tests.example_scenes import MODEL, example_views
 
 CONFIG = DEFAULT.with_steps(2)
+NAMES = ("left.jpg", "right.jpg")
 
 
 class Curve:
@@ -43,7 +44,7 @@ class Curve:
         gain = 0.0 if config is FAST else 1.0
         num_bytes = 2000 * math.exp(2.8 - 0.0019 * lambda_q + 3e-7 * lambda_q**2 - 0.07 * gain + wiggle)
         psnr = 31.0 - 4e-6 * lambda_q**2 - 1e-3 * lambda_q + 1.2 * gain + 2.0 * wiggle
-        return Attempt(lambda_q, bytes(round(num_bytes)), psnr)
+        return Attempt(lambda_q, bytes(round(num_bytes)), DecodedQuality((psnr + 1.0, psnr - 1.0)))
 
 
 def quiet(_task: str, _fraction: float) -> None: ...
@@ -53,7 +54,7 @@ def quiet(_task: str, _fraction: float) -> None: ...
 @pytest.mark.parametrize("kib", [3.0, 5.0, 8.0, 15.0, 25.0])
 def test_a_size_is_hit_within_three_percent(kib: float, noise: float) -> None:
     curve = Curve(noise)
-    found = search(curve, AtMostKib(kib), DEFAULT, quiet)
+    found = search(curve, AtMostKib(kib), DEFAULT, NAMES, quiet)
     assert 0.97 * 1024 * kib <= len(found.data) <= 1024 * kib
     assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS and curve.calls[FAST] <= NUM_FAST_ENCODINGS
 
@@ -62,7 +63,7 @@ def test_a_size_is_hit_within_three_percent(kib: float, noise: float) -> None:
 @pytest.mark.parametrize("psnr", [20.0, 24.0, 27.0, 30.0])
 def test_a_quality_is_reached_and_exceeded_by_little(psnr: float, noise: float) -> None:
     curve = Curve(noise)
-    found = search(curve, AtLeastPsnr(psnr), DEFAULT, quiet)
+    found = search(curve, AtLeastPsnr(psnr), DEFAULT, NAMES, quiet)
     assert psnr <= found.psnr <= psnr + 0.3
     assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS
 
@@ -72,19 +73,19 @@ def test_a_quality_is_reached_and_exceeded_by_little(psnr: float, noise: float) 
     [(AtMostKib(1000.0), 0), (AtLeastPsnr(5.0), 1768)],
 )
 def test_a_target_that_every_lambda_reaches_gets_the_end_of_the_range(target: Target, lambda_q: int) -> None:
-    assert search(Curve(0.0), target, DEFAULT, quiet).lambda_q == lambda_q
+    assert search(Curve(0.0), target, DEFAULT, NAMES, quiet).lambda_q == lambda_q
 
 
 @pytest.mark.parametrize(
     ("target", "sentence"),
     [
         (AtMostKib(0.5), r"a file of 0\.5 KiB cannot be made, the smallest has \d"),
-        (AtLeastPsnr(99.0), "a PSNR of 99 dB cannot be reached, the best is 32"),
+        (AtLeastPsnr(99.0), "a PSNR of 99 dB cannot be reached, the best is 32.*limited by the detail.*use more `eff"),
     ],
 )
 def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        search(Curve(0.0), target, DEFAULT, quiet)
+        search(Curve(0.0), target, DEFAULT, NAMES, quiet)
 
 
 @pytest.fixture(scope="module")
@@ -101,8 +102,9 @@ def views() -> Views:
 def quality_of(codec: Codec, views: Views) -> Callable[[bytes], float]:
     def quality_of(data: bytes) -> float:
         with torch.no_grad():
-            gaussians = decode_with(codec.receiver, data).gaussians
-            return mean_psnr(render(gaussians, views.cameras, views.image_size).color, views.images)
+            decoded = decode_with(codec.receiver, data)
+            rendered = render(decoded.gaussians, decoded.cameras, views.image_size).color.clamp(0, 1)
+            return float(-10 * (rendered - views.images).square().flatten(1).mean(dim=1).log10().mean())
 
     return quality_of
 
@@ -118,4 +120,20 @@ def test_files_keep_a_quality(codec: Codec, views: Views, quality_of: Callable[[
     best = encode_with(codec, views, quantise_lambda(1e-5), config=CONFIG)
     target = AtLeastPsnr(quality_of(best) - 1.0)
     found = encode_to_target_with(codec, views, target, CONFIG)
-    assert quality_of(found) > target.psnr - 0.01
+    assert quality_of(found) >= target.psnr
+
+
+def test_quality_is_measured_after_each_stage_as_decoded(
+    views: Views, random_weights: Path, quality_of: Callable[[bytes], float]
+) -> None:
+    data = encode_with(load_codec(random_weights / MODEL, "cpu"), views, quantise_lambda(1e-4), config=FAST)
+    first, last = measure_decoded(data, views, model=random_weights / MODEL)
+    assert last.psnr == pytest.approx(quality_of(data), abs=1e-4)
+    assert first.psnr != last.psnr
+    assert last.psnr_of_view[last.worst_view] == min(last.psnr_of_view)
+
+
+def test_the_worst_of_several_views_is_named() -> None:
+    curve = Curve(0.0)
+    with pytest.raises(InputError, match=r"leave out the worst view, right\.jpg \(\d+\.\d\d dB\)"):
+        search(curve, AtLeastPsnr(99.0), DEFAULT, (*NAMES, "third.jpg"), quiet)

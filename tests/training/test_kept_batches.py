@@ -67,5 +67,5 @@ def test_a_run_with_kept_batches_trains_all_but_the_extractor(it: Trainer, tmp_p
 
 
 def test_features_of_an_extractor_that_is_trained_cannot_be_kept() -> None:
-    with pytest.raises(InputError, match=r"only while the extractor is frozen; freeze it \(--freeze extractor\)"):
+    with pytest.raises(InputError, match=r"only while the extractor is frozen; add it to `frozen`"):
         replace(CONFIGURATIONS["compact"], kept_batches=10)

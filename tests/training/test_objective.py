@@ -127,8 +127,8 @@ def test_depth_that_context_views_do_not_confirm_is_taken_from_targets_that_do(
     photographs = replace(batch, depth=torch.full_like(batch.depth, torch.nan))
     found = with_targets(sender, photographs, alone)
     assert calls[0].shape[1] == 3
-    assert found.settled[..., :4].unique().tolist() == pytest.approx([0.3])
-    assert found.settled[..., 4:].unique().tolist() == pytest.approx([0.9])
+    assert found.aggregated[..., :4].unique().tolist() == pytest.approx([0.3])
+    assert found.aggregated[..., 4:].unique().tolist() == pytest.approx([0.9])
     assert found.agreement[..., 3:5].flatten().unique().tolist() == pytest.approx([0.8, 0.95])
     assert with_targets(sender, batch, alone) is alone
     assert len(calls) == 1  # exact depth needs no other
@@ -152,3 +152,22 @@ def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.Mod
     assert len(outcomes[1].renderings) == len(outcomes[2].renderings) == 1
     assert not torch.equal(outcomes[2].prediction.gaussians.means, outcomes[1].prediction.gaussians.means)
     assert len(two) == 2
+
+
+@torch.no_grad()
+def test_transparent_pixels_show_the_background_of_the_loss(networks: nn.ModuleDict, batch: Batch):
+    outcomes, matched = run_stages(networks["sender"], networks["receiver"], batch, bypass_coding, 1)
+    clear = replace(
+        outcomes[0].renderings[0],
+        color=torch.zeros_like(outcomes[0].renderings[0].color),
+        alpha=torch.full_like(outcomes[0].renderings[0].alpha, 0.75),
+    )
+    black = replace(batch, images=torch.zeros_like(batch.images))
+
+    def error(background: torch.Tensor | None) -> float:
+        rendered = [replace(outcomes[0], renderings=(clear,))]
+        return loss_of(black, rendered, matched, 1.0, background=background)[1]["mse1"]
+
+    assert error(None) == 0.0
+    assert error(torch.tensor([[1.0, 1.0, 1.0]])) == pytest.approx(0.25**2)
+    assert error(torch.tensor([[1.0, 0.0, 0.0]])) == pytest.approx(0.25**2 / 3)

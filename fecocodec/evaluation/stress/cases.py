@@ -32,7 +32,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class StressCase:
-    """One stress case. harder: creates its trial. easy: creates the reference trial of the same scene.
+    """One stress case. trial: creates its trial. reference: creates the reference trial of the same scene.
 
     rule: pass criterion. "finite": all Gaussians and images are finite, and the PLY can be written. "refused": the
     sender raises InputError. The other rules require "finite" and in addition: "warned", at least one input warning;
@@ -41,8 +41,8 @@ class StressCase:
     """
 
     name: str
-    harder: Callable[[], Trial]
-    easy: Callable[[], Trial]
+    trial: Callable[[], Trial]
+    reference: Callable[[], Trial]
     rule: str = "finite"
 
 
@@ -81,7 +81,7 @@ def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
         ("512x512 pixels", lambda: perturbations.resized(views, 512, 512), "finite"),
         ("64x512 pixels", lambda: perturbations.resized(views, 512, 64), "finite"),
     ]
-    easy = StressCase(f"{name}: easy", lambda: pair, lambda: pair)
+    reference = StressCase(f"{name}: reference", lambda: pair, lambda: pair)
     others = [
         StressCase(f"{name}: {label}", lambda make=make: Trial(make(), two), lambda: pair, rule)  # type: ignore[misc]
         for label, make, rule in made
@@ -89,7 +89,7 @@ def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
     doubled = views.select([0, 0, 1, 1, *range(2, len(views.images))])
     single = views.select([0, *range(2, len(views.images))])
     return (
-        easy,
+        reference,
         *others,
         StressCase(f"{name}: every view twice", lambda: Trial(doubled, 4), lambda: pair),
         StressCase(f"{name}: one view", lambda: Trial(single, 1), lambda: pair, "warned"),
@@ -120,21 +120,21 @@ def room_cases() -> tuple[StressCase, ...]:
     def trial(room: Room, poses: torch.Tensor) -> Trial:
         return Trial(photograph(room, poses, ROOM_SIZE), len(poses) - 1)
 
-    def easy() -> Trial:
+    def reference() -> Trial:
         return trial(plain, sideways())
 
     return (
-        StressCase("room: easy", easy, easy),
+        StressCase("room: reference", reference, reference),
         *(
-            StressCase(f"room: {label}", lambda room=room: trial(room, sideways()), easy)  # type: ignore[misc]
+            StressCase(f"room: {label}", lambda room=room: trial(room, sideways()), reference)  # type: ignore[misc]
             for label, room in surfaces.items()
         ),
         *(
-            StressCase(f"room: {label}", lambda poses=poses: trial(plain, poses), easy, rule)  # type: ignore[misc]
+            StressCase(f"room: {label}", lambda poses=poses: trial(plain, poses), reference, rule)  # type: ignore[misc]
             for label, (poses, rule) in paths.items()
         ),
         *(
-            StressCase(f"room: {count} views", lambda count=count: trial(plain, along_a_line(count)), easy, rule)  # type: ignore[misc]
+            StressCase(f"room: {count} views", lambda count=count: trial(plain, along_a_line(count)), reference, rule)  # type: ignore[misc]
             for count, rule in ((1, "warned"), (3, "finite"), (8, "finite"), (16, "finite"))
         ),
     )

@@ -65,12 +65,12 @@ class StressSuite:
         self._codec = codec
         self._lambda_q = quantise_lambda(lmbda)
         (self._baseline,) = (s for s in image_systems(codec) if (s.name, s.setting) == BASELINE)
-        self._easy: dict[str, tuple[_Outcome, float]] = {}  # by scene: outcome of the codec, PSNR of the baseline
+        self._reference: dict[str, tuple[_Outcome, float]] = {}  # by scene: outcome of the codec, PSNR of the baseline
 
     def judge(self, case: StressCase) -> Verdict:
         """Run a case and check its rule. Every error is a failure, except an InputError if the rule is "refused"."""
-        easy, easy_baseline = self._outcome_of_easy(case)
-        trial = case.harder()
+        reference, reference_baseline = self._outcome_of_reference(case)
+        trial = case.trial()
         warnings = check_input(trial.views.select(list(range(trial.num_context))))
         try:
             found = self._run(trial)
@@ -82,12 +82,12 @@ class StressSuite:
             case=case.name,
             rule=case.rule,
             psnr=found.psnr,
-            lost=easy.psnr - found.psnr,
+            lost=reference.psnr - found.psnr,
             baseline_psnr=baseline,
-            baseline_lost=easy_baseline - baseline,
+            baseline_lost=reference_baseline - baseline,
             kib=len(found.data) / 1024,
             warnings=len(warnings),
-            complaint=_complaint(case.rule, found, easy, warnings),
+            complaint=_complaint(case.rule, found, reference, warnings),
         )
 
     def judge_generations(self, name: str, trial: Trial) -> Verdict:
@@ -122,12 +122,12 @@ class StressSuite:
         """Return the case name of repeated coding of this scene."""
         return f"{name}: {GENERATIONS} generations"
 
-    def _outcome_of_easy(self, case: StressCase) -> tuple[_Outcome, float]:
+    def _outcome_of_reference(self, case: StressCase) -> tuple[_Outcome, float]:
         scene = case.name.partition(":")[0]
-        if scene not in self._easy:
-            trial = case.easy()
-            self._easy[scene] = self._run(trial), self._run_baseline(trial)
-        return self._easy[scene]
+        if scene not in self._reference:
+            trial = case.reference()
+            self._reference[scene] = self._run(trial), self._run_baseline(trial)
+        return self._reference[scene]
 
     def _run(self, trial: Trial) -> _Outcome:
         """Encode and decode the context views, and measure PSNR at the target views of the trial."""
@@ -145,16 +145,16 @@ def _verdict(case: StressCase, warnings: tuple[str, ...], complaint: str) -> Ver
     return Verdict(case.name, case.rule, None, None, None, None, None, len(warnings), complaint)
 
 
-def _complaint(rule: str, found: _Outcome, easy: _Outcome, warnings: tuple[str, ...]) -> str:
+def _complaint(rule: str, found: _Outcome, reference: _Outcome, warnings: tuple[str, ...]) -> str:
     """Return how the rule is violated, or an empty string."""
     if problem := _not_finite(found):
         return problem
-    difference = abs(found.psnr - easy.psnr)
+    difference = abs(found.psnr - reference.psnr)
     if rule == "refused":
         return "it was not refused"
     if rule == "warned" and not warnings:
         return "the sender gave no warning"
-    if rule == "same bytes" and read_stream(found.data).payloads != read_stream(easy.data).payloads:
+    if rule == "same bytes" and read_stream(found.data).payloads != read_stream(reference.data).payloads:
         return "the payloads differ from those of the reference"
     if rule in ("same bytes", "same picture") and difference > SAME_PICTURE_DB:
         return f"the PSNR differs by {difference:.3f} dB from that of the reference"

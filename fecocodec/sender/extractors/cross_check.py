@@ -31,12 +31,12 @@ def agreement(
         own = cameras.scene(scene)
         for view, others in enumerate(views):
             for source in others:
-                candidate = _agreement_with(relative[scene, source], points[scene, view], own, source)
+                candidate = agreement_with(relative[scene, source], points[scene, view], own, source)
                 consistency[scene, view] = torch.maximum(consistency[scene, view], candidate)
     return consistency
 
 
-def _agreement_with(
+def agreement_with(
     relative: Float[Tensor, "h w"], points: Float[Tensor, "h w 3"], cameras: Cameras, source: int
 ) -> Float[Tensor, "h w"]:
     """Return the consistency of world points with the relative disparity of one source view."""

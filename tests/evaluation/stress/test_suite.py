@@ -42,18 +42,18 @@ def test_these_hold_even_untrained(suite: StressSuite, pair: Trial, name: str) -
 
 def test_a_broken_rule_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
     units = case(pair, "unit of length 1024 times smaller")
-    not_refused = suite.judge(StressCase(units.name, units.harder, units.easy, "refused"))
+    not_refused = suite.judge(StressCase(units.name, units.trial, units.reference, "refused"))
     assert not_refused.complaint == "it was not refused" and not not_refused.is_passed
-    silent = suite.judge(StressCase(units.name, units.harder, units.easy, "warned"))
+    silent = suite.judge(StressCase(units.name, units.trial, units.reference, "warned"))
     assert silent.complaint == "the sender gave no warning"
     darker = case(pair, "black")
-    other = suite.judge(StressCase(darker.name, darker.harder, darker.easy, "same bytes"))
+    other = suite.judge(StressCase(darker.name, darker.trial, darker.reference, "same bytes"))
     assert other.complaint == "the payloads differ from those of the reference"
 
 
 def test_a_refusal_where_none_belongs_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
     axes = case(pair, "mirrored axes")
-    verdict = suite.judge(StressCase(axes.name, axes.harder, axes.easy, "finite"))
+    verdict = suite.judge(StressCase(axes.name, axes.trial, axes.reference, "finite"))
     assert verdict.psnr is None and verdict.complaint.startswith("InputError:")
 
 

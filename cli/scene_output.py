@@ -1,0 +1,40 @@
+"""Write decoded Gaussians and cameras in the requested frame and formats."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from .output import write_stdout
+from .paths import STDOUT
+
+if TYPE_CHECKING:
+    from fecocodec import Decoded
+
+GAUSSIAN_ENDINGS = (".ply", ".spz", ".sog", ".glb")  # .compressed.ply ends in .ply
+Frame = Literal["input", "first-camera"]
+
+
+def write_scene(
+    decoded: "Decoded",
+    output: Path,
+    cameras_file: Path | None,
+    *,
+    frame: Frame,
+    spz_version: Literal[3, 4],
+    overwrite: bool,
+) -> None:
+    """Write the Gaussians to `output`, and the cameras to `cameras_file` if it is given. Raises OutputError."""
+    from fecocodec.formats.camera_json import write_camera_json
+    from fecocodec.formats.gaussian_arrays import camera_arrays, gaussian_arrays
+    from fecocodec.formats.gaussian_files import gaussian_bytes, in_frame_of_first_camera, write_gaussians
+
+    gaussians = gaussian_arrays(decoded.gaussians, "standard output" if output == STDOUT else str(output))
+    cameras = camera_arrays(decoded.cameras, decoded.image_size)
+    if frame == "first-camera":
+        gaussians, cameras = in_frame_of_first_camera(gaussians, cameras)
+    if output == STDOUT:
+        write_stdout(gaussian_bytes(Path("standard output"), gaussians, cameras, spz_version))
+    else:
+        write_gaussians(output, gaussians, cameras, spz_version=spz_version, overwrite=overwrite)
+    if cameras_file is not None:
+        names = [f"{view:02d}.png" for view in range(len(cameras.extrinsics))]  # as `render` names its images
+        write_camera_json(cameras_file, cameras, names, overwrite=overwrite)

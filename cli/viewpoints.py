@@ -1,0 +1,57 @@
+"""The cameras that `fecosplat render` renders at: those of the file, of --cameras, or of a path near them."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fecocodec.container import read_header
+
+from .naming import naming
+from .selection import Selection, resolve
+
+if TYPE_CHECKING:
+    from fecocodec import Cameras, Decoded, Gaussians
+    from fecocodec.formats.render_cameras import RenderCameras
+
+PATH_NAMES = ("spiral", "orbit", "between")
+DEFAULT_FRAMES, DEFAULT_FPS = 120, 30.0
+
+
+def read_given_cameras(path: Path, selection: Selection | None, size: tuple[int, int] | None) -> "RenderCameras":
+    """Read the cameras of --cameras."""
+    from fecocodec.formats.render_cameras import read_render_cameras
+
+    return read_render_cameras(path, views=resolve(path, selection), size=size)
+
+
+def names_of(given: "RenderCameras | None", scene: Path, data: bytes, num_frames: int | None) -> tuple[str, ...]:
+    """Return one name per rendering: that of its photograph, or its number. num_frames: of a path, None without one."""
+    if num_frames is None and given is not None:
+        return given.names
+    if num_frames is None:
+        with naming(scene):
+            num_frames = read_header(data).header.num_views
+    digits = max(2, len(str(num_frames - 1)))
+    return tuple(f"{number:0{digits}d}" for number in range(num_frames))
+
+
+def cameras_and_size(
+    given: "RenderCameras | None", decoded: "Decoded | None", gaussians: "Gaussians"
+) -> "tuple[Cameras, tuple[int, int]]":
+    """Return the cameras before a path is laid near them, and (height, width) in pixels.
+
+    Depth bounds are those of the decoded file, else of the camera file, else of the visible Gaussians.
+    """
+    if given is None:
+        assert decoded is not None  # a .ply file needs --cameras
+        return decoded.cameras, decoded.image_size
+    if decoded is not None:
+        return replace(given.cameras, near=decoded.cameras.near, far=decoded.cameras.far), given.image_size
+    if given.has_depth_bounds:
+        return given.cameras, given.image_size
+
+    from fecocodec.geometry.depth_range import bounds_of_visible_points
+
+    near, far = bounds_of_visible_points(gaussians.means.cpu(), given.cameras)
+    bounds = {"near": given.cameras.near.new_tensor(near), "far": given.cameras.far.new_tensor(far)}
+    return replace(given.cameras, **bounds), given.image_size

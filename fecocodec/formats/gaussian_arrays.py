@@ -1,0 +1,160 @@
+"""Gaussians and cameras as NumPy arrays: what the writers of output files read. No torch."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fecocodec.errors import OutputError
+
+OPACITY_MARGIN = 1e-6  # opacities 0 and 1 have no finite logit; they are stored this far inside
+RDF_TO_RUB = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV axes (right, down, forward) to OpenGL axes (right, up, backward)
+
+
+@dataclass(frozen=True)
+class GaussianArrays:
+    """3D Gaussians of one scene in float64. Fields and conventions are those of `geometry.gaussians.Gaussians`."""
+
+    means: Float[np.ndarray, "n 3"]
+    scales: Float[np.ndarray, "n 3"]
+    rotations: Float[np.ndarray, "n 4"]
+    opacities: Float[np.ndarray, " n"]
+    harmonics: Float[np.ndarray, "n d_sh 3"]
+
+    @property
+    def count(self) -> int:
+        return len(self.means)
+
+    @property
+    def sh_degree(self) -> int:
+        return int(np.sqrt(self.harmonics.shape[1])) - 1
+
+    @property
+    def log_scales(self) -> Float[np.ndarray, "n 3"]:
+        return np.log(self.scales)
+
+    @property
+    def logits(self) -> Float[np.ndarray, " n"]:
+        """Return the logits of the opacities, finite also for 0 and 1."""
+        inside = np.clip(self.opacities, OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+        return np.log(inside) - np.log1p(-inside)
+
+    def ordered(self, order: Int[np.ndarray, " n"]) -> "GaussianArrays":
+        """Return the Gaussians in another order."""
+        return GaussianArrays(*(field[order] for field in self.fields()))
+
+    def transformed(self, pose: Float[np.ndarray, "4 4"]) -> "GaussianArrays":
+        """Return the Gaussians in another frame. pose: rigid transform from the old frame to the new one.
+
+        Raises OutputError for harmonics above degree 1, whose rotation is not implemented.
+        """
+        if self.sh_degree > 1:
+            raise OutputError("the frame of harmonics above degree 1 cannot be changed; write them in their own frame.")
+        rotation = pose[:3, :3]
+        return GaussianArrays(
+            self.means @ rotation.T + pose[:3, 3],
+            self.scales,
+            _multiply(_quaternion(rotation), self.rotations),
+            self.opacities,
+            _rotated_harmonics(self.harmonics, rotation),
+        )
+
+    def fields(self) -> tuple[np.ndarray, ...]:
+        return self.means, self.scales, self.rotations, self.opacities, self.harmonics
+
+
+@dataclass(frozen=True)
+class CameraArrays:
+    """The coded cameras. extrinsics: camera-to-world, OpenCV axes. intrinsics: normalised by image width and height.
+
+    near, far: bounds of depth in scene units. image_size: (height, width) in pixels.
+    """
+
+    extrinsics: Float[np.ndarray, "view 4 4"]
+    intrinsics: Float[np.ndarray, "view 3 3"]
+    near: float
+    far: float
+    image_size: tuple[int, int]
+
+    def transformed(self, pose: Float[np.ndarray, "4 4"]) -> "CameraArrays":
+        """Return the cameras in another frame. pose: rigid transform from the old frame to the new one."""
+        return CameraArrays(pose @ self.extrinsics, self.intrinsics, self.near, self.far, self.image_size)
+
+
+def gaussian_arrays(gaussians: Any, place: str) -> GaussianArrays:
+    """Convert Gaussians whose fields are CPU tensors or arrays, and check that files can represent them.
+
+    Raises OutputError, which begins with `place`, if a value is not finite in float32 or out of range.
+    """
+    arrays = GaussianArrays(*(_float64(field) for field in gaussians.fields()))
+    require_values(place, "opacities", "in [0, 1]", (arrays.opacities >= 0) & (arrays.opacities <= 1))
+    require_values(place, "scales", "above 0", arrays.scales > 0)
+    with np.errstate(over="ignore"):
+        for field in arrays.fields():
+            require_values(place, "values", "finite in float32", np.isfinite(field.astype(np.float32)))
+    return arrays
+
+
+def camera_arrays(cameras: Any, image_size: tuple[int, int]) -> CameraArrays:
+    """Convert cameras whose fields are CPU tensors or arrays. image_size: (height, width) in pixels."""
+    extrinsics, intrinsics, near, far = (_float64(field) for field in cameras.fields())
+    return CameraArrays(extrinsics, intrinsics, float(near), float(far), image_size)
+
+
+def require_values(place: str, what: str, demand: str, is_good: Bool[np.ndarray, "n *rest"]) -> None:
+    """Raise OutputError for the first Gaussian that is not good. Comparisons with NaN are false, so NaN is rejected."""
+    if not is_good.all():
+        first = int(np.argwhere(~is_good)[0, 0])
+        raise OutputError(
+            f"{place}: Gaussian {first} has {what} not {demand}; nothing was written, check their source."
+        )
+
+
+def without_largest(
+    quaternions: Float[np.ndarray, "n 4"],
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
+    """Return the index of the largest component of each unit quaternion, and the other three in their order.
+
+    The sign is chosen such that the largest component is positive, so the three determine it ("smallest three").
+    """
+    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    largest = np.abs(unit).argmax(axis=1)
+    unit = unit * np.where(np.take_along_axis(unit, largest[:, None], axis=1) < 0, -1.0, 1.0)
+    is_kept = np.arange(4) != largest[:, None]
+    return largest, unit[is_kept].reshape(-1, 3)
+
+
+def _float64(field: Any) -> np.ndarray:
+    return np.asarray(field.detach() if hasattr(field, "detach") else field, dtype=np.float64)
+
+
+def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
+    """Return the unit quaternion wxyz of a rotation matrix: the leading eigenvector of Bar-Itzhack's matrix (2000)."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    matrix = np.array(
+        [
+            [a + e + i, h - f, c - g, d - b],
+            [h - f, a - e - i, b + d, c + g],
+            [c - g, b + d, e - a - i, f + h],
+            [d - b, c + g, f + h, i - a - e],
+        ]
+    )
+    return np.linalg.eigh(matrix)[1][:, -1]
+
+
+def _multiply(first: Float[np.ndarray, " 4"], second: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
+    """Return the quaternion products wxyz `first * second`, which rotate by `second` and then by `first`."""
+    w, x, y, z = first
+    return second @ np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]).T
+
+
+def _rotated_harmonics(
+    harmonics: Float[np.ndarray, "n d_sh 3"], rotation: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n d_sh 3"]:
+    """Rotate harmonics of degree 0 or 1. Degree 1 is a linear function of the direction, v . direction."""
+    if harmonics.shape[1] == 1:
+        return harmonics
+    of_y, of_z, of_x = -harmonics[:, 1], harmonics[:, 2], -harmonics[:, 3]
+    x, y, z = np.einsum("ij,jnc->inc", rotation, np.stack((of_x, of_y, of_z)))
+    return np.stack((harmonics[:, 0], -y, z, -x), axis=1)

@@ -1,0 +1,184 @@
+"""Camera paths near the cameras of a scene: along them, a spiral around their mean, and an orbit around the scene."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+
+SPIRAL_TURNS = 2
+LEAST_RADIUS = 0.02  # of the spiral, relative to the depth of its focus
+RISE = 0.3  # height of the spiral, relative to its width
+LEAST_ORBIT_DEGREES = 5.0  # to each side, of an orbit that is not a full turn
+LARGEST_GAP_DEGREES = 90.0  # between neighbouring cameras, seen from the centre, of a capture all around
+
+Pose = Float[Tensor, "4 4"]
+
+
+def between(cameras: Cameras, count: int) -> Cameras:
+    """Return `count` cameras that pass through all cameras of one scene, at equal steps from camera to camera.
+
+    Cameras are ordered by nearest neighbours from one end. Positions follow a Catmull-Rom spline (Catmull and Rom, "A
+    class of local interpolating splines", 1974). A rotation is the one nearest to the weighted mean of two matrices.
+    """
+    order = _nearest_neighbour_order(cameras.extrinsics[:, :3, 3])
+    ordered = cameras.select(order)
+    times = torch.linspace(0, len(order) - 1, count).tolist()
+    poses = [_pose_at(ordered.extrinsics, time) for time in times]
+    intrinsics = [_mixed(ordered.intrinsics, time) for time in times]
+    return replace(cameras, extrinsics=torch.stack(poses), intrinsics=torch.stack(intrinsics))
+
+
+def spiral(cameras: Cameras, count: int) -> Cameras:
+    """Return `count` cameras on a spiral around the mean camera, looking at the scene's focus (closed path).
+
+    The focus is on the mean optical axis, at the harmonic mean of near and far. The width of the spiral is the RMS
+    distance of the cameras from their mean along the horizontal axis, at least LEAST_RADIUS of the depth of the focus.
+    """
+    pose, depth = _mean_pose(cameras), _focus_depth(cameras)
+    focus = pose[:3, 3] + depth * pose[:3, 2]
+    offsets = (cameras.extrinsics[:, :3, 3] - pose[:3, 3]) @ pose[:3, :3]
+    width = max(float(offsets[:, 0].square().mean().sqrt()), LEAST_RADIUS * depth)
+    height = max(float(offsets[:, 1].square().mean().sqrt()), RISE * width)
+
+    def pose_at(share: float) -> Pose:
+        turn = 2 * math.pi * share
+        swing = offsets.new_tensor(
+            (width * math.cos(SPIRAL_TURNS * turn), height * math.sin(SPIRAL_TURNS * turn), width * math.sin(turn) / 2)
+        )
+        return _looking_at(pose[:3, 3] + pose[:3, :3] @ swing, focus, down=pose[:3, 1])
+
+    return _closed_path(cameras, count, pose_at)
+
+
+def orbit(cameras: Cameras, count: int) -> Cameras:
+    """Return `count` cameras on a circle around the scene's centre, looking at it (closed path).
+
+    Cameras all around the centre give a full turn. Otherwise the path swings over the angle that the cameras cover, at
+    least LEAST_ORBIT_DEGREES to each side. The axis of rotation is the mean vertical axis of the cameras; distance and
+    height are their means.
+    """
+    centre, axes = _centre_of_view(cameras), _orbit_axes(cameras)
+    offsets = (cameras.extrinsics[:, :3, 3] - centre) @ axes
+    radius, height = float(offsets[:, [0, 2]].norm(dim=1).mean()), float(offsets[:, 1].mean())
+    angles = torch.atan2(offsets[:, 0], -offsets[:, 2])  # 0 at the mean viewing direction
+    first, last, is_full = _covered_angles(angles)
+
+    def pose_at(share: float) -> Pose:
+        swing = share * 2 * math.pi if is_full else (last - first) * (1 + math.sin(2 * math.pi * share)) / 2
+        angle = first + swing
+        offset = offsets.new_tensor((radius * math.sin(angle), height, -radius * math.cos(angle)))
+        return _looking_at(centre + axes @ offset, centre, down=axes[:, 1])
+
+    return _closed_path(cameras, count, pose_at)
+
+
+PATHS: dict[str, Callable[[Cameras, int], Cameras]] = {"spiral": spiral, "orbit": orbit, "between": between}
+
+
+def _closed_path(cameras: Cameras, count: int, pose_at: Callable[[float], Pose]) -> Cameras:
+    """Return cameras with the mean intrinsics at `pose_at(share)`, share = 0, 1 / count, 2 / count, ..."""
+    poses = torch.stack([pose_at(frame / count) for frame in range(count)])
+    return replace(cameras, extrinsics=poses, intrinsics=cameras.intrinsics.mean(dim=0).expand(count, -1, -1))
+
+
+def _nearest_neighbour_order(centres: Float[Tensor, "view 3"]) -> list[int]:
+    """Return the indices of the views from one end, each followed by the nearest remaining view."""
+    distance = torch.cdist(centres, centres)
+    order = [int(distance.sum(dim=1).argmax())]
+    while len(order) < len(centres):
+        others = [view for view in range(len(centres)) if view not in order]
+        order.append(min(others, key=lambda view: float(distance[order[-1], view])))
+    return order
+
+
+def _pose_at(poses: Float[Tensor, "view 4 4"], time: float) -> Pose:
+    pose = torch.eye(4).to(poses)
+    pose[:3, :3] = _nearest_rotation(_mixed(poses[:, :3, :3], time))
+    pose[:3, 3] = _catmull_rom(poses[:, :3, 3], time)
+    return pose
+
+
+def _mixed(values: Float[Tensor, "view *shape"], time: float) -> Float[Tensor, "*shape"]:
+    """Interpolate linearly between the values at the whole numbers around `time`."""
+    index = min(int(time), max(len(values) - 2, 0))
+    return torch.lerp(values[index], values[min(index + 1, len(values) - 1)], time - index)
+
+
+def _catmull_rom(points: Float[Tensor, "view 3"], time: float) -> Float[Tensor, "3"]:
+    """Interpolate points at 0, 1, 2, ... by a Catmull-Rom spline, with the end points repeated."""
+    last = len(points) - 1
+    index = min(int(time), max(last - 1, 0))
+    before, start, end, after = (points[min(max(index + step, 0), last)] for step in (-1, 0, 1, 2))
+    t = time - index
+    linear, square = end - before, 2 * before - 5 * start + 4 * end - after
+    return start + 0.5 * t * (linear + t * (square + t * (3 * (start - end) + after - before)))
+
+
+def _nearest_rotation(matrix: Float[Tensor, "3 3"]) -> Float[Tensor, "3 3"]:
+    left, _, right = torch.linalg.svd(matrix)
+    sign = torch.ones(3).to(matrix)
+    sign[2] = torch.linalg.det(left @ right)
+    return left @ (sign[:, None] * right)
+
+
+def _mean_pose(cameras: Cameras) -> Pose:
+    pose = torch.eye(4).to(cameras.extrinsics)
+    pose[:3, :3] = _nearest_rotation(cameras.extrinsics[:, :3, :3].mean(dim=0))
+    pose[:3, 3] = cameras.extrinsics[:, :3, 3].mean(dim=0)
+    return pose
+
+
+def _focus_depth(cameras: Cameras) -> float:
+    """Return the harmonic mean of near and far, in scene units."""
+    return float(2.0 / (1.0 / cameras.near + 1.0 / cameras.far))
+
+
+def _looking_at(centre: Float[Tensor, "3"], target: Float[Tensor, "3"], down: Float[Tensor, "3"]) -> Pose:
+    """Return the pose at `centre` whose optical axis passes through `target`, with image rows along `down`."""
+    forward = torch.nn.functional.normalize(target - centre, dim=0)
+    right = torch.nn.functional.normalize(torch.linalg.cross(down, forward), dim=0)
+    pose = torch.eye(4).to(centre)
+    pose[:3, :3] = torch.stack((right, torch.linalg.cross(forward, right), forward), dim=1)
+    pose[:3, 3] = centre
+    return pose
+
+
+def _centre_of_view(cameras: Cameras) -> Float[Tensor, "3"]:
+    """Return the point nearest to all optical axes (least squares).
+
+    A weak prior keeps it near the mean depth of focus, because nearly parallel axes do not determine it.
+    """
+    centres, forward = cameras.extrinsics[:, :3, 3], cameras.extrinsics[:, :3, 2]
+    across = torch.eye(3).to(centres) - forward[:, :, None] * forward[:, None, :]
+    expected = (centres + _focus_depth(cameras) * forward).mean(dim=0)
+    weight = 1e-2 * len(centres)
+    normal = across.sum(dim=0) + weight * torch.eye(3).to(centres)
+    return torch.linalg.solve(normal, (across @ centres[:, :, None]).sum(dim=0)[:, 0] + weight * expected)
+
+
+def _orbit_axes(cameras: Cameras) -> Float[Tensor, "3 3"]:
+    """Return the axes right, down, forward as columns: down is the mean down axis, forward the mean view across it."""
+    down = torch.nn.functional.normalize(cameras.extrinsics[:, :3, 1].mean(dim=0), dim=0)
+    mean = cameras.extrinsics[:, :3, 2].mean(dim=0)
+    first = cameras.extrinsics[0, :3, 2]
+    forward = mean if float((mean - (mean @ down) * down).norm()) > 0.1 else first  # cameras all around have no mean
+    forward = torch.nn.functional.normalize(forward - (forward @ down) * down, dim=0)
+    return torch.stack((torch.linalg.cross(down, forward), down, forward), dim=1)
+
+
+def _covered_angles(angles: Float[Tensor, " view"]) -> tuple[float, float, bool]:
+    """Return the first and last angle in radians, and whether the cameras surround the centre."""
+    ordered = angles.sort().values
+    gaps = torch.cat((ordered[1:] - ordered[:-1], ordered[:1] + 2 * math.pi - ordered[-1:]))
+    widest = int(gaps.argmax())
+    if float(gaps[widest]) < math.radians(LARGEST_GAP_DEGREES):
+        return 0.0, 2 * math.pi, True
+    first = float(ordered[(widest + 1) % len(ordered)])
+    last = first + 2 * math.pi - float(gaps[widest])
+    middle, half = (first + last) / 2, max((last - first) / 2, math.radians(LEAST_ORBIT_DEGREES))
+    return middle - half, middle + half, False

@@ -1,0 +1,31 @@
+"""Pairs of a view and another one of the same scene: all views at once, with the view `shift` places after each.
+
+A loop over shifts from 1 visits every ordered pair of different views once.
+"""
+
+import torch
+from jaxtyping import Int64
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+
+
+def others(num_views: int, shift: int | Tensor, device: torch.device) -> Int64[Tensor, " view"]:
+    """Return the index of the view `shift` places after each view, cyclically."""
+    index = torch.arange(num_views, device=device) + shift
+    return torch.where(index >= num_views, index - num_views, index)
+
+
+def cameras_of(cameras: Cameras, index: Int64[Tensor, " view"]) -> Cameras:
+    """Return the cameras of these views of one scene."""
+    return Cameras(
+        cameras.extrinsics.index_select(0, index), cameras.intrinsics.index_select(0, index), cameras.near, cameras.far
+    )
+
+
+def end_of_third_view_shifts(num_views: int) -> int | Tensor:
+    """Return the end of the shifts for steps that need three or more views: 1, hence no shift, for fewer."""
+    if torch.compiler.is_exporting():  # the number of views of a graph is variable
+        count = torch.scalar_tensor(num_views, dtype=torch.int64)
+        return torch.where(count > 2, count, 1)
+    return num_views if num_views > 2 else 1

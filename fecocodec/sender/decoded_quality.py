@@ -1,0 +1,60 @@
+"""Quality of the context views as decoded: decode the stream, render at its cameras, compare with the photographs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from fecocodec.checkpoint import model_folder
+from fecocodec.container import read_stream
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_with
+from fecocodec.receiver.model import Receiver
+from fecocodec.rendering.metrics import psnr
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.codec import load_codec
+
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite
+
+
+@dataclass(frozen=True)
+class DecodedQuality:
+    """Quality of the context views after one stage. psnr_of_view: PSNR of each view in dB, at most 100."""
+
+    psnr_of_view: tuple[float, ...]
+
+    @property
+    def psnr(self) -> float:
+        """Mean PSNR over the views, in dB."""
+        return sum(self.psnr_of_view) / len(self.psnr_of_view)
+
+    @property
+    def worst_view(self) -> int:
+        """Index of the view with the smallest PSNR."""
+        return self.psnr_of_view.index(min(self.psnr_of_view))
+
+
+def measure_decoded(
+    data: bytes, views: Views, *, device: str = "cpu", model: Path | str | None = None
+) -> tuple[DecodedQuality, ...]:
+    """Decode a stream that was encoded from `views`, and return the quality of the context views after each stage.
+
+    device, model: as for `encode`. Raises BitstreamError for an invalid stream, ModelError if weights cannot be loaded.
+    """
+    receiver = load_codec(model_folder(model), device).receiver
+    num_stages = len(read_stream(data).payloads)
+    return tuple(decoded_quality(receiver, data, views, stage) for stage in range(1, num_stages + 1))
+
+
+@torch.no_grad()
+def decoded_quality(receiver: Receiver, data: bytes, views: Views, num_stages: int) -> DecodedQuality:
+    """Decode `num_stages` stages with a loaded receiver, and return the quality of the context views.
+
+    Transparent photographs are white where they are transparent, and so is the background of their renderings.
+    """
+    decoded = decode_with(receiver, data, stages=num_stages)
+    background = BLACK if views.alpha is None else WHITE
+    rendered = render(decoded.gaussians, decoded.cameras, views.image_size, background).color
+    quality = psnr(rendered.clamp(0, 1), views.images.to(rendered)).clamp(max=LARGEST_PSNR)
+    return DecodedQuality(tuple(quality.tolist()))

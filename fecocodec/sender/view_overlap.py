@@ -1,0 +1,109 @@
+"""Overlap of the context views after matching, and warnings about views that do not fit the others.
+
+The limits were chosen on scenes that weights are trained on: of pairs with overlap, 15% or more of the pixels are
+confirmed; of pairs whose second photograph was replaced by that of another scene, fewer than 2%.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.sender.extractors.cross_check import TOLERANCE, agreement_with
+
+LEAST_SHARED, LEAST_CONFIRMED = 0.1, 0.02  # shares of a view's pixels below which `overlap_warnings` names the view
+DISPARITY_DIFFERENCE = 0.01  # largest difference of relative disparity, of consistent depths
+COLOUR_DIFFERENCE = 0.1  # largest mean absolute difference of sRGB, of similar colours
+LEAST_CORRELATION = 0.6  # of windows of similar texture
+_WINDOW = 5  # side of the window, in pixels at 1/4 resolution
+_LEAST_COVARIANCE = 1e-4  # sum over the colours; uniform windows correlate
+
+
+@dataclass(frozen=True)
+class ViewOverlap:
+    """Overlap of the pixels of view a (row) with view b (column), as shares in [0, 1]; 0 on the diagonal.
+
+    shared: pixels whose matched point projects into the image of b. confirmed: those among them whose depth, colour and
+    texture agree with b.
+    """
+
+    shared: Float[Tensor, "view view"]
+    confirmed: Float[Tensor, "view view"]
+
+
+@torch.no_grad()
+def view_overlap(
+    images: Float[Tensor, "view 3 h w"], relative_disparity: Float[Tensor, "view 1 h4 w4"], cameras: Cameras
+) -> ViewOverlap:
+    """Measure the overlap of all pairs of views of one scene.
+
+    images: sRGB in [0, 1]. relative_disparity: in [0, 1], of every view by matching (`MatchedDepth`). cameras: of the
+    scene, normalised.
+    """
+    relative = rearrange(relative_disparity, "v 1 h w -> v h w")
+    colours = F.interpolate(images, relative.shape[-2:], mode="area")
+    depth = depth_from_relative_disparity(relative[None], cameras.as_batch())[0]
+    points = camera_to_world_points(cameras, pixel_rays(cameras, *relative.shape[-2:]) * depth[..., None])
+    count = len(images)
+    shared, confirmed = torch.zeros(count, count), torch.zeros(count, count)
+    for view in range(count):
+        for other in (other for other in range(count) if other != view):
+            projected = cameras.select([other]).project(points[view])
+            consistency = agreement_with(relative[other], points[view], cameras, other)
+            has_same_depth = consistency > math.exp(-DISPARITY_DIFFERENCE / TOLERANCE)
+            is_confirmed = has_same_depth & _looks_alike(colours[view], colours[other], projected.uv[0])
+            shared[view, other] = projected.is_visible[0].float().mean()
+            confirmed[view, other] = is_confirmed.float().mean()
+    return ViewOverlap(shared, confirmed)
+
+
+def overlap_warnings(overlap: ViewOverlap, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return one sentence per view that hardly overlaps with any other, or that no other view confirms."""
+    if len(names) == 1:
+        return ()
+    shared, confirmed = overlap.shared.amax(dim=1), torch.maximum(overlap.confirmed, overlap.confirmed.T).amax(dim=1)
+    warnings = []
+    for name, share, certain in zip(names, shared.tolist(), confirmed.tolist(), strict=True):
+        if share < LEAST_SHARED:
+            warnings.append(
+                f"{name} shares {100 * share:.1f}% of its pixels with the view that overlaps it most; choose a view "
+                "between the two, or leave it out by `views`."
+            )
+        elif certain < LEAST_CONFIRMED:
+            warnings.append(
+                f"the depth of only {100 * certain:.1f}% of the pixels of {name} is confirmed by another view; check "
+                "its camera, choose views that are closer together, or leave it out by `views`."
+            )
+    return tuple(warnings)
+
+
+def _looks_alike(
+    own: Float[Tensor, "3 h w"], other: Float[Tensor, "3 h w"], uv: Float[Tensor, "h w 2"]
+) -> Bool[Tensor, "h w"]:
+    """Return where colour and texture of an image agree with those at the positions `uv` of another one."""
+    grid = 2.0 * uv.clamp(-1, 2)[None] - 1.0
+    found = F.grid_sample(other[None], grid, padding_mode="border", align_corners=False)[0]
+    return ((own - found).abs().mean(dim=0) < COLOUR_DIFFERENCE) & (_correlation(own, found) > LEAST_CORRELATION)
+
+
+def _correlation(first: Float[Tensor, "3 h w"], second: Float[Tensor, "3 h w"]) -> Float[Tensor, "h w"]:
+    """Return the normalised cross-correlation of windows, over all colours."""
+    mean_first, mean_second = _mean(first), _mean(second)
+    covariance = (_mean(first * second) - mean_first * mean_second).sum(dim=0)
+    variances = [
+        (_mean(image.square()) - mean.square()).sum(dim=0).clamp_min(0)
+        for image, mean in ((first, mean_first), (second, mean_second))
+    ]
+    floor = _LEAST_COVARIANCE
+    return (covariance + floor) / ((variances[0] + floor) * (variances[1] + floor)).sqrt()
+
+
+def _mean(image: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
+    """Return the mean over the part of each window inside the image."""
+    return F.avg_pool2d(image[None], _WINDOW, stride=1, padding=_WINDOW // 2, count_include_pad=False)[0]

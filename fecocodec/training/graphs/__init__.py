@@ -1,0 +1,1 @@
+"""Export of the receiver's networks to ONNX graphs, for `fecocodec.runtime` and for browsers."""

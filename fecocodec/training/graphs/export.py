@@ -1,0 +1,102 @@
+"""Export the receiver's networks to ONNX graphs, which hold no weights: they refer to the weights file."""
+
+import json
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import deepcopy
+from pathlib import Path
+
+import onnx
+import torch
+from onnxscript import optimizer
+
+from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
+from fecocodec.formats.atomic import make_folder, write_atomically
+from fecocodec.receiver.load import load_receiver
+from fecocodec.training.graphs.exact_linear import with_exact_layers
+from fecocodec.training.graphs.linking import link_weights
+from fecocodec.training.graphs.specification import Graph, network_graphs, prior_graphs
+
+OPSET = 20  # the first with GELU
+LARGEST_FOLDED = 1024  # bytes of a tensor that folding of constants may write into a graph
+GRAPHS = "graphs"  # folder of the graphs, beside the weights
+
+
+def export_receiver(folder: Path) -> None:
+    """Export all graphs of the receiver in a model's folder to its subfolder `graphs`.
+
+    Raises ModelError if the weights cannot be read, OutputError if the folder cannot be written.
+    """
+    path = folder / RECEIVER_FILE
+    receiver, _ = load_receiver(path)
+    graphs = network_graphs(receiver) | prior_graphs(with_exact_layers(deepcopy(receiver.prior)))
+    write_graphs(graphs, path.read_bytes(), folder / GRAPHS)
+
+
+def write_graphs(graphs: dict[str, Graph], weights: bytes, folder: Path) -> None:
+    """Write graphs of a weights file as NAME.onnx, with its model id as metadata. Raises OutputError if that fails."""
+    make_folder(folder)
+    for name, graph in graphs.items():
+        model = export_graph(name, graph, weights)
+        with write_atomically(folder / f"{name}.onnx", overwrite=True) as temporary:
+            temporary.write_bytes(model.SerializeToString(deterministic=True))
+
+
+def export_graph(name: str, graph: Graph, weights: bytes) -> onnx.ModelProto:
+    """Return a graph as an ONNX model whose large tensors refer to the weights file."""
+    with torch.no_grad(), _quiet_exporter():
+        program = torch.onnx.export(
+            graph.module.eval(),
+            tuple(of.example() for of in graph.inputs.values()),
+            dynamo=True,
+            opset_version=OPSET,
+            input_names=list(graph.inputs),
+            output_names=list(graph.outputs),
+            dynamic_shapes=tuple(of.dynamic() for of in graph.inputs.values()),
+            optimize=False,
+            verbose=False,
+        )
+        assert program is not None
+        optimizer.optimize_ir(program.model, output_size_limit=LARGEST_FOLDED, input_size_limit=LARGEST_FOLDED)
+        model = program.model_proto
+    link_weights(model, weights, RECEIVER_FILE)
+    _strip(model)
+    del model.metadata_props[:]
+    for key, value in (("model_id", model_id_of(weights).hex()), ("graph", name)):
+        model.metadata_props.add(key=key, value=value)
+    return model
+
+
+def _strip(model: onnx.ModelProto) -> None:
+    """Remove what only the exporter's developers read: stack traces, names of nodes and types of inner values."""
+    _strip_graph(model.graph)
+    model.doc_string = ""
+
+
+def _strip_graph(graph: onnx.GraphProto) -> None:
+    del graph.value_info[:]
+    del graph.metadata_props[:]
+    graph.doc_string = ""
+    for value in (*graph.input, *graph.output):
+        del value.metadata_props[:]
+    for node in graph.node:
+        del node.metadata_props[:]
+        node.doc_string, node.name = "", ""
+        for attribute in node.attribute:
+            if attribute.type == onnx.AttributeProto.GRAPH:
+                _strip_graph(attribute.g)
+
+
+@contextmanager
+def _quiet_exporter() -> Iterator[None]:
+    """Hide the exporter's log lines and warnings."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(before)

@@ -1,0 +1,78 @@
+"""Camera paths are rigid, pass through or stay near the given cameras, and look at the scene."""
+
+import math
+
+import pytest
+import torch
+
+from fecocodec.geometry.camera_paths import PATHS, between, orbit, spiral
+from fecocodec.geometry.cameras import Cameras
+from tests.example_scenes import example_cameras
+
+
+def ring(count: int, turn: float) -> Cameras:
+    """Cameras on an arc of `turn` radians and radius 3 around the origin, looking at it."""
+    poses = torch.eye(4).repeat(count, 1, 1)
+    for pose, angle in zip(poses, torch.linspace(0, turn * (1 - 1 / count), count).tolist(), strict=True):
+        pose[:3, 0] = torch.tensor((math.cos(angle), 0.0, math.sin(angle)))
+        pose[:3, 2] = torch.tensor((-math.sin(angle), 0.0, math.cos(angle)))
+        pose[:3, 3] = -3.0 * pose[:3, 2]
+    intrinsics = torch.tensor([[0.9, 0.0, 0.5], [0.0, 1.2, 0.5], [0.0, 0.0, 1.0]]).repeat(count, 1, 1)
+    return Cameras(poses, intrinsics, torch.tensor(2.0), torch.tensor(4.0))
+
+
+def angles_of(cameras: Cameras) -> torch.Tensor:
+    centres = cameras.extrinsics[:, :3, 3]
+    return torch.rad2deg(torch.atan2(centres[:, 0], -centres[:, 2]))
+
+
+@pytest.mark.parametrize("name", list(PATHS))
+@pytest.mark.parametrize("views", [1, 2, 5])
+def test_paths_are_rigid_and_smooth(name: str, views: int) -> None:
+    path = PATHS[name](example_cameras(views), 40)
+    rotations = path.extrinsics[:, :3, :3]
+    assert path.num_views == 40 and path.intrinsics.shape == (40, 3, 3)
+    torch.testing.assert_close(rotations @ rotations.mT, torch.eye(3).expand(40, 3, 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(torch.linalg.det(rotations), torch.ones(40), atol=1e-5, rtol=0)
+    steps = (path.extrinsics[1:, :3, 3] - path.extrinsics[:-1, :3, 3]).norm(dim=-1)
+    assert float(steps.max()) < 0.5 * max(float(steps.sum()), 1e-6) or views == 1
+
+
+def test_between_passes_through_every_camera_in_order() -> None:
+    cameras = ring(5, math.pi / 2)
+    shuffled = cameras.select([3, 0, 4, 1, 2])
+    path = between(shuffled, 9)
+    visited = path.extrinsics[::2]
+    expected = (
+        cameras.extrinsics
+        if torch.allclose(visited[0], cameras.extrinsics[0], atol=1e-5)
+        else (cameras.extrinsics.flip(0))
+    )
+    torch.testing.assert_close(visited, expected, atol=1e-5, rtol=0)
+
+
+def test_an_orbit_of_a_capture_all_around_is_a_full_turn_that_looks_at_the_centre() -> None:
+    path = orbit(ring(8, 2 * math.pi), 36)
+    centres, forward = path.extrinsics[:, :3, 3], path.extrinsics[:, :3, 2]
+    torch.testing.assert_close(centres.norm(dim=1), torch.full((36,), 3.0), atol=0.02, rtol=0)
+    torch.testing.assert_close(forward, -centres / 3.0, atol=0.02, rtol=0)
+    assert sorted(angles_of(path).round().int().remainder(360).tolist()) == list(range(0, 360, 10))
+
+
+def test_an_orbit_of_a_part_stays_within_the_captured_angle() -> None:
+    cameras = ring(4, math.pi / 3)
+    captured, swung = angles_of(cameras), angles_of(orbit(cameras, 60))
+    assert float(swung.max()) == pytest.approx(float(captured.max()), abs=1.0)
+    assert float(swung.min()) == pytest.approx(float(captured.min()), abs=1.0)
+
+
+def test_a_spiral_looks_at_the_focus_and_is_as_wide_as_the_cameras() -> None:
+    cameras = ring(2, math.radians(20))
+    path = spiral(cameras, 60)
+    mean = cameras.extrinsics[:, :3, 3].mean(dim=0)
+    baseline = (cameras.extrinsics[0, :3, 3] - cameras.extrinsics[1, :3, 3]).norm()
+    offset = path.extrinsics[:, :3, 3] - mean
+    assert 0.4 * baseline < offset.norm(dim=1).max() < 1.0 * baseline
+    focus = mean + 8 / 3 * torch.nn.functional.normalize(cameras.extrinsics[:, :3, 2].mean(dim=0), dim=0)
+    ray = torch.nn.functional.normalize(focus - path.extrinsics[:, :3, 3], dim=1)
+    torch.testing.assert_close(path.extrinsics[:, :3, 2], ray, atol=1e-3, rtol=0)

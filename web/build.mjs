@@ -1,0 +1,63 @@
+/** Build the viewer page: node build.mjs OUTPUT_FOLDER. Run by `make web`. */
+
+import { build } from "esbuild";
+import { createHash } from "node:crypto";
+import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
+
+const output = process.argv[2];
+if (!output) throw new Error("usage: node build.mjs OUTPUT_FOLDER");
+const root = join(import.meta.dirname, "..");
+const weights = join(root, "fecocodec", "weights");
+
+rmSync(output, { recursive: true, force: true });
+mkdirSync(output, { recursive: true });
+const { metafile } = await build({
+  entryPoints: { viewer: "src/viewer/viewer.ts", decoder: "src/viewer/decoder-worker.ts" },
+  outdir: output,
+  bundle: true,
+  minify: true,
+  format: "iife",
+  target: "es2022",
+  legalComments: "none", // licences.txt has the notices
+  metafile: true,
+  define: { "import.meta.url": "self.location.href" },
+});
+for (const name of ["index.html", "viewer.css"]) copyFileSync(join("src", "viewer", name), join(output, name));
+copyFileSync(join("node_modules", "onnxruntime-web", "dist", "ort-wasm-simd-threaded.wasm"), join(output, "ort.wasm"));
+copyFileSync(join(root, "fecocodec", "entropy", "symbol_tables.bin"), join(output, "symbol_tables.bin"));
+writeFileSync(join(output, "models.json"), JSON.stringify(copyModels()));
+writeFileSync(join(output, "licences.txt"), licences());
+
+/** Copy the weights and graphs of every model that has graphs; returns the model ids. */
+function copyModels() {
+  return readdirSync(weights)
+    .map((name) => join(weights, name))
+    .filter((folder) => existsSync(join(folder, "graphs", "predict.onnx")))
+    .map((folder) => {
+      const receiver = readFileSync(join(folder, "receiver.safetensors"));
+      const id = createHash("sha256").update(receiver).digest("hex").slice(0, 16);
+      const target = join(output, "models", id);
+      mkdirSync(target, { recursive: true });
+      writeFileSync(join(target, "receiver.safetensors"), receiver);
+      for (const graph of ["update.onnx", "points.onnx", "predict.onnx"]) {
+        copyFileSync(join(folder, "graphs", graph), join(target, graph));
+      }
+      return id;
+    });
+}
+
+/** Return the licence texts of the packages that were bundled. */
+function licences() {
+  const inputs = Object.keys(metafile.inputs).filter((path) => path.startsWith("node_modules/"));
+  const names = new Set(inputs.map((path) => /^node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(path)[1]));
+  return [...names].sort().map(notice).join("\n\n");
+}
+
+function notice(name) {
+  const folder = join("node_modules", name);
+  const { version, license } = JSON.parse(readFileSync(join(folder, "package.json"), "utf8"));
+  const file = readdirSync(folder).find((entry) => /^licen[cs]e/i.test(entry));
+  const text = file ? readFileSync(join(folder, file), "utf8").trim() : "";
+  return `${name} ${version}, ${license}\n\n${text}`.trim();
+}

@@ -1,0 +1,37 @@
+/** The files that decoding needs, fetched from the folder of the page. */
+
+import { unknownModel } from "../coding/stage-decoder";
+import type { ModelFiles } from "../receiver/networks";
+
+export interface Runtime {
+  wasm: Uint8Array;
+  tables: Uint8Array;
+}
+
+/** Start fetching what all models need, before a file is opened. */
+export async function fetchRuntime(): Promise<Runtime> {
+  const [wasm, tables] = await Promise.all([fetchBytes("ort.wasm"), fetchBytes("symbol_tables.bin")]);
+  return { wasm, tables };
+}
+
+/** Fetch the files of a model. Throws Refusal if the page does not have it. */
+export async function fetchModel(modelId: string): Promise<ModelFiles> {
+  const known = JSON.parse(new TextDecoder().decode(await fetchBytes("models.json"))) as string[];
+  if (!known.includes(modelId)) throw unknownModel(modelId, known);
+  const file = (name: string) => fetchBytes(`models/${modelId}/${name}`);
+  const [weights, update, points, predict] = await Promise.all(
+    ["receiver.safetensors", "update.onnx", "points.onnx", "predict.onnx"].map(file),
+  );
+  return { weights, update, points, predict };
+}
+
+/** Fetch a file. Throws Error with a sentence for the page. */
+export async function fetchBytes(url: string): Promise<Uint8Array> {
+  const response = await fetch(url).catch((error: unknown) => {
+    throw new Error(`${url}: it cannot be fetched (${String(error)}); check the address or drop the file here.`);
+  });
+  if (!response.ok) {
+    throw new Error(`${url}: the server answered ${response.status}; check the address or drop the file here.`);
+  }
+  return new Uint8Array(await response.arrayBuffer());
+}

@@ -1,0 +1,95 @@
+/** One opened file: its decoder worker, and what the page shows of it. */
+
+import { Refusal } from "../container/refusal";
+import { fetchModel, type Runtime } from "./assets";
+import type { Reply, Request, Summary } from "./messages";
+import { element, Facts, markCamera, showCameras, showProblem, showStatus } from "./panel";
+import type { SceneView } from "./scene-view";
+
+/** A file that is being decoded and shown. Closing it stops its decoder. */
+export class OpenedFile {
+  /** Bytes of a .ply file of the last decoded stage, null before. */
+  ply: Uint8Array<ArrayBuffer> | null = null;
+  summary: Summary | null = null;
+  private readonly worker = new Worker("decoder.js");
+  private readonly facts = new Facts(element<HTMLTableElement>("facts"));
+  private readonly opened = performance.now();
+
+  constructor(
+    readonly name: string,
+    data: Uint8Array,
+    private readonly runtime: Promise<Runtime>,
+    private readonly view: SceneView,
+  ) {
+    showProblem("");
+    showStatus(`${name}: reading`);
+    this.worker.onmessage = ({ data: reply }: MessageEvent<Reply>) => void this.handle(reply).catch(this.fail);
+    this.worker.onerror = (event) => this.fail(new Error(event.message || "the decoder could not be started."));
+    this.request({ kind: "open", data });
+  }
+
+  close(): void {
+    this.worker.terminate();
+    this.view.clear();
+  }
+
+  /** Move to a coded camera; indices without a camera are ignored. */
+  goTo(index: number): void {
+    const camera = this.summary?.cameras.views[index];
+    if (!camera) return;
+    markCamera(index);
+    this.view.goTo(camera);
+  }
+
+  private async handle(reply: Reply): Promise<void> {
+    if (reply.kind === "summary") await this.start(reply.summary);
+    else if (reply.kind === "ready") this.facts.addStep("load networks", reply.ms);
+    else if (reply.kind === "stage") await this.show(reply);
+    else if (reply.kind === "done") this.finish();
+    else this.fail(reply.kind === "refused" ? new Refusal(reply.rule, reply.message) : new Error(reply.message));
+  }
+
+  private async start(summary: Summary): Promise<void> {
+    this.summary = summary;
+    this.facts.addSummary(summary);
+    this.view.setCameras(summary.cameras);
+    showCameras(summary.cameras.views.length, (index) => this.goTo(index));
+    markCamera(0);
+    if (summary.damage) showProblem(`${this.name}: ${summary.damage}`);
+    showStatus(`${this.name}: loading the decoder`);
+    const waiting = performance.now();
+    const [runtime, model] = await Promise.all([this.runtime, fetchModel(summary.modelId)]);
+    this.facts.heading("Decoder");
+    this.facts.addStep("fetch decoder and model", performance.now() - waiting);
+    showStatus(`${this.name}: decoding`);
+    this.request({ kind: "decode", ...runtime, model });
+  }
+
+  private async show({ stage, count, ply, timings }: Extract<Reply, { kind: "stage" }>): Promise<void> {
+    this.ply = ply;
+    const start = performance.now();
+    await this.view.setGaussians(ply, "ply");
+    this.facts.addStage(stage, count, [...timings, { step: "to the GPU", ms: performance.now() - start }]);
+    const seconds = ((performance.now() - this.opened) / 1000).toFixed(2);
+    showStatus(`${this.name}: stage ${stage} of ${this.summary?.stages}, ${count.toLocaleString("en")} Gaussians, ${seconds} s`);
+    document.body.dataset.stage = String(stage);
+    element("download").hidden = false;
+  }
+
+  private finish(): void {
+    document.body.dataset.done = "true";
+    this.worker.terminate(); // frees the memory of the networks
+  }
+
+  private readonly fail = (error: unknown): void => {
+    const message = error instanceof Error ? error.message : String(error);
+    showProblem(`${this.name}: ${message}`);
+    document.body.dataset.rule = error instanceof Refusal ? error.rule : "";
+    if (this.ply === null) showStatus("This file could not be shown.");
+    this.finish();
+  };
+
+  private request(message: Request): void {
+    this.worker.postMessage(message);
+  }
+}

@@ -1,0 +1,107 @@
+/** Drawing and navigation of Gaussians. Only this file and coded-camera.ts import three.js, only this one Spark. */
+
+import { SparkControls, SparkRenderer, SplatFileType, SplatMesh } from "@sparkjsdev/spark";
+import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import type { StoredCamera, StoredCameras } from "../container/cameras";
+import { fit, placeAt } from "./coded-camera";
+
+const DILATION_PX2 = 0.3; // added to both variances of a splat, as in the reference renderer
+
+export type Navigation = "orbit" | "fly";
+
+/** A view of one scene of Gaussians in a canvas. */
+export class SceneView {
+  private readonly renderer: WebGLRenderer;
+  private readonly scene = new Scene();
+  private readonly camera = new PerspectiveCamera();
+  private orbit: OrbitControls | null = null;
+  private readonly fly: SparkControls;
+  private mesh: SplatMesh | null = null;
+  private navigation: Navigation = "orbit";
+  private shown: StoredCamera | null = null;
+  private focus = 1; // distance of the centre of orbits from the camera
+
+  constructor(private readonly canvas: HTMLCanvasElement) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true });
+    const spark = new SparkRenderer({
+      renderer: this.renderer,
+      preBlurAmount: DILATION_PX2,
+      blurAmount: 0,
+      maxStdDev: Math.sqrt(10),
+      sortRadial: false,
+    });
+    this.scene.add(spark);
+    this.fly = new SparkControls({ canvas });
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    this.renderer.setAnimationLoop(() => this.draw());
+  }
+
+  /** Set the cameras of a scene, before its Gaussians. */
+  setCameras({ near, far, views }: StoredCameras): void {
+    this.camera.near = 0.02 * near;
+    this.camera.far = 20 * far;
+    this.focus = (2 * near * far) / (near + far); // at the mean disparity
+    this.fly.fpsMovement.moveSpeed = 0.3 * this.focus;
+    this.fly.pointerControls.slideSpeed = 0.002 * this.focus;
+    this.fly.pointerControls.scrollSpeed = 0.001 * this.focus;
+    this.goTo(views[0]);
+  }
+
+  /** Replace the Gaussians by those of a .ply or .spz file. */
+  async setGaussians(fileBytes: Uint8Array, type: "ply" | "spz"): Promise<void> {
+    const fileType = type === "ply" ? SplatFileType.PLY : SplatFileType.SPZ;
+    const mesh = new SplatMesh({ fileBytes, fileType });
+    await mesh.initialized;
+    this.clear();
+    this.mesh = mesh;
+    this.scene.add(mesh);
+  }
+
+  clear(): void {
+    if (!this.mesh) return;
+    this.scene.remove(this.mesh);
+    this.mesh.dispose();
+    this.mesh = null;
+  }
+
+  /** Move to a coded camera. */
+  goTo(coded: StoredCamera): void {
+    this.shown = coded;
+    placeAt(this.camera, coded);
+    this.resize();
+    this.setNavigation(this.navigation);
+  }
+
+  setNavigation(navigation: Navigation): void {
+    this.navigation = navigation;
+    this.fly.fpsMovement.enable = navigation === "fly";
+    this.fly.pointerControls.enable = navigation === "fly";
+    this.orbit?.dispose();
+    this.orbit = navigation === "orbit" ? this.orbitAhead() : null;
+  }
+
+  /** Return controls that orbit around a point ahead. They take the camera's up vector when they are made. */
+  private orbitAhead(): OrbitControls {
+    this.camera.up.set(0, 1, 0).applyQuaternion(this.camera.quaternion);
+    const controls = new OrbitControls(this.camera, this.canvas);
+    const ahead = this.camera.getWorldDirection(new Vector3());
+    controls.target.copy(this.camera.position).addScaledVector(ahead, this.focus);
+    controls.listenToKeyEvents(window);
+    return controls;
+  }
+
+  private resize(): void {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (width === 0 || height === 0) return;
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.setSize(width, height, false);
+    if (this.shown) fit(this.camera, this.shown, width, height);
+    this.camera.updateProjectionMatrix();
+  }
+
+  private draw(): void {
+    if (this.navigation === "fly") this.fly.update(this.camera);
+    this.renderer.render(this.scene, this.camera);
+  }
+}
