@@ -72,7 +72,7 @@ def _numbers(row: ExternalRow) -> tuple[float | None, ...]:
 
 
 def _external_line(name: str, row: ExternalRow | None) -> tuple[str, ...]:
-    values = (None,) * 5 if row is None else _numbers(row)
+    values: tuple[float | None, ...] = (None,) * 5 if row is None else _numbers(row)
     return name, *("" if value is None else number(value, 3) for value in values)
 
 
