@@ -234,7 +234,9 @@ def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "C
         given["sizes"] = ((given["side"], given["side"]),)
     shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
     schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
-    others = {name: given[name] for name in ("lambda_range", "precision", "frozen", "kept_batches") if name in given}
+    others: dict[str, Any] = {
+        name: given[name] for name in ("lambda_range", "precision", "frozen", "kept_batches") if name in given
+    }
     if configuration.is_paper and "lambda_range" in given:
         others["receiver"] = replace(configuration.receiver, lambda_range=given["lambda_range"])
     return replace(configuration, shapes=shapes, schedule=schedule, **others)

@@ -30,8 +30,9 @@ _HEAD = ("method", "sender, M parameters", "receiver, M", "sender, s", "receiver
 def quality_charts(rows: Sequence[Average], external: Sequence[ExternalRow]) -> tuple[Chart, ...]:
     """Return one chart per metric that was measured, with the curves of our systems and of the external ones."""
     charts = []
+    every: tuple[Average | ExternalRow, ...] = (*rows, *external)
     for metric, label in METRICS.items():
-        points = [_point(row, metric) for row in (*rows, *external)]
+        points = [_point(row, metric) for row in every]
         found = [point for point in points if point is not None]
         names = dict.fromkeys(name for name, _ in found)
         series = tuple(_series(name, [mark for other, mark in found if other == name]) for name in names)
@@ -72,7 +73,7 @@ def _numbers(row: ExternalRow) -> tuple[float | None, ...]:
 
 
 def _external_line(name: str, row: ExternalRow | None) -> tuple[str, ...]:
-    values = (None,) * 5 if row is None else _numbers(row)
+    values: tuple[float | None, ...] = (None,) * 5 if row is None else _numbers(row)
     return name, *("" if value is None else number(value, 3) for value in values)
 
 

@@ -20,7 +20,7 @@ from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_l
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import Scene, prepare_scene
-from fecocodec.sender.scene_encoder import SceneEncoder, Stage, not_optimised
+from fecocodec.sender.scene_encoder import Optimise, SceneEncoder, Stage, not_optimised
 from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 
 OnWarning = Callable[[str], None]  # (sentence)
@@ -99,7 +99,7 @@ def write_stages(
     model = encoder.codec.receiver.config
     check_lambda(model, lambda_q)
     num_stages = min(num_stages, model.num_stages)
-    optimise = not_optimised
+    optimise: Optimise = not_optimised
     if model.method != PAPER:
         optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
     return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, on_progress)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import nn
 
-from fecocodec.config import CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import InputError
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
@@ -27,7 +27,10 @@ class ParameterRow:
 
 RECEIVER_SUM, SENDER_SUM = "receiver, all that decode loads", "sender, all that encode loads"
 PUBLISHED = {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6}  # the paper's Table 1
-_PROFILES: dict[str, CodecConfig] = {"compact": SenderConfig(), "paper": PaperSenderConfig()}
+_PROFILES: dict[str, tuple[CodecConfig, ReceiverConfig]] = {
+    "compact": (SenderConfig(), ReceiverConfig()),
+    "paper": (PaperSenderConfig(), ReceiverConfig(method=PAPER)),
+}
 
 
 def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
@@ -37,9 +40,9 @@ def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
     """
     if profile not in _PROFILES:
         raise InputError(f"There is no profile '{profile}'; choose one of {', '.join(_PROFILES)}.")
-    config = ReceiverConfig()
+    config, of_receiver = _PROFILES[profile]
     with torch.device("meta"):  # shapes without allocation
-        receiver, sender = Receiver(config), Sender(_PROFILES[profile], config)
+        receiver, sender = Receiver(of_receiver), Sender(config, of_receiver)
     modules = [("receiver", name, module) for name, module in receiver.named_children()]
     modules += [("sender", name, module) for name, module in _parts(sender)]
     rows = [ParameterRow(name, side, _count(module)) for side, name, module in modules]

@@ -62,7 +62,7 @@ class Configuration:
                 "Features can be kept only while the extractor is frozen; add it to `frozen`, or keep none."
             )
         if self.kept_batches and self.is_paper:
-            raise InputError("The paper's method keeps no features; leave out --keep.")
+            raise InputError("The paper's method keeps no features; leave out `kept_batches`.")
 
     @property
     def is_paper(self) -> bool:
@@ -129,6 +129,13 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
             schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
             distortion=LogDistortion(),
             background="random",
+        ),
+        # Our method with the paper's extractor, for the receivers of compact models.
+        "compact-re10k": Configuration(
+            shapes=_PAPER_RE10K.shapes,
+            schedule=replace(_PAPER_SCHEDULE, one_stage_until=5_000, bypass_until=15_000, warm_up=2_000),
+            precision="bfloat16",
+            sender=PaperSenderConfig(),
         ),
         "paper-re10k": _PAPER_RE10K,
         "paper-dl3dv": _PAPER_DL3DV,

@@ -18,7 +18,7 @@ from fecocodec.coding.rate import estimate_latents, uniform_noise
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import write_stages
-from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stage_lambdas import stage_lambdas
@@ -30,7 +30,6 @@ from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
 
 LAMBDAS_OF_A_SCENE = 2  # matching, the slowest part, is shared by them
 SCENES_OF_A_STEP = 2
-ALONE_EVERY = 8  # scenes: the last of every eight has one stage, as in training
 WARM_UP = 100  # steps
 LOG_EVERY = 200  # steps
 
@@ -40,11 +39,14 @@ class EntropyPhase:
     """Settings of the phase.
 
     num_scenes: scenes per process, whose latents are kept in memory (about 1.6 MB per pair of 256x256 pixels).
+    optimisation: of the latents, as in encoding. alone_every: the last of so many scenes has one stage, as in training.
     """
 
     num_steps: int
     num_scenes: int = 400
     learning_rate: float = 2e-3
+    optimisation: OptimisationConfig = DEFAULT
+    alone_every: int = 8
 
     def learning_rate_at(self, step: int) -> float:
         """Linear warm-up, then cosine to zero."""
@@ -67,7 +69,7 @@ def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[
     mean bits per context pixel of each stage. The checkpoint is written only at the end.
     """
     trainer.networks.load_state_dict(trainer.average)
-    scenes = draw_latents(trainer, phase.num_scenes)
+    scenes = draw_latents(trainer, phase)
     learning = nn.ModuleList((trainer.receiver.prior, trainer.sender.hyper_analysis))
     optimiser = torch.optim.AdamW(learning.parameters(), lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4, fused=True)
     order = random.Random(trainer.generator.initial_seed())
@@ -87,36 +89,42 @@ def train_entropy_model(trainer: Trainer, phase: EntropyPhase) -> Iterator[dict[
     trainer.save(trainer.checkpoint)
 
 
-def draw_latents(trainer: Trainer, num_scenes: int) -> list[SceneLatents]:
-    """Return latents of scenes drawn from the trainer's sources and shapes.
+def draw_latents(trainer: Trainer, phase: EntropyPhase) -> list[SceneLatents]:
+    """Return latents of `phase.num_scenes` scenes drawn from the trainer's sources and shapes.
 
-    Each scene is coded at `LAMBDAS_OF_A_SCENE` log-uniform values of lambda; every `ALONE_EVERY`-th scene has a single
-    stage at the last of them, as in training.
+    Each scene is coded at `LAMBDAS_OF_A_SCENE` log-uniform values of lambda; every `phase.alone_every`-th scene has a
+    single stage at the last of them, as in training.
     """
     configuration, generator = trainer.settings.configuration, trainer.generator
     share = configuration.schedule.photograph_share[1]
     lowest, highest = configuration.lambda_q_range
     codec = Codec(trainer.sender, trainer.receiver, model_id=b"")
     found: list[SceneLatents] = []
-    for number in range(1, num_scenes + 1):
+    for number in range(1, phase.num_scenes + 1):
         shape = configuration.shapes.draw(generator)
         sample = draw_sample(trainer.sources, generator, shape, share)
         drawn = torch.randint(lowest, highest + 1, (LAMBDAS_OF_A_SCENE,), generator=generator)
         context = sample.views.select(list(range(sample.num_context)))
-        num_alone = 1 if number % ALONE_EVERY == 0 else 0
-        found += latents_of(codec, context, drawn.tolist(), num_alone)
+        num_alone = 1 if number % phase.alone_every == 0 else 0
+        found += latents_of(codec, context, drawn.tolist(), num_alone, phase.optimisation)
     return found
 
 
 @torch.no_grad()
-def latents_of(codec: Codec, views: Views, lambdas_q: Sequence[int], num_alone: int = 0) -> list[SceneLatents]:
+def latents_of(
+    codec: Codec,
+    views: Views,
+    lambdas_q: Sequence[int],
+    num_alone: int = 0,
+    optimisation: OptimisationConfig = DEFAULT,
+) -> list[SceneLatents]:
     """Return the latents that the sender codes for these views; a single stage at the last `num_alone` lambdas."""
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
     found = []
     for position, lambda_q in enumerate(lambdas_q):
         num_stages = 2 if position < len(lambdas_q) - num_alone else 1
-        stages = write_stages(encoder, lambda_q, num_stages, DEFAULT)
+        stages = write_stages(encoder, lambda_q, num_stages, optimisation)
         y1_hat = stages[0].coded.y_hat if num_stages == 2 else None
         found.append(SceneLatents(lambda_q, tuple(stage.y for stage in stages), y1_hat))
     return found

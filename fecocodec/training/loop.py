@@ -64,6 +64,7 @@ class RunSettings:
     max_minutes: save and stop after this time; None for no limit. device: where the networks run, `cpu` or `cuda:N`;
     batches are drawn on the CPU. num_workers: processes that draw batches ahead; with 0 the training process does.
     validate_every, keep_every: steps between validations, and between checkpoints that are kept, with a number.
+    validation_scenes: number of held-out scenes.
     """
 
     folder: Path
@@ -76,6 +77,7 @@ class RunSettings:
     samples_every_minutes: float = 15.0
     num_workers: int = 0
     validate_every: int = 5_000
+    validation_scenes: int = 8
     keep_every: int = 25_000
 
 
@@ -318,7 +320,9 @@ class Trainer:
             return {}
         if not self._validation_scenes:
             shape = configuration.shapes.usual
-            self._validation_scenes = draw_validation_scenes(self.sources.validation, shape)
+            self._validation_scenes = draw_validation_scenes(
+                self.sources.validation, shape, self.settings.validation_scenes
+            )
         with weights_replaced(self.networks, self.average):
             rows = validate(validation_codec(self.networks), self._validation_scenes, configuration.lambda_q_range)
         path = self.settings.folder / "validation.txt"

@@ -69,5 +69,5 @@ def pinned(batch: Batch) -> Batch:
     return replace(batch, images=images, cameras=cameras, depth=depth, lambda_q=lambda_q)
 
 
-def _unchanged(batch: Batch | str) -> Batch | str:
+def _unchanged(batch: Any) -> Any:
     return batch

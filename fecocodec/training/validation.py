@@ -21,7 +21,6 @@ from fecocodec.sender.optimisation_config import FAST
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.samples import Sample, SampleSource
 
-NUM_SCENES = 8
 _SEED = 21
 
 
@@ -35,11 +34,11 @@ class ValidationRow:
     st_lpips: float
 
 
-def draw_validation_scenes(source: SampleSource, shape: BatchShape) -> tuple[Sample, ...]:
-    """Draw the scenes, equal in every run with the same source and shape."""
+def draw_validation_scenes(source: SampleSource, shape: BatchShape, num_scenes: int) -> tuple[Sample, ...]:
+    """Draw scenes, equal in every run with the same source and shape."""
     generator = torch.Generator().manual_seed(_SEED)
     size = {"num_context": shape.num_context, "num_target": shape.num_target, "size": shape.size}
-    return tuple(source.sample(generator, **size) for _ in range(NUM_SCENES))  # type: ignore[arg-type]
+    return tuple(source.sample(generator, **size) for _ in range(num_scenes))  # type: ignore[arg-type]
 
 
 def validate(codec: Codec, samples: tuple[Sample, ...], lambda_q_range: tuple[int, int]) -> tuple[ValidationRow, ...]:
@@ -83,9 +82,10 @@ def _score(codec: Codec, sample: Sample, lambda_q: int) -> tuple[float, float, f
     """Return bits per context pixel, PSNR and ST-LPIPS of the target views of one scene."""
     context = sample.views.select(list(range(sample.num_context)))
     data = encode_with(codec, context, lambda_q, MAX_STAGES, FAST)
-    gaussians = decode_with(codec.receiver, data).gaussians
+    gaussians = decode_with(codec.receiver, data).gaussians.to(codec.device)
     targets = sample.views.select(list(range(sample.num_context, len(sample.views.images))))
-    images = render(gaussians, targets.cameras, targets.image_size).color.clamp(0.0, 1.0)
+    cameras = targets.cameras.to(codec.device)
+    images = render(gaussians, cameras, targets.image_size).color.clamp(0.0, 1.0).cpu()
     height, width = context.image_size
     return (
         8 * len(data) / (sample.num_context * height * width),

@@ -7,6 +7,7 @@ import torch
 
 from fecocodec.coding.payload import encode_latents
 from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.optimisation_config import FAST
 from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint
@@ -47,10 +48,10 @@ def bytes_of(trainer: Trainer, scenes: list[SceneLatents]) -> int:
 
 def test_the_phase_saves_bytes_on_other_scenes_and_leaves_the_other_networks_alone(tmp_path: Path) -> None:
     trainer = new_trainer(tmp_path / "run")
-    others = draw_latents(trainer, 3)
+    others = draw_latents(trainer, EntropyPhase(1, num_scenes=2, optimisation=FAST))
     before, bytes_before = dict(trainer.average), bytes_of(trainer, others)
-    rows = list(train_entropy_model(trainer, EntropyPhase(num_steps=30, num_scenes=3, learning_rate=8e-3)))
-    assert [(row["step"], row["skipped"]) for row in rows] == [(30.0, 0.0)]
+    rows = list(train_entropy_model(trainer, EntropyPhase(15, num_scenes=2, learning_rate=1.6e-2, optimisation=FAST)))
+    assert [(row["step"], row["skipped"]) for row in rows] == [(15.0, 0.0)]
     assert rows[0]["bpp1"] > 0 and rows[0]["bpp2"] > 0
     assert bytes_of(trainer, others) < 0.9 * bytes_before
     changed = {name for name, value in trainer.average.items() if not torch.equal(value, before[name])}
@@ -68,7 +69,7 @@ def test_latents_are_those_of_the_sender_at_every_lambda(tmp_path: Path) -> None
         torch.Generator().manual_seed(3), num_context=2, num_target=1, size=(64, 64)
     ).views.select([0, 1])
     codec = Codec(trainer.sender, trainer.receiver, b"")
-    fine, coarse, alone = latents_of(codec, views, (200, 1700, 200), num_alone=1)
+    fine, coarse, alone = latents_of(codec, views, (200, 1700, 200), num_alone=1, optimisation=FAST)
     assert fine.y[0].shape == fine.y[1].shape == fine.y1_hat.shape == (2, 32, 8, 8)
     assert float(fine.y[0].std()) > 3 * float(coarse.y[0].std())  # finer steps at lower lambda
     assert not fine.y[0].requires_grad
@@ -76,6 +77,7 @@ def test_latents_are_those_of_the_sender_at_every_lambda(tmp_path: Path) -> None
     assert float(alone.y[0].std()) > 1.5 * float(fine.y[0].std())  # the first of two stages is coarser
 
 
-def test_every_eighth_scene_has_one_stage_alone(tmp_path: Path) -> None:
-    drawn = draw_latents(new_trainer(tmp_path / "run"), 8)
-    assert [len(scene.y) for scene in drawn] == [2] * 15 + [1]
+def test_the_last_of_several_scenes_has_one_stage_alone(tmp_path: Path) -> None:
+    phase = EntropyPhase(1, num_scenes=2, optimisation=FAST, alone_every=2)
+    assert EntropyPhase(1).alone_every == 8
+    assert [len(scene.y) for scene in draw_latents(new_trainer(tmp_path / "run"), phase)] == [2, 2, 2, 1]

@@ -1,5 +1,6 @@
 """The paper's configurations on tiny data sets: two processes under torchrun, and a public checkpoint to begin with."""
 
+import json
 import os
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import pytest
 import torch
 
 from fecocodec.training.checkpoint import load_checkpoint
-from fecocodec.training.configurations import configuration_named
+from fecocodec.training.configurations import CONFIGURATIONS, configuration_named
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.formats.wall_scene import shots
 
@@ -33,7 +34,7 @@ def test_twenty_steps_on_two_processes(name: str, write, num_views: str, tmp_pat
     command = [
         sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2",
         "-m", "fecosplat_cli", "train", str(run), "--config", name, "--photographs", str(chunks),
-        "--steps", "20", "--one-stage-steps", "4", "--bypass-steps", "8", "--views", num_views, "--size", "64x64",
+        "--steps", "20", "--views", num_views, "--size", "64x64",
         "--targets", "1", "--threads", "1", "--max-minutes", "8",
     ]  # fmt: skip
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
@@ -53,3 +54,45 @@ def test_the_configurations_are_the_papers() -> None:
     assert re10k.lambda_range == pytest.approx((1e-5, 1e-2)) and dl3dv.lambda_range == pytest.approx((1e-5, 1e-3))
     assert re10k.shapes.sizes == ((256, 256),) and dl3dv.shapes.sizes == ((256, 448),)
     assert torch.tensor(dl3dv.shapes.view_shares).tolist() == [[8.0, 1.0]]
+    assert dl3dv.receiver.lambda_range == pytest.approx((1e-5, 1e-3))
+
+
+def test_the_variants_differ_in_what_their_names_say() -> None:
+    base = configuration_named("ablate-iterations-2")
+    assert base == configuration_named("ablate-gaussians-half") and base.schedule.num_steps == 100_000
+    assert [configuration_named(f"ablate-gaussians-{part}").receiver.gaussians_per_side for part in (
+        "quarter", "half", "full",
+    )] == [1, 2, 4]  # fmt: skip
+    assert [configuration_named(f"ablate-iterations-{n}").receiver.num_stages for n in (1, 2, 3)] == [1, 2, 3]
+    assert [configuration_named(f"ablate-{part}").sender.ablation for part in ("no-context", "no-feedback")] == [
+        "no-context", "no-feedback",
+    ]  # fmt: skip
+    large = configuration_named("paper-dl3dv-large")
+    assert large.sender.extractor == "adapted" and large.schedule.num_steps == 150_000
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", [name for name in CONFIGURATIONS if name.startswith("ablate-")])
+def test_every_ablation_trains_exports_and_is_measured(name: str, tmp_path: Path) -> None:
+    """Twenty steps on tiny data, as the command line runs them."""
+    chunks, run, model = write_wall_chunks(tmp_path / "chunks", num_frames=4), tmp_path / "run", tmp_path / "model"
+    index = tmp_path / "index.json"
+    index.write_text(json.dumps({"wall0": {"context": [0, 3], "target": [1]}}))
+    commands = [
+        ["train", run, "--config", name, "--photographs", chunks, "--validation", chunks, "--validate-every", "10",
+         "--steps", "20", "--size", "64x64", "--targets", "1", "--precision", "float32", "--export", model],
+        ["eval", chunks, "--index", index, "-o", tmp_path / "out", "--model", model, "--size", "64x64",
+         "--lambdas", "1e-3", "--no-strips"],
+    ]  # fmt: skip
+    for command in commands:
+        result = subprocess.run(
+            [sys.executable, "-m", "fecosplat_cli", *map(str, command), "--threads", "1"],
+            cwd=ROOT, capture_output=True, text=True,
+        )  # fmt: skip
+        assert result.returncode == 0, result.stderr[-3000:]
+    header, *rows = (tmp_path / "out" / "summary.tsv").read_text().splitlines()
+    systems = [row.split("\t")[0] for row in rows]
+    estimated = ["fecosplat, 3 stages, estimated rate"] if name == "ablate-iterations-3" else []
+    assert systems == ["fecosplat", *estimated] and header.startswith("system")
+    assert "val_psnr" in (run / "log.csv").read_text().splitlines()[0]

@@ -207,18 +207,23 @@ def test_a_lane_stays_with_a_chunk_and_all_chunks_are_visited(tmp_path: Path) ->
 def test_held_out_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> None:
     chunks = ChunkScenes(_chunks(tmp_path))
     sources = Sources(ProceduralWorld(pattern_textures(13)), chunks, chunks)
-    it = trainer_on(tmp_path / "run", sources, validate_every=2, keep_every=2)
+    one_lambda = replace(TINY, lambda_range=(1e-3, 1e-3), schedule=replace(TINY.schedule, num_steps=2))
+    settings = RunSettings(
+        tmp_path / "run", one_lambda, None, log_every=2, validate_every=2, validation_scenes=1, keep_every=1
+    )
+    settings.folder.mkdir()
+    it = Trainer(settings, sources)
     weights = [value.clone() for value in it.networks.parameters()]
     first = it._validate()
     assert all(torch.equal(a, b) for a, b in zip(weights, it.networks.parameters(), strict=True))
     assert first == it._validate() and first["val_bpp"] > 0 and first["val_psnr"] > 3 and first["val_st_lpips"] > 0
     rows = list(it.run())
-    assert all({"val_psnr", "val_st_lpips", "val_bpp"} <= row.keys() for row in rows)
+    assert [row["step"] for row in rows] == [2.0] and {"val_psnr", "val_st_lpips", "val_bpp"} <= rows[0].keys()
     assert {path.name for path in (tmp_path / "run").glob("*.pt")} == {
-        "last.pt", "step_0000002.pt", "step_0000004.pt",
+        "last.pt", "step_0000001.pt", "step_0000002.pt",
     }  # fmt: skip
     lines = (tmp_path / "run" / "validation.txt").read_text().splitlines()
-    assert len(lines) == 3 * 4 and lines[-1].startswith("step 4  ValidationRow(lmbda=0.00998")
+    assert len(lines) == 3 and lines[-1].startswith("step 2  ValidationRow(lmbda=0.001")
 
 
 # 9: the published checkpoint that has coarser features

@@ -34,7 +34,7 @@ from tests.example_scenes import example_views
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-PAPERS = [name for name in CONFIGURATIONS if name != "compact"]
+PAPERS = [name for name, configuration in CONFIGURATIONS.items() if configuration.is_paper]
 LAMBDA_Q = quantise_lambda(1e-4)
 
 
@@ -70,8 +70,9 @@ def test_no_configuration_of_the_paper_has_an_addition_of_ours(name: str) -> Non
     assert found.protocol is not None and found.precision == "bfloat16" and found.shapes.num_scenes == 1
 
 
-def test_compact_keeps_its_method() -> None:
-    found = configuration_named("compact")
+@pytest.mark.parametrize("name", ["compact", "compact-re10k"])
+def test_compact_keeps_its_method(name: str) -> None:
+    found = configuration_named(name)
     assert not found.is_paper and stage_1_offset(found.receiver) == 229 and found.protocol is None
     assert found.alone_every == 8 and found.optimiser.average_decay == 0.998
 

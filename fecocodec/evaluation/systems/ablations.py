@@ -12,13 +12,13 @@ import torch
 from torch import Tensor
 
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.systems.codec import codec_system, stream_system
+from fecocodec.evaluation.systems.codec import stream_system
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.views import Views
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.encode import assemble, write_stages
-from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.encode import assemble, encode_with, write_stages
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder, StageInputs, StageRendering
 
@@ -46,15 +46,22 @@ ABLATIONS = (STAGE_1, *WITHOUT)
 ABLATION_NAMES = ("stage 1 alone", *(name for name, _ in WITHOUT.values()))
 
 
-def ablation_system(part: str, codec: Codec, lmbda: float) -> System:
-    """Return the codec without stage 2 ("stage-1"), or without a part of it (a key of `WITHOUT`)."""
+def ablation_system(part: str, codec: Codec, lmbda: float, config: OptimisationConfig = DEFAULT) -> System:
+    """Return the codec without stage 2 ("stage-1"), or without a part of it (a key of `WITHOUT`).
+
+    config: of the latent optimisation.
+    """
+    lambda_q, setting = quantise_lambda(lmbda), f"lambda {lmbda:g}"
     if part == STAGE_1:
-        return codec_system(codec, lmbda, num_stages=1)
-    name, encoder = WITHOUT[part]
-    return stream_system(codec, name, f"lambda {lmbda:g}", partial(_encode, codec, encoder, quantise_lambda(lmbda)))
+        encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=1, config=config)
+        return stream_system(codec, ABLATION_NAMES[0], setting, encoder)
+    name, kind = WITHOUT[part]
+    return stream_system(codec, name, setting, partial(_encode, codec, kind, lambda_q, config))
 
 
 @torch.no_grad()
-def _encode(codec: Codec, encoder: type[SceneEncoder], lambda_q: int, views: Views) -> bytes:
+def _encode(
+    codec: Codec, encoder: type[SceneEncoder], lambda_q: int, config: OptimisationConfig, views: Views
+) -> bytes:
     scene = prepare_scene(views, codec.device)
-    return assemble(codec, scene, write_stages(encoder(codec, scene.images, scene.cameras), lambda_q, 2, DEFAULT))
+    return assemble(codec, scene, write_stages(encoder(codec, scene.images, scene.cameras), lambda_q, 2, config))

@@ -12,6 +12,8 @@ import torch
 from onnxscript import optimizer
 
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
+from fecocodec.config import PAPER
+from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.receiver.load import load_receiver
 from fecocodec.training.graphs.exact_linear import with_exact_layers
@@ -26,10 +28,13 @@ GRAPHS = "graphs"  # folder of the graphs, beside the weights
 def export_receiver(folder: Path) -> None:
     """Export all graphs of the receiver in a model's folder to its subfolder `graphs`.
 
-    Raises ModelError if the weights cannot be read, OutputError if the folder cannot be written.
+    Raises ModelError if the weights cannot be read or have the paper's method, OutputError if the folder cannot be
+    written.
     """
     path = folder / RECEIVER_FILE
     receiver, _ = load_receiver(path)
+    if receiver.config.method == PAPER:
+        raise ModelError(f"{path}: graphs are exported for the method 'compact' alone; decode this model with torch.")
     graphs = network_graphs(receiver) | prior_graphs(with_exact_layers(deepcopy(receiver.prior)))
     write_graphs(graphs, path.read_bytes(), folder / GRAPHS)
 
