@@ -104,9 +104,7 @@ def _solution(
     return (adjugate[:, :, :, None] * right[:, None]).sum(dim=2) / determinant[:, None, None]
 
 
-def _directions(
-    points: Float[Tensor, "view 3 h w"], centres: Float[Tensor, "view 3"]
-) -> Float[Tensor, "view 3 h w"]:
+def _directions(points: Float[Tensor, "view 3 h w"], centres: Float[Tensor, "view 3"]) -> Float[Tensor, "view 3 h w"]:
     """Return unit vectors to points from one camera centre per view."""
     offset = points - centres[..., None, None]
     return offset * offset.square().sum(dim=1, keepdim=True).clamp_min(SMALLEST_DEPTH**2).rsqrt()

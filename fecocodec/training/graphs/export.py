@@ -1,6 +1,5 @@
 """Export the receiver's networks to ONNX graphs, which hold no weights: they refer to the weights file."""
 
-import json
 import logging
 import warnings
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import onnx
 import torch
+import torch._dynamo.config
 from onnxscript import optimizer
 
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
@@ -46,7 +46,9 @@ def write_graphs(graphs: dict[str, Graph], weights: bytes, folder: Path) -> None
 
 def export_graph(name: str, graph: Graph, weights: bytes) -> onnx.ModelProto:
     """Return a graph as an ONNX model whose large tensors refer to the weights file."""
-    with torch.no_grad(), _quiet_exporter():
+    torch.compiler.reset()
+    # Loops are compiled one after another; sizes that differ between them must not become variable dimensions.
+    with torch.no_grad(), _quiet_exporter(), torch._dynamo.config.patch(automatic_dynamic_shapes=False):
         program = torch.onnx.export(
             graph.module.eval(),
             tuple(of.example() for of in graph.inputs.values()),

@@ -8,9 +8,9 @@ import torch
 from einops import rearrange
 from torch import Tensor, nn
 
+from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import LAMBDA_Q_CENTRE, NUM_STAGES, EntropyParameters, LatentPrior
 from fecocodec.coding.quadtree import from_coding_order, merge_passes
-from fecocodec.coding.fixed_point import ONE_Q8
 
 
 def _outputs(parameters: EntropyParameters) -> tuple[Tensor, Tensor]:
@@ -55,7 +55,13 @@ class ContextFeaturesGraph(FeaturesGraph):
     """lambda_q, z_hat of stage 2 and the four steps of y of stage 1 -> the same for stage 2."""
 
     def forward(
-        self, lambda_q: Tensor, z_hat: Tensor, context_0: Tensor, context_1: Tensor, context_2: Tensor, context_3: Tensor
+        self,
+        lambda_q: Tensor,
+        z_hat: Tensor,
+        context_0: Tensor,
+        context_1: Tensor,
+        context_2: Tensor,
+        context_3: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
         y_hat = from_coding_order(torch.stack((context_0, context_1, context_2, context_3)))
         return self._features(lambda_q, 2, z_hat, rearrange(y_hat.double(), "n c h w -> n h w c"))

@@ -10,7 +10,7 @@ from fecocodec.coding.priors import LatentPrior
 from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE, SIDE_MULTIPLE
 from fecocodec.receiver.model import Receiver
 from fecocodec.training.graphs import prior as of_prior
-from fecocodec.training.graphs.predict import PointsGraph, PredictGraph
+from fecocodec.training.graphs.predict import BackgroundGraph, PointsGraph, PredictGraph
 from fecocodec.training.graphs.update import UpdateGraph
 
 # Variable dimensions; rows and columns are those at 1/32 resolution.
@@ -80,9 +80,7 @@ def prior_graphs(prior: LatentPrior) -> dict[str, Graph]:
             {"lambda_q": lambda_q, "z_hat": z_hat} | {f"context_{number}": step for number in range(4)},
             ("features", *parameters),
         ),
-        "pass_1": Graph(
-            of_prior.SecondPassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters
-        ),
+        "pass_1": Graph(of_prior.SecondPassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters),
         "pass_2": Graph(
             of_prior.ThirdPassGraph(prior),
             {"features": features, "pass_0": quarter_pass, "pass_1": quarter_pass},
@@ -136,5 +134,16 @@ def network_graphs(receiver: Receiver) -> dict[str, Graph]:
             PredictGraph(receiver),
             {"features": state, **searched, "neighbours": neighbours, **cameras},
             ("means", "scales", "rotations", "opacities", "colours", "harmonics"),
+        ),
+        "background": Graph(
+            BackgroundGraph(),
+            {
+                "means": GraphInput("views 16*rows 16*columns 3", torch.float32),
+                "opacities": GraphInput("views 16*rows 16*columns", torch.float32),
+                "colours": GraphInput("views 16*rows 16*columns 3", torch.float32),
+                "extrinsics": cameras["extrinsics"],
+                "intrinsics": cameras["intrinsics"],
+            },
+            ("means_out", "scales", "rotations", "opacities_out", "colours_out", "is_kept"),
         ),
     }
