@@ -13,7 +13,7 @@ from .signals import EndingSignals
 COMMANDS = ("encode", "decode", "info", "render", "train", "eval", "stress")
 INTERRUPTED = 130
 # Libraries of the extra `sender`, by the names under which they are imported.
-SENDER_LIBRARIES = ("torch", "numba", "scipy", "PIL", "OpenEXR", "safetensors")
+SENDER_LIBRARIES = ("torch", "numba", "scipy", "PIL", "OpenEXR", "safetensors", "onnx", "onnxscript")
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -116,7 +116,9 @@ Examples:
     show_default=True,
     help="Number of scenes per process that --entropy-steps trains on.",
 )
-@click.option("--export", "model", type=FILE_PATH, help="Write the weights of the trained model to this folder.")
+@click.option(
+    "--export", "model", type=FILE_PATH, help="Write the weights and graphs of the trained model to this folder."
+)
 @device_option
 @threads_option
 def command(
@@ -143,6 +145,7 @@ def command(
     from fecocodec.training.configurations import configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
     from fecocodec.training.export import export_model
+    from fecocodec.training.graphs.export import export_receiver
     from fecocodec.training.log import LOG_COLUMNS
     from fecocodec.training.loop import RunSettings, Trainer
     from fecocodec.training.processes import is_first, joined_processes
@@ -172,6 +175,7 @@ def command(
                     say("entropy model: " + "  ".join(f"{name} {value:.4g}" for name, value in row.items()))
         if model is not None and is_first():
             export_model(trainer.checkpoint, model, configuration)
+            export_receiver(model)
 
 
 def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":

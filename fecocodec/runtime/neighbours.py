@@ -30,7 +30,7 @@ def nearest_neighbours(points: Float32[np.ndarray, "n 3"], count: int) -> Int32[
     return found
 
 
-def _leaves(positions: Float32[np.ndarray, "n 3"]) -> list[Int64[np.ndarray, " member"]]:
+def _leaves(positions: Float32[np.ndarray, "n 3"]) -> list[Int64[np.ndarray, " _"]]:
     """Halve the points along their widest axis until no part exceeds LEAF_SIZE; neighbours in the list are close."""
     leaves, waiting = [], [np.arange(len(positions))]
     while waiting:
@@ -48,8 +48,8 @@ def _leaves(positions: Float32[np.ndarray, "n 3"]) -> list[Int64[np.ndarray, " m
 
 def _reach(
     positions: Float32[np.ndarray, "n 3"],
-    leaf: Int64[np.ndarray, " member"],
-    leaves: list[Int64[np.ndarray, " member"]],
+    leaf: Int64[np.ndarray, " _"],
+    leaves: list[Int64[np.ndarray, " _"]],
     number: int,
     count: int,
 ) -> np.float32:

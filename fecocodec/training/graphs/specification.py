@@ -24,7 +24,7 @@ _EXAMPLE = {"views": 3, "rows": 4, "columns": 5}  # distinct, so that no two dim
 
 @dataclass(frozen=True)
 class GraphInput:
-    """An input of a graph. shape: dimensions separated by spaces, such as "views 4*rows 4*columns 32"; empty: scalar."""
+    """An input of a graph. shape: dimensions, such as "views 4*rows 4*columns 32"; empty for a scalar."""
 
     shape: str
     dtype: torch.dtype
