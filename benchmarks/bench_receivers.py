@@ -1,4 +1,4 @@
-"""Time, memory and size of decoding with torch and with onnxruntime, in turn: `python benchmarks/bench_receivers.py [FILE.fcs]`.
+"""Time and memory of decoding with torch and with onnxruntime: `python benchmarks/bench_receivers.py [FILE.fcs]`.
 
 Whole processes run `fecosplat decode`; warm times are those of the library in one process. All use one thread unless
 OMP_NUM_THREADS says otherwise. The rate of convolutions is measured in the same run, because machines differ.
@@ -43,9 +43,7 @@ def main() -> None:
                 found.append(whole_process(kind, stream, Path(folder)))
     for kind, found in whole.items():
         seconds, own, memory = (median(values) for values in zip(*found, strict=True))
-        print(
-            f"{kind}: whole process {seconds:.2f} s ({own:.2f} s without the interpreter), peak {memory / 2**20:.3f} GiB"
-        )
+        print(f"{kind}: whole process {seconds:.2f} s, {own:.2f} s without the interpreter; {memory / 2**20:.3f} GiB")
     measure_warm(stream.read_bytes())
 
 
@@ -87,9 +85,8 @@ def measure_warm(data: bytes) -> None:
     print(f"convolutions: {rate:.0f} Gflop/s, so 17 Gflop take {limit:.3f} s")
     for name in ("torch", "onnxruntime"):
         seconds = median(times[name])
-        print(
-            f"{name}: warm {seconds:.3f} s (fastest {min(times[name]):.3f} s), {seconds / limit:.2f} times the convolutions"
-        )
+        ratio = seconds / limit
+        print(f"{name}: warm {seconds:.3f} s, fastest {min(times[name]):.3f} s, {ratio:.2f} times the convolutions")
 
 
 if __name__ == "__main__":

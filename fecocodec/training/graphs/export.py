@@ -49,14 +49,18 @@ def export_graph(name: str, graph: Graph, weights: bytes) -> onnx.ModelProto:
     torch.compiler.reset()
     # Loops are compiled one after another; sizes that differ between them must not become variable dimensions.
     with torch.no_grad(), _quiet_exporter(), torch._dynamo.config.patch(automatic_dynamic_shapes=False):
-        program = torch.onnx.export(
+        exported = torch.export.export(
             graph.module.eval(),
             tuple(of.example() for of in graph.inputs.values()),
+            dynamic_shapes=tuple(of.dynamic() for of in graph.inputs.values()),
+            strict=False,
+        )
+        program = torch.onnx.export(
+            exported,
             dynamo=True,
             opset_version=OPSET,
             input_names=list(graph.inputs),
             output_names=list(graph.outputs),
-            dynamic_shapes=tuple(of.dynamic() for of in graph.inputs.values()),
             optimize=False,
             verbose=False,
         )

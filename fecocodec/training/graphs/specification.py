@@ -19,7 +19,8 @@ _DIMENSIONS = {
     "rows": Dim("rows", min=MIN_SIDE // SIDE_MULTIPLE, max=MAX_SIDE // SIDE_MULTIPLE),
     "columns": Dim("columns", min=MIN_SIDE // SIDE_MULTIPLE, max=MAX_SIDE // SIDE_MULTIPLE),
 }
-_EXAMPLE = {"views": 3, "rows": 4, "columns": 5}  # distinct, so that no two dimensions are taken for one
+# No other dimension has these sizes: the exporter takes dimensions of equal size for one.
+_EXAMPLE = {"views": 7, "rows": 11, "columns": 13}
 
 
 @dataclass(frozen=True)
