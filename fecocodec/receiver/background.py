@@ -118,12 +118,12 @@ def _extrapolated(
     is a root mean square, which favours farther surfaces.
     """
     views = cameras.num_views
-    means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0])
+    means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0], w=grid[1])
     offset = means - cameras.extrinsics[:, None, None, :3, 3]
     depth = (offset * cameras.extrinsics[:, None, None, :3, 2]).sum(dim=-1)
     is_usable = means.isfinite().all(dim=-1) & (depth > SMALLEST_DEPTH)
-    opacity = rearrange(gaussians.opacities, "(v h w) -> v h w", v=views, h=grid[0])
-    colour = rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v h w rgb", v=views, h=grid[0])
+    opacity = rearrange(gaussians.opacities, "(v h w) -> v h w", v=views, h=grid[0], w=grid[1])
+    colour = rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v h w rgb", v=views, h=grid[0], w=grid[1])
     values = torch.stack((*(0.5 + SH_DEGREE_0 * colour).clamp(0.0, 1.0).unbind(dim=-1), depth.square()))
     values = torch.where(is_usable, values, 0.0)
     weight = is_usable * opacity
