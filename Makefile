@@ -17,7 +17,7 @@ MINUTES ?= 60
 TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=2147483647
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors fuzz conformance conformance-cuda bench bench-paper report train check clean
+.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report train check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -64,6 +64,10 @@ fuzz: $(READY) ## ten minutes of mutated streams, half of them guided by coverag
 	@if $(BIN)/python -c 'import atheris' 2>/dev/null; then $(BIN)/python benchmarks/fuzz_atheris.py -max_total_time=300; \
 	else echo "atheris is not installed (pip install atheris): five more minutes without it"; \
 	$(BIN)/python benchmarks/fuzz_streams.py --minutes 5 --seed $$(date +%N); fi
+
+graphs: $(READY) ## export the receiver's graphs of all shipped models and of the vectors' model again
+	@for model in fecocodec/weights/*/; do $(BIN)/python -m fecocodec.training.graphs "$$model" || exit 1; done
+	$(BIN)/python -m tests.vectors.tiny_graphs
 
 conformance: $(READY) ## the same symbols with other threads, instructions and number types; how far Gaussians differ
 	$(BIN)/python benchmarks/conformance.py

@@ -1,6 +1,5 @@
 """`fecosplat decode`: decode a .fcs file to a file of 3D Gaussians."""
 
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -22,6 +21,7 @@ from .options import (
 from .output import print_json, say
 from .paths import STDOUT, require_ending
 from .progress import progress_bar
+from .receivers import DecodeOptions, decode_stream
 from .scene_output import GAUSSIAN_ENDINGS, Frame, write_scene
 from .terminal import printable
 
@@ -153,32 +153,13 @@ def command(
         require_ending(cameras_file, (".json",))
     data = read_stream_file(stream)
 
-    from fecocodec import decode
-    from fecocodec.receiver.background import DEFAULT_BACKGROUND
-    from fecocodec.receiver.merging import MergingConfig
-
-    from .device import require_device
-
-    require_device(device)
+    options = DecodeOptions(
+        "intact" if partial else stages or "all", sh_degree, has_background, merge, prune, device, model, max_pixels
+    )
     with naming(stream), progress_bar() as on_progress:
-        decoded = decode(
-            data,
-            stages="intact" if partial else stages or "all",
-            sh_degree=sh_degree,
-            background=DEFAULT_BACKGROUND if has_background else None,
-            merging=MergingConfig() if merge else None,
-            device=device,
-            model=model,
-            max_pixels=max_pixels,
-            on_progress=on_progress,
-        )
-        gaussians = decoded.gaussians
-        if prune:
-            from fecocodec.rendering import pruning
-
-            gaussians = pruning.prune(gaussians, decoded.cameras, decoded.image_size)
+        decoded = decode_stream(data, options, on_progress)
     write_scene(
-        replace(decoded, gaussians=gaussians),
+        decoded,
         output,
         cameras_file,
         frame=frame,
@@ -188,10 +169,15 @@ def command(
     seconds = round(perf_counter() - start, 3)
     damage = decoded.damage
     if as_json:
-        fields = {"output": str(output), "gaussians": gaussians.count, "stages": decoded.stages, "damage": damage}
+        fields = {
+            "output": str(output),
+            "gaussians": decoded.gaussians.count,
+            "stages": decoded.stages,
+            "damage": damage,
+        }
         print_json({**fields, "seconds": seconds})
     else:
-        say(f"{output}: {gaussians.count} Gaussians in {seconds:.2f} s")
+        say(f"{output}: {decoded.gaussians.count} Gaussians in {seconds:.2f} s")
     if damage is None:
         return 0
     say(printable(f"fecosplat: {stream}: damaged, only {DECODED[decoded.stages]} decoded: {damage}"))

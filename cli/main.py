@@ -12,6 +12,8 @@ from .signals import EndingSignals
 
 COMMANDS = ("encode", "decode", "info", "render", "train", "eval", "stress", "doctor")
 INTERRUPTED = 130
+# Libraries of the extra `sender`, by the names under which they are imported.
+SENDER_LIBRARIES = ("torch", "numba", "scipy", "PIL", "OpenEXR", "safetensors", "onnx", "onnxscript")
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -26,6 +28,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     try:
         code = command_line.main(arguments, prog_name="fecosplat", standalone_mode=False)
+    except ModuleNotFoundError as error:
+        say(missing_module(error))
+        return 1
     except FecoError as error:
         say(printable(f"fecosplat: {in_options(str(error))}"))  # file names can contain control characters
         return 1
@@ -36,6 +41,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
         say("fecosplat: interrupted")
         return INTERRUPTED
     return code if isinstance(code, int) else 0
+
+
+def missing_module(error: ModuleNotFoundError) -> str:
+    """Return the message for a library that the receiver alone does not install. Raises the error for any other."""
+    library = (error.name or "").partition(".")[0]
+    if library not in SENDER_LIBRARIES:
+        raise error
+    return f"fecosplat: this needs {library}, which is not installed; install all with pip install 'fecosplat[sender]'."
 
 
 def main() -> NoReturn:

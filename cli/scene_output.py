@@ -8,13 +8,14 @@ from .paths import STDOUT
 
 if TYPE_CHECKING:
     from fecocodec import Decoded
+    from fecocodec.runtime.decode import DecodedScene
 
 GAUSSIAN_ENDINGS = (".ply", ".spz", ".sog", ".glb")  # .compressed.ply ends in .ply
 Frame = Literal["input", "first-camera"]
 
 
 def write_scene(
-    decoded: "Decoded",
+    decoded: "Decoded | DecodedScene",
     output: Path,
     cameras_file: Path | None,
     *,

@@ -136,7 +136,9 @@ Examples:
     show_default=True,
     help="Number of scenes per process that --entropy-steps trains on.",
 )
-@click.option("--export", "model", type=FILE_PATH, help="Write the weights of the finished model to this folder.")
+@click.option(
+    "--export", "model", type=FILE_PATH, help="Write the weights and graphs of the finished model to this folder."
+)
 @device_option
 @threads_option
 def command(
@@ -167,6 +169,7 @@ def command(
     from fecocodec.training.configurations import configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
     from fecocodec.training.export import export_model
+    from fecocodec.training.graphs.export import export_receiver
     from fecocodec.training.log import LOG_COLUMNS
     from fecocodec.training.loop import RunSettings, Trainer
     from fecocodec.training.processes import is_first, joined_processes
@@ -202,6 +205,7 @@ def command(
         if model is not None and is_first():
             _require_finished(trainer.step, configuration.schedule.num_steps, model)
             export_model(trainer.checkpoint, model, configuration)
+            export_receiver(model)
 
 
 def _check_options(configuration: "Configuration", entropy_steps: int, num_workers: int) -> None:

@@ -1,6 +1,5 @@
-"""Weights files in safetensors format, and the search for the shipped weights with a model id."""
+"""Weights files in safetensors format."""
 
-import hashlib
 import json
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -13,11 +12,14 @@ from torch import Tensor
 
 from fecocodec.config import is_in_range, optional_fields
 from fecocodec.errors import ModelError
-
-SHIPPED = Path(__file__).parent / "weights"
-DEFAULT_MODEL = "compact-2"
-RECEIVER_FILE, SENDER_FILE = "receiver.safetensors", "sender.safetensors"
-MODEL_ID_BYTES = 8
+from fecocodec.model_files import DEFAULT_MODEL as DEFAULT_MODEL
+from fecocodec.model_files import RECEIVER_FILE as RECEIVER_FILE
+from fecocodec.model_files import SENDER_FILE as SENDER_FILE
+from fecocodec.model_files import SHIPPED as SHIPPED
+from fecocodec.model_files import find_receiver as find_receiver
+from fecocodec.model_files import model_folder as model_folder
+from fecocodec.model_files import model_id_of as model_id_of
+from fecocodec.model_files import read_bytes
 
 Config = TypeVar("Config")
 
@@ -33,11 +35,6 @@ class Weights:
     tensors: dict[str, Tensor]
     config: dict[str, Any]
     model_id: bytes
-
-
-def model_id_of(data: bytes) -> bytes:
-    """Return the model id of the bytes of a receiver's weights file."""
-    return hashlib.sha256(data).digest()[:MODEL_ID_BYTES]
 
 
 def serialise_weights(tensors: dict[str, Tensor], config: dict[str, Any]) -> bytes:
@@ -63,7 +60,7 @@ def _stored(name: str, value: Tensor) -> Tensor:
 
 def read_weights(path: Path) -> Weights:
     """Read a weights file, with floats converted to float32. Raises ModelError if it is missing or damaged."""
-    data = _read_bytes(path)
+    data = read_bytes(path)
     try:
         stored = load(data)
         header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
@@ -82,44 +79,10 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
     Raises ModelError if the file is missing or damaged.
     """
     try:
-        stored = load(_read_bytes(path))
+        stored = load(read_bytes(path))
     except SafetensorError as error:
         raise ModelError(f"{path}: not a safetensors file, or damaged; fetch or install it again.") from error
     return {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ModelError(
-            f"{path}: the weights cannot be read ({error.strerror}); "
-            "name the folder of a model, or reinstall the package."
-        ) from error
-
-
-def model_folder(model: Path | str | None) -> Path:
-    """Return the absolute path of a model's folder; None selects the default shipped model."""
-    return SHIPPED / DEFAULT_MODEL if model is None else Path(model).absolute()
-
-
-def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
-    """Return the path of the receiver's weights with this model id, in the folder `model` or (None) among the shipped.
-
-    Raises ModelError if the folder is missing or has no receiver with this id.
-    """
-    folder = SHIPPED if model is None else model
-    if not folder.is_dir():
-        raise ModelError(f"{folder}: there is no such folder; name the folder of a model.")
-    candidates = sorted(folder.glob(f"*/{RECEIVER_FILE}" if model is None else RECEIVER_FILE))
-    for path in candidates:
-        if model_id_of(_read_bytes(path)) == model_id:
-            return path
-    known = ", ".join(path.parent.absolute().name for path in candidates) or "none"
-    raise ModelError(
-        f"the stream needs the receiver weights with model id {model_id.hex()}, but {folder} has {known}; "
-        "install the version of the package that made the file, or name the folder of its model."
-    )
 
 
 def config_of(weights: Weights, end: str, like: Config, place: Path) -> Config:

@@ -22,6 +22,9 @@ HOME_OF_LIBRARY = {
     # The receiver needs scipy for its neighbour search alone.
     "scipy": ("fecocodec/geometry/neighbours.py", "fecocodec/formats/", "fecocodec/training/", "fecocodec/evaluation/"),
     "safetensors": ("fecocodec/checkpoint.py",),
+    "onnxruntime": ("fecocodec/runtime/graphs.py",),
+    "onnx": ("fecocodec/training/graphs/",),
+    "onnxscript": ("fecocodec/training/graphs/",),
     "click": ("cli/",),
     "rich": ("cli/",),
 }

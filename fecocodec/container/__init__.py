@@ -12,6 +12,7 @@ from fecocodec.container.lagrangian import (
     dequantise_lambda,
     quantise_lambda,
 )
+from fecocodec.container.stage_choice import Stages, check_pixels, check_symbol_digest, read_stages
 from fecocodec.container.stream import (
     MAX_STREAM_BYTES,
     IntactPart,
@@ -37,8 +38,11 @@ __all__ = [
     "IntactPart",
     "PackedCameras",
     "SectionSummary",
+    "Stages",
     "Stream",
     "StreamSummary",
+    "check_pixels",
+    "check_symbol_digest",
     "coverage_grid",
     "dequantise_lambda",
     "inspect",
@@ -47,6 +51,7 @@ __all__ = [
     "read_header",
     "read_intact",
     "read_prefix",
+    "read_stages",
     "read_stream",
     "read_stream_file",
     "with_metadata",

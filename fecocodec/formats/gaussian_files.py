@@ -10,8 +10,7 @@ from fecocodec.formats.compressed_ply import compressed_ply_bytes
 from fecocodec.formats.gaussian_arrays import CameraArrays, GaussianArrays
 from fecocodec.formats.glb import glb_bytes
 from fecocodec.formats.input_file import StrPath
-from fecocodec.formats.ply import ply_bytes
-from fecocodec.formats.sog import sog_bytes
+from fecocodec.formats.ply_writing import ply_bytes
 from fecocodec.formats.spz import SpzVersion, spz_bytes
 
 
@@ -46,6 +45,8 @@ def gaussian_bytes(
     if name.endswith(".spz"):
         return spz_bytes(gaussians, str(path), spz_version)
     if name.endswith(".sog"):
+        from fecocodec.formats.sog import sog_bytes  # needs libraries that the receiver alone does not install
+
         return sog_bytes(gaussians)
     return glb_bytes(gaussians, cameras) if name.endswith(".glb") else ply_bytes(gaussians, str(path))
 

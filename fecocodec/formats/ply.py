@@ -1,8 +1,4 @@
-"""Read and write 3D Gaussians as binary PLY files of 3DGS.
-
-Layout: Kerbl et al. 2023, reference implementation, `GaussianModel.save_ply`. Scales are stored as logarithms,
-opacities as logits, and the harmonics above degree 0 channel by channel (all of red, then green, then blue).
-"""
+"""Read 3D Gaussians from binary PLY files of 3DGS; `ply_writing` describes the layout."""
 
 from pathlib import Path
 
@@ -12,42 +8,13 @@ from einops import rearrange
 from jaxtyping import Float
 
 from fecocodec.errors import InputError
-from fecocodec.formats.atomic import write_atomically
-from fecocodec.formats.gaussian_arrays import GaussianArrays, gaussian_arrays
 from fecocodec.formats.input_file import StrPath, read_file
+from fecocodec.formats.ply_writing import property_names
+from fecocodec.formats.ply_writing import write_ply as write_ply
 from fecocodec.geometry.gaussians import Gaussians
 
 MAX_HEADER_BYTES = 1 << 16
 _D_SH_OF_NUM_REST = {3 * (d_sh - 1): d_sh for d_sh in (1, 4, 9, 16, 25)}
-
-
-def write_ply(path: StrPath, gaussians: Gaussians | GaussianArrays, *, overwrite: bool = False) -> None:
-    """Write one scene's Gaussians (no batch axis) as a 3DGS PLY, float32, little-endian.
-
-    Raises OutputError if a value is not finite or out of range (scales must be above 0), or the file cannot be written.
-    """
-    path = Path(path)
-    data = ply_bytes(gaussians, str(path))
-    with write_atomically(path, overwrite=overwrite) as temporary:
-        temporary.write_bytes(data)
-
-
-def ply_bytes(gaussians: Gaussians | GaussianArrays, place: str) -> bytes:
-    """Return the bytes of the file that `write_ply` writes.
-
-    Raises OutputError, which begins with `place`, if a value is not finite or out of range.
-    """
-    columns = _columns(place, gaussians)
-    names = _property_names(gaussians.harmonics.shape[-2])
-    header = "".join(
-        (
-            "ply\nformat binary_little_endian 1.0\n",
-            f"element vertex {gaussians.count}\n",
-            *(f"property float {name}\n" for name in names),
-            "end_header\n",
-        )
-    )
-    return header.encode("ascii") + columns.astype("<f4").tobytes()
 
 
 def read_ply(path: StrPath) -> Gaussians:
@@ -65,26 +32,6 @@ def read_ply(path: StrPath) -> Gaussians:
         )
     table = np.frombuffer(data, "<f4", count * len(names), start).reshape(count, len(names)).astype(np.float64)
     return _gaussians(path, {name: table[:, column] for column, name in enumerate(names)})
-
-
-def _property_names(d_sh: int) -> list[str]:
-    names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
-    names += [f"f_rest_{i}" for i in range(3 * (d_sh - 1))]
-    return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-
-
-def _columns(place: str, gaussians: Gaussians | GaussianArrays) -> Float[np.ndarray, "n property"]:
-    arrays = gaussian_arrays(gaussians, place)
-    columns = (
-        arrays.means,
-        np.zeros_like(arrays.means),  # normals, which viewers expect but do not use
-        arrays.harmonics[:, 0],
-        rearrange(arrays.harmonics[:, 1:], "n rest rgb -> n (rgb rest)"),
-        arrays.logits[:, None],
-        arrays.log_scales,
-        arrays.rotations,
-    )
-    return np.concatenate(columns, axis=1)
 
 
 def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:
@@ -108,7 +55,7 @@ def _parse_header(path: Path, data: bytes) -> tuple[int, list[str], int]:
 
 def _gaussians(path: Path, columns: dict[str, Float[np.ndarray, " n"]]) -> Gaussians:
     num_rest = sum(name.startswith("f_rest_") for name in columns)
-    needed = _property_names(_D_SH_OF_NUM_REST.get(num_rest, 1))
+    needed = property_names(_D_SH_OF_NUM_REST.get(num_rest, 1))
     missing = [name for name in needed if name not in columns and name not in ("nx", "ny", "nz")]
     if missing or num_rest not in _D_SH_OF_NUM_REST:
         raise InputError(f"{path}: not Gaussians (missing {missing}, {num_rest} f_rest); give a 3DGS .ply file.")

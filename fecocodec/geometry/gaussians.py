@@ -6,8 +6,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-SH_DEGREE_0 = 0.28209479177387814  # Y_0^0, real spherical harmonics; colour = 0.5 + SH_DEGREE_0 * harmonics[0]
-SH_DEGREE_1 = 0.4886025119029199  # the basis is -SH_DEGREE_1 y, SH_DEGREE_1 z, -SH_DEGREE_1 x at a unit direction
+from fecocodec.geometry.harmonics import SH_DEGREE_0 as SH_DEGREE_0
+from fecocodec.geometry.harmonics import SH_DEGREE_1 as SH_DEGREE_1
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import torch
 import torch.nn.functional as F
 from einops import rearrange, repeat
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, rays_through
@@ -42,10 +42,19 @@ class BackgroundConfig:
 
 @dataclass(frozen=True)
 class _Axis:
-    """Cells along one image axis, before 0, in [0, 1] and after 1; centres and widths in normalised image units."""
+    """Cells along one image axis, before 0, in [0, 1] and after 1; centres and widths in normalised image units.
+
+    row, column: of the cells of both axes that are outside the image.
+    """
 
     centres: Float[Tensor, " cell"]
     widths: Float[Tensor, " cell"]
+    row: Int64[Tensor, " outside"]
+    column: Int64[Tensor, " outside"]
+
+    def outside(self, values: Float[Tensor, "view row column *channel"]) -> Float[Tensor, "view outside *channel"]:
+        """Return the values of the cells outside the image."""
+        return values.flatten(1, 2).index_select(1, self.row * len(self.centres) + self.column)
 
 
 DEFAULT_BACKGROUND = BackgroundConfig()
@@ -60,11 +69,19 @@ def background_layer(
     that are not emitted. cameras: of these views, near = 1; the grids cover their images. A transparent border is not
     extrapolated.
     """
+    candidates, is_kept = background_candidates(gaussians, cameras, grid, config)
+    return candidates.keep(is_kept)
+
+
+def background_candidates(
+    gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: BackgroundConfig = DEFAULT_BACKGROUND
+) -> tuple[Gaussians, Bool[Tensor, " n"]]:
+    """Return all Gaussians outside the images, and which of them the background layer consists of."""
     axis = _axis(config, gaussians.means)
     colour, depth, opacity = _extrapolated(gaussians, cameras, grid, axis, config)
     candidates = _candidates(colour, depth, opacity, cameras, axis, config)
     is_kept = (candidates.opacities > 0.0) & is_hidden(candidates, ExtendedDepth(depth, axis.centres), cameras)
-    return candidates.keep(is_kept)
+    return candidates, is_kept
 
 
 def append(gaussians: Gaussians, layer: Gaussians) -> Gaussians:
@@ -85,7 +102,11 @@ def _axis(config: BackgroundConfig, like: Tensor) -> _Axis:
     inside = [(cell + 0.5) / config.cells_inside for cell in range(config.cells_inside)]
     centres = [*(-distance for distance in reversed(distances)), *inside, *(1.0 + distance for distance in distances)]
     all_widths = [*reversed(widths), *(1.0 / config.cells_inside for _ in inside), *widths]
-    return _Axis(like.new_tensor(centres), like.new_tensor(all_widths))
+    is_beyond = [centre < 0 or centre > 1 for centre in centres]
+    cells = range(len(centres))
+    outside = [(row, column) for row in cells for column in cells if is_beyond[row] or is_beyond[column]]
+    row, column = torch.tensor(outside, device=like.device).T.contiguous()
+    return _Axis(like.new_tensor(centres), like.new_tensor(all_widths), row, column)
 
 
 def _extrapolated(
@@ -97,12 +118,12 @@ def _extrapolated(
     is a root mean square, which favours farther surfaces.
     """
     views = cameras.num_views
-    means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0])
+    means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0], w=grid[1])
     offset = means - cameras.extrinsics[:, None, None, :3, 3]
     depth = (offset * cameras.extrinsics[:, None, None, :3, 2]).sum(dim=-1)
     is_usable = means.isfinite().all(dim=-1) & (depth > SMALLEST_DEPTH)
-    opacity = rearrange(gaussians.opacities, "(v h w) -> v h w", v=views, h=grid[0])
-    colour = rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v h w rgb", v=views, h=grid[0])
+    opacity = rearrange(gaussians.opacities, "(v h w) -> v h w", v=views, h=grid[0], w=grid[1])
+    colour = rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v h w rgb", v=views, h=grid[0], w=grid[1])
     values = torch.stack((*(0.5 + SH_DEGREE_0 * colour).clamp(0.0, 1.0).unbind(dim=-1), depth.square()))
     values = torch.where(is_usable, values, 0.0)
     weight = is_usable * opacity
@@ -134,24 +155,23 @@ def _candidates(
 
     opacity: of the border. The opacity of a Gaussian is `config.opacity`, or 0 if the border is transparent.
     """
-    is_beyond = (axis.centres < 0) | (axis.centres > 1)
-    row, column = torch.nonzero(is_beyond[:, None] | is_beyond, as_tuple=True)
     factors = depth.new_tensor(config.depth_factors)
-    depths = rearrange(factors, "layer -> layer 1 1") * depth[:, row, column]
-    uv = torch.stack((axis.centres[column], axis.centres[row]), dim=-1).expand(cameras.num_views, 1, -1, -1)
+    depths = rearrange(factors, "layer -> layer 1 1") * axis.outside(depth)
+    uv = torch.stack((axis.centres[axis.column], axis.centres[axis.row]), dim=-1)
+    uv = uv.expand(cameras.num_views, 1, -1, -1)
     rays = (rays_through(cameras, uv) @ cameras.extrinsics[:, None, :3, :3].mT)[:, 0]
     means = cameras.extrinsics[:, None, :3, 3] + rays * depths[..., None]
     focal = cameras.intrinsics.diagonal(dim1=-2, dim2=-1)[:, None, :2]
-    lateral = torch.stack((axis.widths[column], axis.widths[row]), dim=-1) * config.cell_scale / focal
+    lateral = torch.stack((axis.widths[axis.column], axis.widths[axis.row]), dim=-1) * config.cell_scale / focal
     shape = torch.cat((lateral, config.thickness * lateral.amin(dim=-1, keepdim=True)), dim=-1)
     rotations = quaternion_from_matrix(cameras.extrinsics[:, :3, :3])
-    layers, cells = len(factors), len(row)
+    layers, cells = len(factors), len(axis.row)
     return Gaussians(
         means=means.flatten(0, 2),
         scales=(shape * depths[..., None]).flatten(0, 2),
         rotations=repeat(rotations, "v q -> (layer v cell) q", layer=layers, cell=cells),
-        opacities=(config.opacity * (opacity[:, row, column] > SMALLEST_OPACITY)).repeat(layers, 1).flatten(),
+        opacities=(config.opacity * (axis.outside(opacity) > SMALLEST_OPACITY)).repeat(layers, 1).flatten(),
         harmonics=repeat(
-            (colour[:, row, column] - 0.5) / SH_DEGREE_0, "v cell rgb -> (layer v cell) 1 rgb", layer=layers
+            (axis.outside(colour) - 0.5) / SH_DEGREE_0, "v cell rgb -> (layer v cell) 1 rgb", layer=layers
         ),
     )

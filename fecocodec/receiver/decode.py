@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
 
 import torch
 
@@ -12,12 +11,12 @@ from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.coding.coverage_cells import is_in_covered_cell
 from fecocodec.coding.payload import decode_latents
-from fecocodec.container import Header, IntactPart, Stream, read_intact, read_prefix, read_stream
+from fecocodec.container import IntactPart, Stages, Stream, check_pixels, check_symbol_digest, read_stages
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.memory_format import to_channels_last
-from fecocodec.limits import DEFAULT_MAX_PIXELS
+from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE
 from fecocodec.receiver.background import DEFAULT_BACKGROUND, BackgroundConfig
 from fecocodec.receiver.emission import EmissionConfig, emit
 from fecocodec.receiver.load import load_receiver
@@ -26,9 +25,7 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.state import State
 
 OnProgress = Callable[[str, float], None]  # (current task, fraction done)
-Stages = int | Literal["all", "intact"]
 LATENT_FACTOR = 8
-MAX_SH_DEGREE = 1
 
 
 @dataclass(frozen=True)
@@ -74,12 +71,8 @@ def decode(
     Raises BitstreamError for a stream that breaks a rule of the format; InputError if the stream has fewer stages or
     more pixels, or sh_degree is not supported; ModelError if the weights of the model are not found.
     """
-    part = _read(data, stages)
-    if part.stream.header.num_pixels > max_pixels:
-        raise InputError(
-            f"the views have {part.stream.header.num_pixels} pixels in all, more than the {max_pixels} that are "
-            "allowed; if you trust the file, raise `max_pixels`."
-        )
+    part = read_stages(data, stages)
+    check_pixels(part.stream.header, max_pixels)
     receiver = receiver_of(part.stream.header.model_id, None if model is None else Path(model).absolute(), device)
     return _decode_part(receiver, part, stages, EmissionConfig(sh_degree, background, merging), on_progress)
 
@@ -99,7 +92,7 @@ def decode_with(
     The caller must ensure that the receiver has the model id of the stream.
     """
     config = EmissionConfig(sh_degree, background, merging)
-    return _decode_part(receiver, _read(data, stages), stages, config, on_progress)
+    return _decode_part(receiver, read_stages(data, stages), stages, config, on_progress)
 
 
 @lru_cache(maxsize=2)
@@ -112,13 +105,6 @@ def receiver_of(model_id: bytes, model: Path | None, device: str) -> Receiver:
     receiver, _ = load_receiver(find_receiver(model_id, model))
     to_channels_last(receiver, device)
     return receiver
-
-
-def _read(data: bytes, stages: Stages) -> IntactPart:
-    """Parse the part of the stream that `stages` selects."""
-    if isinstance(stages, int):
-        return IntactPart(read_prefix(data, stages), damage=None)
-    return read_intact(data) if stages == "intact" else IntactPart(read_stream(data), damage=None)
 
 
 def _decode_part(
@@ -160,7 +146,7 @@ def _decode_stages(
         lambda_q = header.lambda_q_of_stage(stage)
         try:
             coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, y_hat)
-            _check_digest(header, stage, coded.digest())
+            check_symbol_digest(header, stage, coded.digest())
         except BitstreamError as error:
             if state is None or stages != "intact":
                 raise
@@ -169,12 +155,3 @@ def _decode_stages(
         state = receiver.advance(state, y_hat, torch.full((header.num_views,), lambda_q, device=device), stage)
     assert state is not None  # a stream has at least one stage
     return state, len(stream.payloads), None
-
-
-def _check_digest(header: Header, stage: int, found: bytes) -> None:
-    stored = header.symbol_digests[stage - 1]
-    if found != stored:
-        raise BitstreamError(
-            f"stage {stage}: the decoded symbols have digest {found.hex()}, the header says {stored.hex()}; "
-            "the file is damaged or was made by a faulty encoder, copy or encode it again."
-        )

@@ -10,6 +10,7 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.rotations import matrix_from_quaternion
+from fecocodec.layers.loops import fold
 
 SMALLEST_DEPTH = 1e-6
 VISIBLE_DEVIATIONS = 3.2  # radius of a Gaussian; alpha is 0.6% there
@@ -29,11 +30,10 @@ class ExtendedDepth:
     depth: Float[Tensor, "view cell cell"]
     centres: Float[Tensor, " cell"]
 
-    def at(self, view: int, uv: Float[Tensor, "2 n"]) -> Float[Tensor, " n"]:
-        """Return the depth of the nearest cell; 0 at more than DEPTH_REACH outside the image."""
-        column, row = torch.bucketize(uv, 0.5 * (self.centres[1:] + self.centres[:-1]))
-        is_covered = ((uv >= -DEPTH_REACH) & (uv <= 1.0 + DEPTH_REACH)).all(dim=0)
-        return self.depth[view, row, column] * is_covered
+    @property
+    def bounds(self) -> Float[Tensor, " bound"]:
+        """Return the limits between cells along either axis."""
+        return 0.5 * (self.centres[1:] + self.centres[:-1])
 
 
 def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -> Bool[Tensor, " n"]:
@@ -41,29 +41,47 @@ def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -
     means = gaussians.means.T.contiguous()
     axes = matrix_from_quaternion(gaussians.rotations) * gaussians.scales[:, None]
     axes = rearrange(axes, "n xyz own -> own xyz n").contiguous()
-    hidden = torch.ones_like(gaussians.opacities, dtype=torch.bool)
-    for view in range(cameras.num_views):
-        hidden &= _is_hidden_from(means, axes, extended, cameras, view)
-    return hidden
+    world_to_camera, intrinsics, bounds = cameras.world_to_camera, cameras.intrinsics, extended.bounds
+
+    def step(view: int | Tensor, hidden: Tensor) -> tuple[Tensor]:
+        index = torch.as_tensor(view, device=means.device)[None]
+        of_view = (x.index_select(0, index)[0] for x in (extended.depth, world_to_camera, intrinsics))
+        return (hidden & _is_hidden_from(means, axes, bounds, *of_view),)
+
+    everywhere = torch.ones_like(gaussians.opacities, dtype=torch.bool)
+    return fold(step, 0, cameras.num_views, (everywhere,))[0]
 
 
 def _is_hidden_from(
-    means: Float[Tensor, "3 n"], axes: Float[Tensor, "own 3 n"], extended: ExtendedDepth, cameras: Cameras, view: int
+    means: Float[Tensor, "3 n"],
+    axes: Float[Tensor, "own 3 n"],
+    bounds: Float[Tensor, " bound"],
+    extended: Float[Tensor, "cell cell"],
+    world_to_camera: Float[Tensor, "4 4"],
+    intrinsics: Float[Tensor, "3 3"],
 ) -> Bool[Tensor, " n"]:
     """Return `is_hidden` for one view. axes: of the Gaussians, one standard deviation long, in the world frame.
 
     Coordinates are the first dimension, because it is several times as fast as the last.
     """
-    world_to_camera, intrinsics = cameras.world_to_camera[view], cameras.intrinsics[view]
     points = world_to_camera[:3, :3] @ means + world_to_camera[:3, 3:]
     is_in_front = points[2] > SMALLEST_DEPTH
     depth = points[2].clamp_min(SMALLEST_DEPTH)
     uv = points[:2] / depth * intrinsics.diagonal()[:2, None] + intrinsics[:2, 2:]
     radius = VISIBLE_DEVIATIONS * _deviations(world_to_camera[:3, :3] @ axes, intrinsics, uv, depth)
     is_seen = is_in_front & ((uv > -radius) & (uv < 1.0 + radius)).all(dim=0)
-    is_before = is_in_front & (depth < extended.at(view, uv))
-    is_close = points.square().sum(dim=0).sqrt() < CLEARANCE * extended.depth[view].amin()
+    is_before = is_in_front & (depth < _extended_depth_at(extended, bounds, uv))
+    is_close = points.square().sum(dim=0).sqrt() < CLEARANCE * extended.amin()
     return ~(is_seen | is_before | is_close)
+
+
+def _extended_depth_at(
+    extended: Float[Tensor, "cell cell"], bounds: Float[Tensor, " bound"], uv: Float[Tensor, "2 n"]
+) -> Float[Tensor, " n"]:
+    """Return the depth of the nearest cell; 0 at more than DEPTH_REACH outside the image."""
+    column, row = (uv[..., None] > bounds).sum(dim=-1)
+    is_covered = ((uv >= -DEPTH_REACH) & (uv <= 1.0 + DEPTH_REACH)).all(dim=0)
+    return extended.flatten().index_select(0, row * extended.shape[1] + column) * is_covered
 
 
 def _deviations(

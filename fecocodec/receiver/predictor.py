@@ -135,7 +135,7 @@ class Predictor(nn.Module):
             strict=True,
         )
         attended = torch.stack([self.attention.attend_to(*scene) for scene in scenes])
-        attended = rearrange(attended, "b (v h w) c -> (b v) c h w", v=views, h=height)
+        attended = rearrange(attended, "b (v h w) c -> (b v) c h w", v=views, h=height, w=width)
         return F.interpolate(attended, scale_factor=2.0, mode="nearest")
 
     def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:

@@ -49,8 +49,11 @@ def fitted_harmonics(
     The weight w_j is small where the surface of view j occludes the Gaussian.
     """
     views = cameras.num_views
-    points = rearrange(means, "(v h w) xyz -> v xyz h w", v=views, h=grid[0]).contiguous()
-    own = 0.5 + SH_DEGREE_0 * rearrange(harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0]).contiguous()
+    points = rearrange(means, "(v h w) xyz -> v xyz h w", v=views, h=grid[0], w=grid[1]).contiguous()
+    own = (
+        0.5
+        + SH_DEGREE_0 * rearrange(harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0], w=grid[1]).contiguous()
+    )
     direction = _directions(points, cameras.extrinsics[:, :3, 3])
     matrix, right = _normal_equations(points, own, direction, cameras, config)
     slope = config.view_dependence * _solution(matrix, right)

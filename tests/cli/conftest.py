@@ -11,7 +11,7 @@ import torch.nn.functional as functional
 from fecosplat_cli.main import run
 
 import fecocodec
-from fecocodec import checkpoint
+from fecocodec import model_files
 from fecocodec.container import Header, PackedCameras, Stream, write_stream
 from fecocodec.formats.images import write_image
 from tests.example_scenes import MODEL
@@ -95,8 +95,8 @@ def coded_scene(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 @pytest.fixture
 def networks(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands work with untrained networks instead of the shipped ones."""
-    monkeypatch.setattr(checkpoint, "SHIPPED", random_weights)
-    monkeypatch.setattr(checkpoint, "DEFAULT_MODEL", MODEL)
+    monkeypatch.setattr(model_files, "SHIPPED", random_weights)
+    monkeypatch.setattr(model_files, "DEFAULT_MODEL", MODEL)
 
 
 @pytest.fixture(scope="session")

@@ -16,10 +16,10 @@ from fecocodec.formats.ply import read_ply
 CHILD = """
 import sys, time
 from pathlib import Path
-from fecocodec import checkpoint
+from fecocodec import model_files
 from fecocodec.formats import atomic
 model, weights, *arguments = sys.argv[1:]
-checkpoint.SHIPPED, checkpoint.DEFAULT_MODEL = Path(weights), model
+model_files.SHIPPED, model_files.DEFAULT_MODEL = Path(weights), model
 
 def stall(source, target):
     data = source.read_bytes()

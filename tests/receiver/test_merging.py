@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
+from fecocodec.merging.symmetric_matrices import adjugate_form, from_axes, to_axes
 from fecocodec.receiver.decode import decode
 from fecocodec.receiver.merging import MergingConfig, merged
-from fecocodec.receiver.symmetric_matrices import adjugate_form, from_axes, to_axes
 from fecocodec.rendering.rasterizer import render
 
 SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-2.fcs"

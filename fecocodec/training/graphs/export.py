@@ -9,6 +9,7 @@ from pathlib import Path
 
 import onnx
 import torch
+import torch._dynamo.config
 from onnxscript import optimizer
 
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
@@ -50,15 +51,21 @@ def write_graphs(graphs: dict[str, Graph], weights: bytes, folder: Path) -> None
 
 def export_graph(name: str, graph: Graph, weights: bytes) -> onnx.ModelProto:
     """Return a graph as an ONNX model whose large tensors refer to the weights file."""
-    with torch.no_grad(), _quiet_exporter():
-        program = torch.onnx.export(
+    torch.compiler.reset()
+    # Loops are compiled one after another; sizes that differ between them must not become variable dimensions.
+    with torch.no_grad(), _quiet_exporter(), torch._dynamo.config.patch(automatic_dynamic_shapes=False):
+        exported = torch.export.export(
             graph.module.eval(),
             tuple(of.example() for of in graph.inputs.values()),
+            dynamic_shapes=tuple(of.dynamic() for of in graph.inputs.values()),
+            strict=False,
+        )
+        program = torch.onnx.export(
+            exported,
             dynamo=True,
             opset_version=OPSET,
             input_names=list(graph.inputs),
             output_names=list(graph.outputs),
-            dynamic_shapes=tuple(of.dynamic() for of in graph.inputs.values()),
             optimize=False,
             verbose=False,
         )

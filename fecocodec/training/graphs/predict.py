@@ -1,9 +1,11 @@
-"""The Gaussian predictor as two graphs, with the neighbour search between them."""
+"""The Gaussian predictor as two graphs with the neighbour search between them, and the background layer."""
 
 import torch
 from torch import Tensor, nn
 
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.receiver.background import background_candidates
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.view_dependence import fitted_harmonics
 from fecocodec.training.graphs.update import rate_condition
@@ -60,3 +62,21 @@ class PredictGraph(nn.Module):
         grid = (2 * relative.shape[1], 2 * relative.shape[2])
         harmonics = fitted_harmonics(found.means, found.harmonics, cameras.scene(0), grid, self.receiver.config)
         return found.means, found.scales, found.rotations, found.opacities, found.harmonics, harmonics
+
+
+class BackgroundGraph(nn.Module):
+    """Gaussians of the 1/2 grids, cameras -> candidates of the background layer, and which of them it consists of.
+
+    colours: harmonics of degree 0. opacities: 0 for Gaussians that are not emitted.
+    """
+
+    def forward(
+        self, means: Tensor, opacities: Tensor, colours: Tensor, extrinsics: Tensor, intrinsics: Tensor
+    ) -> tuple[Tensor, ...]:
+        grid = (means.shape[1], means.shape[2])
+        flat = (means.flatten(0, 2), opacities.flatten(), colours.flatten(0, 2)[:, None])
+        shapes = torch.zeros_like(flat[0]), torch.zeros_like(flat[0])[:, [0, 0, 0, 0]]  # not used
+        gaussians = Gaussians(flat[0], *shapes, flat[1], flat[2])
+        cameras = Cameras(extrinsics, intrinsics, torch.tensor(1.0), torch.tensor(1.0))
+        found, is_kept = background_candidates(gaussians, cameras, grid)
+        return *found.fields(), is_kept

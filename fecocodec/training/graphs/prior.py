@@ -1,7 +1,7 @@
 """The entropy model as graphs, one for each interval between two batches of symbols.
 
-All values are Q8 integers. Values of a batch are 256 * symbol + mean. Means are int32, table indices uint8. Batches of y
-have the layout [4 phases, view, row, column, quarter of the channels] of `coding.quadtree`.
+All values are Q8 integers. Values of a batch are 256 * symbol + mean. Means are int32, table indices uint8. Batches
+of y have the layout [4 phases, view, row, column, quarter of the channels] of `coding.quadtree`.
 """
 
 import torch

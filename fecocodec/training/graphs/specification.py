@@ -10,7 +10,7 @@ from fecocodec.coding.priors import LatentPrior
 from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE, SIDE_MULTIPLE
 from fecocodec.receiver.model import Receiver
 from fecocodec.training.graphs import prior as of_prior
-from fecocodec.training.graphs.predict import PointsGraph, PredictGraph
+from fecocodec.training.graphs.predict import BackgroundGraph, PointsGraph, PredictGraph
 from fecocodec.training.graphs.update import UpdateGraph
 
 # Variable dimensions; rows and columns are those at 1/32 resolution.
@@ -19,12 +19,13 @@ _DIMENSIONS = {
     "rows": Dim("rows", min=MIN_SIDE // SIDE_MULTIPLE, max=MAX_SIDE // SIDE_MULTIPLE),
     "columns": Dim("columns", min=MIN_SIDE // SIDE_MULTIPLE, max=MAX_SIDE // SIDE_MULTIPLE),
 }
-_EXAMPLE = {"views": 3, "rows": 4, "columns": 5}  # distinct, so that no two dimensions are taken for one
+# No other dimension has these sizes: the exporter takes dimensions of equal size for one.
+_EXAMPLE = {"views": 7, "rows": 11, "columns": 13}
 
 
 @dataclass(frozen=True)
 class GraphInput:
-    """An input of a graph. shape: dimensions separated by spaces, such as "views 4*rows 4*columns 32"; empty: scalar."""
+    """An input of a graph. shape: dimensions, such as "views 4*rows 4*columns 32"; empty for a scalar."""
 
     shape: str
     dtype: torch.dtype
@@ -134,5 +135,16 @@ def network_graphs(receiver: Receiver) -> dict[str, Graph]:
             PredictGraph(receiver),
             {"features": state, **searched, "neighbours": neighbours, **cameras},
             ("means", "scales", "rotations", "opacities", "colours", "harmonics"),
+        ),
+        "background": Graph(
+            BackgroundGraph(),
+            {
+                "means": GraphInput("views 16*rows 16*columns 3", torch.float32),
+                "opacities": GraphInput("views 16*rows 16*columns", torch.float32),
+                "colours": GraphInput("views 16*rows 16*columns 3", torch.float32),
+                "extrinsics": cameras["extrinsics"],
+                "intrinsics": cameras["intrinsics"],
+            },
+            ("means_out", "scales", "rotations", "opacities_out", "colours_out", "is_kept"),
         ),
     }

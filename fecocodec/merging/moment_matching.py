@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
-from fecocodec.receiver.symmetric_matrices import adjugate_form
+from fecocodec.merging.symmetric_matrices import adjugate_form
 
 _OPACITIES = np.linspace(0.0, 1.0, 1025)
 _DILOGARITHMS = sum(_OPACITIES**k / k**2 for k in range(1, 1001))  # within 1e-3 at 1, where the series is slowest

@@ -1,0 +1,1 @@
+"""Merging of similar neighbouring Gaussians, in NumPy, for the receivers with and without torch."""

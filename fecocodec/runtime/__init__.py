@@ -1,0 +1,1 @@
+"""The receiver without torch: the exported graphs of a model, run by onnxruntime."""

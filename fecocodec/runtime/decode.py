@@ -1,0 +1,110 @@
+"""Decode a `.fcs` stream to Gaussians without torch."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fecocodec.container import Header, IntactPart, Stages, Stream, check_pixels, check_symbol_digest, read_stages
+from fecocodec.errors import BitstreamError, InputError
+from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE, SIDE_MULTIPLE
+from fecocodec.merging.merge import MergingConfig
+from fecocodec.runtime.emission import EmissionConfig, LastState, emit, is_in_covered_cell
+from fecocodec.runtime.graphs import Graphs, graphs_of
+from fecocodec.runtime.latents import Steps, decode_stage
+from fecocodec.runtime.scene import SceneCameras, SceneGaussians
+
+OnProgress = Callable[[str, float], None]  # (current task, fraction done)
+
+
+@dataclass(frozen=True)
+class DecodedScene:
+    """A decoded scene; the fields are those of `receiver.decode.Decoded`, with NumPy arrays."""
+
+    gaussians: SceneGaussians
+    cameras: SceneCameras
+    image_size: tuple[int, int]
+    stages: int
+    damage: str | None
+
+
+def decode(
+    data: bytes,
+    *,
+    stages: Stages = "all",
+    sh_degree: int = MAX_SH_DEGREE,
+    has_background: bool = True,
+    merging: MergingConfig | None = None,
+    num_threads: int = 0,
+    model: Path | str | None = None,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+) -> DecodedScene:
+    """Decode a `.fcs` stream on the CPU. Arguments and errors are those of `receiver.decode.decode`.
+
+    has_background: whether to add the layer that fills areas outside all context views. num_threads: 0 for all cores.
+    Also raises ModelError if the model's graphs are missing or were exported from other weights.
+    """
+    part = read_stages(data, stages)
+    check_pixels(part.stream.header, max_pixels)
+    if sh_degree not in range(MAX_SH_DEGREE + 1):
+        raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}.")
+    folder = None if model is None else Path(model).absolute()
+    graphs = graphs_of(part.stream.header.model_id, folder, num_threads)
+    return _decode_part(graphs, part, stages, EmissionConfig(sh_degree, has_background, merging), on_progress)
+
+
+def _decode_part(
+    graphs: Graphs, part: IntactPart, stages: Stages, config: EmissionConfig, on_progress: OnProgress
+) -> DecodedScene:
+    stream, header = part.stream, part.stream.header
+    last, damage = _decode_stages(graphs, stream, stages, on_progress)
+    on_progress("predicting Gaussians", 0.8)
+    cameras = SceneCameras.unpack(stream.cameras)
+    is_covered = None if stream.coverage is None else is_in_covered_cell(stream.coverage, header)
+    gaussians = emit(graphs, last, cameras, is_covered, config)
+    return DecodedScene(gaussians, cameras, (header.height, header.width), last.stage, part.damage or damage)
+
+
+def _decode_stages(
+    graphs: Graphs, stream: Stream, stages: Stages, on_progress: OnProgress
+) -> tuple[LastState, str | None]:
+    """Return the last state, and the message about damage that "intact" tolerates."""
+    header = stream.header
+    last: LastState | None = None
+    context: Steps | None = None
+    for stage, payload in enumerate(stream.payloads, start=1):
+        on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
+        try:
+            context = _decode_symbols(graphs, header, payload, stage, context)
+        except BitstreamError as error:
+            if last is None or stages != "intact":
+                raise
+            return last, str(error)
+        last = _advance(graphs, header, context, last, stage)
+    assert last is not None  # a stream has at least one stage
+    return last, None
+
+
+def _decode_symbols(graphs: Graphs, header: Header, payload: bytes, stage: int, context: Steps | None) -> Steps:
+    """Return the values of y. Raises BitstreamError if the payload is not valid or its digest differs."""
+    height, width = header.grid_size
+    size = (header.num_views, height // SIDE_MULTIPLE, width // SIDE_MULTIPLE)
+    coded = decode_stage(graphs, payload, size, header.lambda_q_of_stage(stage), stage, context)
+    check_symbol_digest(header, stage, coded.digest())
+    return coded.steps
+
+
+def _advance(graphs: Graphs, header: Header, steps: Steps, before: LastState | None, stage: int) -> LastState:
+    """Return the state after a stage. The state before stage 1 has any values."""
+    if before is None:
+        channels = int(graphs.input_shape("update", "state")[1])
+        height, width = (side // 4 for side in header.grid_size)
+        state = np.zeros((header.num_views, channels, height, width), np.float32)
+    else:
+        state = before.state
+    lambda_q = header.lambda_q_of_stage(stage)
+    values = {f"step_{number}": step for number, step in enumerate(steps)}
+    (after,) = graphs.run("update", state=state, lambda_q=lambda_q, stage=stage, **values)
+    return LastState(after, lambda_q, stage)

@@ -1,0 +1,78 @@
+"""Graphs of a receiver, run by onnxruntime. Only this file imports onnxruntime."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from jaxtyping import Shaped
+
+from fecocodec.errors import ModelError
+from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, find_receiver, read_bytes
+
+
+class Graphs:
+    """Graphs of one model; each is loaded on its first use."""
+
+    def __init__(self, weights: bytes, folder: Path, model_id: bytes, num_threads: int) -> None:
+        """weights: content of the receiver's weights file, to which the graphs refer. num_threads: 0 for all cores."""
+        self._weights, self._folder, self._model_id = weights, folder, model_id.hex()
+        self._num_threads = num_threads
+        self._sessions: dict[str, onnxruntime.InferenceSession] = {}
+
+    def run(self, name: str, **inputs: Shaped[np.ndarray, "*shape"] | int) -> list[np.ndarray]:
+        """Run the graph NAME.onnx; returns its outputs in their order. An int is passed as an int32 scalar.
+
+        Raises ModelError if the file is missing or was exported from other weights.
+        """
+        session = self._session(name)
+        arrays = {key: np.int32(value) if isinstance(value, int) else value for key, value in inputs.items()}
+        outputs: list[np.ndarray] = session.run(None, {key: np.asarray(value) for key, value in arrays.items()})
+        return outputs
+
+    def input_shape(self, name: str, input_name: str) -> list[int | str]:
+        """Return the shape of an input; variable dimensions are strings."""
+        shapes: dict[str, list[int | str]] = {of.name: of.shape for of in self._session(name).get_inputs()}
+        return shapes[input_name]
+
+    def release(self, name: str) -> None:
+        """Free the memory of a graph until its next use."""
+        self._sessions.pop(name, None)
+
+    def _session(self, name: str) -> onnxruntime.InferenceSession:
+        if name not in self._sessions:
+            self._sessions[name] = self._load(name)
+        return self._sessions[name]
+
+    def _load(self, name: str) -> onnxruntime.InferenceSession:
+        path = self._folder / f"{name}.onnx"
+        if not path.is_file():
+            raise ModelError(
+                f"{path}: the graph is missing, so the model cannot be decoded without torch; make it with "
+                f"`python -m fecocodec.training.graphs {self._folder.parent}`."
+            )
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = self._num_threads
+        options.log_severity_level = 3
+        options.add_external_initializers_from_files_in_memory([RECEIVER_FILE], [self._weights], [len(self._weights)])
+        try:
+            session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime raises several classes that share no base of their own
+            raise ModelError(f"{path}: onnxruntime cannot load this graph; reinstall the package.") from error
+        found = session.get_modelmeta().custom_metadata_map.get("model_id")
+        if found != self._model_id:
+            raise ModelError(
+                f"{path}: it was exported from weights with model id {found}, not {self._model_id}; make it again with "
+                f"`python -m fecocodec.training.graphs {self._folder.parent}`."
+            )
+        return session
+
+
+@lru_cache(maxsize=2)
+def graphs_of(model_id: bytes, model: Path | None, num_threads: int) -> Graphs:
+    """Return the graphs of the receiver with this model id, from the folder `model` or from the shipped models.
+
+    Raises ModelError if no such receiver is found.
+    """
+    path = find_receiver(model_id, model)
+    return Graphs(read_bytes(path), path.parent / GRAPHS_FOLDER, model_id, num_threads)

@@ -1,0 +1,76 @@
+"""Decode the latents of one stage with the graphs of the entropy model (ENTROPY.md, section 7)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int32, UInt8
+
+from fecocodec.entropy.digest import symbol_digest
+from fecocodec.entropy.symbol_coders import SymbolReader
+from fecocodec.runtime.graphs import Graphs
+
+ONE_Q8 = 256
+
+Steps = tuple[Int32[np.ndarray, "4 view row column quarter"], ...]
+"""Decoded values of y, Q8: the four steps of the coding order."""
+
+
+@dataclass(frozen=True)
+class StageLatents:
+    """Decoded latents of one stage. symbols: one array per batch. z_hat: Q8, [view row column channel]."""
+
+    symbols: tuple[Int32[np.ndarray, "..."], ...]
+    z_hat: Int32[np.ndarray, "view row column channel"]
+    steps: Steps
+
+    def digest(self) -> bytes:
+        """Return the 8-byte digest of the symbols that the header stores."""
+        return symbol_digest(self.symbols)
+
+
+class _Batches:
+    """Reads batches of symbols and dequantises them."""
+
+    def __init__(self, payload: bytes) -> None:
+        self.reader = SymbolReader(payload)
+        self.symbols: list[np.ndarray] = []
+
+    def read(self, mean: Int32[np.ndarray, "*shape"], table: UInt8[np.ndarray, "*shape"]) -> np.ndarray:
+        """Return the values 256 symbol + mean of the next batch."""
+        self.symbols.append(self.reader.exchange(table, None))
+        return self.symbols[-1] * np.int32(ONE_Q8) + mean
+
+
+def decode_stage(
+    graphs: Graphs, payload: bytes, size_32: tuple[int, int, int], lambda_q: int, stage: int, context: Steps | None
+) -> StageLatents:
+    """Decode the latents of stage 1 or 2.
+
+    size_32: views, rows and columns of z. lambda_q: of the stage. context: steps of stage 1 when decoding stage 2, else
+    None. Raises BitstreamError for a payload that is not valid. A damaged payload can decode without an error, so the
+    caller must compare `digest()` with the stored digest.
+    """
+    batches = _Batches(payload)
+    mean, table = graphs.run("hyper", lambda_q=lambda_q, stage=stage)
+    z_hat = batches.read(*(np.ascontiguousarray(np.broadcast_to(x, (*size_32, x.size))) for x in (mean, table)))
+    around = {} if context is None else {f"context_{number}": step for number, step in enumerate(context)}
+    features, *parameters = graphs.run(f"features_{stage}", lambda_q=lambda_q, z_hat=z_hat, **around)
+    steps = _decode_y(graphs, batches, features, parameters)
+    batches.reader.finish()
+    return StageLatents(tuple(batches.symbols), z_hat, steps)
+
+
+def _decode_y(
+    graphs: Graphs, batches: _Batches, features: Float[np.ndarray, "..."], parameters: list[np.ndarray]
+) -> Steps:
+    """Decode the three passes of step 0, then steps 1 to 3. parameters: of the first pass."""
+    passes = {"pass_0": batches.read(*parameters)}
+    for number in (1, 2):
+        parameters = graphs.run(f"pass_{number}", features=features, **passes)
+        passes[f"pass_{number}"] = batches.read(*parameters)
+    first, *parameters = graphs.run("step_1", features=features, **passes)
+    steps = {"step_0": first, "step_1": batches.read(*parameters)}
+    for number in (2, 3):
+        parameters = graphs.run(f"step_{number}", features=features, **steps)
+        steps[f"step_{number}"] = batches.read(*parameters)
+    return tuple(steps.values())

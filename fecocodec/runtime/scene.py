@@ -1,0 +1,85 @@
+"""Gaussians and cameras of a decoded scene as NumPy arrays, and the frame in which the networks work."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+
+from fecocodec.container import PackedCameras
+
+CENTRE_STEPS = 2**13  # FORMAT.md, section 6.4
+RATIO_BITS = 11
+
+
+@dataclass(frozen=True)
+class SceneGaussians:
+    """3D Gaussians in float32; fields and conventions are those of `geometry.gaussians.Gaussians`."""
+
+    means: Float32[np.ndarray, "n 3"]
+    scales: Float32[np.ndarray, "n 3"]
+    rotations: Float32[np.ndarray, "n 4"]
+    opacities: Float32[np.ndarray, " n"]
+    harmonics: Float32[np.ndarray, "n d_sh 3"]
+
+    @property
+    def count(self) -> int:
+        return len(self.means)
+
+    def fields(self) -> tuple[np.ndarray, ...]:
+        return self.means, self.scales, self.rotations, self.opacities, self.harmonics
+
+    def keep(self, mask: Bool[np.ndarray, " n"]) -> "SceneGaussians":
+        """Return the Gaussians for which the mask is true, in the same order."""
+        return SceneGaussians(*(field[mask] for field in self.fields()))
+
+
+@dataclass(frozen=True)
+class SceneCameras:
+    """Cameras of the context views; fields and conventions are those of `geometry.cameras.Cameras`."""
+
+    extrinsics: Float32[np.ndarray, "view 4 4"]
+    intrinsics: Float32[np.ndarray, "view 3 3"]
+    near: float
+    far: float
+
+    @classmethod
+    def unpack(cls, packed: PackedCameras) -> "SceneCameras":
+        extrinsics = np.tile(np.eye(4, dtype=np.float32), (packed.num_views, 1, 1))
+        extrinsics[:, :3] = np.array(packed.extrinsics, np.float32).reshape(-1, 3, 4)
+        intrinsics = np.tile(np.eye(3, dtype=np.float32), (packed.num_views, 1, 1))
+        rows, columns = [0, 1, 0, 1], [0, 1, 2, 2]
+        intrinsics[:, rows, columns] = np.array(packed.intrinsics, np.float32)
+        return cls(extrinsics, intrinsics, packed.near, packed.far)
+
+    @property
+    def num_views(self) -> int:
+        return len(self.extrinsics)
+
+    def fields(self) -> tuple[np.ndarray | float, ...]:
+        return self.extrinsics, self.intrinsics, self.near, self.far
+
+
+@dataclass(frozen=True)
+class SceneFrame:
+    """Transformation from the normalised frame to the world frame: `world = scale * normalised + origin`."""
+
+    origin: Float64[np.ndarray, "3"]
+    scale: float
+
+    def to_world(self, gaussians: SceneGaussians) -> SceneGaussians:
+        """Return Gaussians of the normalised frame in the world frame and the unit of length of the cameras."""
+        means = (gaussians.means.astype(np.float64) * self.scale + self.origin).astype(np.float32)
+        scales = gaussians.scales * np.float32(self.scale)
+        return SceneGaussians(means, scales, gaussians.rotations, gaussians.opacities, gaussians.harmonics)
+
+
+def normalise(cameras: SceneCameras) -> tuple[SceneCameras, SceneFrame]:
+    """Transform cameras to the normalised frame, in which near is 1, and round them (FORMAT.md, section 6.4)."""
+    centres = cameras.extrinsics[:, :3, 3].astype(np.float64)
+    origin = np.add.accumulate(centres, axis=0)[-1] / len(centres)  # summed in the order of the views
+    extrinsics = cameras.extrinsics.copy()
+    extrinsics[:, :3, 3] = np.floor(CENTRE_STEPS * ((centres - origin) / cameras.near) + 0.5) / CENTRE_STEPS
+    mantissa, exponent = math.frexp(cameras.far / cameras.near)
+    far = math.ldexp(math.floor(mantissa * 2**RATIO_BITS + 0.5), exponent - RATIO_BITS)
+    return SceneCameras(extrinsics, cameras.intrinsics, 1.0, far), SceneFrame(origin, cameras.near)

@@ -1,0 +1,119 @@
+"""The receiver without torch emits the Gaussians of the receiver with torch, within the tolerances of FORMAT.md."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from fecocodec.checkpoint import find_receiver
+from fecocodec.container import read_stream, write_stream
+from fecocodec.errors import BitstreamError, InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.merging.merge import MergingConfig
+from fecocodec.receiver import emission as torch_emission
+from fecocodec.receiver.background import DEFAULT_BACKGROUND
+from fecocodec.receiver.decode import decode as decode_with_torch
+from fecocodec.receiver.load import load_receiver
+from fecocodec.receiver.state import State
+from fecocodec.runtime.decode import decode
+from fecocodec.runtime.emission import EmissionConfig, LastState, emit
+from fecocodec.runtime.graphs import graphs_of
+from fecocodec.runtime.scene import SceneCameras, SceneGaussians
+from tests.vectors.chosen_symbols import cells_covered
+from tests.vectors.gaussian_difference import beyond, difference, without_rendering
+from tests.vectors.gaussian_samples import table
+from tests.vectors.tiny_model import VECTORS
+
+SCENE = (VECTORS / "valid" / "scene-compact-2.fcs").read_bytes()
+MODEL_ID = read_stream(SCENE).header.model_id
+
+
+def as_tensors(gaussians: SceneGaussians) -> Gaussians:
+    return Gaussians(*(torch.from_numpy(field) for field in gaussians.fields()))
+
+
+def test_the_scene_agrees_with_that_of_torch_in_all_measures() -> None:
+    found = decode(SCENE, has_background=False)
+    expected = decode_with_torch(SCENE, background=None)
+    worst = difference(SCENE, table(expected.gaussians), table(as_tensors(found.gaussians)))
+    assert beyond(worst, "full") == [], worst
+    assert (found.image_size, found.stages, found.damage) == (expected.image_size, expected.stages, expected.damage)
+    for mine, theirs in zip(found.cameras.fields(), expected.cameras.fields(), strict=True):
+        torch.testing.assert_close(torch.as_tensor(mine), theirs, atol=0.0, rtol=0.0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param({"stages": 1}, id="stage 1"),
+        pytest.param({"sh_degree": 0}, id="degree 0"),
+        pytest.param({"merging": MergingConfig()}, id="merged"),
+    ],
+)
+def test_all_options_agree(options: dict[str, object]) -> None:
+    found = as_tensors(decode(SCENE, **options).gaussians)
+    expected = decode_with_torch(SCENE, **options).gaussians
+    assert found.harmonics.shape[1:] == expected.harmonics.shape[1:]
+    assert found.count == pytest.approx(expected.count, abs=3)
+    if "merging" not in options:  # which pairs are merged can change with the last bit of a cost
+        assert beyond(without_rendering(SCENE, padded(expected), padded(found)), "full") == []
+
+
+def padded(gaussians: Gaussians) -> torch.Tensor:
+    """Return rows as `table` does, with zeros for missing harmonics of degree 1."""
+    missing = 4 - gaussians.harmonics.shape[1]
+    harmonics = torch.nn.functional.pad(gaussians.harmonics, (0, 0, 0, missing))
+    return table(replace(gaussians, harmonics=harmonics))
+
+
+def test_uncovered_cells_have_no_gaussians() -> None:
+    stream = read_stream(SCENE)
+    data = write_stream(replace(stream, coverage=cells_covered(stream.header, 3)))
+    found, expected = decode(data), decode_with_torch(data)
+    assert found.gaussians.count == pytest.approx(expected.gaussians.count, abs=2)
+    assert found.gaussians.count < 0.5 * decode(SCENE).gaussians.count
+
+
+def cameras_in_a_row(num_views: int) -> Cameras:
+    extrinsics = torch.eye(4).repeat(num_views, 1, 1)
+    extrinsics[:, 0, 3] = 0.3 * torch.arange(num_views)
+    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.3, 0.5], [0.0, 0.0, 1.0]]).repeat(num_views, 1, 1)
+    return Cameras(extrinsics, intrinsics, torch.tensor(0.5), torch.tensor(40.0))
+
+
+@pytest.mark.parametrize(("num_views", "height", "width"), [(1, 64, 64), (3, 64, 96), (16, 64, 64), (2, 128, 64)])
+def test_networks_agree_for_any_number_of_views_and_any_size(num_views: int, height: int, width: int) -> None:
+    receiver, _ = load_receiver(find_receiver(MODEL_ID))
+    cameras = cameras_in_a_row(num_views)
+    generator = torch.Generator().manual_seed(num_views)
+    state = 0.3 * torch.randn(num_views, receiver.config.state_channels, height // 4, width // 4, generator=generator)
+    with torch.inference_mode():
+        before = State(state, receiver.condition(torch.full((num_views,), 900), 2))
+        config = torch_emission.EmissionConfig(1, DEFAULT_BACKGROUND, None)
+        expected = torch_emission.emit(receiver, before, cameras, None, config)
+    arrays = SceneCameras(cameras.extrinsics.numpy(), cameras.intrinsics.numpy(), 0.5, 40.0)
+    last = LastState(state.numpy(), 900, 2)
+    found = emit(graphs_of(MODEL_ID, None, 1), last, arrays, None, EmissionConfig(1, True, None))
+    assert found.count == pytest.approx(expected.count, rel=1e-3)
+    assert found.harmonics.shape[1:] == expected.harmonics.shape[1:]
+    if found.count == expected.count:
+        for mine, theirs, tolerance in zip(
+            found.fields(), expected.fields(), (2e-4, 2e-4, 1e-2, 1e-4, 1e-3), strict=True
+        ):
+            torch.testing.assert_close(torch.from_numpy(mine), theirs, atol=tolerance, rtol=1e-3)
+
+
+def test_intact_stages_of_a_damaged_stream_are_decoded() -> None:
+    damaged = SCENE[:-40] + bytes(40)
+    found = decode(damaged, stages="intact")
+    assert found.stages == 1 and found.damage is not None and "section B2" in found.damage
+    with pytest.raises(BitstreamError, match="section B2"):
+        decode(damaged)
+
+
+def test_arguments_are_checked() -> None:
+    with pytest.raises(InputError, match="degree 2"):
+        decode(SCENE, sh_degree=2)
+    with pytest.raises(InputError, match="max_pixels"):
+        decode(SCENE, max_pixels=100)

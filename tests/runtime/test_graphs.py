@@ -1,0 +1,65 @@
+"""Graphs belong to weights: they are complete, were exported from the weights beside them, and say so if not."""
+
+import shutil
+from pathlib import Path
+
+import onnx
+import pytest
+
+from fecocodec.errors import ModelError
+from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SHIPPED, model_id_of
+from fecocodec.runtime.decode import decode
+from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
+from tests.vectors.tiny_model import TINY_MODEL, VECTORS
+
+PRIOR = {"hyper", "features_1", "features_2", "pass_1", "pass_2", "step_1", "step_2", "step_3"}
+NETWORKS = {"update", "points", "predict", "background"}
+MODELS = sorted(path.parent for path in SHIPPED.glob(f"*/{RECEIVER_FILE}"))
+SCENE = VECTORS / "valid" / "scene-compact-2.fcs"
+COMMAND = "python -m fecocodec.training.graphs"
+
+
+def test_every_shipped_model_has_all_graphs_of_its_weights() -> None:
+    assert MODELS
+    for folder in MODELS:
+        require_graphs(folder / GRAPHS_FOLDER, PRIOR | NETWORKS, (folder / RECEIVER_FILE).read_bytes())
+
+
+def test_the_model_of_the_vectors_has_all_graphs_of_its_weights() -> None:
+    require_graphs(TINY_GRAPHS, PRIOR, TINY_MODEL.read_bytes())
+
+
+def require_graphs(folder: Path, names: set[str], weights: bytes) -> None:
+    assert {path.stem for path in folder.iterdir()} == names
+    for path in folder.iterdir():
+        model = onnx.load(path, load_external_data=False)
+        metadata = {entry.key: entry.value for entry in model.metadata_props}
+        again = f"{path} was exported from other weights: run {COMMAND} {folder.parent}"
+        assert metadata == {"model_id": model_id_of(weights).hex(), "graph": path.stem}, again
+        assert path.stat().st_size < 1 << 18, "a graph holds no weights of its own"
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """A copy of the model of the scene."""
+    folder = tmp_path / "model"
+    shutil.copytree(SHIPPED / "compact-2", folder)
+    return folder
+
+
+def test_a_model_without_graphs_names_the_command(model: Path) -> None:
+    shutil.rmtree(model / GRAPHS_FOLDER)
+    with pytest.raises(ModelError, match=rf"hyper.onnx: the graph is missing.*{COMMAND} {model}"):
+        decode(SCENE.read_bytes(), model=model)
+
+
+def test_graphs_of_other_weights_are_refused(model: Path) -> None:
+    shutil.copy(TINY_GRAPHS / "hyper.onnx", model / GRAPHS_FOLDER)
+    with pytest.raises(ModelError, match=rf"hyper.onnx: .*model id {model_id_of(TINY_MODEL.read_bytes()).hex()}"):
+        decode(SCENE.read_bytes(), model=model)
+
+
+def test_a_damaged_graph_is_refused(model: Path) -> None:
+    (model / GRAPHS_FOLDER / "update.onnx").write_bytes(b"no graph")
+    with pytest.raises(ModelError, match=r"update.onnx: onnxruntime cannot load this graph"):
+        decode(SCENE.read_bytes(), model=model)

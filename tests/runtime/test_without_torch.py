@@ -1,0 +1,62 @@
+"""`fecosplat decode` and `info` work where torch is not installed; other commands name what to install."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.vectors.tiny_model import VECTORS
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = VECTORS / "valid" / "scene-compact-2.fcs"
+# Runs the command in a process in which the sender's libraries cannot be imported.
+COMMAND = """
+import sys
+for name in ("torch", "numba", "scipy", "safetensors", "PIL", "OpenEXR", "matplotlib", "onnx", "onnxscript"):
+    sys.modules[name] = None
+from fecosplat_cli.main import run
+sys.exit(run(sys.argv[1:]))
+"""
+
+
+def fecosplat(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("ending", ["ply", "compressed.ply", "spz", "glb"])
+def test_decode_writes_every_format(ending: str, tmp_path: Path) -> None:
+    output = tmp_path / f"scene.{ending}"
+    result = fecosplat("decode", SCENE, "-o", output, "--save-cameras", tmp_path / "cameras.json")
+    assert result.returncode == 0, result.stderr
+    assert output.stat().st_size > 10_000 and (tmp_path / "cameras.json").stat().st_size > 100
+
+
+@pytest.mark.parametrize("options", [["--stages", "1"], ["--partial"], ["--sh-degree", "0"], ["--merge"]])
+def test_decode_takes_its_options(options: list[str], tmp_path: Path) -> None:
+    result = fecosplat("decode", SCENE, "-o", tmp_path / "scene.ply", *options)
+    assert result.returncode == 0, result.stderr
+
+
+def test_info_describes_a_file() -> None:
+    result = fecosplat("info", SCENE, "--json")
+    assert result.returncode == 0 and '"views"' in result.stdout, result.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        pytest.param(["encode", "examples/motorcycle", "-o", "{}.fcs"], id="encode"),
+        pytest.param(["render", str(SCENE), "-o", "{}"], id="render"),
+        pytest.param(["decode", str(SCENE), "-o", "{}.ply", "--prune"], id="prune"),
+        pytest.param(["decode", str(SCENE), "-o", "{}.ply", "--device", "cuda"], id="cuda"),
+        pytest.param(["decode", str(SCENE), "-o", "{}.sog"], id="sog"),
+        pytest.param(["info", "--parameters"], id="parameters"),
+    ],
+)
+def test_what_needs_more_names_what_to_install(arguments: list[str], tmp_path: Path) -> None:
+    output = str(tmp_path / "out")
+    result = fecosplat(*(argument.replace("{}", output) for argument in arguments))
+    assert result.returncode == 1
+    assert result.stderr.count("\n") == 1 and "pip install 'fecosplat[sender]'" in result.stderr, result.stderr
