@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from .signals import EndingSignals
 
-COMMANDS = ("encode", "decode", "info", "render", "train", "eval", "stress")
+COMMANDS = ("encode", "decode", "info", "render", "view", "train", "eval", "stress")
 INTERRUPTED = 130
 
 

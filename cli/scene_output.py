@@ -9,7 +9,7 @@ from .paths import STDOUT
 if TYPE_CHECKING:
     from fecocodec import Decoded
 
-GAUSSIAN_ENDINGS = (".ply", ".spz", ".sog", ".glb")  # .compressed.ply ends in .ply
+GAUSSIAN_ENDINGS = (".ply", ".spz", ".sog", ".glb", ".html")  # .compressed.ply ends in .ply
 Frame = Literal["input", "first-camera"]
 
 

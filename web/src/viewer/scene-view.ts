@@ -48,11 +48,12 @@ export class SceneView {
     this.goTo(views[0]);
   }
 
-  /** Replace the Gaussians by those of a .ply or .spz file. */
+  /** Replace the Gaussians by those of a .ply file in the frame of the cameras, or of a .spz file with RUB axes. */
   async setGaussians(fileBytes: Uint8Array, type: "ply" | "spz"): Promise<void> {
     const fileType = type === "ply" ? SplatFileType.PLY : SplatFileType.SPZ;
     const mesh = new SplatMesh({ fileBytes, fileType });
     await mesh.initialized;
+    if (type === "spz") mesh.quaternion.set(1, 0, 0, 0); // from right, up, backward to right, down, forward
     this.clear();
     this.mesh = mesh;
     this.scene.add(mesh);

@@ -18,7 +18,7 @@ let server: StaticServer;
 before(async () => {
   mkdirSync(RESULTS, { recursive: true });
   server = await serve({
-    page: join("build", "page"),
+    page: join(ROOT, "fecocodec", "web"),
     test: join("build", "browser-tests"),
     vectors: join(ROOT, "bitstream_spec", "vectors"),
     weights: join(ROOT, "fecocodec", "weights"),
@@ -35,8 +35,8 @@ after(async () => {
   server?.close();
 });
 
-/** Open a page that fails the test on requests to other hosts; returns it with the problems it had. */
-async function open(path: string, width: number, height: number): Promise<{ page: Page; problems: string[] }> {
+/** Open a page; returns it with the problems it has, which include requests to other hosts. */
+async function open(url: string, width: number, height: number): Promise<{ page: Page; problems: string[] }> {
   const page = await browser.newPage({ viewport: { width, height } });
   page.setDefaultTimeout(TIMEOUT);
   const problems: string[] = [];
@@ -45,10 +45,10 @@ async function open(path: string, width: number, height: number): Promise<{ page
     if (message.type() === "error") problems.push(message.text());
   });
   page.on("request", (request) => {
-    const url = request.url();
-    if (!url.startsWith(server.url) && !/^(data|blob):/.test(url)) problems.push(`request to ${url}`);
+    const { protocol, origin } = new URL(request.url());
+    if (origin !== server.url && !["data:", "blob:", "file:"].includes(protocol)) problems.push(request.url());
   });
-  await page.goto(`${server.url}${path}`);
+  await page.goto(url);
   return { page, problems };
 }
 
@@ -59,7 +59,7 @@ async function waitForScene(page: Page): Promise<void> {
 }
 
 test("all vectors decode to their symbols, or are refused by their rule", async () => {
-  const { page } = await open("/test/vectors.html", 100, 100);
+  const { page } = await open(`${server.url}/test/vectors.html`, 100, 100);
   await page.waitForFunction(() => window.failures !== undefined, undefined, { timeout: TIMEOUT });
   assert.deepEqual(await page.evaluate(() => window.failures), []);
   assert.ok((await page.evaluate(() => window.checked ?? 0)) > 120);
@@ -67,7 +67,7 @@ test("all vectors decode to their symbols, or are refused by their rule", async 
 });
 
 test("a scene is decoded, shown and downloaded", async () => {
-  const { page, problems } = await open(`/page/index.html?file=/scenes/${SCENE}`, 192, 128);
+  const { page, problems } = await open(`${server.url}/page/index.html?file=/scenes/${SCENE}`, 192, 128);
   await page.keyboard.press("h");
   await waitForScene(page);
   assert.equal(await page.getAttribute("body", "data-stage"), "2");
@@ -85,8 +85,17 @@ test("a scene is decoded, shown and downloaded", async () => {
   await page.close();
 });
 
+test("the self-contained page opens from disk", async () => {
+  const { page, problems } = await open(`file://${process.cwd()}/${RESULTS}/scene.html`, 192, 128);
+  await page.keyboard.press("h");
+  await waitForScene(page);
+  await page.screenshot({ path: join(RESULTS, "page1.png") });
+  assert.deepEqual(problems, []);
+  await page.close();
+});
+
 test("a damaged file is explained in the page", async () => {
-  const { page } = await open("/page/index.html?file=/vectors/faulty/header-crc-32.fcs", 800, 600);
+  const { page } = await open(`${server.url}/page/index.html?file=/vectors/faulty/header-crc-32.fcs`, 800, 600);
   await page.waitForSelector("body[data-rule]", { timeout: TIMEOUT });
   assert.equal(await page.getAttribute("body", "data-rule"), "header CRC-32");
   assert.match(await page.innerText("#problem"), /header-crc-32\.fcs: header at byte 0: CRC-32 is 0x/);
