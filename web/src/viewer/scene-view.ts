@@ -85,9 +85,13 @@ export class SceneView {
   /** Return controls that orbit around a point ahead. They take the camera's up vector when they are made. */
   private orbitAhead(): OrbitControls {
     this.camera.up.set(0, 1, 0).applyQuaternion(this.camera.quaternion);
-    const controls = new OrbitControls(this.camera, this.canvas);
+    const { position, quaternion } = this.camera.clone();
+    const controls = new OrbitControls(this.camera, this.canvas); // turns the camera to the origin
+    this.camera.position.copy(position);
+    this.camera.quaternion.copy(quaternion);
     const ahead = this.camera.getWorldDirection(new Vector3());
-    controls.target.copy(this.camera.position).addScaledVector(ahead, this.focus);
+    controls.target.copy(position).addScaledVector(ahead, this.focus);
+    controls.update();
     controls.listenToKeyEvents(window);
     return controls;
   }
