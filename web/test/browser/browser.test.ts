@@ -68,8 +68,8 @@ test("all vectors decode to their symbols, or are refused by their rule", async 
 
 test("a scene is decoded, shown and downloaded", async () => {
   const { page, problems } = await open(`${server.url}/page/index.html?file=/scenes/${SCENE}`, 192, 128);
-  await page.keyboard.press("h");
   await waitForScene(page);
+  await page.keyboard.press("h");
   assert.equal(await page.getAttribute("body", "data-stage"), "2");
   await page.screenshot({ path: join(RESULTS, "camera1.png") });
   await page.keyboard.press("2");
@@ -87,8 +87,8 @@ test("a scene is decoded, shown and downloaded", async () => {
 
 test("the self-contained page opens from disk", async () => {
   const { page, problems } = await open(`file://${process.cwd()}/${RESULTS}/scene.html`, 192, 128);
-  await page.keyboard.press("h");
   await waitForScene(page);
+  await page.keyboard.press("h");
   await page.screenshot({ path: join(RESULTS, "page1.png") });
   assert.deepEqual(problems, []);
   await page.close();
