@@ -17,7 +17,7 @@ MINUTES ?= 60
 TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=2147483647
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report train check clean
+.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report train web web-test check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -91,6 +91,24 @@ train: $(READY) ## train on from the shipped weights: make train PHOTOGRAPHS=sce
 	  --from fecocodec/weights/compact-2 --photographs $(PHOTOGRAPHS) --freeze extractor --keep 400 --steps 20000 \
 	  --one-stage-steps 0 --bypass-steps 0 --photograph-share 1 1 --depth-weight 0.1 0.1 --learning-rate 2e-4 \
 	  --size 160x160 --size 128x192 --size 192x128 --size 128x128 --max-minutes $(MINUTES)
+
+NPM := npm --prefix web --no-fund --no-audit
+NODE_READY := web/node_modules/.package-lock.json
+
+$(NODE_READY): web/package-lock.json
+	@command -v npm >/dev/null || { echo "the viewer page needs Node.js 20 or newer with npm" >&2; exit 1; }
+	$(NPM) ci --ignore-scripts
+	@touch $@
+
+web: $(NODE_READY) ## build the viewer page into fecocodec/web (needs Node.js 20)
+	cd web && node build.mjs ../fecocodec/web
+
+web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHROMIUM=/usr/bin/chromium)
+	cd web && npx tsc -p . && node build-tests.mjs && node --test build/test/*.mjs
+	@mkdir -p web/build/browser
+	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-compact-2.fcs -o web/build/browser/scene.html --overwrite
+	cd web && node --test build/browser-tests/*.mjs
+	$(BIN)/python -m pytest -q web/test/test_results.py
 
 check: lint types arch test ## everything a change must pass
 

@@ -31,7 +31,7 @@ DECODED = {1: "stage 1 could be", 2: "the two stages could be"}
 
 @click.command(
     "decode",
-    short_help="Decode a .fcs file to 3D Gaussians (.ply, .spz, .sog, .glb).",
+    short_help="Decode a .fcs file to 3D Gaussians (.ply, .spz, .sog, .glb) or a page (.html).",
     epilog="""\b
 Examples:
   fecosplat decode scene.fcs -o scene.ply
@@ -46,8 +46,8 @@ Examples:
     "--output",
     required=True,
     type=FILE_PATH,
-    help="Output file: .ply (3DGS), .compressed.ply, .spz, .sog or .glb (KHR_gaussian_splatting); - writes a .ply to "
-    "standard output.",
+    help="Output file: .ply (3DGS), .compressed.ply, .spz, .sog, .glb (KHR_gaussian_splatting), or .html (a page "
+    "that shows the scene); - writes a .ply to standard output.",
 )
 @click.option(
     "--save-cameras",

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from .signals import EndingSignals
 
-COMMANDS = ("encode", "decode", "info", "render", "train", "eval", "stress", "doctor")
+COMMANDS = ("encode", "decode", "info", "render", "view", "train", "eval", "stress", "doctor")
 INTERRUPTED = 130
 # Libraries of the extra `sender`, by the names under which they are imported.
 SENDER_LIBRARIES = ("torch", "numba", "scipy", "PIL", "OpenEXR", "safetensors", "onnx", "onnxscript")

@@ -1,16 +1,25 @@
-/** Bundle test/*.test.ts for Node into build/test. */
+/** Bundle the tests: test/*.test.ts into build/test, test/browser/*.test.ts and their page into build/browser-tests. */
 
 import { build } from "esbuild";
-import { readdirSync } from "node:fs";
+import { readdirSync, writeFileSync } from "node:fs";
 
-await build({
-  entryPoints: readdirSync("test").filter((name) => name.endsWith(".test.ts")).map((name) => `test/${name}`),
-  outdir: "build/test",
+const forNode = {
   outExtension: { ".js": ".mjs" },
   bundle: true,
   platform: "node",
   format: "esm",
   target: "node20",
-  sourcemap: "inline",
   packages: "external",
+};
+const testsIn = (folder) => readdirSync(folder).filter((name) => name.endsWith(".test.ts")).map((name) => `${folder}/${name}`);
+
+await build({ ...forNode, entryPoints: testsIn("test"), outdir: "build/test" });
+await build({ ...forNode, entryPoints: testsIn("test/browser"), outdir: "build/browser-tests" });
+await build({
+  entryPoints: ["test/browser/vector-page.ts"],
+  outfile: "build/browser-tests/vectors.js",
+  bundle: true,
+  format: "iife",
+  target: "es2022",
 });
+writeFileSync("build/browser-tests/vectors.html", '<!doctype html><link rel="icon" href="data:,"><script src="vectors.js"></script>\n');

@@ -4,6 +4,7 @@ import { build } from "esbuild";
 import { createHash } from "node:crypto";
 import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
+import { gzipSync } from "node:zlib";
 
 const output = process.argv[2];
 if (!output) throw new Error("usage: node build.mjs OUTPUT_FOLDER");
@@ -12,9 +13,7 @@ const weights = join(root, "fecocodec", "weights");
 
 rmSync(output, { recursive: true, force: true });
 mkdirSync(output, { recursive: true });
-const { metafile } = await build({
-  entryPoints: { viewer: "src/viewer/viewer.ts", decoder: "src/viewer/decoder-worker.ts" },
-  outdir: output,
+const options = {
   bundle: true,
   minify: true,
   format: "iife",
@@ -22,12 +21,30 @@ const { metafile } = await build({
   legalComments: "none", // licences.txt has the notices
   metafile: true,
   define: { "import.meta.url": "self.location.href" },
+};
+const { metafile } = await build({
+  ...options,
+  entryPoints: { viewer: "src/viewer/viewer.ts", decoder: "src/viewer/decoder-worker.ts" },
+  outdir: output,
 });
 for (const name of ["index.html", "viewer.css"]) copyFileSync(join("src", "viewer", name), join(output, name));
 copyFileSync(join("node_modules", "onnxruntime-web", "dist", "ort-wasm-simd-threaded.wasm"), join(output, "ort.wasm"));
 copyFileSync(join(root, "fecocodec", "entropy", "symbol_tables.bin"), join(output, "symbol_tables.bin"));
 writeFileSync(join(output, "models.json"), JSON.stringify(copyModels()));
 writeFileSync(join(output, "licences.txt"), licences());
+writeFileSync(join(output, "scene.html"), await scenePage());
+
+/** Return the self-contained page; Python replaces its SCENE and GAUSSIANS. */
+async function scenePage() {
+  const { outputFiles } = await build({ ...options, entryPoints: ["src/viewer/scene-page.ts"], write: false });
+  const parts = {
+    STYLE: readFileSync(join("src", "viewer", "viewer.css"), "utf8"),
+    NOTICES: licences(),
+    PROGRAM: gzipSync(outputFiles[0].contents, { level: 9 }).toString("base64"),
+  };
+  const page = readFileSync(join("src", "viewer", "scene-page.html"), "utf8");
+  return Object.entries(parts).reduce((text, [name, part]) => text.replace(`/*${name}*/`, () => part), page);
+}
 
 /** Copy the weights and graphs of every model that has graphs; returns the model ids. */
 function copyModels() {
@@ -51,7 +68,8 @@ function copyModels() {
 function licences() {
   const inputs = Object.keys(metafile.inputs).filter((path) => path.startsWith("node_modules/"));
   const names = new Set(inputs.map((path) => /^node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(path)[1]));
-  return [...names].sort().map(notice).join("\n\n");
+  const own = `FeCoSplat, Apache-2.0\n\n${readFileSync(join(root, "LICENSE"), "utf8").trim()}`;
+  return [...[...names].sort().map(notice), own].join("\n\n");
 }
 
 function notice(name) {

@@ -22,7 +22,7 @@ def check_pixels(header: Header, max_pixels: int) -> None:
     if header.num_pixels > max_pixels:
         raise InputError(
             f"the views have {header.num_pixels} pixels in all, more than the {max_pixels} that are "
-            "allowed; if you trust the file, raise max_pixels (--max-pixels)."
+            "allowed; if you trust the file, raise `max_pixels`."
         )
 
 

@@ -9,6 +9,7 @@ from fecocodec.formats.atomic import write_atomically
 from fecocodec.formats.compressed_ply import compressed_ply_bytes
 from fecocodec.formats.gaussian_arrays import CameraArrays, GaussianArrays
 from fecocodec.formats.glb import glb_bytes
+from fecocodec.formats.html_page import html_page_bytes
 from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.ply_writing import ply_bytes
 from fecocodec.formats.spz import SpzVersion, spz_bytes
@@ -22,9 +23,11 @@ def write_gaussians(
     spz_version: SpzVersion = 4,
     overwrite: bool = False,
 ) -> None:
-    """Write Gaussians as .ply, .compressed.ply, .spz, .sog or .glb; a name with another ending gets a PLY.
+    """Write Gaussians as .ply, .compressed.ply, .spz, .sog, .glb or .html; another ending gets a PLY.
 
-    cameras: written to .glb. Raises OutputError if the format cannot represent the Gaussians or writing fails.
+    cameras: written to .glb and .html; .html needs them.
+
+    Raises OutputError if the format cannot represent the Gaussians or writing fails.
     """
     path = Path(path)
     data = gaussian_bytes(path, gaussians, cameras, spz_version)
@@ -37,7 +40,7 @@ def gaussian_bytes(
 ) -> bytes:
     """Return the bytes of the file that `write_gaussians` writes."""
     name = path.name.lower()
-    is_compressed = name.endswith((".compressed.ply", ".spz", ".sog", ".glb"))
+    is_compressed = name.endswith((".compressed.ply", ".spz", ".sog", ".glb", ".html"))
     if is_compressed and gaussians.count == 0:
         raise OutputError(f"{path}: there are no Gaussians, which this format cannot hold; write a .ply file.")
     if name.endswith(".compressed.ply"):
@@ -48,6 +51,8 @@ def gaussian_bytes(
         from fecocodec.formats.sog import sog_bytes  # needs libraries that the receiver alone does not install
 
         return sog_bytes(gaussians)
+    if name.endswith(".html") and cameras is not None:
+        return html_page_bytes(gaussians, cameras, path.stem, str(path))
     return glb_bytes(gaussians, cameras) if name.endswith(".glb") else ply_bytes(gaussians, str(path))
 
 

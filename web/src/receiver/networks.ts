@@ -94,7 +94,7 @@ export class Networks {
     const predicting = performance.now();
     const of = await this.predictGraph.run({
       ...found,
-      neighbours: new ort.Tensor("int32", neighbours, [neighbours.length / count, count]),
+      neighbours: new ort.Tensor("int32", neighbours, [...found.points.dims.slice(0, -1), count]),
       ...views,
     });
     const times = {
@@ -102,7 +102,7 @@ export class Networks {
       neighbours: predicting - searched,
       predict: performance.now() - predicting,
     };
-    return { prediction: predictionOf(of), times };
+    return { prediction: predictionOf(of, cameras.views.length), times };
   }
 
   /** Return a state of zeros: the graph takes one in stage 1, too, and ignores it. */
@@ -130,31 +130,32 @@ function cameraTensors({ views, far }: NormalisedCameras): Record<string, ort.Te
   };
 }
 
-function predictionOf(of: ort.InferenceSession.ReturnType): Prediction {
+function predictionOf(of: ort.InferenceSession.ReturnType, views: number): Prediction {
   const data = (name: string) => of[name].data as Float32Array;
-  const [count, numHarmonics] = of.harmonics.dims;
+  const [count] = of.opacities.dims;
+  const hasOtherViews = views > 1; // colours by direction are fitted to the colours of other views
   return {
     gaussians: {
       count,
-      numHarmonics,
+      numHarmonics: hasOtherViews ? 4 : 1,
       means: data("means"),
       scales: data("scales"),
       rotations: data("rotations"),
       opacities: data("opacities"),
-      harmonics: data("harmonics"),
+      harmonics: data(hasOtherViews ? "harmonics" : "colours"),
     },
     plain: data("colours"),
   };
 }
 
 function neighbourCount(graph: ort.InferenceSession): number {
-  return fixedSize(graph, "neighbours", 1);
+  return fixedSize(graph, "neighbours", -1);
 }
 
 /** Return a size of an input that is the same for all streams. */
 function fixedSize(graph: ort.InferenceSession, input: string, axis: number): number {
   const of = graph.inputMetadata.find(({ name }) => name === input);
-  const size = of?.isTensor ? of.shape[axis] : undefined;
+  const size = of?.isTensor ? of.shape.at(axis) : undefined;
   if (typeof size !== "number") throw new Error(`graph: the input ${input} has no fixed size on axis ${axis}.`);
   return size;
 }

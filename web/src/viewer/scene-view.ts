@@ -48,11 +48,12 @@ export class SceneView {
     this.goTo(views[0]);
   }
 
-  /** Replace the Gaussians by those of a .ply or .spz file. */
+  /** Replace the Gaussians by those of a .ply file in the frame of the cameras, or of a .spz file with RUB axes. */
   async setGaussians(fileBytes: Uint8Array, type: "ply" | "spz"): Promise<void> {
     const fileType = type === "ply" ? SplatFileType.PLY : SplatFileType.SPZ;
     const mesh = new SplatMesh({ fileBytes, fileType });
     await mesh.initialized;
+    if (type === "spz") mesh.quaternion.set(1, 0, 0, 0); // from right, up, backward to right, down, forward
     this.clear();
     this.mesh = mesh;
     this.scene.add(mesh);
@@ -84,9 +85,13 @@ export class SceneView {
   /** Return controls that orbit around a point ahead. They take the camera's up vector when they are made. */
   private orbitAhead(): OrbitControls {
     this.camera.up.set(0, 1, 0).applyQuaternion(this.camera.quaternion);
-    const controls = new OrbitControls(this.camera, this.canvas);
+    const { position, quaternion } = this.camera.clone();
+    const controls = new OrbitControls(this.camera, this.canvas); // turns the camera to the origin
+    this.camera.position.copy(position);
+    this.camera.quaternion.copy(quaternion);
     const ahead = this.camera.getWorldDirection(new Vector3());
-    controls.target.copy(this.camera.position).addScaledVector(ahead, this.focus);
+    controls.target.copy(position).addScaledVector(ahead, this.focus);
+    controls.update();
     controls.listenToKeyEvents(window);
     return controls;
   }

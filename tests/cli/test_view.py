@@ -1,0 +1,87 @@
+"""`fecosplat view` serves the page and one file, and nothing else."""
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.client import HTTPConnection
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from cli.page_server import PageServer
+from fecocodec.errors import OutputError
+from fecocodec.formats.viewer_files import FOLDER, viewer_file
+from tests.vectors.tiny_model import VECTORS
+
+CONTENTS = {"index.html": b"<html>", "scene/a b.fcs": b"\x89FCS"}
+
+
+@contextmanager
+def serving() -> Iterator[int]:
+    with PageServer(CONTENTS) as server:
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield server.server_port
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def get(port: int, path: str, host: str | None = None) -> tuple[int, bytes]:
+    connection = HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    response = connection.getresponse()
+    return response.status, response.read()
+
+
+@pytest.mark.parametrize(
+    ("path", "content"),
+    [("/", b"<html>"), ("/?file=x", b"<html>"), ("/index.html", b"<html>"), ("/scene/a%20b.fcs", b"\x89FCS")],
+)
+def test_the_page_and_the_file_are_served(path: str, content: bytes) -> None:
+    with serving() as port:
+        assert get(port, path) == (200, content)
+
+
+@pytest.mark.parametrize(
+    "path", ["/scene/", "/other.fcs", "/../pyproject.toml", "/%2e%2e/pyproject.toml", "//etc/passwd"]
+)
+def test_nothing_else_is_served(path: str) -> None:
+    with serving() as port:
+        assert get(port, path)[0] == 404
+
+
+def test_other_host_names_are_refused() -> None:
+    with serving() as port:
+        assert get(port, "/", host="example.org")[0] == 403
+        assert get(port, "/", host=f"localhost:{port}")[0] == 200
+
+
+def test_a_page_that_was_not_built_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"index\.html: the viewer page was not built .* run `make web`"):
+        viewer_file("index.html", tmp_path)
+
+
+@pytest.mark.skipif(not (FOLDER / "index.html").exists(), reason="the page was not built; run `make web`")
+def test_the_command_serves_until_it_is_interrupted(tmp_path: Path) -> None:
+    path = tmp_path / "näme 1.fcs"
+    path.write_bytes((VECTORS / "valid/two-views.fcs").read_bytes())
+    command = [sys.executable, "-m", "fecosplat_cli", "view", str(path), "--no-browser"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            line = process.stderr.readline()
+            found = re.search(r"http://127\.0\.0\.1:(\d+)(/\?file=(\S+)),", line)
+            assert found, line
+            assert get(int(found[1]), found[2])[1] == viewer_file("index.html")
+            assert get(int(found[1]), "/" + found[3])[1] == path.read_bytes()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 130
+            assert process.stderr.read() == "fecosplat: interrupted\n"
+        finally:
+            process.kill()
