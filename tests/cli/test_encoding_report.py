@@ -1,0 +1,25 @@
+"""What `encode` prints about size and quality."""
+
+import pytest
+from fecosplat_cli.encoding_report import quality_fields, say_result
+
+from fecocodec.container import inspect
+from fecocodec.sender.decoded_quality import DecodedQuality
+
+QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
+
+
+def test_sizes_and_quality_of_each_stage(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    summary = inspect(stream_bytes)
+    say_result("scene.fcs: written", summary, QUALITY)
+    printed = capsys.readouterr().err
+    assert "  stage 1:     0.02 KiB   21.00 dB\n" in printed and "  stage 2:     0.01 KiB   25.00 dB\n" in printed
+    assert f"  in all:  {len(stream_bytes) / 1024:8.2f} KiB   25.00 dB, PSNR of the decoded 2 context views" in printed
+    assert "(worst 24.50 dB)" in printed
+
+
+def test_the_same_as_json(stream_bytes: bytes) -> None:
+    fields = quality_fields(inspect(stream_bytes), QUALITY, ("a.png", "b.png"))
+    assert fields["context_psnr"] == 25.0
+    assert [stage["context_psnr"] for stage in fields["stage_results"]] == [21.0, 25.0]
+    assert fields["context_views"] == [{"name": "a.png", "psnr": 25.5}, {"name": "b.png", "psnr": 24.5}]
