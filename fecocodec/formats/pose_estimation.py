@@ -80,7 +80,7 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
         options = _mapping_options(pycolmap, attempt, count, num_threads)
         models = pycolmap.incremental_mapping(database, folder, output, options)
         for model in models.values():
-            if best is None or model.num_reg_images() > best.num_reg_images():
+            if _is_plausible(model) and (best is None or model.num_reg_images() > best.num_reg_images()):
                 best = model
         if best is not None and best.num_reg_images() == count:
             break
@@ -162,6 +162,12 @@ def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int,
     options.triangulation.min_angle = min(1.5, angle / 2)
     options.triangulation.ignore_two_view_tracks = False  # few views: most points are seen by two
     return options
+
+
+def _is_plausible(model: Any) -> bool:
+    """Return whether all focal lengths are within _FOCAL_RANGE; bundle adjustment can leave it."""
+    ratios = [camera.params[0] / max(camera.width, camera.height) for camera in model.cameras.values()]
+    return all(_FOCAL_RANGE[0] <= ratio <= _FOCAL_RANGE[1] for ratio in ratios)
 
 
 def _verified_matches(pycolmap: Any, database: Path) -> dict[tuple[str, str], int]:
