@@ -71,8 +71,8 @@ def _normalised(
         # In float32, as a reader will see the bounds.
         low, high = (reduce.reduceat(values, starts).astype(np.float32) for reduce in (np.minimum, np.maximum))
         bounds += [low, high]
-        low, high = (np.repeat(bound.astype(np.float64), sizes, axis=0) for bound in (low, high))
-        shares.append(((values - low) / np.where(high > low, high - low, 1)).clip(0, 1))
+        start, end = (np.repeat(bound.astype(np.float64), sizes, axis=0) for bound in (low, high))
+        shares.append(((values - start) / np.where(end > start, end - start, 1)).clip(0, 1))
     return np.concatenate(bounds, axis=1), shares
 
 

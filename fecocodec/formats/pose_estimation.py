@@ -16,7 +16,8 @@ from fecocodec.formats.lens import Lens
 
 LEAST_ANGLE = 1.0  # degrees, median angle between the rays of a point; with less, depth is not determined
 _SEED = 0
-_RADIAL_FROM = 4  # photographs; fewer do not determine the lens distortion
+_RADIAL_FROM = 6  # photographs; fewer do not determine the lens distortion
+_FOCAL_RANGE = (0.3, 3.0)  # longer image sides; a lens of 11 to 108 mm on 35 mm film
 _PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more features in small photographs
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.
 _ATTEMPTS = ((8.0, 60, 24), (4.0, 40, 18), (2.0, 25, 14), (1.0, 20, 12))
@@ -79,7 +80,7 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
         options = _mapping_options(pycolmap, attempt, count, num_threads)
         models = pycolmap.incremental_mapping(database, folder, output, options)
         for model in models.values():
-            if best is None or model.num_reg_images() > best.num_reg_images():
+            if _is_plausible(model) and (best is None or model.num_reg_images() > best.num_reg_images()):
                 best = model
         if best is not None and best.num_reg_images() == count:
             break
@@ -97,7 +98,7 @@ def _pycolmap() -> Any:
             "cameras of photographs without poses are estimated with pycolmap, which is not installed; run "
             "`pip install 'fecosplat[poses]'`."
         ) from error
-    pycolmap.logging.minloglevel = pycolmap.logging.FATAL  # its messages go to stderr otherwise
+    pycolmap.logging.minloglevel = 3  # fatal errors only; its messages go to stderr otherwise
     pycolmap.set_random_seed(_SEED)
     return pycolmap
 
@@ -151,6 +152,8 @@ def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int,
     options.random_seed = _SEED
     options.extract_colors = False
     options.ba_refine_extra_params = count >= _RADIAL_FROM
+    for limited in (options, options.mapper, options.triangulation):
+        limited.min_focal_length_ratio, limited.max_focal_length_ratio = _FOCAL_RANGE
     options.mapper.init_min_tri_angle = angle
     options.mapper.init_min_num_inliers = num_init_inliers
     options.mapper.abs_pose_min_num_inliers = num_inliers
@@ -159,6 +162,12 @@ def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int,
     options.triangulation.min_angle = min(1.5, angle / 2)
     options.triangulation.ignore_two_view_tracks = False  # few views: most points are seen by two
     return options
+
+
+def _is_plausible(model: Any) -> bool:
+    """Return whether all focal lengths are within _FOCAL_RANGE; bundle adjustment can leave it."""
+    ratios = [camera.params[0] / max(camera.width, camera.height) for camera in model.cameras.values()]
+    return all(_FOCAL_RANGE[0] <= ratio <= _FOCAL_RANGE[1] for ratio in ratios)
 
 
 def _verified_matches(pycolmap: Any, database: Path) -> dict[tuple[str, str], int]:

@@ -14,11 +14,12 @@ import torch
 
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import write_atomically
-from fecocodec.formats.pose_estimation import LEAST_ANGLE, EstimatedCamera, Reconstruction, reconstruct
+from fecocodec.formats.pose_estimation import LEAST_ANGLE, EstimatedCamera, ImageGroup, Reconstruction, reconstruct
 from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, copy_name, find_photographs, upright_copies
 from fecocodec.geometry.depth_range import bounds_of_depths
 
 _FEW_MATCHES = 30  # of a pair; named in messages
+_FOCAL_CHANGE = 1.5  # larger changes of the focal length are reported
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
 
@@ -62,8 +63,7 @@ def posed_folder(folder: Path, num_threads: int = -1, name: str = "") -> Iterato
         _require_cameras(name or str(folder), photographs, reconstruction)
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
-        has_exif = all(group.is_known for group in groups)
-        notes += _notes(photographs, reconstruction, has_exif)
+        notes += [*_notes(photographs, reconstruction, groups), *_reliability_warnings(reconstruction, groups)]
         yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes))
 
 
@@ -109,9 +109,10 @@ def _weak_pairs(names: list[str], found: Reconstruction) -> str:
     return "; ".join(few[:3]).replace(";", ",") + more
 
 
-def _notes(photographs: list[Path], found: Reconstruction, has_exif: bool) -> list[str]:
+def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
+    """Return what was estimated, and which photographs are left out."""
     cameras = found.cameras
-    focal = "EXIF data" if has_exif else "a standard lens"
+    focal = "EXIF data" if all(group.is_known for group in groups) else "a standard lens"
     lens = cameras[0].lens
     shared = [count for count in found.matches.values() if count >= _FEW_MATCHES]
     notes = [
@@ -129,6 +130,24 @@ def _notes(photographs: list[Path], found: Reconstruction, has_exif: bool) -> li
                 "take it again with more overlap."
             )
     return notes
+
+
+def _reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
+    """Return warnings about cameras that may be wrong although the reprojection error is small."""
+    warnings = []
+    first = found.cameras[0]
+    start = next(group.focal_px for group in groups if first.name in group.names)
+    if not 1 / _FOCAL_CHANGE < first.lens.fx / start < _FOCAL_CHANGE:
+        warnings.append(
+            f"warning: the estimated focal length is {first.lens.fx / start:.2f} times the initial one; add "
+            "photographs unless the lens is a wide or a long one."
+        )
+    if len(found.cameras) == 2:
+        warnings.append(
+            "warning: cameras from two photographs can be wrong where most points lie on one plane; add a third "
+            "photograph."
+        )
+    return warnings
 
 
 def _transforms(found: Reconstruction, files: list[str]) -> dict[str, Any]:

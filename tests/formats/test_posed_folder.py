@@ -12,7 +12,7 @@ from scipy.ndimage import map_coordinates
 from fecocodec.errors import InputError
 from fecocodec.formats.camera_files import has_cameras
 from fecocodec.formats.posed_folder import posed_folder
-from fecocodec.formats.scene_folder import read_view_cameras
+from fecocodec.formats.scene_folder import read_views
 from fecocodec.formats.transforms_json import read_transforms_json
 
 pytest.importorskip("pycolmap")
@@ -44,7 +44,8 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
     assert has_cameras(EXAMPLE)
     with posed_folder(tmp_path / "photos", num_threads=1) as posed:
         posed.save_cameras(tmp_path / "transforms.json")
-        cameras, _, names = read_view_cameras(posed.path)
+        views = read_views(posed.path)
+        cameras, names = views.cameras, views.names
         assert 0 < cameras.near < cameras.far
     assert not posed.path.exists()
     assert len(names) == 2 and "2 of 2" in posed.notes[0]
@@ -69,9 +70,9 @@ def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
     image.transpose(Image.Transpose.ROTATE_90).save(tmp_path / "photos" / "turned.jpg", exif=exif, quality=95)
     second.unlink()
     with posed_folder(tmp_path / "photos", num_threads=1) as posed:
-        _, size, names = read_view_cameras(posed.path)
-    assert (size[1], size[0]) == image.size
-    assert set(names) == {f"{first.name}.png", "turned.jpg.png"}
+        views = read_views(posed.path)
+    assert views.image_size == (image.height, image.width)
+    assert set(views.names) == {f"{first.name}.png", "turned.jpg.png"}
 
 
 def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
