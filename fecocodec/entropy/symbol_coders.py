@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import constriction
 import numpy as np
-from jaxtyping import Int, Int32
+from jaxtyping import Int, Int32, Integer
 
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT, load_tables
 from fecocodec.errors import BitstreamError
@@ -35,7 +35,7 @@ class SymbolCoder(ABC):
     """Codes symbols; `SymbolWriter` and `SymbolReader` differ only in `_code` and `_code_uniform`."""
 
     def exchange(
-        self, table_index: Int[np.ndarray, "*shape"], wanted: Int[np.ndarray, "*shape"] | None
+        self, table_index: Integer[np.ndarray, "*shape"], wanted: Int[np.ndarray, "*shape"] | None
     ) -> Int32[np.ndarray, "*shape"]:
         """Code one batch and return its symbols, equal at both ends.
 
