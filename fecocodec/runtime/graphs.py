@@ -20,7 +20,7 @@ class Graphs:
         self._num_threads = num_threads
         self._sessions: dict[str, onnxruntime.InferenceSession] = {}
 
-    def run(self, name: str, **inputs: Shaped[np.ndarray, "*shape"] | int) -> list[np.ndarray]:
+    def run(self, name: str, **inputs: Shaped[np.ndarray, "..."] | int) -> list[np.ndarray]:
         """Run the graph NAME.onnx; returns its outputs in their order. An int is passed as an int32 scalar.
 
         Raises ModelError if the file is missing or was exported from other weights.
