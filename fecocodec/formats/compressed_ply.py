@@ -72,7 +72,7 @@ def _normalised(
         low, high = (reduce.reduceat(values, starts).astype(np.float32) for reduce in (np.minimum, np.maximum))
         bounds += [low, high]
         start, end = (np.repeat(bound.astype(np.float64), sizes, axis=0) for bound in (low, high))
-        shares.append(((values - start) / np.where(end > start, end - start, 1)).clip(0, 1))
+        shares.append(((values - start) / np.where(end > start, end - start, 1.0)).clip(0.0, 1.0))
     return np.concatenate(bounds, axis=1), shares
 
 

@@ -8,9 +8,9 @@ from statistics import fmean
 import torch
 from torch import Tensor, nn
 
-from fecocodec.checkpoint import MODEL_ID_BYTES
 from fecocodec.container import dequantise_lambda
 from fecocodec.limits import MAX_STAGES
+from fecocodec.model_files import MODEL_ID_BYTES
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.perceptual import st_lpips
