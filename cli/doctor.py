@@ -23,6 +23,7 @@ NUM_GAUSSIANS, SIDE_PX = 20_000, 256
     epilog="""\b
 Examples:
   fecosplat doctor
+  fecosplat doctor --threads 1
   fecosplat doctor --json""",
 )
 @threads_option

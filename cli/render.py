@@ -146,7 +146,7 @@ def command(
     files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
     from fecocodec import decode, read_ply
-    from fecocodec.formats.video import video_writer
+    from fecocodec.formats.video_writing import video_writer
     from fecocodec.geometry.camera_paths import PATHS
     from fecocodec.rendering.rasterizer import render_each
 

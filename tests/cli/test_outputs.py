@@ -21,7 +21,11 @@ def test_encode_writes_fcs_only(fecosplat, photographs: Path, output: Path, name
 @pytest.mark.parametrize("name", ["a.splat", "a.fcs", "a.jpg"])
 def test_decode_refuses_other_endings(fecosplat, stream_file: Path, output: Path, name: str) -> None:
     result = fecosplat("decode", stream_file, "-o", output / name)
-    assert_refused(result, output, f"{output / name}: files of kind .{name[2:]} are not written here; use .ply.")
+    assert_refused(
+        result,
+        output,
+        f"{output / name}: files of kind .{name[2:]} are not written here; use .ply or .spz or .sog or .glb or .html.",
+    )
 
 
 @pytest.mark.parametrize("name", ["a.splat", "a.ply", "a.gif"])

@@ -59,7 +59,11 @@ def test_blocks_run_in_bfloat16_and_depth_matching_and_points_do_not(converted: 
     seen = seen_dtypes(converted, batch)
     assert seen["sender.extractor.coarse.0.spatial"] == {torch.bfloat16}
     assert seen["receiver.synthesis.coarse.0.spatial"] == {torch.bfloat16}
-    for name in ("receiver.predictor.depth_head", "sender.extractor.matching_head", "receiver.predictor.attention"):
+    for name in (
+        "receiver.predictor.depth_head",
+        "sender.extractor.matching_head",
+        "receiver.predictor.attention.offset_bias",
+    ):
         assert seen[name] == {torch.float32}
     parts = (
         "receiver.synthesis",

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.timeout(300)
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory: pytest.TempPathFactory) -> Sources:
     folder = write_wall_chunks(tmp_path_factory.mktemp("chunks"), num_scenes=2)
-    return Sources(ProceduralWorld(pattern_textures(5)), ChunkScenes(folder))
+    return Sources(ProceduralWorld(pattern_textures(5)), ChunkScenes(folder, spread=0.0))
 
 
 def trainer(folder: Path, sources: Sources, sender: CodecConfig, frozen: tuple[str, ...] = ()) -> Trainer:
