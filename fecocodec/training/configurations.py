@@ -128,7 +128,6 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
             ),
             schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
             distortion=LogDistortion(),
-            background="random",
         ),
         # Our method with the paper's extractor, for the receivers of compact models.
         "compact-re10k": Configuration(
