@@ -85,7 +85,7 @@ def _decode_with_torch(data: bytes, options: DecodeOptions, on_progress: OnProgr
 def _has_graphs(model: Path | None) -> bool:
     """Return whether a model's folder (None: one of the shipped ones) has the graphs of a whole receiver."""
     folders = [model] if model is not None else list(model_files.SHIPPED.iterdir())
-    names = ("predict.onnx", "background.onnx")  # of the networks; the entropy model's graphs are exported before
+    names = ("attributes.onnx", "hide.onnx")  # the last ones of an export
     return any(all((folder / model_files.GRAPHS_FOLDER / name).is_file() for name in names) for folder in folders)
 
 
