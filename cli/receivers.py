@@ -37,7 +37,7 @@ def decode_stream(data: bytes, options: DecodeOptions, on_progress: OnProgress) 
     Torch decodes on other devices than the CPU, prunes, and decodes models without graphs if it is installed.
     """
     needs_torch = options.device != "cpu" or options.prunes
-    if needs_torch or (find_spec("torch") is not None and not _has_graphs(options.model)):
+    if needs_torch or (not _has_graphs(options.model) and find_spec("torch") is not None):
         return _decode_with_torch(data, options, on_progress)
     from fecocodec.merging.merge import MergingConfig
     from fecocodec.runtime.decode import decode

@@ -102,10 +102,10 @@ def _free_space_violation(graphs: Graphs, maps: Arrays, poses: Arrays) -> Float3
     share = np.ones(views, np.float32)
     if views > 2:
         for shift in range(1, views):
-            step = {"shift": shift, **maps, **poses, "confirmed": confirmed, "violation": violation}
-            confirmed, violation = graphs.run("confirm", **step)
+            of_step = maps | poses | {"confirmed": confirmed, "violation": violation}
+            confirmed, violation = graphs.run("confirm", shift=shift, **of_step)
         share = confirmed.mean(axis=(1, 2))
     for shift in range(1, views):
-        step = {"shift": shift, **maps, **poses, "confirmed": confirmed, "share": share, "violation": violation}
-        (violation,) = graphs.run("free_space", **step)
+        of_step = maps | poses | {"confirmed": confirmed, "share": share, "violation": violation}
+        (violation,) = graphs.run("free_space", shift=shift, **of_step)
     return violation
