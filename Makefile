@@ -66,7 +66,7 @@ fuzz: $(READY) ## ten minutes of mutated streams, half of them guided by coverag
 	$(BIN)/python benchmarks/fuzz_streams.py --minutes 5 --seed $$(date +%N); fi
 
 graphs: $(READY) ## export the receiver's graphs of all shipped models and of the vectors' model again
-	@for model in fecocodec/weights/*/; do $(BIN)/python -m fecocodec.training.graphs "$$model" || exit 1; done
+	@for model in $(dir $(wildcard fecocodec/weights/*/receiver.safetensors)); do $(BIN)/python -m fecocodec.training.graphs "$$model" || exit 1; done
 	$(BIN)/python -m tests.vectors.tiny_graphs
 
 conformance: $(READY) ## the same symbols with other threads, instructions and number types; how far Gaussians differ

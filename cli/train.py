@@ -205,7 +205,8 @@ def command(
         if model is not None and is_first():
             _require_finished(trainer.step, configuration.schedule.num_steps, model)
             export_model(trainer.checkpoint, model, configuration)
-            export_receiver(model)
+            if not configuration.is_paper:  # torch decodes the paper's method
+                export_receiver(model)
 
 
 def _check_options(configuration: "Configuration", entropy_steps: int, num_workers: int) -> None:

@@ -1,5 +1,7 @@
 """Fixed-point layers in the form in which they are exported: integer weights, exact sums."""
 
+from typing import TypeVar
+
 import torch
 from torch import Tensor, nn
 
@@ -10,6 +12,8 @@ from fecocodec.coding.fixed_point import (
     FixedPointLinear,
     export_integers,
 )
+
+Network = TypeVar("Network", bound=nn.Module)
 
 
 class ExactLinear(nn.Module):
@@ -37,7 +41,7 @@ class ExactLinear(nn.Module):
         return torch.floor(sums / (1 << WEIGHT_BITS)).clamp(ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
 
 
-def with_exact_layers(module: nn.Module) -> nn.Module:
+def with_exact_layers(module: Network) -> Network:
     """Replace all fixed-point layers of a module, in place, and return it."""
     for name, child in module.named_children():
         if isinstance(child, FixedPointLinear):

@@ -41,17 +41,10 @@ class FeaturesGraph(_PriorGraph):
     """lambda_q, z_hat -> features of stage 1, and the parameters of the first batch of y."""
 
     def forward(self, lambda_q: Tensor, z_hat: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        return self._features(lambda_q, 1, z_hat, None)
-
-    def _features(
-        self, lambda_q: Tensor, stage: int, z_hat: Tensor, context: Tensor | None
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        condition = _condition(lambda_q, torch.tensor(stage)).expand(z_hat.shape[0], -1)
-        features = self.prior.features(z_hat.double(), condition, context)
-        return features, *_outputs(self.prior.block_parameters(features, []))
+        return _features(self.prior, lambda_q, 1, z_hat, None)
 
 
-class ContextFeaturesGraph(FeaturesGraph):
+class ContextFeaturesGraph(_PriorGraph):
     """lambda_q, z_hat of stage 2 and the four steps of y of stage 1 -> the same for stage 2."""
 
     def forward(
@@ -64,7 +57,15 @@ class ContextFeaturesGraph(FeaturesGraph):
         context_3: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
         y_hat = from_coding_order(torch.stack((context_0, context_1, context_2, context_3)))
-        return self._features(lambda_q, 2, z_hat, rearrange(y_hat.double(), "n c h w -> n h w c"))
+        return _features(self.prior, lambda_q, 2, z_hat, rearrange(y_hat.double(), "n c h w -> n h w c"))
+
+
+def _features(
+    prior: LatentPrior, lambda_q: Tensor, stage: int, z_hat: Tensor, context: Tensor | None
+) -> tuple[Tensor, Tensor, Tensor]:
+    condition = _condition(lambda_q, torch.tensor(stage)).expand(z_hat.shape[0], -1)
+    features = prior.features(z_hat.double(), condition, context)
+    return features, *_outputs(prior.block_parameters(features, []))
 
 
 class SecondPassGraph(_PriorGraph):
@@ -93,15 +94,16 @@ class SecondStepGraph(_PriorGraph):
     """features, steps 0 and 1 -> parameters of step 2."""
 
     def forward(self, features: Tensor, step_0: Tensor, step_1: Tensor) -> tuple[Tensor, Tensor]:
-        return self._step_parameters(features, step_0, step_1)
-
-    def _step_parameters(self, features: Tensor, *steps: Tensor) -> tuple[Tensor, Tensor]:
-        around = [self.prior.surroundings(step.double()) for step in steps]
-        return _outputs(self.prior.steps[str(len(steps))]([features, *around]))
+        return _step_parameters(self.prior, features, step_0, step_1)
 
 
-class ThirdStepGraph(SecondStepGraph):
+class ThirdStepGraph(_PriorGraph):
     """features, steps 0 to 2 -> parameters of step 3."""
 
     def forward(self, features: Tensor, step_0: Tensor, step_1: Tensor, step_2: Tensor) -> tuple[Tensor, Tensor]:
-        return self._step_parameters(features, step_0, step_1, step_2)
+        return _step_parameters(self.prior, features, step_0, step_1, step_2)
+
+
+def _step_parameters(prior: LatentPrior, features: Tensor, *steps: Tensor) -> tuple[Tensor, Tensor]:
+    around = [prior.surroundings(step.double()) for step in steps]
+    return _outputs(prior.steps[str(len(steps))]([features, *around]))
