@@ -56,3 +56,13 @@ export async function settled(page: Page): Promise<Buffer> {
   }
   throw new Error("the picture does not stop changing.");
 }
+
+/** Wait until the picture is no longer the given one. Throws Error if it stays the same for a minute. */
+export async function changed(page: Page, before: Buffer): Promise<void> {
+  const deadline = Date.now() + 60_000;
+  while (Date.now() < deadline) {
+    if (!(await page.screenshot({ timeout: TIMEOUT })).equals(before)) return;
+    await page.waitForTimeout(500);
+  }
+  throw new Error("the picture does not change.");
+}
