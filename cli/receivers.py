@@ -37,7 +37,7 @@ def decode_stream(data: bytes, options: DecodeOptions, on_progress: OnProgress) 
     Torch decodes on other devices than the CPU, prunes, and decodes models without graphs if it is installed.
     """
     needs_torch = options.device != "cpu" or options.prunes
-    if needs_torch or (find_spec("torch") is not None and not _has_graphs(options.model)):
+    if needs_torch or (not _has_graphs(options.model) and find_spec("torch") is not None):
         return _decode_with_torch(data, options, on_progress)
     from fecocodec.merging.merge import MergingConfig
     from fecocodec.runtime.decode import decode
@@ -85,7 +85,7 @@ def _decode_with_torch(data: bytes, options: DecodeOptions, on_progress: OnProgr
 def _has_graphs(model: Path | None) -> bool:
     """Return whether a model's folder (None: one of the shipped ones) has the graphs of a whole receiver."""
     folders = [model] if model is not None else list(model_files.SHIPPED.iterdir())
-    names = ("predict.onnx", "background.onnx")  # of the networks; the entropy model's graphs are exported before
+    names = ("attributes.onnx", "hide.onnx")  # the last ones of an export
     return any(all((folder / model_files.GRAPHS_FOLDER / name).is_file() for name in names) for folder in folders)
 
 

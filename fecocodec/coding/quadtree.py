@@ -30,7 +30,7 @@ def split_phases(x: Shaped[Tensor, "item height width channel"]) -> Shaped[Tenso
     return rearrange(x, "item (row a) (column b) channel -> (a b) item row column channel", a=2, b=2)
 
 
-def merge_phases(x: Float[Tensor, "4 item row column channel"]) -> Float[Tensor, "item height width channel"]:
+def merge_phases(x: Shaped[Tensor, "4 item row column channel"]) -> Shaped[Tensor, "item height width channel"]:
     """Invert `split_phases`."""
     return rearrange(x, "(a b) item row column channel -> item (row a) (column b) channel", a=2, b=2)
 
@@ -44,8 +44,8 @@ def to_coding_order(y: Float[Tensor, "item channel height width"]) -> Float[Tens
 
 
 def from_coding_order(
-    coded: Float[Tensor, "4 4 item row column quarter"],
-) -> Float[Tensor, "item channel height width"]:
+    coded: Shaped[Tensor, "4 4 item row column quarter"],
+) -> Shaped[Tensor, "item channel height width"]:
     """Invert `to_coding_order`."""
     phase = torch.arange(NUM_PHASES, device=coded.device)
     step = torch.tensor(STEP_XOR, device=coded.device)[phase ^ phase[:, None]]

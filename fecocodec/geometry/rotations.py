@@ -25,7 +25,7 @@ def quaternion_from_matrix(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tenso
         dim=-2,
     )
     largest = outer.diagonal(dim1=-2, dim2=-1).argmax(dim=-1)
-    row = torch.take_along_dim(outer, largest[..., None, None], dim=-2)[..., 0, :]
+    row = outer.gather(-2, largest[..., None, None].expand(*largest.shape, 1, 4))[..., 0, :]
     quaternion = row / row.norm(dim=-1, keepdim=True)
     return torch.where(quaternion[..., :1] < 0, -quaternion, quaternion)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import torch
 import torch.nn.functional as F
 from einops import rearrange, repeat
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Float, Int64
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, rays_through
@@ -69,19 +69,23 @@ def background_layer(
     that are not emitted. cameras: of these views, near = 1; the grids cover their images. A transparent border is not
     extrapolated.
     """
-    candidates, is_kept = background_candidates(gaussians, cameras, grid, config)
-    return candidates.keep(is_kept)
+    candidates, extended = background_candidates(gaussians, cameras, grid, config)
+    return candidates.keep((candidates.opacities > 0.0) & is_hidden(candidates, extended, cameras))
 
 
 def background_candidates(
     gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: BackgroundConfig = DEFAULT_BACKGROUND
-) -> tuple[Gaussians, Bool[Tensor, " n"]]:
-    """Return all Gaussians outside the images, and which of them the background layer consists of."""
+) -> tuple[Gaussians, ExtendedDepth]:
+    """Return Gaussians in all cells outside the images, and the depth that decides which of them are hidden."""
     axis = _axis(config, gaussians.means)
     colour, depth, opacity = _extrapolated(gaussians, cameras, grid, axis, config)
     candidates = _candidates(colour, depth, opacity, cameras, axis, config)
-    is_kept = (candidates.opacities > 0.0) & is_hidden(candidates, ExtendedDepth(depth, axis.centres), cameras)
-    return candidates, is_kept
+    return candidates, ExtendedDepth(depth, axis.centres)
+
+
+def cell_centres(config: BackgroundConfig, like: Tensor) -> Float[Tensor, " cell"]:
+    """Return the centres of the cells along either axis of an image, in normalised image units."""
+    return _axis(config, like).centres
 
 
 def append(gaussians: Gaussians, layer: Gaussians) -> Gaussians:

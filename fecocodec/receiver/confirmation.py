@@ -8,9 +8,8 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.loops import fold
 from fecocodec.receiver.sampling import project, sample_at
-from fecocodec.receiver.view_pairs import cameras_of, end_of_third_view_shifts, others
+from fecocodec.receiver.view_pairs import cameras_of, others, third_view_shifts
 
 
 @dataclass(frozen=True)
@@ -56,12 +55,23 @@ def confirmation(
     It is exp(-(lead / L)^2) / (1 + (squared colour difference / D)^2), the maximum over the other views that see the
     Gaussian (FORMAT.md, section 9.1).
     """
+    best = torch.zeros_like(points[:, 0])
+    for shift in third_view_shifts(cameras.num_views):
+        best = torch.maximum(best, confirmation_by(shift, points, colour, surfaces, cameras, config))
+    return best
 
-    def step(shift: int | Tensor, best: Tensor) -> tuple[Tensor]:
-        index = others(cameras.num_views, shift, points.device)
-        seen = compare(points, colour, surfaces.index_select(0, index), cameras_of(cameras, index))
-        is_alike = 1.0 / (1.0 + (seen.squared_difference / config.free_space_colour).square())
-        agreement = torch.exp(-(seen.lead / config.free_space_lead).square()) * is_alike
-        return (torch.maximum(best, seen.is_seen * agreement),)
 
-    return fold(step, 1, end_of_third_view_shifts(cameras.num_views), (torch.zeros_like(points[:, 0]),))[0]
+def confirmation_by(
+    shift: int | Tensor,
+    points: Float[Tensor, "view 3 h2 w2"],
+    colour: Float[Tensor, "view 3 h2 w2"],
+    surfaces: Float[Tensor, "view 4 h4 w4"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> Float[Tensor, "view h2 w2"]:
+    """Return the confirmation of each Gaussian by the view `shift` places after its own."""
+    index = others(cameras.num_views, shift, points.device)
+    seen = compare(points, colour, surfaces.index_select(0, index), cameras_of(cameras, index))
+    is_alike = 1.0 / (1.0 + (seen.squared_difference / config.free_space_colour).square())
+    agreement = torch.exp(-(seen.lead / config.free_space_lead).square()) * is_alike
+    return seen.is_seen * agreement

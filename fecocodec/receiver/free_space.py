@@ -18,10 +18,9 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.loops import fold
 from fecocodec.receiver.confirmation import Comparison, compare, confirmation
 from fecocodec.receiver.near_bound import near_bound_violation
-from fecocodec.receiver.view_pairs import cameras_of, end_of_third_view_shifts, others
+from fecocodec.receiver.view_pairs import cameras_of, others, shifts
 
 POOLED = 2  # side of the blocks of Gaussians that are averaged to a view's surface
 
@@ -41,12 +40,12 @@ def free_space_violation(
     be even.
     """
     points, colour = (rearrange(x, "b v h w c -> b v c h w").contiguous() for x in (means, colour))
-    surfaces = _surfaces(depth, colour, opacity)
+    surfaces = surfaces_of(depth, colour, opacity)
     scenes = zip(points, colour, surfaces, strict=True)
     return torch.stack([_violation(*scene, cameras.scene(index), config) for index, scene in enumerate(scenes)])
 
 
-def _surfaces(
+def surfaces_of(
     depth: Float[Tensor, "batch view h2 w2"],
     colour: Float[Tensor, "batch view 3 h2 w2"],
     opacity: Float[Tensor, "batch view h2 w2"],
@@ -66,21 +65,43 @@ def _violation(
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
     """Return the strongest violation of each Gaussian of one scene."""
-    views = cameras.num_views
     confirmed = confirmation(points, colour, surfaces, cameras, config)
-    share = confirmed.mean(dim=(1, 2))
-    has_third_views = torch.as_tensor(end_of_third_view_shifts(views), device=points.device) > 1
-    surfaces = torch.cat((surfaces, F.avg_pool2d(confirmed[:, None], POOLED)), dim=1)
+    share = confirmed.mean(dim=(1, 2)) if cameras.num_views > 2 else torch.ones_like(confirmed[:, 0, 0])
+    surfaces = with_confirmation(surfaces, confirmed)
+    strongest = near_bound_violation(points, cameras, config)
+    for shift in shifts(cameras.num_views):
+        found = violation_at(shift, points, colour, surfaces, confirmed, share, cameras, config)
+        strongest = torch.maximum(strongest, found)
+    return strongest
 
-    def step(shift: int | Tensor, strongest: Tensor) -> tuple[Tensor]:
-        index = others(views, shift, points.device)
-        seen = compare(points, colour, surfaces.index_select(0, index), cameras_of(cameras, index))
-        ratio = (share / share.index_select(0, index).clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
-        tolerance = config.free_space_colour * torch.where(has_third_views, ratio, 1.0)
-        protection = config.free_space_protection * confirmed * (1.0 - seen.surface[:, 4])
-        return (torch.maximum(strongest, _in_front(seen, tolerance, config) * (1.0 - protection)),)
 
-    return fold(step, 1, views, (near_bound_violation(points, cameras, config),))[0]
+def with_confirmation(
+    surfaces: Float[Tensor, "view 4 h4 w4"], confirmed: Float[Tensor, "view h2 w2"]
+) -> Float[Tensor, "view 5 h4 w4"]:
+    """Append the confirmation of the Gaussians, averaged over blocks, to the surfaces."""
+    return torch.cat((surfaces, F.avg_pool2d(confirmed[:, None], POOLED)), dim=1)
+
+
+def violation_at(
+    shift: int | Tensor,
+    points: Float[Tensor, "view 3 h2 w2"],
+    colour: Float[Tensor, "view 3 h2 w2"],
+    surfaces: Float[Tensor, "view 5 h4 w4"],
+    confirmed: Float[Tensor, "view h2 w2"],
+    share: Float[Tensor, " view"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> Float[Tensor, "view h2 w2"]:
+    """Return the violation against the surface of the view `shift` places after each Gaussian's own.
+
+    surfaces: of `with_confirmation`. share: mean confirmation of each view; 1 for fewer than three views.
+    """
+    index = others(cameras.num_views, shift, points.device)
+    seen = compare(points, colour, surfaces.index_select(0, index), cameras_of(cameras, index))
+    ratio = (share / share.index_select(0, index).clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
+    tolerance = config.free_space_colour * ratio
+    protection = config.free_space_protection * confirmed * (1.0 - seen.surface[:, 4])
+    return _in_front(seen, tolerance, config) * (1.0 - protection)
 
 
 def _in_front(

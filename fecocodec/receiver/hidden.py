@@ -10,7 +10,6 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.rotations import matrix_from_quaternion
-from fecocodec.layers.loops import fold
 
 SMALLEST_DEPTH = 1e-6
 VISIBLE_DEVIATIONS = 3.2  # radius of a Gaussian; alpha is 0.6% there
@@ -38,21 +37,20 @@ class ExtendedDepth:
 
 def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -> Bool[Tensor, " n"]:
     """Return which Gaussians are outside every image, behind the extended depth of every view, and near no camera."""
-    means = gaussians.means.T.contiguous()
+    means, axes = gaussians.means.T.contiguous(), standard_deviations(gaussians)
+    hidden = torch.ones_like(gaussians.opacities, dtype=torch.bool)
+    for of_view in zip(extended.depth, cameras.world_to_camera, cameras.intrinsics, strict=True):
+        hidden = hidden & is_hidden_from(means, axes, extended.bounds, *of_view)
+    return hidden
+
+
+def standard_deviations(gaussians: Gaussians) -> Float[Tensor, "own 3 n"]:
+    """Return the axes of Gaussians, one standard deviation long, in the frame of their means."""
     axes = matrix_from_quaternion(gaussians.rotations) * gaussians.scales[:, None]
-    axes = rearrange(axes, "n xyz own -> own xyz n").contiguous()
-    world_to_camera, intrinsics, bounds = cameras.world_to_camera, cameras.intrinsics, extended.bounds
-
-    def step(view: int | Tensor, hidden: Tensor) -> tuple[Tensor]:
-        index = torch.as_tensor(view, device=means.device)[None]
-        of_view = (x.index_select(0, index)[0] for x in (extended.depth, world_to_camera, intrinsics))
-        return (hidden & _is_hidden_from(means, axes, bounds, *of_view),)
-
-    everywhere = torch.ones_like(gaussians.opacities, dtype=torch.bool)
-    return fold(step, 0, cameras.num_views, (everywhere,))[0]
+    return rearrange(axes, "n xyz own -> own xyz n").contiguous()
 
 
-def _is_hidden_from(
+def is_hidden_from(
     means: Float[Tensor, "3 n"],
     axes: Float[Tensor, "own 3 n"],
     bounds: Float[Tensor, " bound"],
@@ -60,7 +58,7 @@ def _is_hidden_from(
     world_to_camera: Float[Tensor, "4 4"],
     intrinsics: Float[Tensor, "3 3"],
 ) -> Bool[Tensor, " n"]:
-    """Return `is_hidden` for one view. axes: of the Gaussians, one standard deviation long, in the world frame.
+    """Return `is_hidden` for one view. axes: of `standard_deviations`.
 
     Coordinates are the first dimension, because it is several times as fast as the last.
     """
@@ -71,7 +69,7 @@ def _is_hidden_from(
     radius = VISIBLE_DEVIATIONS * _deviations(world_to_camera[:3, :3] @ axes, intrinsics, uv, depth)
     is_seen = is_in_front & ((uv > -radius) & (uv < 1.0 + radius)).all(dim=0)
     is_before = is_in_front & (depth < _extended_depth_at(extended, bounds, uv))
-    is_close = points.square().sum(dim=0).sqrt() < CLEARANCE * extended.amin()
+    is_close = points.square().sum(dim=0).sqrt() < CLEARANCE * extended.amin(dim=(0, 1))
     return ~(is_seen | is_before | is_close)
 
 

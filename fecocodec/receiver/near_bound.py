@@ -10,9 +10,8 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.loops import fold
 from fecocodec.receiver.sampling import project
-from fecocodec.receiver.view_pairs import cameras_of, end_of_third_view_shifts, others
+from fecocodec.receiver.view_pairs import cameras_of, others, third_view_shifts
 
 
 @torch.no_grad()
@@ -23,16 +22,22 @@ def near_bound_violation(
 
     It is zero for fewer than three views.
     """
+    strongest = torch.zeros_like(points[:, 0])
+    for shift in third_view_shifts(cameras.num_views):
+        strongest = torch.maximum(strongest, near_bound_violation_at(shift, points, cameras, config))
+    return strongest
+
+
+def near_bound_violation_at(
+    shift: int | Tensor, points: Float[Tensor, "view 3 h2 w2"], cameras: Cameras, config: ReceiverConfig
+) -> Float[Tensor, "view h2 w2"]:
+    """Return the violation of the near bound of the view `shift` places after each Gaussian's own."""
     margin = config.near_bound_margin
-
-    def step(shift: int | Tensor, strongest: Tensor) -> tuple[Tensor]:
-        cameras_there = cameras_of(cameras, others(cameras.num_views, shift, points.device))
-        uv, depth, _ = project(cameras_there, points)
-        forward, centre = cameras_there.extrinsics[:, :3, 2], cameras_there.extrinsics[:, :3, 3]
-        offset = points - centre[..., None, None]
-        is_in_front = (offset * forward[..., None, None]).sum(dim=1) > 0
-        is_inside = ((uv > -margin) & (uv < 1 + margin)).all(dim=1)
-        excess = (depth / (config.near_bound_depth * cameras.near)).log() / config.near_bound_width
-        return (torch.maximum(strongest, is_in_front * is_inside * torch.sigmoid(-excess)),)
-
-    return fold(step, 1, end_of_third_view_shifts(cameras.num_views), (torch.zeros_like(points[:, 0]),))[0]
+    cameras_there = cameras_of(cameras, others(cameras.num_views, shift, points.device))
+    uv, depth, _ = project(cameras_there, points)
+    forward, centre = cameras_there.extrinsics[:, :3, 2], cameras_there.extrinsics[:, :3, 3]
+    offset = points - centre[..., None, None]
+    is_in_front = (offset * forward[..., None, None]).sum(dim=1) > 0
+    is_inside = ((uv > -margin) & (uv < 1 + margin)).all(dim=1)
+    excess = (depth / (config.near_bound_depth * cameras.near)).log() / config.near_bound_width
+    return is_in_front * is_inside * torch.sigmoid(-excess)

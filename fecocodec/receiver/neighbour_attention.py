@@ -1,7 +1,5 @@
 """KNN attention: each 3D point attends to its nearest points of all views."""
 
-from functools import partial
-
 import torch
 import torch.nn.functional as F
 from einops import rearrange
@@ -9,7 +7,6 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.geometry.neighbours import nearest_neighbours
-from fecocodec.layers.loops import in_blocks
 
 NUM_HEADS = 4
 OFFSET_CHANNELS = 4  # relative position (3) and its length
@@ -71,20 +68,22 @@ class NeighbourAttention(nn.Module):
         world_to_view: Float[Tensor, "point 3 3"],
     ) -> Float[Tensor, "point channel"]:
         """Return the residual for neighbours that `search` found; other arguments as for `forward`."""
-        presence = self._presence(neighbours, points)
-        neighbours = neighbours[:, : self.num_neighbours]
-        normed = self.norm(features)
-        key_value, query = self.key_value(normed), self.query_scale * self.query(normed)
-        of_points = (neighbours, presence, query, points, depth, world_to_view)
-        gather = partial(self._gather, key_value, points)
-        return self.output(in_blocks(gather, POINTS_AT_ONCE, *of_points))
+        key_value, query = self.keys_values_and_queries(features)
+        blocks = zip(*(x.split(POINTS_AT_ONCE) for x in (neighbours, query, points, depth, world_to_view)), strict=True)
+        return self.output(torch.cat([self.gathered(key_value, points, *block) for block in blocks]))
 
-    def _gather(
+    def keys_values_and_queries(
+        self, features: Float[Tensor, "point channel"]
+    ) -> tuple[Float[Tensor, "point attention2"], Float[Tensor, "point attention"]]:
+        """Return keys and values, side by side, and queries of points."""
+        normed = self.norm(features)
+        return self.key_value(normed), self.query_scale * self.query(normed)
+
+    def gathered(
         self,
         key_value: Float[Tensor, "point attention2"],
         all_points: Float[Tensor, "point 3"],
-        neighbours: Int[Tensor, "asking k"],
-        presence: Float[Tensor, "asking k"],
+        neighbours: Int[Tensor, "asking k1"],
         query: Float[Tensor, "asking attention"],
         points: Float[Tensor, "asking 3"],
         depth: Float[Tensor, " asking"],
@@ -95,7 +94,10 @@ class NeighbourAttention(nn.Module):
         All heads share one batched product per direction, with queries that are zero outside their head's channels,
         which is faster at these sizes than splitting the heads.
         """
-        offsets = _relative_offsets(F.embedding(neighbours, all_points) - points[:, None], depth, world_to_view)
+        offsets = F.embedding(neighbours, all_points) - points[:, None]
+        presence = self._presence(neighbours, offsets)
+        neighbours = neighbours[:, : self.num_neighbours]
+        offsets = _relative_offsets(offsets[:, : self.num_neighbours], depth, world_to_view)
         # `embedding` is much faster than indexing, and so is its gradient.
         key, value = F.embedding(neighbours, key_value).chunk(2, dim=-1)  # [asking k attention]
         logits = key @ (query[..., None] * self.head_of_channel) + self.offset_bias(offsets) + presence.log()[..., None]
@@ -103,11 +105,13 @@ class NeighbourAttention(nn.Module):
         gathered = ((weights @ value) * self.head_of_channel.transpose(0, 1)).sum(dim=1)
         return torch.cat((gathered, rearrange(weights @ offsets, "p head c -> p (head c)")), dim=-1)
 
-    def _presence(self, neighbours: Int[Tensor, "point k1"], points: Float[Tensor, "point 3"]) -> Tensor:
-        """Return the weights in [LEAST_PRESENCE, 1] of the k nearest points, [point k]."""
+    def _presence(
+        self, neighbours: Int[Tensor, "asking k1"], offsets: Float[Tensor, "asking k1 3"]
+    ) -> Float[Tensor, "asking k"]:
+        """Return the weights in [LEAST_PRESENCE, 1] of the k nearest points."""
         if neighbours.shape[1] == self.num_neighbours:  # no point is left out
-            return torch.ones_like(neighbours, dtype=points.dtype)
-        distance = (F.embedding(neighbours, points) - points[:, None]).square().sum(dim=-1)
+            return torch.ones_like(neighbours, dtype=offsets.dtype)
+        distance = offsets.square().sum(dim=-1)
         beyond = distance.amax(dim=1, keepdim=True)
         presence = (beyond - distance) / (self.fade * beyond).clamp(min=1e-30)
         return presence[:, :-1].clamp(LEAST_PRESENCE, 1.0)

@@ -35,6 +35,31 @@ class Prediction:
     relative_disparity: Float[Tensor, "batch view h4 w4"]
 
 
+@dataclass(frozen=True)
+class Attributes:
+    """Attributes of Gaussians on their grid, in the frame of the cameras.
+
+    scales, rotations, opacity: as in `Gaussians`. colour: sRGB. depth: in the Gaussian's own view, in scene units.
+    """
+
+    means: Float[Tensor, "batch view height width 3"]
+    scales: Float[Tensor, "batch view height width 3"]
+    rotations: Float[Tensor, "batch view height width 4"]
+    opacity: Float[Tensor, "batch view height width"]
+    colour: Float[Tensor, "batch view height width 3"]
+    depth: Float[Tensor, "batch view height width"]
+
+    def gaussians(self, opacity: Float[Tensor, "batch view height width"]) -> Gaussians:
+        """Return the Gaussians with these opacities, ordered (view, row, column)."""
+        return Gaussians(
+            means=rearrange(self.means, "b v h w xyz -> b (v h w) xyz"),
+            scales=rearrange(self.scales, "b v h w xyz -> b (v h w) xyz"),
+            rotations=rearrange(self.rotations, "b v h w q -> b (v h w) q"),
+            opacities=rearrange(opacity, "b v h w -> b (v h w)"),
+            harmonics=rearrange((self.colour - 0.5) / SH_DEGREE_0, "b v h w rgb -> b (v h w) 1 rgb"),
+        )
+
+
 class Predictor(nn.Module):
     """S -> U-Net (1/4 to 1/16) -> depth (1/4) -> points -> KNN attention in 3D (1/8) -> head -> shuffle -> Gaussians.
 
@@ -87,10 +112,23 @@ class Predictor(nn.Module):
         cameras: Cameras,
     ) -> Prediction:
         """Return the Gaussians, the part of the predictor after attention. attended: residual of the features."""
-        views = cameras.num_views
+        found = self.attributes(features, attended, relative, cameras)
+        if self.config.method == PAPER:
+            return Prediction(found.gaussians(found.opacity), relative)
+        violation = free_space_violation(found.means, found.depth, found.colour, found.opacity, cameras, self.config)
+        return Prediction(found.gaussians(found.opacity * (1.0 - violation)), relative)
+
+    def attributes(
+        self,
+        features: Float[Tensor, "item channel h4 w4"],
+        attended: Float[Tensor, "item channel h4 w4"],
+        relative: Float[Tensor, "batch view h4 w4"],
+        cameras: Cameras,
+    ) -> Attributes:
+        """Return the attributes of the Gaussians before the free-space check; arguments as for `gaussians`."""
         shuffled = pixel_shuffle(self.head(features + attended).float(), self.config.gaussians_per_side)
-        raw = rearrange(shuffled, "(b v) c h w -> b v h w c", v=views)
-        return Prediction(self._activate(raw, relative, cameras), relative)
+        raw = rearrange(shuffled, "(b v) c h w -> b v h w c", v=cameras.num_views)
+        return self._activate(raw, relative, cameras)
 
     def _coarser(self, state: Tensor, condition: RateCondition) -> Tensor:
         """Return the residual of the U-Net's levels at 1/8 and 1/16."""
@@ -136,9 +174,9 @@ class Predictor(nn.Module):
         )
         attended = torch.stack([self.attention.attend_to(*scene) for scene in scenes])
         attended = rearrange(attended, "b (v h w) c -> (b v) c h w", v=views, h=height, w=width)
-        return F.interpolate(attended, scale_factor=2.0, mode="nearest")
+        return enlarged(attended)
 
-    def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Gaussians:
+    def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Attributes:
         """Convert raw outputs of the head, on the grid of the Gaussians, to bounded attributes, in float32."""
         height, width = raw.shape[2:4]
         opacity, offset, disparity, scale, rotation, colour = raw.split([*RAW.values()], dim=-1)
@@ -153,15 +191,12 @@ class Predictor(nn.Module):
         view_to_world = quaternion_from_matrix(cameras.extrinsics[..., :3, :3])[..., None, None, :]
         colour, opacity = torch.sigmoid(2.0 * colour), torch.sigmoid(opacity[..., 0] + 2.0)
         means = camera_to_world_points(cameras, rays * depth[..., None])
-        if self.config.method != PAPER:
-            opacity = opacity * (1.0 - free_space_violation(means, depth, colour, opacity, cameras, self.config))
-        return Gaussians(
-            means=rearrange(means, "b v h w xyz -> b (v h w) xyz"),
-            scales=rearrange(scales, "b v h w xyz -> b (v h w) xyz"),
-            rotations=rearrange(multiply(view_to_world, local), "b v h w q -> b (v h w) q"),
-            opacities=rearrange(opacity, "b v h w -> b (v h w)"),
-            harmonics=rearrange((colour - 0.5) / SH_DEGREE_0, "b v h w rgb -> b (v h w) 1 rgb"),
-        )
+        return Attributes(means, scales, multiply(view_to_world, local), opacity, colour, depth)
+
+
+def enlarged(attended: Float[Tensor, "item channel h8 w8"]) -> Float[Tensor, "item channel h4 w4"]:
+    """Return the residual of attention at the resolution of the features."""
+    return F.interpolate(attended, scale_factor=2.0, mode="nearest")
 
 
 def _cell_positions(like: Tensor, height: int, width: int) -> Float[Tensor, "height width 2"]:
@@ -176,4 +211,6 @@ def _cell_positions(like: Tensor, height: int, width: int) -> Float[Tensor, "hei
 
 def _offset_uv(offset: Tensor, height: int, width: int) -> Tensor:
     """Convert raw offsets to normalised image units, bounded by `LARGEST_OFFSET_CELLS` cells."""
-    return LARGEST_OFFSET_CELLS * torch.tanh(offset) / offset.new_tensor([width, height])
+    # `new_tensor` would make constants of the sizes in an exported graph.
+    size = [torch.scalar_tensor(side, dtype=offset.dtype, device=offset.device) for side in (width, height)]
+    return LARGEST_OFFSET_CELLS * torch.tanh(offset) / torch.stack(size)

@@ -7,6 +7,7 @@ angle (Buehler et al., "Unstructured Lumigraph Rendering", 2001). The fit uses d
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -17,9 +18,15 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
-from fecocodec.layers.loops import fold
 from fecocodec.receiver.sampling import SMALLEST_DEPTH, project, sample_at
-from fecocodec.receiver.view_pairs import cameras_of, others
+from fecocodec.receiver.view_pairs import cameras_of, others, shifts
+
+
+class NormalEquations(NamedTuple):
+    """Normal equations `matrix @ slope = right` of all Gaussians."""
+
+    matrix: Float[Tensor, "view 3 3 h w"]
+    right: Float[Tensor, "view 3 3 h w"]
 
 
 def view_dependent(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: ReceiverConfig) -> Gaussians:
@@ -54,45 +61,68 @@ def fitted_harmonics(
         0.5
         + SH_DEGREE_0 * rearrange(harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0], w=grid[1]).contiguous()
     )
+    surfaces = surfaces_of(points, own, cameras)
+    equations = start_of_equations(own, config)
+    for shift in shifts(views):
+        equations = with_view(shift, equations, points, own, surfaces, cameras, config)
+    return harmonics_of(equations, points, own, cameras, config)
+
+
+def surfaces_of(
+    points: Float[Tensor, "view 3 h w"], own: Float[Tensor, "view 3 h w"], cameras: Cameras
+) -> Float[Tensor, "view 4 h w"]:
+    """Return colour and inverse depth of each Gaussian in its own view. own: sRGB colours."""
+    forward, centres = cameras.extrinsics[:, :3, 2], cameras.extrinsics[:, :3, 3]
+    depth = ((points - centres[..., None, None]) * forward[..., None, None]).sum(dim=1)
+    return torch.cat((own, 1.0 / depth[:, None].clamp_min(SMALLEST_DEPTH)), dim=1)
+
+
+def start_of_equations(own: Float[Tensor, "view 3 h w"], config: ReceiverConfig) -> NormalEquations:
+    """Return the normal equations of the ridge alone."""
+    ridge = config.view_dependence_ridge**2 * torch.eye(3, device=own.device)
+    matrix = ridge[..., None, None] + torch.zeros_like(own)[:, :, None]
+    return NormalEquations(matrix, torch.zeros_like(matrix))
+
+
+def with_view(
+    shift: int | Tensor,
+    equations: NormalEquations,
+    points: Float[Tensor, "view 3 h w"],
+    own: Float[Tensor, "view 3 h w"],
+    surfaces: Float[Tensor, "view 4 h w"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> NormalEquations:
+    """Add the view `shift` places after each Gaussian's own. surfaces: of `surfaces_of`."""
+    index = others(cameras.num_views, shift, points.device)
+    judges = cameras_of(cameras, index)
+    uv, depth, is_seen = project(judges, points)
+    there = sample_at(surfaces.index_select(0, index), uv)
+    lag = (there[:, 3] * depth).clamp_min(1e-6).log()
+    weight = is_seen * torch.sigmoid((config.hiding_lag - lag) / config.hiding_lag_width)
+    turn = _directions(points, judges.extrinsics[:, :3, 3]) - _directions(points, cameras.extrinsics[:, :3, 3])
+    weighted = (weight[:, None] * turn)[:, :, None]
+    difference = there[:, :3] - own
+    matrix = torch.addcmul(equations.matrix, weighted, turn[:, None])
+    return NormalEquations(matrix, torch.addcmul(equations.right, weighted, difference[:, None]))
+
+
+def harmonics_of(
+    equations: NormalEquations,
+    points: Float[Tensor, "view 3 h w"],
+    own: Float[Tensor, "view 3 h w"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> Float[Tensor, "n 4 3"]:
+    """Return the harmonics of Gaussians, ordered (view, row, column), whose slopes solve the normal equations."""
     direction = _directions(points, cameras.extrinsics[:, :3, 3])
-    matrix, right = _normal_equations(points, own, direction, cameras, config)
-    slope = config.view_dependence * _solution(matrix, right)
+    slope = config.view_dependence * _solution(equations.matrix, equations.right)
     base = (own - 0.5 - (direction[:, :, None] * slope).sum(dim=1)) / SH_DEGREE_0
     x, y, z = (slope / SH_DEGREE_1).unbind(dim=1)
     fitted = torch.stack((base, -y, z, -x), dim=1)
     plain = F.pad(((own - 0.5) / SH_DEGREE_0)[:, None], (0, 0, 0, 0, 0, 0, 0, 3))
     is_placed = fitted.sum(dim=(1, 2)).isfinite()
     return rearrange(torch.where(is_placed[:, None, None], fitted, plain), "v sh rgb h w -> (v h w) sh rgb")
-
-
-def _normal_equations(
-    points: Float[Tensor, "view 3 h w"],
-    own: Float[Tensor, "view 3 h w"],
-    direction: Float[Tensor, "view 3 h w"],
-    cameras: Cameras,
-    config: ReceiverConfig,
-) -> tuple[Float[Tensor, "view 3 3 h w"], Float[Tensor, "view 3 3 h w"]]:
-    """Return matrix and right-hand side of the slopes of all Gaussians. own: sRGB colours."""
-    forward, centres = cameras.extrinsics[:, :3, 2], cameras.extrinsics[:, :3, 3]
-    depth = ((points - centres[..., None, None]) * forward[..., None, None]).sum(dim=1)
-    surfaces = torch.cat((own, 1.0 / depth[:, None].clamp_min(SMALLEST_DEPTH)), dim=1)
-
-    def step(shift: int | Tensor, matrix: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
-        index = others(cameras.num_views, shift, points.device)
-        judges = cameras_of(cameras, index)
-        uv, depth, is_seen = project(judges, points)
-        there = sample_at(surfaces.index_select(0, index), uv)
-        lag = (there[:, 3] * depth).clamp_min(1e-6).log()
-        weight = is_seen * torch.sigmoid((config.hiding_lag - lag) / config.hiding_lag_width)
-        turn = _directions(points, judges.extrinsics[:, :3, 3]) - direction
-        weighted = (weight[:, None] * turn)[:, :, None]
-        difference = there[:, :3] - own
-        return torch.addcmul(matrix, weighted, turn[:, None]), torch.addcmul(right, weighted, difference[:, None])
-
-    ridge = config.view_dependence_ridge**2 * torch.eye(3, device=own.device)
-    start = ridge[..., None, None] + torch.zeros_like(own)[:, :, None]
-    matrix, right = fold(step, 1, cameras.num_views, (start, torch.zeros_like(start)))
-    return matrix, right
 
 
 def _solution(

@@ -23,9 +23,11 @@ def cameras_of(cameras: Cameras, index: Int64[Tensor, " view"]) -> Cameras:
     )
 
 
-def end_of_third_view_shifts(num_views: int) -> int | Tensor:
-    """Return the end of the shifts for steps that need three or more views: 1, hence no shift, for fewer."""
-    if torch.compiler.is_exporting():  # the number of views of a graph is variable
-        count = torch.scalar_tensor(num_views, dtype=torch.int64)
-        return torch.where(count > 2, count, 1)
-    return num_views if num_views > 2 else 1
+def shifts(num_views: int) -> range:
+    """Return the shifts that visit all other views of each view."""
+    return range(1, num_views)
+
+
+def third_view_shifts(num_views: int) -> range:
+    """Return the shifts of steps that need three or more views: none for fewer."""
+    return shifts(num_views) if num_views > 2 else range(0)

@@ -10,9 +10,10 @@ from fecocodec.container import Header, IntactPart, Stages, Stream, check_pixels
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE, SIDE_MULTIPLE
 from fecocodec.merging.merge import MergingConfig
-from fecocodec.runtime.emission import EmissionConfig, LastState, emit, is_in_covered_cell
+from fecocodec.runtime.emission import EmissionConfig, emit, is_in_covered_cell
 from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.latents import Steps, decode_stage
+from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import SceneCameras, SceneGaussians
 
 OnProgress = Callable[[str, float], None]  # (current task, fraction done)

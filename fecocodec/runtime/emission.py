@@ -3,13 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool
 
 from fecocodec.container import Header
 from fecocodec.container.coverage import CELL, coverage_grid
 from fecocodec.merging.merge import MergingConfig, merged_fields
 from fecocodec.runtime.graphs import Graphs
-from fecocodec.runtime.neighbours import nearest_neighbours
+from fecocodec.runtime.prediction import LastState, Prediction, fitted_harmonics, poses_of, predict
 from fecocodec.runtime.scene import SceneCameras, SceneGaussians, normalise
 
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
@@ -25,15 +25,6 @@ class EmissionConfig:
     merging: MergingConfig | None
 
 
-@dataclass(frozen=True)
-class LastState:
-    """State after the last decoded stage, with the lambda and the number of this stage."""
-
-    state: Float32[np.ndarray, "view channel h4 w4"]
-    lambda_q: int
-    stage: int
-
-
 def emit(
     graphs: Graphs,
     last: LastState,
@@ -47,20 +38,22 @@ def emit(
     (view, row, column); Gaussians with False are dropped. None drops none. The background layer comes last.
     """
     normalised, frame = normalise(cameras)
-    plain, harmonics = _predict(graphs, last, normalised)
-    has_slope = config.sh_degree == 1 and cameras.num_views > 1
-    gaussians = replace(plain, harmonics=harmonics) if has_slope else plain
+    prediction = predict(graphs, last, normalised)
+    gaussians = plain = prediction.gaussians()
+    if config.sh_degree == 1 and cameras.num_views > 1:
+        gaussians = replace(plain, harmonics=fitted_harmonics(graphs, prediction, normalised))
     is_emitted = (plain.opacities >= LEAST_OPACITY) & np.isfinite(plain.means).all(axis=1)
     if is_covered is not None:
         is_emitted &= is_covered
-    grid = (4 * last.state.shape[2] // 2, 4 * last.state.shape[3] // 2)
     if config.merging is None:
         emitted = gaussians.keep(is_emitted)
     else:
         poses = (normalised.extrinsics, normalised.intrinsics)
-        emitted = SceneGaussians(*merged_fields(gaussians.fields(), is_emitted, grid, *poses, config.merging))
+        emitted = SceneGaussians(
+            *merged_fields(gaussians.fields(), is_emitted, prediction.grid, *poses, config.merging)
+        )
     if config.has_background:
-        emitted = _append(emitted, _background(graphs, plain, is_emitted, grid, normalised))
+        emitted = _append(emitted, _background(graphs, prediction, is_emitted, normalised))
     return frame.to_world(emitted)
 
 
@@ -70,43 +63,19 @@ def is_in_covered_cell(bits: bytes, header: Header) -> Bool[np.ndarray, " n"]:
     return cells.repeat(GAUSSIANS_PER_SIDE, axis=1).repeat(GAUSSIANS_PER_SIDE, axis=2).reshape(-1)
 
 
-def _predict(
-    graphs: Graphs, last: LastState, cameras: SceneCameras
-) -> tuple[SceneGaussians, Float32[np.ndarray, "n 4 3"]]:
-    """Return the Gaussians with harmonics of degree 0, and the harmonics of degree 1. cameras: normalised."""
-    poses = {
-        "extrinsics": cameras.extrinsics,
-        "intrinsics": cameras.intrinsics,
-        "far": np.float32(cameras.far),
-    }
-    features, relative, points, depth = graphs.run(
-        "points", state=last.state, lambda_q=last.lambda_q, stage=last.stage, **poses
-    )
-    num_neighbours = int(graphs.input_shape("predict", "neighbours")[-1])
-    neighbours = nearest_neighbours(points.reshape(-1, 3), num_neighbours).reshape(*depth.shape, num_neighbours)
-    searched = {"relative": relative, "points": points, "depth": depth, "neighbours": neighbours}
-    *fields, harmonics = graphs.run("predict", features=features, **searched, **poses)
-    return SceneGaussians(*fields), harmonics
-
-
 def _background(
-    graphs: Graphs,
-    plain: SceneGaussians,
-    is_emitted: Bool[np.ndarray, " n"],
-    grid: tuple[int, int],
-    cameras: SceneCameras,
+    graphs: Graphs, prediction: Prediction, is_emitted: Bool[np.ndarray, " n"], cameras: SceneCameras
 ) -> SceneGaussians:
     """Return the background layer, with harmonics of degree 0."""
-    shape = (cameras.num_views, *grid)
-    *fields, is_kept = graphs.run(
-        "background",
-        means=plain.means.reshape(*shape, 3),
-        opacities=(plain.opacities * is_emitted).reshape(shape),
-        colours=plain.harmonics.reshape(*shape, 3),
-        extrinsics=cameras.extrinsics,
-        intrinsics=cameras.intrinsics,
-    )
-    return SceneGaussians(*fields).keep(is_kept)
+    poses = poses_of(cameras)
+    opacities = prediction.opacities * is_emitted.reshape(prediction.opacities.shape)
+    *fields, extended = graphs.run("background", **prediction.maps(), opacities=opacities, **poses)
+    candidates = SceneGaussians(*fields)
+    shapes = {"means": candidates.means, "scales": candidates.scales, "rotations": candidates.rotations}
+    hidden = candidates.opacities > 0
+    for view in range(cameras.num_views):
+        (hidden,) = graphs.run("hide", view=view, **shapes, extended=extended, **poses, hidden=hidden)
+    return candidates.keep(hidden)
 
 
 def _append(gaussians: SceneGaussians, layer: SceneGaussians) -> SceneGaussians:

@@ -11,16 +11,16 @@ from fecocodec.runtime.graphs import Graphs
 
 ONE_Q8 = 256
 
-Steps = tuple[Int32[np.ndarray, "4 view row column quarter"], ...]
+Steps = tuple[Int32[np.ndarray, "4 view h16 w16 quarter"], ...]
 """Decoded values of y, Q8: the four steps of the coding order."""
 
 
 @dataclass(frozen=True)
 class StageLatents:
-    """Decoded latents of one stage. symbols: one array per batch. z_hat: Q8, [view row column channel]."""
+    """Decoded latents of one stage. symbols: one array per batch. z_hat: Q8."""
 
     symbols: tuple[Int32[np.ndarray, "..."], ...]
-    z_hat: Int32[np.ndarray, "view row column channel"]
+    z_hat: Int32[np.ndarray, "view h32 w32 channel"]
     steps: Steps
 
     def digest(self) -> bytes:

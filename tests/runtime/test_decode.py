@@ -17,8 +17,9 @@ from fecocodec.receiver.decode import decode as decode_with_torch
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.state import State
 from fecocodec.runtime.decode import decode
-from fecocodec.runtime.emission import EmissionConfig, LastState, emit
+from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import graphs_of
+from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import SceneCameras, SceneGaussians
 from tests.vectors.chosen_symbols import cells_covered
 from tests.vectors.gaussian_difference import beyond, difference, without_rendering

@@ -13,7 +13,8 @@ from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
 from tests.vectors.tiny_model import TINY_MODEL, VECTORS
 
 PRIOR = {"hyper", "features_1", "features_2", "pass_1", "pass_2", "step_1", "step_2", "step_3"}
-NETWORKS = {"update", "points", "predict", "background"}
+NETWORKS = {"update", "points", "attend", "attributes"}
+STEPS = {"confirm", "free_space", "slope", "harmonics", "background", "hide"}
 MODELS = sorted(path.parent for path in SHIPPED.glob(f"*/{RECEIVER_FILE}"))
 SCENE = VECTORS / "valid" / "scene-compact-2.fcs"
 COMMAND = "python -m fecocodec.training.graphs"
@@ -22,7 +23,7 @@ COMMAND = "python -m fecocodec.training.graphs"
 def test_every_shipped_model_has_all_graphs_of_its_weights() -> None:
     assert MODELS
     for folder in MODELS:
-        require_graphs(folder / GRAPHS_FOLDER, PRIOR | NETWORKS, (folder / RECEIVER_FILE).read_bytes())
+        require_graphs(folder / GRAPHS_FOLDER, PRIOR | NETWORKS | STEPS, (folder / RECEIVER_FILE).read_bytes())
 
 
 def test_the_model_of_the_vectors_has_all_graphs_of_its_weights() -> None:

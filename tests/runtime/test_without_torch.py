@@ -13,8 +13,12 @@ SCENE = VECTORS / "valid" / "scene-compact-2.fcs"
 # Runs the command in a process in which the sender's libraries cannot be imported.
 COMMAND = """
 import sys
-for name in ("torch", "numba", "scipy", "safetensors", "PIL", "OpenEXR", "matplotlib", "onnx", "onnxscript"):
-    sys.modules[name] = None
+MISSING = {"torch", "numba", "scipy", "safetensors", "PIL", "OpenEXR", "matplotlib", "onnx", "onnxscript"}
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in MISSING:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Missing())
 from fecosplat_cli.main import run
 sys.exit(run(sys.argv[1:]))
 """

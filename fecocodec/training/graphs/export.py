@@ -9,7 +9,6 @@ from pathlib import Path
 
 import onnx
 import torch
-import torch._dynamo.config
 from onnxscript import optimizer
 
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
@@ -19,7 +18,8 @@ from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.receiver.load import load_receiver
 from fecocodec.training.graphs.exact_linear import with_exact_layers
 from fecocodec.training.graphs.linking import link_weights
-from fecocodec.training.graphs.specification import Graph, network_graphs, prior_graphs
+from fecocodec.training.graphs.networks import network_graphs
+from fecocodec.training.graphs.specification import Graph, prior_graphs
 
 OPSET = 20  # the first with GELU
 LARGEST_FOLDED = 1024  # bytes of a tensor that folding of constants may write into a graph
@@ -51,9 +51,7 @@ def write_graphs(graphs: dict[str, Graph], weights: bytes, folder: Path) -> None
 
 def export_graph(name: str, graph: Graph, weights: bytes) -> onnx.ModelProto:
     """Return a graph as an ONNX model whose large tensors refer to the weights file."""
-    torch.compiler.reset()
-    # Loops are compiled one after another; sizes that differ between them must not become variable dimensions.
-    with torch.no_grad(), _quiet_exporter(), torch._dynamo.config.patch(automatic_dynamic_shapes=False):
+    with torch.no_grad(), _quiet_exporter():
         exported = torch.export.export(
             graph.module.eval(),
             tuple(of.example() for of in graph.inputs.values()),

@@ -1,4 +1,4 @@
-"""Names, modules and inputs of the graphs of a model."""
+"""Inputs of graphs, and the graphs of the entropy model."""
 
 from dataclasses import dataclass
 
@@ -8,19 +8,18 @@ from torch.export import Dim
 
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE, SIDE_MULTIPLE
-from fecocodec.receiver.model import Receiver
 from fecocodec.training.graphs import prior as of_prior
-from fecocodec.training.graphs.predict import BackgroundGraph, PointsGraph, PredictGraph
-from fecocodec.training.graphs.update import UpdateGraph
 
 # Variable dimensions; rows and columns are those at 1/32 resolution.
 _DIMENSIONS = {
     "views": Dim("views", min=1, max=MAX_VIEWS),
     "rows": Dim("rows", min=MIN_SIDE // SIDE_MULTIPLE, max=MAX_SIDE // SIDE_MULTIPLE),
     "columns": Dim("columns", min=MIN_SIDE // SIDE_MULTIPLE, max=MAX_SIDE // SIDE_MULTIPLE),
+    "block": Dim("block", min=1, max=1 << 16),
+    "candidates": Dim("candidates", min=1, max=1 << 20),
 }
 # No other dimension has these sizes: the exporter takes dimensions of equal size for one.
-_EXAMPLE = {"views": 7, "rows": 11, "columns": 13}
+_EXAMPLE = {"views": 7, "rows": 11, "columns": 13, "block": 37, "candidates": 53}
 
 
 @dataclass(frozen=True)
@@ -99,52 +98,5 @@ def prior_graphs(prior: LatentPrior) -> dict[str, Graph]:
             of_prior.ThirdStepGraph(prior),
             {"features": features, "step_0": step, "step_1": step, "step_2": step},
             parameters,
-        ),
-    }
-
-
-def network_graphs(receiver: Receiver) -> dict[str, Graph]:
-    """Return the graphs of the networks in floating point, by name."""
-    config = receiver.config
-    scalar = GraphInput("", torch.int32)
-    step = GraphInput(f"4 views 2*rows 2*columns {config.latent_channels // 4}", torch.int32)
-    state = GraphInput(f"views {config.state_channels} 8*rows 8*columns", torch.float32)
-    cameras = {
-        "extrinsics": GraphInput("views 4 4", torch.float32),
-        "intrinsics": GraphInput("views 3 3", torch.float32),
-        "far": GraphInput("", torch.float32),
-    }
-    searched = {
-        "relative": GraphInput("views 8*rows 8*columns", torch.float32),
-        "points": GraphInput("views 4*rows 4*columns 3", torch.float32),
-        "depth": GraphInput("views 4*rows 4*columns", torch.float32),
-    }
-    neighbours = GraphInput(f"views 4*rows 4*columns {config.num_neighbours + 1}", torch.int32)
-    return {
-        "update": Graph(
-            UpdateGraph(receiver),
-            {f"step_{number}": step for number in range(4)} | {"state": state, "lambda_q": scalar, "stage": scalar},
-            ("state_after",),
-        ),
-        "points": Graph(
-            PointsGraph(receiver),
-            {"state": state, "lambda_q": scalar, "stage": scalar, **cameras},
-            ("features", *searched),
-        ),
-        "predict": Graph(
-            PredictGraph(receiver),
-            {"features": state, **searched, "neighbours": neighbours, **cameras},
-            ("means", "scales", "rotations", "opacities", "colours", "harmonics"),
-        ),
-        "background": Graph(
-            BackgroundGraph(),
-            {
-                "means": GraphInput("views 16*rows 16*columns 3", torch.float32),
-                "opacities": GraphInput("views 16*rows 16*columns", torch.float32),
-                "colours": GraphInput("views 16*rows 16*columns 3", torch.float32),
-                "extrinsics": cameras["extrinsics"],
-                "intrinsics": cameras["intrinsics"],
-            },
-            ("means_out", "scales", "rotations", "opacities_out", "colours_out", "is_kept"),
         ),
     }

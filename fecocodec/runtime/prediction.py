@@ -1,0 +1,111 @@
+"""Predict Gaussians from a state: networks, with the neighbour search and loops over pairs of views between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+from fecocodec.geometry.harmonics import SH_DEGREE_0
+from fecocodec.runtime.graphs import Graphs
+from fecocodec.runtime.neighbours import nearest_neighbours
+from fecocodec.runtime.scene import SceneCameras, SceneGaussians
+
+POINTS_AT_ONCE = 4096  # points per block of attention, so that gathered keys and values take little memory
+
+Arrays = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class LastState:
+    """State after the last decoded stage, with the lambda and the number of this stage."""
+
+    state: Float32[np.ndarray, "view channel h4 w4"]
+    lambda_q: int
+    stage: int
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted Gaussians in the normalised frame, on the 1/2 grids of their views. colours: sRGB."""
+
+    positions: Float32[np.ndarray, "view 3 h2 w2"]
+    colours: Float32[np.ndarray, "view 3 h2 w2"]
+    opacities: Float32[np.ndarray, "view h2 w2"]
+    scales: Float32[np.ndarray, "n 3"]
+    rotations: Float32[np.ndarray, "n 4"]
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        return self.opacities.shape[1], self.opacities.shape[2]
+
+    def maps(self) -> Arrays:
+        """Return the inputs that the steps over other views have in common."""
+        return {"positions": self.positions, "colours": self.colours}
+
+    def gaussians(self) -> SceneGaussians:
+        """Return the Gaussians, ordered (view, row, column), with harmonics of degree 0."""
+        means, colours = (np.moveaxis(x, 1, 3).reshape(-1, 3) for x in (self.positions, self.colours))
+        harmonics = (colours[:, None] - np.float32(0.5)) / np.float32(SH_DEGREE_0)
+        return SceneGaussians(means, self.scales, self.rotations, self.opacities.reshape(-1), harmonics)
+
+
+def predict(graphs: Graphs, last: LastState, cameras: SceneCameras) -> Prediction:
+    """Return the Gaussians of a state. cameras: normalised."""
+    poses = poses_of(cameras)
+    far = {"far": np.asarray(cameras.far, np.float32)}
+    features, relative, points, depth, keys_values, queries = graphs.run(
+        "points", state=last.state, lambda_q=last.lambda_q, stage=last.stage, **poses, **far
+    )
+    of_points = {"points": points, "depth": depth, "keys_values": keys_values, "queries": queries}
+    attended = _attend(graphs, of_points, poses["extrinsics"])
+    positions, scales, rotations, opacities, colours, surfaces = graphs.run(
+        "attributes", features=features, attended=attended, relative=relative, **poses, **far
+    )
+    maps = {"positions": positions, "colours": colours}
+    violation = _free_space_violation(graphs, maps | {"surfaces": surfaces}, poses)
+    return Prediction(positions, colours, opacities * (1 - violation), scales, rotations)
+
+
+def poses_of(cameras: SceneCameras) -> Arrays:
+    return {"extrinsics": cameras.extrinsics, "intrinsics": cameras.intrinsics}
+
+
+def fitted_harmonics(graphs: Graphs, prediction: Prediction, cameras: SceneCameras) -> Float32[np.ndarray, "n 4 3"]:
+    """Return harmonics of degree 1, fitted to the colours of other views. cameras: normalised, two or more."""
+    maps, poses = prediction.maps(), poses_of(cameras)
+    matrix = right = np.zeros((cameras.num_views, 3, 3, *prediction.grid), np.float32)
+    for shift in range(1, cameras.num_views):
+        matrix, right = graphs.run("slope", shift=shift, **maps, **poses, matrix=matrix, right=right)
+    (harmonics,) = graphs.run("harmonics", **maps, extrinsics=cameras.extrinsics, matrix=matrix, right=right)
+    return harmonics
+
+
+def _attend(
+    graphs: Graphs, of_points: Arrays, extrinsics: Float32[np.ndarray, "view 4 4"]
+) -> Float32[np.ndarray, "view h8 w8 channel"]:
+    """Return the residual of attention of each point to its neighbours, computed in blocks of points."""
+    num_neighbours = int(graphs.input_shape("attend", "neighbours")[-1])
+    neighbours = nearest_neighbours(of_points["points"].reshape(-1, 3), num_neighbours)
+    asking: Int32[np.ndarray, " n"] = np.arange(len(neighbours), dtype=np.int32)
+    blocks = [slice(first, first + POINTS_AT_ONCE) for first in range(0, len(asking), POINTS_AT_ONCE)]
+    attended = [
+        graphs.run("attend", asking=asking[block], neighbours=neighbours[block], **of_points, extrinsics=extrinsics)[0]
+        for block in blocks
+    ]
+    return np.concatenate(attended).reshape(*of_points["depth"].shape, -1)
+
+
+def _free_space_violation(graphs: Graphs, maps: Arrays, poses: Arrays) -> Float32[np.ndarray, "view h2 w2"]:
+    """Return the strongest free-space violation of each Gaussian. maps: positions, colours and surfaces."""
+    views, _, *grid = maps["positions"].shape
+    confirmed = violation = np.zeros((views, *grid), np.float32)
+    share = np.ones(views, np.float32)
+    if views > 2:
+        for shift in range(1, views):
+            of_step = maps | poses | {"confirmed": confirmed, "violation": violation}
+            confirmed, violation = graphs.run("confirm", shift=shift, **of_step)
+        share = confirmed.mean(axis=(1, 2))
+    for shift in range(1, views):
+        of_step = maps | poses | {"confirmed": confirmed, "share": share, "violation": violation}
+        (violation,) = graphs.run("free_space", shift=shift, **of_step)
+    return violation

@@ -1,0 +1,185 @@
+"""The Gaussian predictor as graphs: networks, with the neighbour search between them, and steps over other views.
+
+A step over other views takes `shift` and compares every view with the one `shift` places after it, cyclically. A caller
+runs it for every shift from 1 to views - 1 and passes its results to the next call.
+"""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from fecocodec.config import ReceiverConfig
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.receiver.confirmation import confirmation_by
+from fecocodec.receiver.free_space import surfaces_of, violation_at, with_confirmation
+from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.near_bound import near_bound_violation_at
+from fecocodec.receiver.predictor import enlarged
+from fecocodec.receiver.view_dependence import NormalEquations, harmonics_of, start_of_equations, with_view
+from fecocodec.receiver.view_dependence import surfaces_of as own_surfaces
+from fecocodec.training.graphs.update import rate_condition
+
+
+def normalised(extrinsics: Tensor, intrinsics: Tensor, far: Tensor) -> Cameras:
+    """Return normalised cameras, in which near is 1, without batch dimension."""
+    return Cameras(extrinsics, intrinsics, torch.tensor(1.0), far)
+
+
+class PointsGraph(nn.Module):
+    """State, lambda_q, stage, cameras -> features, relative disparity, points to search, and inputs of attention."""
+
+    def __init__(self, receiver: Receiver) -> None:
+        super().__init__()
+        self.receiver = receiver
+
+    def forward(
+        self, state: Tensor, lambda_q: Tensor, stage: Tensor, extrinsics: Tensor, intrinsics: Tensor, far: Tensor
+    ) -> tuple[Tensor, ...]:
+        cameras, predictor = normalised(extrinsics, intrinsics, far).as_batch(), self.receiver.predictor
+        condition = rate_condition(self.receiver, lambda_q, stage)
+        features, relative = predictor.geometry(state, cameras.num_views, condition)
+        points, depth = predictor.attention_points(relative, cameras)
+        size = (relative.shape[1], relative.shape[2] // 2, relative.shape[3] // 2)
+        pooled = F.avg_pool2d(features, 2).permute(0, 2, 3, 1)
+        key_value, query = predictor.attention.keys_values_and_queries(pooled.flatten(0, 2))
+        return (
+            features,
+            relative[0],
+            points.view(*size, 3),
+            depth.view(*size),
+            key_value.view(*size, key_value.shape[-1]),
+            query.view(*size, query.shape[-1]),
+        )
+
+
+class AttendGraph(nn.Module):
+    """A block of points and their neighbours, as indices in the order (view, row, column) -> residual features."""
+
+    def __init__(self, receiver: Receiver) -> None:
+        super().__init__()
+        self.attention = receiver.predictor.attention
+
+    def forward(
+        self,
+        asking: Tensor,
+        neighbours: Tensor,
+        points: Tensor,
+        depth: Tensor,
+        keys_values: Tensor,
+        queries: Tensor,
+        extrinsics: Tensor,
+    ) -> Tensor:
+        per_view = depth.shape[1] * depth.shape[2]
+        all_points, asking = points.flatten(0, 2), asking.long()
+        gathered = self.attention.gathered(
+            keys_values.flatten(0, 2),
+            all_points,
+            neighbours.long(),
+            queries.flatten(0, 2).index_select(0, asking),
+            all_points.index_select(0, asking),
+            depth.flatten().index_select(0, asking),
+            extrinsics[:, :3, :3].transpose(1, 2).index_select(0, asking // per_view),
+        )
+        residual: Tensor = self.attention.output(gathered)
+        return residual
+
+
+class AttributesGraph(nn.Module):
+    """Features, residual of attention, cameras -> attributes before the free-space check, and surfaces of the views."""
+
+    def __init__(self, receiver: Receiver) -> None:
+        super().__init__()
+        self.receiver = receiver
+
+    def forward(
+        self, features: Tensor, attended: Tensor, relative: Tensor, extrinsics: Tensor, intrinsics: Tensor, far: Tensor
+    ) -> tuple[Tensor, ...]:
+        cameras = normalised(extrinsics, intrinsics, far).as_batch()
+        residual = enlarged(attended.permute(0, 3, 1, 2))
+        found = self.receiver.predictor.attributes(features, residual, relative[None], cameras)
+        positions, colours = (x.permute(0, 1, 4, 2, 3).contiguous() for x in (found.means, found.colour))
+        surfaces = surfaces_of(found.depth, colours, found.opacity)
+        scales, rotations = (x[0].flatten(0, 2) for x in (found.scales, found.rotations))
+        return positions[0], scales, rotations, found.opacity[0], colours[0], surfaces[0]
+
+
+class _StepGraph(nn.Module):
+    def __init__(self, config: ReceiverConfig) -> None:
+        super().__init__()
+        self.config = config
+
+
+class ConfirmGraph(_StepGraph):
+    """Step over other views -> confirmation, and violation of the near bound; for three or more views."""
+
+    def forward(
+        self,
+        shift: Tensor,
+        positions: Tensor,
+        colours: Tensor,
+        surfaces: Tensor,
+        extrinsics: Tensor,
+        intrinsics: Tensor,
+        confirmed: Tensor,
+        violation: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
+        found = confirmation_by(shift, positions, colours, surfaces, cameras, self.config)
+        too_near = near_bound_violation_at(shift, positions, cameras, self.config)
+        return torch.maximum(confirmed, found), torch.maximum(violation, too_near)
+
+
+class FreeSpaceGraph(_StepGraph):
+    """Step over other views -> violation. share: mean of `confirmed` of each view; 1 for fewer than three views."""
+
+    def forward(
+        self,
+        shift: Tensor,
+        positions: Tensor,
+        colours: Tensor,
+        surfaces: Tensor,
+        confirmed: Tensor,
+        share: Tensor,
+        extrinsics: Tensor,
+        intrinsics: Tensor,
+        violation: Tensor,
+    ) -> Tensor:
+        cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
+        with_confirmed = with_confirmation(surfaces, confirmed)
+        found = violation_at(shift, positions, colours, with_confirmed, confirmed, share, cameras, self.config)
+        return torch.maximum(violation, found)
+
+
+class SlopeGraph(_StepGraph):
+    """Step over other views -> normal equations of the slopes of colours. Shift 1 ignores those before it."""
+
+    def forward(
+        self,
+        shift: Tensor,
+        positions: Tensor,
+        colours: Tensor,
+        extrinsics: Tensor,
+        intrinsics: Tensor,
+        matrix: Tensor,
+        right: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
+        start = start_of_equations(colours, self.config)
+        before = NormalEquations(*(torch.where(shift == 1, a, b) for a, b in zip(start, (matrix, right), strict=True)))
+        surfaces = own_surfaces(positions, colours, cameras)
+        return with_view(shift, before, positions, colours, surfaces, cameras, self.config)
+
+
+class HarmonicsGraph(_StepGraph):
+    """Normal equations of the slopes -> spherical harmonics of degree 1."""
+
+    def forward(
+        self,
+        positions: Tensor,
+        colours: Tensor,
+        extrinsics: Tensor,
+        matrix: Tensor,
+        right: Tensor,
+    ) -> Tensor:
+        cameras = normalised(extrinsics, extrinsics[:, :3, :3], torch.tensor(1.0))  # intrinsics are not used
+        return harmonics_of(NormalEquations(matrix, right), positions, colours, cameras, self.config)
