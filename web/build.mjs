@@ -9,6 +9,8 @@ import { gzipSync } from "node:zlib";
 const output = process.argv[2];
 if (!output) throw new Error("usage: node build.mjs OUTPUT_FOLDER");
 const root = join(import.meta.dirname, "..");
+// As in src/receiver/graphs.ts.
+const graphs = ["update", "points", "attend", "attributes", "confirm", "free_space", "slope", "harmonics"].map((name) => `${name}.onnx`);
 const weights = join(root, "fecocodec", "weights");
 
 rmSync(output, { recursive: true, force: true });
@@ -56,7 +58,7 @@ async function scenePage() {
 /** Return the folders of the models whose receiver is exported as a whole. */
 function modelsWithGraphs() {
   const folders = readdirSync(weights).map((name) => join(weights, name));
-  return folders.filter((folder) => existsSync(join(folder, "graphs", "predict.onnx")));
+  return folders.filter((folder) => existsSync(join(folder, "graphs", "attend.onnx")));
 }
 
 /** Copy the weights and graphs of a model; returns its model id. */
@@ -66,7 +68,7 @@ function copyModel(folder) {
   const target = join(output, "models", id);
   mkdirSync(target, { recursive: true });
   writeFileSync(join(target, "receiver.safetensors"), receiver);
-  for (const graph of ["update.onnx", "points.onnx", "predict.onnx"]) {
+  for (const graph of graphs) {
     copyFileSync(join(folder, "graphs", graph), join(target, graph));
   }
   return id;
