@@ -104,10 +104,10 @@ web: $(NODE_READY) ## build the viewer page into fecocodec/web (needs Node.js 20
 	cd web && node build.mjs ../fecocodec/web
 
 web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHROMIUM=/usr/bin/chromium)
-	cd web && npx tsc -p . && node build-tests.mjs && node --test build/test/*.mjs
-	@mkdir -p web/build/browser
+	cd web && npx tsc -p . && rm -rf build/test build/browser-tests && node build-tests.mjs && node --test build/test/*.mjs
+	@rm -rf web/build/browser && mkdir -p web/build/browser
 	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-compact-2.fcs -o web/build/browser/scene.html --overwrite
-	cd web && node --test build/browser-tests/*.mjs
+	cd web && node --test --test-concurrency 1 build/browser-tests/*.test.mjs
 	$(BIN)/python -m pytest -q web/test/test_results.py
 
 check: lint types arch test ## everything a change must pass

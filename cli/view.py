@@ -2,17 +2,17 @@
 
 import webbrowser
 from pathlib import Path
-from urllib.parse import quote
 
 import click
 
 from fecocodec.container import read_stream_file
 
-from .options import FILE_PATH
+from .naming import naming
+from .options import FILE_PATH, max_pixels_option, model_option, threads_option
 from .output import say
+from .progress import progress_bar
+from .receivers import DecodeOptions, decode_stream
 from .terminal import printable
-
-SCENE_FOLDER = "scene/"
 
 
 @click.command(
@@ -21,7 +21,8 @@ SCENE_FOLDER = "scene/"
     epilog="""\b
 Examples:
   fecosplat view scene.fcs
-  fecosplat view scene.fcs --no-browser""",
+  fecosplat view scene.fcs --no-browser
+  fecosplat view scene.fcs --threads 1""",
 )
 @click.argument("stream", metavar="FILE.fcs", type=FILE_PATH)
 @click.option(
@@ -31,23 +32,39 @@ Examples:
     show_default=True,
     help="Open the page in the browser. --no-browser only prints its address.",
 )
-def command(stream: Path, opens_browser: bool) -> None:
-    """Show FILE.fcs in a page that decodes it in the browser.
+@model_option
+@max_pixels_option
+@threads_option
+def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: int) -> None:
+    """Decode FILE.fcs and show the scene in a page.
 
-    The page is served on this machine only, on a free port, until Ctrl-C ends the command. It loads nothing from other
-    hosts. Damage of the file is described in the page.
+    The page is that of `fecosplat decode FILE.fcs -o scene.html`. It is served on this machine only, on a free port,
+    until Ctrl-C ends the command. It loads nothing from other hosts.
     """
     data = read_stream_file(stream)
 
-    from fecocodec.formats.viewer_files import viewer_file, viewer_paths
+    from fecocodec.formats.viewer_files import scene_page
 
     from .page_server import PageServer
 
-    contents = {"index.html": viewer_file("index.html")}
-    contents |= {path: viewer_file(path) for path in viewer_paths()}
-    with PageServer(contents | {SCENE_FOLDER + stream.name: data}) as server:
-        url = f"{server.url}/?file={quote(SCENE_FOLDER + stream.name, safe='')}"
-        say(printable(f"{stream}: shown at {url}, Ctrl-C ends this"))
+    scene_page()  # refuses before decoding if it was not built
+    with naming(stream):
+        page = _page_of(data, stream, model, max_pixels)
+    with PageServer({"index.html": page}) as server:
+        say(printable(f"{stream}: shown at {server.url}/, Ctrl-C ends this"))
         if opens_browser:
-            webbrowser.open(url)
+            webbrowser.open(server.url)
         server.serve_forever()
+
+
+def _page_of(data: bytes, stream: Path, model: Path | None, max_pixels: int) -> bytes:
+    """Decode a stream and return the page that shows its Gaussians."""
+    from fecocodec.formats.gaussian_arrays import camera_arrays, gaussian_arrays
+    from fecocodec.formats.gaussian_files import gaussian_bytes
+
+    options = DecodeOptions("all", 1, True, False, False, "cpu", model, max_pixels)
+    with progress_bar() as on_progress:
+        decoded = decode_stream(data, options, on_progress)
+    gaussians = gaussian_arrays(decoded.gaussians, str(stream))
+    cameras = camera_arrays(decoded.cameras, decoded.image_size)
+    return gaussian_bytes(stream.with_suffix(".html"), gaussians, cameras, 3)

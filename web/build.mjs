@@ -9,6 +9,8 @@ import { gzipSync } from "node:zlib";
 const output = process.argv[2];
 if (!output) throw new Error("usage: node build.mjs OUTPUT_FOLDER");
 const root = join(import.meta.dirname, "..");
+// As in src/receiver/graphs.ts.
+const graphs = ["update", "points", "attend", "attributes", "confirm", "free_space", "slope", "harmonics"].map((name) => `${name}.onnx`);
 const weights = join(root, "fecocodec", "weights");
 
 rmSync(output, { recursive: true, force: true });
@@ -18,54 +20,62 @@ const options = {
   minify: true,
   format: "iife",
   target: "es2022",
-  legalComments: "none", // licences.txt has the notices
+  legalComments: "none", // the pages have the notices
   metafile: true,
   define: { "import.meta.url": "self.location.href" },
 };
-const { metafile } = await build({
-  ...options,
-  entryPoints: { viewer: "src/viewer/viewer.ts", decoder: "src/viewer/decoder-worker.ts" },
-  outdir: output,
-});
-for (const name of ["index.html", "viewer.css"]) copyFileSync(join("src", "viewer", name), join(output, name));
-copyFileSync(join("node_modules", "onnxruntime-web", "dist", "ort-wasm-simd-threaded.wasm"), join(output, "ort.wasm"));
-copyFileSync(join(root, "fecocodec", "entropy", "symbol_tables.bin"), join(output, "symbol_tables.bin"));
-writeFileSync(join(output, "models.json"), JSON.stringify(copyModels()));
-writeFileSync(join(output, "licences.txt"), licences());
 writeFileSync(join(output, "scene.html"), await scenePage());
+const models = modelsWithGraphs();
+if (models.length > 0) await decoderPage();
+else console.log("no model has all graphs of the receiver: the page that decodes in the browser is left out");
+
+/** Write the page that decodes in the browser, with its decoder and models. */
+async function decoderPage() {
+  const { metafile } = await build({
+    ...options,
+    entryPoints: { viewer: "src/viewer/viewer.ts", decoder: "src/viewer/decoder-worker.ts" },
+    outdir: output,
+  });
+  for (const name of ["index.html", "viewer.css"]) copyFileSync(join("src", "viewer", name), join(output, name));
+  copyFileSync(join("node_modules", "onnxruntime-web", "dist", "ort-wasm-simd-threaded.wasm"), join(output, "ort.wasm"));
+  copyFileSync(join(root, "fecocodec", "entropy", "symbol_tables.bin"), join(output, "symbol_tables.bin"));
+  writeFileSync(join(output, "models.json"), JSON.stringify(models.map(copyModel)));
+  writeFileSync(join(output, "licences.txt"), licences(metafile));
+}
 
 /** Return the self-contained page; Python replaces its SCENE and GAUSSIANS. */
 async function scenePage() {
-  const { outputFiles } = await build({ ...options, entryPoints: ["src/viewer/scene-page.ts"], write: false });
+  const { outputFiles, metafile } = await build({ ...options, entryPoints: ["src/viewer/scene-page.ts"], write: false });
   const parts = {
     STYLE: readFileSync(join("src", "viewer", "viewer.css"), "utf8"),
-    NOTICES: licences(),
+    NOTICES: licences(metafile),
     PROGRAM: gzipSync(outputFiles[0].contents, { level: 9 }).toString("base64"),
   };
   const page = readFileSync(join("src", "viewer", "scene-page.html"), "utf8");
   return Object.entries(parts).reduce((text, [name, part]) => text.replace(`/*${name}*/`, () => part), page);
 }
 
-/** Copy the weights and graphs of every model that has graphs; returns the model ids. */
-function copyModels() {
-  return readdirSync(weights)
-    .map((name) => join(weights, name))
-    .filter((folder) => existsSync(join(folder, "graphs", "predict.onnx")))
-    .map((folder) => {
-      const receiver = readFileSync(join(folder, "receiver.safetensors"));
-      const id = createHash("sha256").update(receiver).digest("hex").slice(0, 16);
-      const target = join(output, "models", id);
-      mkdirSync(target, { recursive: true });
-      writeFileSync(join(target, "receiver.safetensors"), receiver);
-      for (const graph of ["update.onnx", "points.onnx", "predict.onnx"]) {
-        copyFileSync(join(folder, "graphs", graph), join(target, graph));
-      }
-      return id;
-    });
+/** Return the folders of the models whose receiver is exported as a whole. */
+function modelsWithGraphs() {
+  const folders = readdirSync(weights).map((name) => join(weights, name));
+  return folders.filter((folder) => existsSync(join(folder, "graphs", "attend.onnx")));
+}
+
+/** Copy the weights and graphs of a model; returns its model id. */
+function copyModel(folder) {
+  const receiver = readFileSync(join(folder, "receiver.safetensors"));
+  const id = createHash("sha256").update(receiver).digest("hex").slice(0, 16);
+  const target = join(output, "models", id);
+  mkdirSync(target, { recursive: true });
+  writeFileSync(join(target, "receiver.safetensors"), receiver);
+  for (const graph of graphs) {
+    copyFileSync(join(folder, "graphs", graph), join(target, graph));
+  }
+  return id;
 }
 
 /** Return the licence texts of the packages that were bundled. */
-function licences() {
+function licences(metafile) {
   const inputs = Object.keys(metafile.inputs).filter((path) => path.startsWith("node_modules/"));
   const names = new Set(inputs.map((path) => /^node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(path)[1]));
   const own = `FeCoSplat, Apache-2.0\n\n${readFileSync(join(root, "LICENSE"), "utf8").trim()}`;

@@ -11,9 +11,7 @@ import numpy as np
 
 from fecocodec.formats.gaussian_arrays import CameraArrays, GaussianArrays
 from fecocodec.formats.spz import spz_bytes
-from fecocodec.formats.viewer_files import viewer_file
-
-TEMPLATE = "scene.html"
+from fecocodec.formats.viewer_files import scene_page
 
 
 def html_page_bytes(gaussians: GaussianArrays, cameras: CameraArrays, name: str, place: str) -> bytes:
@@ -26,7 +24,7 @@ def html_page_bytes(gaussians: GaussianArrays, cameras: CameraArrays, name: str,
         b"/*SCENE*/": json.dumps(scene).replace("<", "\\u003c").encode("ascii"),
         b"/*GAUSSIANS*/": base64.b64encode(spz_bytes(gaussians, place, 3)),
     }
-    page = viewer_file(TEMPLATE)
+    page = scene_page()
     for mark, content in parts.items():
         page = page.replace(mark, content, 1)
     return page

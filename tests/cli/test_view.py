@@ -1,5 +1,6 @@
 """`fecosplat view` serves the page and one file, and nothing else."""
 
+import json
 import re
 import signal
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 
 from cli.page_server import PageServer
 from fecocodec.errors import OutputError
-from fecocodec.formats.viewer_files import FOLDER, viewer_file
+from fecocodec.formats.viewer_files import FOLDER, SCENE_PAGE, scene_page
 from tests.vectors.tiny_model import VECTORS
 
 CONTENTS = {"index.html": b"<html>", "scene/a b.fcs": b"\x89FCS"}
@@ -63,23 +64,28 @@ def test_other_host_names_are_refused() -> None:
 
 
 def test_a_page_that_was_not_built_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"index\.html: the viewer page was not built .* run `make web`"):
-        viewer_file("index.html", tmp_path)
+    with pytest.raises(OutputError, match=r"scene\.html: the viewer page was not built .* run `make web`"):
+        scene_page(tmp_path)
 
 
-@pytest.mark.skipif(not (FOLDER / "index.html").exists(), reason="the page was not built; run `make web`")
+@pytest.mark.skipif(not (FOLDER / SCENE_PAGE).exists(), reason="the page was not built; run `make web`")
 def test_the_command_serves_until_it_is_interrupted(tmp_path: Path) -> None:
     path = tmp_path / "näme 1.fcs"
-    path.write_bytes((VECTORS / "valid/two-views.fcs").read_bytes())
+    path.write_bytes((VECTORS / "valid/scene-compact-2.fcs").read_bytes())
     command = [sys.executable, "-m", "fecosplat_cli", "view", str(path), "--no-browser"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stderr is not None
             line = process.stderr.readline()
-            found = re.search(r"http://127\.0\.0\.1:(\d+)(/\?file=(\S+)),", line)
+            found = re.search(r"http://127\.0\.0\.1:(\d+)/,", line)
             assert found, line
-            assert get(int(found[1]), found[2])[1] == viewer_file("index.html")
-            assert get(int(found[1]), "/" + found[3])[1] == path.read_bytes()
+            status, page = get(int(found[1]), "/")
+            assert status == 200
+            scene = re.search(rb'<script type="application/json" id="scene">(.*?)</script>', page)
+            assert scene, page[:1000]
+            content = json.loads(scene[1])
+            assert content["name"] == "näme 1"
+            assert len(content["cameras"]["views"]) == 2
             process.send_signal(signal.SIGINT)
             assert process.wait(20) == 130
             assert process.stderr.read() == "fecosplat: interrupted\n"

@@ -8,7 +8,8 @@ import type { Stream } from "./container/stream";
 import { readTables, type Table } from "./entropy/tables";
 import { emit } from "./receiver/emission";
 import type { Gaussians } from "./receiver/gaussians";
-import { type ModelFiles, Networks, setRuntime, type State } from "./receiver/networks";
+import { type ModelFiles, setRuntime } from "./receiver/graphs";
+import { Networks, type State } from "./receiver/networks";
 import { normalise } from "./receiver/normalised-cameras";
 
 /** Duration of a step of decoding in milliseconds. */
@@ -57,7 +58,7 @@ export class Decoder {
       state = await this.networks.update(latents.steps, size16, state, lambdaOfStage(header, stage), stage);
       clock.lap("state");
       const { prediction, times } = await this.networks.predict(state, cameras);
-      clock.laps({ points: times.points, neighbours: times.neighbours, Gaussians: times.predict });
+      clock.laps(times);
       const gaussians = emit(prediction.gaussians, prediction.plain, cameras, header, coverage);
       clock.lap("background");
       yield { stage, gaussians, timings: clock.timings };

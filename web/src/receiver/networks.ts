@@ -1,26 +1,14 @@
-/** The receiver's networks as ONNX graphs. Only this file imports onnxruntime-web. */
+/** The receiver's networks: update of the state and prediction of Gaussians, with the loops over views between graphs. */
 
-import * as ort from "onnxruntime-web/wasm";
-import type { Gaussians } from "./gaussians";
+import { type Gaussians, SH_DEGREE_0 } from "./gaussians";
+import { floats, floatsOf, Graphs, integers, type ModelFiles, scalar, type Tensors, zeros } from "./graphs";
 import { nearestNeighbours } from "./neighbours";
 import type { NormalisedCameras } from "./normalised-cameras";
 
-const WEIGHTS = "receiver.safetensors"; // the name by which graphs refer to the weights
+const POINTS_AT_ONCE = 4096; // points per block of attention, so that gathered keys and values take little memory
 
-/** Files of a model: graphs, and the weights file that they refer to. */
-export interface ModelFiles {
-  weights: Uint8Array;
-  update: Uint8Array;
-  points: Uint8Array;
-  predict: Uint8Array;
-}
-
-/** The state of all views after a stage, with the condition of that stage. */
-export interface State {
-  state: ort.Tensor;
-  lambdaQ: ort.Tensor;
-  stage: ort.Tensor;
-}
+/** The state of all views after a stage, with the condition of that stage: inputs of the graph `points`. */
+export type State = Tensors;
 
 /** Gaussians in the normalised frame, before culling; plain: harmonics of degree 0 of each, [n, 3]. */
 export interface Prediction {
@@ -28,34 +16,14 @@ export interface Prediction {
   plain: Float32Array;
 }
 
-export interface PredictionTimes {
-  points: number;
-  neighbours: number;
-  predict: number;
-}
-
-/** Set the WebAssembly module of the runtime, before any network is loaded. */
-export function setRuntime(wasm: Uint8Array): void {
-  ort.env.wasm.wasmBinary = wasm.slice().buffer;
-  ort.env.wasm.numThreads = 1; // several threads need headers that a static server does not send
-  ort.env.logLevel = "error";
-}
+/** Milliseconds by step. */
+export type PredictionTimes = Record<"points" | "neighbours" | "attention" | "attributes" | "views", number>;
 
 export class Networks {
-  private constructor(
-    private readonly updateGraph: ort.InferenceSession,
-    private readonly pointsGraph: ort.InferenceSession,
-    private readonly predictGraph: ort.InferenceSession,
-  ) {}
+  private constructor(private readonly graphs: Graphs) {}
 
-  static async load({ weights, update, points, predict }: ModelFiles): Promise<Networks> {
-    const options: ort.InferenceSession.SessionOptions = {
-      executionProviders: ["wasm"],
-      externalData: [{ path: WEIGHTS, data: weights }],
-    };
-    const sessions: ort.InferenceSession[] = [];
-    for (const graph of [update, points, predict]) sessions.push(await ort.InferenceSession.create(graph, options));
-    return new Networks(sessions[0], sessions[1], sessions[2]);
+  static async load(model: ModelFiles): Promise<Networks> {
+    return new Networks(await Graphs.load(model));
   }
 
   /**
@@ -72,90 +40,133 @@ export class Networks {
   ): Promise<State> {
     const channels = steps[0].length / (4 * views * rows * columns);
     const condition = { lambda_q: scalar(lambdaQ), stage: scalar(stage) };
-    const feeds: Record<string, ort.Tensor> = { ...condition, state: before?.state ?? this.anyState(views, rows, columns) };
-    steps.forEach((values, at) => {
-      feeds[`step_${at}`] = new ort.Tensor("int32", values, [4, views, rows, columns, channels]);
-    });
-    const { state_after } = await this.updateGraph.run(feeds);
-    return { state: state_after, lambdaQ: condition.lambda_q, stage: condition.stage };
+    const anyState = () => zeros(views, this.graphs.fixedSize("update", "state", 1), 4 * rows, 4 * columns);
+    const values = steps.map((step, at) => [`step_${at}`, integers(step, [4, views, rows, columns, channels])]);
+    const inputs = { ...condition, state: before?.state ?? anyState(), ...Object.fromEntries(values) };
+    const { state_after } = await this.graphs.run("update", inputs);
+    return { ...condition, state: state_after };
   }
 
   /** Predict the Gaussians of a state, ordered (view, row, column) on the 1/2 grid. */
   async predict(
-    { state, lambdaQ, stage }: State,
+    state: State,
     cameras: NormalisedCameras,
   ): Promise<{ prediction: Prediction; times: PredictionTimes }> {
-    const views = cameraTensors(cameras);
-    const start = performance.now();
-    const found = await this.pointsGraph.run({ state, lambda_q: lambdaQ, stage, ...views });
-    const searched = performance.now();
-    const count = neighbourCount(this.predictGraph);
-    const neighbours = nearestNeighbours(found.points.data as Float32Array, count);
-    const predicting = performance.now();
-    const of = await this.predictGraph.run({
-      ...found,
-      neighbours: new ort.Tensor("int32", neighbours, [...found.points.dims.slice(0, -1), count]),
-      ...views,
-    });
-    const times = {
-      points: searched - start,
-      neighbours: predicting - searched,
-      predict: performance.now() - predicting,
-    };
-    return { prediction: predictionOf(of, cameras.views.length), times };
+    const poses = cameraTensors(cameras);
+    const marks = [performance.now()];
+    const mark = () => marks.push(performance.now());
+    const found = { ...(await this.graphs.run("points", { ...state, ...poses })), ...poses };
+    mark();
+    const count = this.graphs.fixedSize("attend", "neighbours", -1);
+    const neighbours = nearestNeighbours(floatsOf(found.points), count);
+    mark();
+    const attended = await this.attend(found, neighbours, count);
+    mark();
+    const maps = { ...(await this.graphs.run("attributes", { ...found, attended })), ...poses };
+    mark();
+    const prediction = predictionOf(maps, await this.violation(maps), await this.fittedHarmonics(maps));
+    mark();
+    const [points, search, attention, attributes, views] = marks.slice(1).map((time, at) => time - marks[at]);
+    return { prediction, times: { points, neighbours: search, attention, attributes, views } };
   }
 
-  /** Return a state of zeros: the graph takes one in stage 1, too, and ignores it. */
-  private anyState(views: number, rows: number, columns: number): ort.Tensor {
-    const channels = fixedSize(this.updateGraph, "state", 1);
-    const shape = [views, channels, 4 * rows, 4 * columns];
-    return new ort.Tensor("float32", new Float32Array(shape.reduce((size, side) => size * side)), shape);
+  /** Return the residual of attention of each point to its neighbours, computed in blocks of points. */
+  private async attend(found: Tensors, neighbours: Int32Array, count: number) {
+    const numPoints = neighbours.length / count;
+    const blocks: Float32Array[] = [];
+    for (let first = 0; first < numPoints; first += POINTS_AT_ONCE) {
+      const end = Math.min(first + POINTS_AT_ONCE, numPoints);
+      const asking = Int32Array.from({ length: end - first }, (_, at) => first + at);
+      const ofBlock = integers(neighbours.slice(first * count, end * count), [end - first, count]);
+      const inputs = { ...found, asking: integers(asking, [end - first]), neighbours: ofBlock };
+      blocks.push(floatsOf((await this.graphs.run("attend", inputs)).attended));
+    }
+    const channels = blocks.reduce((size, { length }) => size + length, 0) / numPoints;
+    const attended = new Float32Array(numPoints * channels);
+    blocks.forEach((block, at) => attended.set(block, at * POINTS_AT_ONCE * channels));
+    return floats(attended, [...found.depth.dims, channels]);
+  }
+
+  /** Return the strongest free-space violation of each Gaussian. maps: outputs of `attributes`, and the cameras. */
+  private async violation(maps: Tensors): Promise<Float32Array> {
+    const [views, height, width] = maps.opacities.dims;
+    let step = { confirmed: zeros(views, height, width), violation: zeros(views, height, width) };
+    let share = new Float32Array(views).fill(1);
+    if (views > 2) {
+      for (let shift = 1; shift < views; shift++) {
+        const after = await this.graphs.run("confirm", { ...maps, ...step, shift: scalar(shift) });
+        step = { confirmed: after.confirmed_after, violation: after.violation_after } as typeof step;
+      }
+      share = meansOfViews(floatsOf(step.confirmed), views);
+    }
+    for (let shift = 1; shift < views; shift++) {
+      const inputs = { ...maps, ...step, share: floats(share, [views]), shift: scalar(shift) };
+      const { violation_after } = await this.graphs.run("free_space", inputs);
+      step = { ...step, violation: violation_after } as typeof step;
+    }
+    return floatsOf(step.violation);
+  }
+
+  /** Return harmonics of degree 1, fitted to the colours of other views; null for one view. */
+  private async fittedHarmonics(maps: Tensors): Promise<Float32Array | null> {
+    const [views, height, width] = maps.opacities.dims;
+    if (views === 1) return null;
+    let sums: Tensors = { matrix: zeros(views, 3, 3, height, width), right: zeros(views, 3, 3, height, width) };
+    for (let shift = 1; shift < views; shift++) {
+      const after = await this.graphs.run("slope", { ...maps, ...sums, shift: scalar(shift) });
+      sums = { matrix: after.matrix_after, right: after.right_after };
+    }
+    return floatsOf((await this.graphs.run("harmonics", { ...maps, ...sums })).harmonics);
   }
 }
 
-function scalar(value: number): ort.Tensor {
-  return new ort.Tensor("int32", Int32Array.of(value), []);
-}
-
-function cameraTensors({ views, far }: NormalisedCameras): Record<string, ort.Tensor> {
+function cameraTensors({ views, far }: NormalisedCameras): Tensors {
   const extrinsics = views.flatMap(({ rotation: r, centre: c }) => [
     ...[...r.slice(0, 3), c[0], ...r.slice(3, 6), c[1], ...r.slice(6, 9), c[2]],
     ...[0, 0, 0, 1],
   ]);
   const intrinsics = views.flatMap(({ fx, fy, cx, cy }) => [fx, 0, cx, 0, fy, cy, 0, 0, 1]);
   return {
-    extrinsics: new ort.Tensor("float32", Float32Array.from(extrinsics), [views.length, 4, 4]),
-    intrinsics: new ort.Tensor("float32", Float32Array.from(intrinsics), [views.length, 3, 3]),
-    far: new ort.Tensor("float32", Float32Array.of(far), []),
+    extrinsics: floats(Float32Array.from(extrinsics), [views.length, 4, 4]),
+    intrinsics: floats(Float32Array.from(intrinsics), [views.length, 3, 3]),
+    far: floats(Float32Array.of(far), []),
   };
 }
 
-function predictionOf(of: ort.InferenceSession.ReturnType, views: number): Prediction {
-  const data = (name: string) => of[name].data as Float32Array;
-  const [count] = of.opacities.dims;
-  const hasOtherViews = views > 1; // colours by direction are fitted to the colours of other views
+function meansOfViews(values: Float32Array, views: number) {
+  const size = values.length / views;
+  return Float32Array.from({ length: views }, (_, view) => {
+    return values.subarray(view * size, (view + 1) * size).reduce((sum, value) => sum + value, 0) / size;
+  });
+}
+
+function predictionOf(maps: Tensors, violation: Float32Array, harmonics: Float32Array | null): Prediction {
+  const colours = channelsLast(floatsOf(maps.colours), maps.opacities.dims[0]);
+  const plain = colours.map((colour) => Math.fround(colour - 0.5) / SH_DEGREE_0);
+  const opacities = floatsOf(maps.opacities);
   return {
+    plain,
     gaussians: {
-      count,
-      numHarmonics: hasOtherViews ? 4 : 1,
-      means: data("means"),
-      scales: data("scales"),
-      rotations: data("rotations"),
-      opacities: data("opacities"),
-      harmonics: data(hasOtherViews ? "harmonics" : "colours"),
+      count: opacities.length,
+      numHarmonics: harmonics ? 4 : 1,
+      means: channelsLast(floatsOf(maps.positions), maps.opacities.dims[0]),
+      scales: floatsOf(maps.scales),
+      rotations: floatsOf(maps.rotations),
+      opacities: opacities.map((opacity, index) => opacity * (1 - violation[index])),
+      harmonics: harmonics ?? plain,
     },
-    plain: data("colours"),
   };
 }
 
-function neighbourCount(graph: ort.InferenceSession): number {
-  return fixedSize(graph, "neighbours", -1);
-}
-
-/** Return a size of an input that is the same for all streams. */
-function fixedSize(graph: ort.InferenceSession, input: string, axis: number): number {
-  const of = graph.inputMetadata.find(({ name }) => name === input);
-  const size = of?.isTensor ? of.shape.at(axis) : undefined;
-  if (typeof size !== "number") throw new Error(`graph: the input ${input} has no fixed size on axis ${axis}.`);
-  return size;
+/** Reorder values [views, 3, pixels] to [views, pixels, 3]. */
+function channelsLast(values: Float32Array, views: number): Float32Array {
+  const pixels = values.length / (3 * views);
+  const result = new Float32Array(values.length);
+  for (let view = 0; view < views; view++) {
+    for (let channel = 0; channel < 3; channel++) {
+      const from = (3 * view + channel) * pixels;
+      for (let at = 0; at < pixels; at++) result[3 * (view * pixels + at) + channel] = values[from + at];
+    }
+  }
+  return result;
 }

@@ -1,7 +1,7 @@
 /** The files that decoding needs, fetched from the folder of the page. */
 
 import { unknownModel } from "../coding/stage-decoder";
-import type { ModelFiles } from "../receiver/networks";
+import { GRAPHS, type ModelFiles } from "../receiver/graphs";
 
 export interface Runtime {
   wasm: Uint8Array;
@@ -19,10 +19,8 @@ export async function fetchModel(modelId: string): Promise<ModelFiles> {
   const known = JSON.parse(new TextDecoder().decode(await fetchBytes("models.json"))) as string[];
   if (!known.includes(modelId)) throw unknownModel(modelId, known);
   const file = (name: string) => fetchBytes(`models/${modelId}/${name}`);
-  const [weights, update, points, predict] = await Promise.all(
-    ["receiver.safetensors", "update.onnx", "points.onnx", "predict.onnx"].map(file),
-  );
-  return { weights, update, points, predict };
+  const [weights, ...graphs] = await Promise.all(["receiver.safetensors", ...GRAPHS.map((name) => `${name}.onnx`)].map(file));
+  return { weights, graphs: Object.fromEntries(GRAPHS.map((name, at) => [name, graphs[at]])) as ModelFiles["graphs"] };
 }
 
 /** Fetch a file. Throws Error with a sentence for the page. */

@@ -2,7 +2,7 @@
 
 import type { StoredCameras } from "../container/cameras";
 import type { Timing } from "../decoder";
-import type { ModelFiles } from "../receiver/networks";
+import type { ModelFiles } from "../receiver/graphs";
 
 /** What the page shows of a stream before it is decoded. */
 export interface Summary {

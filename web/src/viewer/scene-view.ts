@@ -7,6 +7,7 @@ import type { StoredCamera, StoredCameras } from "../container/cameras";
 import { fit, placeAt } from "./coded-camera";
 
 const DILATION_PX2 = 0.3; // added to both variances of a splat, as in the reference renderer
+const ORBIT_SPEED = 0.4; // 1 is a full turn for a drag over the height of the window; coded cameras are close together
 
 export type Navigation = "orbit" | "fly";
 
@@ -90,6 +91,7 @@ export class SceneView {
     this.camera.position.copy(position);
     this.camera.quaternion.copy(quaternion);
     const ahead = this.camera.getWorldDirection(new Vector3());
+    controls.rotateSpeed = ORBIT_SPEED;
     controls.target.copy(position).addScaledVector(ahead, this.focus);
     controls.update();
     controls.listenToKeyEvents(window);

@@ -17,7 +17,7 @@ async function read(path: string): Promise<Uint8Array> {
 
 async function check(): Promise<string[]> {
   const expected = JSON.parse(new TextDecoder().decode(await read("/vectors/expected.json"))) as Expected;
-  const decoding = decodingOf(await read("/page/symbol_tables.bin"), [
+  const decoding = decodingOf(await read("/entropy/symbol_tables.bin"), [
     await read("/vectors/tiny.safetensors"),
     await read("/weights/compact-2/receiver.safetensors"),
   ]);

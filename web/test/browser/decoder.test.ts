@@ -1,0 +1,69 @@
+/** The decoder, and the page that decodes, in headless Chromium. */
+
+import assert from "node:assert/strict";
+import { existsSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
+import { after, before, test } from "node:test";
+import type { Browser } from "playwright-core";
+import { launch, open, RESULTS, settled, TIMEOUT, waitForScene } from "./chromium";
+import { serve, type StaticServer } from "./static-server";
+
+const ROOT = join(process.cwd(), "..");
+const PAGE = join(ROOT, "fecocodec", "web");
+const SCENE = "scene-compact-2.fcs"; // a released model's scene, 2 views of 192x128
+const hasPage = existsSync(join(PAGE, "index.html"));
+const needsPage = { skip: hasPage ? false : "the page that decodes was not built: no model has all graphs" };
+
+let browser: Browser;
+let server: StaticServer;
+
+before(async () => {
+  server = await serve({
+    page: PAGE,
+    test: join("build", "browser-tests"),
+    vectors: join(ROOT, "bitstream_spec", "vectors"),
+    weights: join(ROOT, "fecocodec", "weights"),
+    entropy: join(ROOT, "fecocodec", "entropy"),
+    scenes: process.env.SCENES ?? join(ROOT, "bitstream_spec", "vectors", "valid"),
+  });
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  server?.close();
+});
+
+test("all vectors decode to their symbols, or are refused by their rule", async () => {
+  const { page } = await open(browser, `${server.url}/test/vectors.html`, 100, 100);
+  await page.waitForFunction(() => window.failures !== undefined, undefined, { timeout: TIMEOUT });
+  assert.deepEqual(await page.evaluate(() => window.failures), []);
+  assert.ok((await page.evaluate(() => window.checked ?? 0)) > 120);
+  await page.close();
+});
+
+test("a scene is decoded, shown and downloaded", needsPage, async () => {
+  const { page, problems } = await open(browser, `${server.url}/page/index.html?file=/scenes/${SCENE}`, 192, 128);
+  await waitForScene(page);
+  await page.keyboard.press("h");
+  assert.equal(await page.getAttribute("body", "data-stage"), "2");
+  writeFileSync(join(RESULTS, "camera1.png"), await settled(page));
+  await page.keyboard.press("2");
+  writeFileSync(join(RESULTS, "camera2.png"), await settled(page));
+  await page.keyboard.press("h");
+  await page.setViewportSize({ width: 800, height: 600 });
+  const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
+  assert.equal(download.suggestedFilename(), "scene-compact-2.ply");
+  await download.saveAs(join(RESULTS, "scene.ply"));
+  writeFileSync(join(RESULTS, "facts.txt"), await page.innerText("#status"));
+  assert.deepEqual(problems, []);
+  await page.close();
+});
+
+test("a damaged file is explained in the page", needsPage, async () => {
+  const { page } = await open(browser, `${server.url}/page/index.html?file=/vectors/faulty/header-crc-32.fcs`, 800, 600);
+  await page.waitForSelector("body[data-rule]", { timeout: TIMEOUT });
+  assert.equal(await page.getAttribute("body", "data-rule"), "header CRC-32");
+  assert.match(await page.innerText("#problem"), /header-crc-32\.fcs: header at byte 0: CRC-32 is 0x/);
+  await page.close();
+});

@@ -1,0 +1,79 @@
+/** The self-contained page of decoded Gaussians, from disk and from a server, in headless Chromium. */
+
+import assert from "node:assert/strict";
+import { writeFileSync } from "node:fs";
+import { join } from "node:path";
+import { after, before, test } from "node:test";
+import type { Browser, Page } from "playwright-core";
+import { changed, launch, open, RESULTS, settled, waitForScene } from "./chromium";
+import { serve } from "./static-server";
+
+const FROM_DISK = `file://${process.cwd()}/${RESULTS}/scene.html`; // of scene-compact-2.fcs, 2 views of 192x128
+let browser: Browser;
+
+before(async () => {
+  browser = await launch();
+});
+after(() => browser?.close());
+
+/** Open the page with its panel hidden, at the first coded camera. */
+async function openScene(url: string): Promise<{ page: Page; problems: string[] }> {
+  const opened = await open(browser, url, 192, 128);
+  await waitForScene(opened.page);
+  await opened.page.keyboard.press("h");
+  return opened;
+}
+
+async function press(page: Page, key: string): Promise<Buffer> {
+  await page.keyboard.press(key);
+  return settled(page);
+}
+
+test("the page opens from disk at the coded cameras", async () => {
+  const { page, problems } = await openScene(FROM_DISK);
+  writeFileSync(join(RESULTS, "page1.png"), await settled(page));
+  writeFileSync(join(RESULTS, "page2.png"), await press(page, "2"));
+  assert.match((await page.textContent("#licences")) ?? "", /three 0\.[^]*FeCoSplat, Apache-2\.0/);
+  assert.deepEqual(problems, []);
+  await page.close();
+});
+
+test("a server can send the page", async () => {
+  const server = await serve({ page: RESULTS });
+  const { page, problems } = await openScene(`${server.url}/page/scene.html`);
+  assert.equal(await page.isVisible("#problem"), false);
+  assert.deepEqual(problems, []);
+  await page.close();
+  server.close();
+});
+
+test("dragging orbits, and the key of a camera returns to it", async () => {
+  const { page } = await openScene(FROM_DISK);
+  const atCamera = await settled(page);
+  await page.mouse.move(96, 64);
+  await page.mouse.down();
+  await page.mouse.move(126, 70, { steps: 4 });
+  await page.mouse.up();
+  assert.ok(!(await settled(page)).equals(atCamera));
+  assert.ok((await press(page, "1")).equals(atCamera));
+  await page.close();
+});
+
+test("flying moves with the keys", async () => {
+  const { page } = await openScene(FROM_DISK);
+  const atCamera = await press(page, "o");
+  assert.equal(await page.getAttribute("#mode", "aria-pressed"), "true");
+  await page.keyboard.down("w");
+  await changed(page, atCamera); // a frame can take seconds
+  await page.keyboard.up("w");
+  await page.close();
+});
+
+test("a page without valid Gaussians says so", async () => {
+  const server = await serve({ page: join(process.cwd(), "..", "fecocodec", "web") });
+  const { page } = await open(browser, `${server.url}/page/scene.html`, 400, 300);
+  await page.waitForSelector("#problem:not([hidden])");
+  assert.match(await page.innerText("#problem"), /This scene could not be shown/);
+  await page.close();
+  server.close();
+});
