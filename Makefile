@@ -108,7 +108,7 @@ web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHR
 	@rm -rf web/build/browser && mkdir -p web/build/browser
 	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-compact-2.fcs -o web/build/browser/scene.html --overwrite
 	cd web && node --test --test-concurrency 1 build/browser-tests/*.test.mjs
-	$(BIN)/python -m pytest -q web/test/test_results.py
+	$(BIN)/python -m pytest -q web/test/test_results.py tests/cli/test_view.py
 
 check: lint types arch test ## everything a change must pass
 

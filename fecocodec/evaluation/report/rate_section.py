@@ -54,18 +54,18 @@ def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement
         _rows(rows, lambda name: name not in hidden),
         _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES, FAST)),
     )
-    drawn = _curves([row for row in main if row.system != NEAREST])  # its PSNR would compress the axis
+    drawn = curves_of([row for row in main if row.system != NEAREST])  # its PSNR would compress the axis
     chart = Chart("rate_distortion", "Rate and quality", "KiB a scene", "PSNR of target views, dB", drawn, True)
-    parts = Chart("ablations", "Without some part", "KiB a scene", "PSNR of target views, dB", _curves(ablated), True)
+    parts = Chart("ablations", "Without some part", "KiB a scene", "PSNR of target views, dB", curves_of(ablated), True)
     entries = max((row.entries for row in rows), default=0)
     text = TEXT.format(
         entries=entries,
         chart=picture(chart),
-        comparisons=_comparisons(main, BEST),
+        comparisons=comparison_table(main, BEST),
         averages=_averages(main),
         best=BEST,
     )
-    without = ABLATION_TEXT.format(chart=picture(parts), comparisons=_comparisons(ablated))
+    without = ABLATION_TEXT.format(chart=picture(parts), comparisons=comparison_table(ablated))
     views = Section("More than two views", _by_views(more_views))
     return Section("Rate and quality", text, (chart,)), Section("Without some part", without, (parts,)), views
 
@@ -74,7 +74,7 @@ def _rows(rows: Sequence[Average], is_wanted: Callable[[str], bool]) -> list[Ave
     return [row for row in rows if is_wanted(row.system)]
 
 
-def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
+def curves_of(rows: Sequence[Average]) -> tuple[Series, ...]:
     """Return one series per system. A system that transmits nothing is drawn as a horizontal line."""
     rates = [row.kib for row in rows if row.kib > 0]
     series = []
@@ -86,7 +86,7 @@ def _curves(rows: Sequence[Average]) -> tuple[Series, ...]:
     return tuple(series)
 
 
-def _comparisons(rows: Sequence[Average], *variants: str) -> str:
+def comparison_table(rows: Sequence[Average], *variants: str) -> str:
     """Return a table of the BD metrics of our codec and of its variants against the other systems."""
     figures = {ours: {c.baseline: c for c in compare(rows, ours)} for ours in (OURS, *variants)}
     heads = [f"{ours}: {figure}" for ours in figures for figure in HEADS]

@@ -1,0 +1,49 @@
+"""Draw the README's chart: `python benchmarks/make_readme_chart.py ROOT INDEX`.
+
+Measures the codec, AVIF photographs and the best plane on 12 pairs, or reuses what `make report` has measured in
+out/report, prints the BD-rate and writes docs/rate_distortion.png.
+"""
+
+import argparse
+from pathlib import Path
+
+from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.evaluation.entries import open_scenes
+from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
+from fecocodec.evaluation.records import RecordFile
+from fecocodec.evaluation.report.charts import Chart
+from fecocodec.evaluation.report.plan import ReportPlan
+from fecocodec.evaluation.report.png import write_png
+from fecocodec.evaluation.report.rate_section import comparison_table, curves_of
+from fecocodec.evaluation.run import measure_all
+from fecocodec.evaluation.summary import averages
+from fecocodec.evaluation.systems.groups import systems_of
+from fecocodec.formats.atomic import make_folder
+from fecocodec.formats.evaluation_index import read_index
+from fecocodec.sender.codec import load_codec
+
+BASELINES = ("AVIF", "best plane")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("root", type=Path, help="folder of scenes")
+    parser.add_argument("index", type=Path, help="evaluation index (JSON)")
+    arguments = parser.parse_args()
+    plan = ReportPlan(arguments.root, arguments.index, SHIPPED / DEFAULT_MODEL, Path("out/report"), Path("docs"))
+    codec = load_codec(plan.model, "cpu")
+    baselines = [system for system in systems_of(["images", "trivial"], codec, ()) if system.name in BASELINES]
+    systems = [*systems_of(["codec"], codec, plan.lambdas), *baselines]
+    pairs = choose_entries(read_index(plan.index), 2, plan.entries, plan.index)
+    make_folder(plan.work)
+    label = weights_label(plan.model, plan.size)
+    read = open_scenes(plan.root, plan.size)
+    rows = averages(tuple(measure_all(read, pairs, systems, RecordFile(plan.work / RECORDS), label)))
+    title = f"Rate and quality, weights {plan.model.name}, {len(pairs)} pairs"
+    chart = Chart("rate_distortion", title, "KiB a scene", "PSNR of target views, dB", curves_of(rows), True)
+    write_png(chart, plan.output / "rate_distortion.png")
+    print(comparison_table(rows))
+
+
+if __name__ == "__main__":
+    main()
