@@ -25,7 +25,7 @@ from .options import (
 from .output import print_json, say
 from .paths import require_ending, require_input
 from .progress import progress_bar
-from .selection import Selection, parse_selection
+from .selection import parse_selection
 from .viewpoints import DEFAULT_FPS, DEFAULT_FRAMES, PATH_NAMES, cameras_and_size, names_of, read_given_cameras
 
 BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from fecocodec.container import read_header
 
 from .naming import naming
-from .selection import Selection, resolve
+from fecocodec.formats.view_selection import Selection, resolve
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Decoded, Gaussians
