@@ -9,6 +9,7 @@ import click
 from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_writable
 from fecocodec.formats.video_extra import require_video_extra
+from fecocodec.formats.view_selection import Selection
 
 from .image_files import image_files, image_writer, is_image_file
 from .naming import naming

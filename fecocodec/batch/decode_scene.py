@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Decode = Callable[[bytes], "DecodedScene | Decoded"]
 _OF_STREAM = (BitstreamError, InputError, ModelError)
+ON_ONE_THREAD: Decode = partial(decode, num_threads=1)
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class DecodeScene:
     """
 
     suffix: str = ".ply"
-    decode: Decode = partial(decode, num_threads=1)
+    decode: Decode = ON_ONE_THREAD
     decode_options: tuple[tuple[str, Any], ...] = ()
     frame: Literal["input", "first-camera"] = "input"
     spz_version: SpzVersion = 4

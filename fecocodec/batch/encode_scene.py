@@ -94,7 +94,9 @@ class EncodeScene:
         details: dict[str, Any] = {"views": list(views.names), "device": self.device}
         details["threads"] = torch.get_num_threads()
         if self.is_measured:
-            details["context_psnr"] = round(decoded_quality(codec.receiver, data, views, self._num_coded(codec)).psnr, 3)
+            details["context_psnr"] = round(
+                decoded_quality(codec.receiver, data, views, self._num_coded(codec)).psnr, 3
+            )
         return Result(data, warnings, details)
 
     def _encoded(self, codec: Codec, views: Views, warnings: list[str]) -> bytes:

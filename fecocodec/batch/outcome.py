@@ -33,9 +33,7 @@ def outcome_of(record: Record, *, is_new: bool) -> Outcome:
     status: OutcomeStatus = "skipped" if record.status == "done" and not is_new else record.status
     is_made = record.status == "done"
     num_bytes = record.num_bytes if is_made else None
-    return Outcome(
-        record.scene, status, record.output, num_bytes, record.seconds, len(record.warnings), record.error
-    )
+    return Outcome(record.scene, status, record.output, num_bytes, record.seconds, len(record.warnings), record.error)
 
 
 def as_tsv(outcomes: Iterable[Outcome]) -> str:
