@@ -78,6 +78,9 @@ def engine_of(options: BatchOptions) -> "Iterator[Engine]":
     if options.shard is not None:
         yield ThisProcess()
         return
+    from fecocodec.batch.cluster_extra import require_cluster_extra
+
+    require_cluster_extra()
     from fecocodec.batch import cluster
 
     if options.scheduler is not None:

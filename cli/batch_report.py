@@ -67,6 +67,8 @@ def _report(outcomes: "Sequence[Outcome]", seconds: float, summary: str, options
         warn(printable(f"{failure.scene} failed: {in_options(failure.error or '')}"))
     if len(failures) > LISTED_FAILURES:
         warn(f"{len(failures) - LISTED_FAILURES} more scenes failed; {summary} lists them")
+    if failures and not options.retry_failed:
+        say("--retry-failed processes failed scenes again; without it, only those with other input or options are")
     count = Counter(outcome.status for outcome in outcomes)
     num_warned = sum(outcome.num_warnings > 0 for outcome in outcomes)
     if options.as_json:

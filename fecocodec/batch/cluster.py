@@ -1,23 +1,23 @@
-"""Engine on Dask workers: processes of this machine, or those of a running scheduler. Only this file imports Dask."""
+"""Engine on Dask workers: processes of this machine, or those of a running scheduler.
+
+Only this file imports Dask, the `cluster` extra; `require_cluster_extra` reports if it is missing.
+"""
 
 import logging
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import islice
 from time import monotonic
-from typing import TYPE_CHECKING
+
+from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from fecocodec import __version__
 from fecocodec.batch.outcome import Outcome
 from fecocodec.batch.scene_task import SceneTask
 from fecocodec.batch.scenes import BatchScene
 from fecocodec.errors import InputError
-
-if TYPE_CHECKING:
-    from distributed import Client, Future
 
 SECONDS_TO_ANSWER = 10
 SECONDS_FOR_A_WORKER = 60
@@ -30,16 +30,14 @@ _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS
 class Cluster:
     """Engine on the workers of a Dask client."""
 
-    client: "Client"
+    client: Client
 
     def outcomes(self, task: SceneTask, scenes: Sequence[BatchScene]) -> Iterator[Outcome]:
         """Yield one outcome per scene, as they end. A scene whose worker ends is given to another worker.
 
         Raises InputError if the scheduler is lost.
         """
-        from distributed import as_completed
-
-        waiting, in_work = iter(scenes), dict[str, BatchScene]()
+            waiting, in_work = iter(scenes), dict[str, BatchScene]()
         running = as_completed()
         window = _Window(self.client)
         while True:
@@ -56,7 +54,7 @@ class Cluster:
 class _Window:
     """Number of scenes to hand to the scheduler at a time; it follows the workers that come and go."""
 
-    def __init__(self, client: "Client") -> None:
+    def __init__(self, client: Client) -> None:
         self._client, self._size, self._until = client, 0, 0.0
 
     def size(self) -> int:
@@ -66,10 +64,8 @@ class _Window:
         return self._size
 
 
-def _outcome(task: SceneTask, scene: BatchScene, future: "Future") -> Outcome:
+def _outcome(task: SceneTask, scene: BatchScene, future: Future) -> Outcome:
     """Return the outcome of a finished future. Raises InputError if the scheduler is lost."""
-    from distributed import KilledWorker
-
     try:
         outcome: Outcome = future.result()
         return outcome
@@ -90,11 +86,7 @@ def local_cluster(num_workers: int, num_threads: int = 1) -> Iterator[Cluster]:
     """Yield an engine on new processes of this machine, which end with the block.
 
     num_threads: of the numeric libraries in each process; each works on one scene at a time.
-    Raises InputError if Dask distributed, the `cluster` extra, is missing.
     """
-    require_cluster_extra()
-    from distributed import Client, LocalCluster
-
     variables = dict.fromkeys(_THREAD_VARIABLES, str(num_threads))
     with (
         LocalCluster(
@@ -115,12 +107,8 @@ def local_cluster(num_workers: int, num_threads: int = 1) -> Iterator[Cluster]:
 def connected_cluster(address: str) -> Iterator[Cluster]:
     """Yield an engine on the workers of a running scheduler, which goes on after the block.
 
-    address: such as "tcp://host:8786". Raises InputError if the `cluster` extra is missing, the scheduler does not
-    answer within SECONDS_TO_ANSWER, has no worker for SECONDS_FOR_A_WORKER, or a worker has another version.
+    address: such as "tcp://host:8786". Raises InputError if the scheduler does not answer within SECONDS_TO_ANSWER, has no worker for SECONDS_FOR_A_WORKER, or a worker has another version.
     """
-    require_cluster_extra()
-    from distributed import Client
-
     try:
         client = Client(address, timeout=SECONDS_TO_ANSWER)
     except (OSError, ValueError, TypeError) as error:
@@ -139,7 +127,7 @@ def connected_cluster(address: str) -> Iterator[Cluster]:
         yield Cluster(client)
 
 
-def _require_same_version(client: "Client", address: str) -> None:
+def _require_same_version(client: Client, address: str) -> None:
     """Raise InputError if a worker does not have this version of the library."""
     try:
         versions = client.run(_version)
@@ -156,12 +144,3 @@ def _require_same_version(client: "Client", address: str) -> None:
 
 def _version() -> str:
     return __version__
-
-
-def require_cluster_extra() -> None:
-    """Raise InputError, which names the extra to install, if Dask distributed is missing."""
-    if find_spec("distributed") is None:
-        raise InputError(
-            "several processes need the package distributed; pip install 'fecosplat[cluster]', or use one process with "
-            "a `shard` such as 1/1."
-        )

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from fecocodec.batch.scene_task import Result
 from fecocodec.container import read_header, read_stream_file
@@ -12,12 +12,9 @@ from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError
 from fecocodec.formats.gaussian_arrays import camera_arrays, gaussian_arrays
 from fecocodec.formats.gaussian_files import gaussian_bytes, in_frame_of_first_camera
 from fecocodec.formats.spz import SpzVersion
-from fecocodec.runtime.decode import DecodedScene, decode
+from fecocodec.runtime.decode import decode
 
-if TYPE_CHECKING:
-    from fecocodec.receiver.decode import Decoded
-
-Decode = Callable[[bytes], "DecodedScene | Decoded"]
+Decode = Callable[[bytes], Any]  # to a DecodedScene, or a `receiver.decode.Decoded`
 _OF_STREAM = (BitstreamError, InputError, ModelError)
 ON_ONE_THREAD: Decode = partial(decode, num_threads=1)
 

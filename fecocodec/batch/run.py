@@ -3,7 +3,7 @@
 import secrets
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from fecocodec.batch.outcome import Outcome, as_tsv
 from fecocodec.batch.scene_task import SceneTask, Work
@@ -12,6 +12,7 @@ from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.formats.input_file import StrPath
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Runs a task on every scene, in any order; each scene gives one outcome, also if the process of a task ends."""
 

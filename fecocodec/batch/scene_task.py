@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
 from traceback import format_exception
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from fecocodec import __version__
 from fecocodec.batch.digest import file_digest, input_digest
@@ -26,6 +26,7 @@ class Result:
     details: dict[str, Any] = field(default_factory=dict)
 
 
+@runtime_checkable
 class Work(Protocol):
     """What is done to every scene. Instances are pickled; networks are loaded by `run`, once per process.
 
