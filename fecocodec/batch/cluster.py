@@ -37,7 +37,7 @@ class Cluster:
 
         Raises InputError if the scheduler is lost.
         """
-            waiting, in_work = iter(scenes), dict[str, BatchScene]()
+        waiting, in_work = iter(scenes), dict[str, BatchScene]()
         running = as_completed()
         window = _Window(self.client)
         while True:
@@ -107,7 +107,8 @@ def local_cluster(num_workers: int, num_threads: int = 1) -> Iterator[Cluster]:
 def connected_cluster(address: str) -> Iterator[Cluster]:
     """Yield an engine on the workers of a running scheduler, which goes on after the block.
 
-    address: such as "tcp://host:8786". Raises InputError if the scheduler does not answer within SECONDS_TO_ANSWER, has no worker for SECONDS_FOR_A_WORKER, or a worker has another version.
+    address: such as "tcp://host:8786". Raises InputError if the scheduler does not answer within SECONDS_TO_ANSWER, has
+    no worker for SECONDS_FOR_A_WORKER, or a worker has another version.
     """
     try:
         client = Client(address, timeout=SECONDS_TO_ANSWER)

@@ -7,16 +7,17 @@ from pathlib import Path
 import pytest
 import torch
 
+pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+
 import fecocodec
-from fecocodec.batch import cluster, cluster_extra
+from fecocodec.batch import cluster
 from fecocodec.batch.cluster import connected_cluster, local_cluster
 from fecocodec.batch.run import run_batch
 from fecocodec.batch.scenes import scene_folders
 from fecocodec.errors import InputError
-from tests.batch.works import EncodeAndDie, Reverse
+from tests.batch.encoding_works import EncodeAndDie
+from tests.batch.works import Reverse
 from tests.example_scenes import MODEL
-
-pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
 
 @pytest.mark.timeout(300)
@@ -65,12 +66,3 @@ def test_a_scheduler_that_does_not_answer_is_one_sentence(address: str, monkeypa
     assert str(caught.value) == (
         f"scheduler {address}: it does not answer within 1 s; start `dask scheduler`, or correct the address."
     )
-
-
-def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster_extra, "find_spec", lambda _name: None)
-    with (
-        pytest.raises(InputError, match=r"need the package distributed; pip install 'fecosplat\[cluster\]'"),
-        local_cluster(1),
-    ):
-        pass

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fecocodec.batch.encode_scene import EncodeScene
 from fecocodec.batch.scene_task import Result
 from fecocodec.errors import InputError
 
@@ -39,19 +38,6 @@ class Reverse:
         with (path.parent / f"{name}.runs").open("a") as log:
             log.write(".")
         return Result(text[::-1].encode(), (f"warned by {name}",) if text == "warn" else (), {"length": len(text)})
-
-
-@dataclass(frozen=True)
-class EncodeAndDie(EncodeScene):
-    """Encode; the process is killed while it works on the scene `dying`, the first time."""
-
-    dying: str = ""
-
-    def run(self, path: Path, name: str) -> Result:
-        result = super().run(path, name)
-        if name == self.dying:
-            kill_once(path.parent.parent / "killed")
-        return result
 
 
 def kill_once(marker: Path) -> None:
