@@ -122,7 +122,7 @@ def connected_cluster(address: str) -> Iterator[Cluster]:
             client.wait_for_workers(1, timeout=SECONDS_FOR_A_WORKER)
         except TimeoutError as error:
             raise InputError(
-                f"scheduler {address}: it has no workers; start `dask worker {address} --nthreads 1` on the machines."
+                f"scheduler {address}: it has no workers; start `dask worker {address}` on the machines."
             ) from error
         _require_same_version(client, address)
         yield Cluster(client)
