@@ -19,6 +19,7 @@ from time import perf_counter, process_time
 from fecocodec.batch.cluster import local_cluster
 from fecocodec.batch.encode_scene import EncodeScene
 from fecocodec.batch.run import run_batch
+from fecocodec.batch.scene_task import Result
 from fecocodec.batch.scenes import BatchScene, scene_folders
 from fecocodec.formats.view_selection import Spread
 
@@ -42,7 +43,11 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--effort", default="fast")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--empty", type=int, metavar="N", help="only measure N scenes without work, on 2 workers")
     arguments = parser.parse_args()
+    if arguments.empty:
+        print("\t".join(measure_empty(arguments.empty)))
+        return
     scenes = scene_folders(arguments.root)[: arguments.scenes]
     work = EncodeScene(views=Spread(2), size=(arguments.size, arguments.size), effort=arguments.effort)
     print("\t".join((*HEAD, "skip ms/scene", "bytes/scene", "sidecar bytes")))
@@ -74,6 +79,34 @@ def measure(scenes: tuple[BatchScene, ...], work: EncodeScene, num_workers: int)
         f"{peak_gib():.2f}", f"{1000 * skipping / count:.1f}",
         f"{sum(outcome.num_bytes or 0 for outcome in outcomes) / count:.0f}", f"{sum(sidecars) / count:.0f}",
     )  # fmt: skip
+
+
+class Empty:
+    """No work: what remains is the cost of Dask, of the digest of a small file, and of writing two small files."""
+
+    suffix = ".empty"
+
+    def options(self) -> dict:
+        return {}
+
+    def weights(self, path: Path) -> dict[str, str]:
+        return {}
+
+    def run(self, path: Path, name: str) -> Result:
+        return Result(b"")
+
+
+def measure_empty(count: int) -> tuple[str, ...]:
+    """Return the time per scene, and the CPU time of this process per scene, for scenes without work."""
+    with TemporaryDirectory() as folder, local_cluster(2) as engine:
+        source = Path(folder, "source")
+        source.write_text("content")
+        scenes = [BatchScene(f"{number:06d}", source) for number in range(count)]
+        require_done(run_batch(scenes[:10], Path(folder, "warm"), Empty(), engine))
+        begin, cpu = perf_counter(), process_time()
+        require_done(run_batch(scenes, Path(folder, "out"), Empty(), engine))
+        seconds, cpu = perf_counter() - begin, process_time() - cpu
+    return f"{1000 * seconds / count:.2f} ms/scene", f"{1000 * cpu / count:.2f} ms/scene of CPU, client and scheduler"
 
 
 def require_done(outcomes: object) -> list:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from time import monotonic
+from typing import Any
 
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
@@ -37,7 +38,7 @@ class Cluster:
 
         Raises InputError if the scheduler is lost.
         """
-        waiting, in_work = iter(scenes), dict[str, BatchScene]()
+        waiting, in_work = iter(scenes), dict[object, BatchScene]()
         running = as_completed()
         window = _Window(self.client)
         while True:
@@ -64,7 +65,7 @@ class _Window:
         return self._size
 
 
-def _outcome(task: SceneTask, scene: BatchScene, future: Future) -> Outcome:
+def _outcome(task: SceneTask, scene: BatchScene, future: "Future[Any]") -> Outcome:
     """Return the outcome of a finished future. Raises InputError if the scheduler is lost."""
     try:
         outcome: Outcome = future.result()
