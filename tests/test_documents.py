@@ -15,7 +15,14 @@ DOCUMENTS = (
     "CHANGELOG.md",
     *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
 )
-WITH_COMMANDS = ("README.md", "docs/batch.md", "docs/command_line.md", "docs/inputs.md", "docs/limits.md", "docs/training.md")
+WITH_COMMANDS = (
+    "README.md",
+    "docs/batch.md",
+    "docs/command_line.md",
+    "docs/inputs.md",
+    "docs/limits.md",
+    "docs/training.md",
+)
 BELOW = {"batch": ("encode", "decode")}
 README_BYTES = 8192
 LISTED_ELSEWHERE = {"--help", "--version", "--index", "--output"}  # in the table of commands, or of every command
