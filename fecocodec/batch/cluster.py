@@ -12,6 +12,7 @@ from itertools import islice
 from time import monotonic
 from typing import Any
 
+import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from fecocodec import __version__
@@ -88,8 +89,11 @@ def local_cluster(num_workers: int, num_threads: int = 1) -> Iterator[Cluster]:
 
     num_threads: of the numeric libraries in each process; each works on one scene at a time.
     """
+    # One scene at a time is sent to a process, so that only this scene is blamed if the process is killed.
+    one_scene = dask.config.set({"distributed.scheduler.worker-saturation": 1.0})
     variables = dict.fromkeys(_THREAD_VARIABLES, str(num_threads))
     with (
+        one_scene,
         LocalCluster(
             n_workers=num_workers,
             threads_per_worker=1,

@@ -9,6 +9,8 @@ import torch
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
+import dask
+
 import fecocodec
 from fecocodec.batch import cluster
 from fecocodec.batch.cluster import connected_cluster, local_cluster
@@ -24,7 +26,7 @@ from tests.example_scenes import MODEL
 def test_scenes_of_a_killed_worker_end_once(texts, output: Path) -> None:
     content = {f"s{number:02d}": f"text {number}" for number in range(12)} | {"s03": "kill once", "s07": "bad"}
     scenes = texts(**content)
-    with local_cluster(2) as engine:
+    with local_cluster(2) as local, connected_cluster(local.client.scheduler.address) as engine:
         workers = set(engine.client.run(os.getpid).values())
         outcomes = list(run_batch(scenes, output, Reverse(), engine))
     killed = int((scenes[0].path.parent / "s03.killed").read_text())
@@ -35,6 +37,19 @@ def test_scenes_of_a_killed_worker_end_once(texts, output: Path) -> None:
         if name != "s07":
             assert (output / f"{name}.rev").read_bytes() == text[::-1].encode()
     assert len(list(output.iterdir())) == 2 * len(content) - 1
+
+
+@pytest.mark.timeout(300)
+def test_a_scene_that_kills_its_workers_fails_and_the_others_end(texts, output: Path) -> None:
+    scenes = texts(a="abc", b="kill", c="def")
+    with dask.config.set({"distributed.scheduler.allowed-failures": 1}), local_cluster(1) as engine:
+        outcomes = {of.scene: of for of in run_batch(scenes, output, Reverse(), engine)}
+    assert {name: of.status for name, of in outcomes.items()} == {"a": "done", "b": "failed", "c": "done"}
+    assert outcomes["b"].error == (
+        f"{scenes[1].path}: the processes that worked on it were killed; check the memory, or give fewer or smaller "
+        "views."
+    )
+    assert outcomes["b"].error == next(run_batch(scenes[1:], output, Reverse())).error  # not tried again
 
 
 @pytest.mark.slow

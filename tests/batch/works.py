@@ -35,6 +35,8 @@ class Reverse:
             raise ValueError("a defect")
         if text == "kill once":
             kill_once(path.parent / f"{name}.killed")
+        if text == "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
         with (path.parent / f"{name}.runs").open("a") as log:
             log.write(".")
         return Result(text[::-1].encode(), (f"warned by {name}",) if text == "warn" else (), {"length": len(text)})
