@@ -1,29 +1,16 @@
-"""The command group, which imports a command's module only when that command is run."""
-
-from importlib import import_module
+"""The command group of all commands."""
 
 import click
 
 from fecocodec import __version__
 
+from .lazy_group import LazyGroup
 from .main import COMMANDS
-
-
-class LazyGroup(click.Group):
-    """Click group with lazy subcommands: the libraries of one command do not slow down the start of another."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = import_module(f".{cmd_name}", __package__).command
-        return command
 
 
 @click.group(
     cls=LazyGroup,
+    modules={name: name for name in COMMANDS},
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Run `fecosplat COMMAND --help` for the options of a command and examples.",
 )

@@ -8,17 +8,10 @@ import click
 from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_other_file, require_writable
 
+from .decode_options import decoding_options
 from .naming import naming
-from .options import (
-    FILE_PATH,
-    device_option,
-    json_option,
-    max_pixels_option,
-    model_option,
-    overwrite_option,
-    threads_option,
-)
-from .output import print_json, say
+from .options import FILE_PATH, json_option
+from .output import print_json, say, warn
 from .paths import STDOUT, require_ending
 from .progress import progress_bar
 from .receivers import DecodeOptions, decode_stream
@@ -58,63 +51,12 @@ Examples:
     "the 3DGS reference if the file is called cameras.json.",
 )
 @click.option(
-    "--frame",
-    type=click.Choice(["input", "first-camera"]),
-    default="input",
-    show_default=True,
-    help="Coordinate frame of the output: that of the input cameras, or the first camera at the origin, looking along "
-    "+Z with +Y down (.ply, .compressed.ply, .sog) or along -Z with +Y up (.spz, .glb).",
-)
-@click.option(
-    "--spz-version",
-    type=click.Choice(["3", "4"]),
-    default="4",
-    show_default=True,
-    help="Version of .spz files. Older viewers read only 3.",
-)
-@click.option(
-    "--stages",
-    type=click.IntRange(1, 2),
-    help="Number of stages to decode. 1 gives a preview, and also works for a file that was truncated after stage 1.  "
-    "[default: all]",
-)
-@click.option(
     "--partial",
     is_flag=True,
     help=f"Decode the intact stages of a damaged file. The exit code is {PARTLY_DECODED} if a stage could not be "
     "decoded.",
 )
-@click.option(
-    "--prune",
-    is_flag=True,
-    help="Prune Gaussians that contribute little to views near the cameras, and refit the rest (takes seconds).",
-)
-@click.option(
-    "--merge",
-    is_flag=True,
-    help="Merge neighbouring Gaussians of similar colour on flat surfaces: about 20% fewer Gaussians for a loss of a "
-    "few hundredths of a dB.",
-)
-@click.option(
-    "--sh-degree",
-    type=click.IntRange(0, 1),
-    default=1,
-    show_default=True,
-    help="Degree of the spherical harmonics. 1: view-dependent colours. 0: constant colours, and a .ply that is a "
-    "third smaller.",
-)
-@click.option(
-    "--background-layer/--no-background-layer",
-    "has_background",
-    default=True,
-    show_default=True,
-    help="Fill regions that no photograph shows with blurred Gaussians. Without them these regions are black.",
-)
-@model_option
-@max_pixels_option
-@device_option
-@threads_option
-@overwrite_option
+@decoding_options
 @json_option
 def command(
     stream: Path,
@@ -180,5 +122,5 @@ def command(
         say(f"{output}: {decoded.gaussians.count} Gaussians in {seconds:.2f} s")
     if damage is None:
         return 0
-    say(printable(f"fecosplat: {stream}: damaged, only {DECODED[decoded.stages]} decoded: {damage}"))
+    warn(printable(f"fecosplat: {stream}: damaged, only {DECODED[decoded.stages]} decoded: {damage}"))
     return PARTLY_DECODED

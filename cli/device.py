@@ -16,6 +16,17 @@ def require_device(name: str) -> None:
         )
 
 
+def require_encoding_device(name: str, num_stages: int, effort: str) -> None:
+    """Check a device on which views are encoded: feedback and optimisation of latents render on it.
+
+    Raises InputError as `require_device` or `require_rendering_device` does.
+    """
+    if num_stages == 1 and effort == "fast":
+        require_device(name)
+    else:
+        require_rendering_device(name)
+
+
 def require_rendering_device(name: str) -> None:
     """Check a device on which Gaussians are rendered; rendering on CUDA needs gsplat.
 

@@ -13,7 +13,14 @@ from .options import json_option, threads_option
 from .output import print_fields, print_json
 
 LIBRARIES = ("torch", "numpy", "scipy", "numba", "constriction", "zstandard", "Pillow", "OpenEXR")
-EXTRAS = {"cuda": "gsplat", "poses": "pycolmap", "video": "av", "png16": "imagecodecs", "eval": "flip-evaluator"}
+EXTRAS = {
+    "cuda": "gsplat",
+    "cluster": "distributed",
+    "poses": "pycolmap",
+    "video": "av",
+    "png16": "imagecodecs",
+    "eval": "flip-evaluator",
+}
 NUM_GAUSSIANS, SIDE_PX = 20_000, 256
 
 

@@ -10,19 +10,20 @@ import click
 
 from fecocodec.container import inspect, quantise_lambda, with_metadata
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
+from fecocodec.formats.view_selection import Selection, resolve
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
+from .encode_options import encoding_options
 from .encoding_report import quality_fields, say_result
 from .info import summary_fields
-from .metadata_options import metadata_of, metadata_options
+from .metadata_options import metadata_of
 from .naming import OF_VIEWS, naming
-from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
-from .output import in_options, print_json, say
+from .options import FILE_PATH, json_option
+from .output import in_options, print_json, say, warn
 from .paths import require_ending, require_photographs
 from .progress import progress_bar
-from .rate_control import rate_control_options, target_of
+from .rate_control import target_of
 from .scene_source import DEFAULT_FRAMES, require_cameras_file, scene_source
-from .selection import Selection, parse_selection, resolve
 from .terminal import printable
 
 
@@ -42,16 +43,6 @@ Examples:
 @click.argument("views_folder", metavar="VIEWS", type=FILE_PATH)
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Output file (.fcs).")
 @click.option(
-    "--lambda",
-    "lmbda",
-    type=float,
-    default=1e-3,
-    show_default=True,
-    metavar="NUMBER",
-    help="Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file.",
-)
-@rate_control_options
-@click.option(
     "--frames",
     "num_frames",
     type=click.IntRange(2, 60),
@@ -65,35 +56,7 @@ Examples:
     metavar="FILE.json",
     help="Write the cameras estimated for photographs without cameras, in the layout of nerfstudio (transforms.json).",
 )
-@click.option(
-    "--views",
-    callback=parse_selection,
-    metavar="WHICH",
-    help="Views to encode: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N overlapping views, or auto for at "
-    "most eight overlapping views.  [default: all, or auto for more than 16 photographs]",
-)
-@click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels.")
-@click.option("--near", type=float, help="Nearest depth of the scene, in scene units.  [default: estimated]")
-@click.option("--far", type=float, help="Farthest depth of the scene, in scene units.  [default: estimated]")
-@click.option(
-    "--background",
-    type=click.Choice(["white", "black"]),
-    help="Composite transparent photographs on this colour.  [default: transparent regions decode to no Gaussians]",
-)
-@click.option("--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Number of stages to encode.")
-@click.option(
-    "--effort",
-    type=click.Choice(["fast", "default", "best"]),
-    default="default",
-    show_default=True,
-    help="Encoding effort: more effort gives a smaller file at equal quality. fast takes about a third of the time of "
-    "default, best about three times as long.",
-)
-@metadata_options
-@model_option
-@device_option
-@threads_option
-@overwrite_option
+@encoding_options
 @json_option
 def command(
     views_folder: Path,
@@ -136,12 +99,9 @@ def command(
 
     from fecocodec import check_input, encode, encode_to_target, measure_decoded, read_views
 
-    from .device import require_device, require_rendering_device
+    from .device import require_encoding_device
 
-    if stages == 1 and effort == "fast":
-        require_device(device)
-    else:
-        require_rendering_device(device)  # optimisation and feedback render on this device
+    require_encoding_device(device, stages, effort)
     with progress_bar() as on_progress, ExitStack() as stack:
         on_progress("reading views", 0.0)
         source = stack.enter_context(scene_source(views_folder, num_frames, cameras_file, overwrite=overwrite))
@@ -163,14 +123,14 @@ def command(
             data = with_metadata(data, metadata)
     warnings = [in_options(text) for text in (*scene.notes, *check_input(scene, effort), *found)]
     for warning in warnings:  # only after all checks that can reject the views
-        say(printable(f"warning: {warning}"))
+        warn(printable(f"warning: {warning}"))
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     quality = measure_decoded(data, scene, device=device, model=model)
     seconds = round(perf_counter() - start, 3)
     summary = inspect(data)
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:
-        say(f"note: {output}: decode needs --max-pixels {summary.header.num_pixels} for this file.")
+        warn(f"note: {output}: decode needs --max-pixels {summary.header.num_pixels} for this file.")
     if as_json:
         fields = quality_fields(summary, quality, scene.names)
         print_json(

@@ -1,6 +1,5 @@
 """`fecosplat eval`: measure rate and quality of the codec, and of alternatives, on an evaluation index."""
 
-import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +9,8 @@ import click
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 
-from .options import FILE_PATH, device_option, json_option, model_option, parse_size, threads_option
-from .output import print_columns, print_json, say
+from .options import FILE_PATH, device_option, json_option, model_option, parse_shard, parse_size, threads_option
+from .output import print_columns, print_json, say, warn
 from .paths import require_input
 from .progress import progress_bar
 
@@ -31,16 +30,6 @@ def parse_lambdas(ctx: click.Context, param: click.Parameter, value: str | None)
         raise click.BadParameter(
             f"{value!r} is not numbers with commas between, such as 1e-2,1e-4.", ctx, param
         ) from error
-
-
-def parse_shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
-    """Parse I/N to (I, N), with 1 <= I <= N."""
-    if value is None:
-        return None
-    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", value)
-    if match is None or not 1 <= int(match[1]) <= int(match[2]):
-        raise click.BadParameter(f"{value!r} is not I/N with I from 1 to N, such as 2/8.", ctx, param)
-    return int(match[1]), int(match[2])
 
 
 @click.command(
@@ -151,7 +140,7 @@ def command(
         _print_report(report)
     if report.failures:
         for failure in report.failures:
-            say(f"{failure.entry}, {failure.system}, {failure.setting}: {failure.error}")
+            warn(f"{failure.entry}, {failure.system}, {failure.setting}: {failure.error}")
         raise InputError(f"{output}: {len(report.failures)} measurements failed, the others are there; see above.")
 
 

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from .signals import EndingSignals
 
-COMMANDS = ("encode", "decode", "info", "render", "view", "train", "eval", "stress", "doctor")
+COMMANDS = ("encode", "decode", "info", "render", "view", "train", "eval", "stress", "batch", "doctor")
 INTERRUPTED = 130
 # Libraries of the extra `sender`, by the names under which they are imported.
 SENDER_LIBRARIES = ("torch", "numba", "scipy", "PIL", "OpenEXR", "safetensors", "onnx", "onnxscript")
@@ -23,22 +23,22 @@ def run(arguments: Sequence[str] | None = None) -> int:
     from fecocodec import FecoError
 
     from .command_line import command_line
-    from .output import in_options, say
+    from .output import in_options, warn
     from .terminal import printable
 
     try:
         code = command_line.main(arguments, prog_name="fecosplat", standalone_mode=False)
     except ModuleNotFoundError as error:
-        say(missing_module(error))
+        warn(missing_module(error))
         return 1
     except FecoError as error:
-        say(printable(f"fecosplat: {in_options(str(error))}"))  # file names can contain control characters
+        warn(printable(f"fecosplat: {in_options(str(error))}"))  # file names can contain control characters
         return 1
     except click.ClickException as error:
         error.show()
         return error.exit_code
     except click.Abort:
-        say("fecosplat: interrupted")
+        warn("fecosplat: interrupted")
         return INTERRUPTED
     return code if isinstance(code, int) else 0
 

@@ -27,6 +27,16 @@ def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) ->
     return int(match[2]), int(match[1])
 
 
+def parse_shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Parse I/N to (I, N), with 1 <= I <= N."""
+    if value is None:
+        return None
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", value)
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        raise click.BadParameter(f"{value!r} is not I/N with I from 1 to N, such as 2/8.", ctx, param)
+    return int(match[1]), int(match[2])
+
+
 def overwrite_option(function: Function) -> Function:
     """Add --overwrite."""
     return click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")(function)

@@ -10,10 +10,12 @@ import click
 
 from fecocodec.errors import OutputError
 
+from .verbosity import Verbosity, verbosity
+
 # Arguments of the library, which its messages name in backticks, and the options with that meaning.
 _OPTIONS = {
     **{name: f"--{name}" for name in ("views", "size", "near", "far", "background", "overwrite", "effort", "device")},
-    **{name: f"--{name}" for name in ("stages", "photographs")},
+    **{name: f"--{name}" for name in ("stages", "photographs", "shard")},
     "max_pixels": "--max-pixels",
     "view_shares": "--views",
     "frozen": "--freeze",
@@ -52,7 +54,13 @@ def write_stdout(data: bytes) -> None:
 
 
 def say(sentence: str) -> None:
-    """Print a message to stderr."""
+    """Print a message to stderr, unless --quiet was given."""
+    if verbosity() is not Verbosity.QUIET:
+        click.echo(sentence, err=True)
+
+
+def warn(sentence: str) -> None:
+    """Print a warning or an error to stderr, also if --quiet was given."""
     click.echo(sentence, err=True)
 
 

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from time import monotonic
 
 from .output import say
+from .verbosity import Verbosity, verbosity
 
 OnProgress = Callable[[str, float], None]
 
@@ -15,6 +16,12 @@ SECONDS_BETWEEN_LINES = 30.0
 @contextmanager
 def progress_bar() -> Iterator[OnProgress]:
     """Yield a callback that takes the name of the current step and the completed fraction of all work, in [0, 1]."""
+    if verbosity() is Verbosity.QUIET:
+        yield lambda _step, _fraction: None
+        return
+    if verbosity() is Verbosity.VERBOSE:
+        yield _each_step()
+        return
     if not sys.stderr.isatty():
         yield _lines()
         return
@@ -38,5 +45,18 @@ def _lines() -> OnProgress:
         if monotonic() - last >= SECONDS_BETWEEN_LINES:
             last = monotonic()
             say(f"{step}: {100 * fraction:.0f}% done")
+
+    return report
+
+
+def _each_step() -> OnProgress:
+    """Return a callback that prints each step when it starts, with the seconds since the work started."""
+    start, last = monotonic(), ""
+
+    def report(step: str, fraction: float) -> None:
+        nonlocal last
+        if step != last:
+            last = step
+            say(f"{monotonic() - start:8.2f} s  {100 * fraction:3.0f}%  {step}")
 
     return report

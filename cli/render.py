@@ -9,6 +9,7 @@ import click
 from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_writable
 from fecocodec.formats.video_extra import require_video_extra
+from fecocodec.formats.view_selection import Selection
 
 from .image_files import image_files, image_writer, is_image_file
 from .naming import naming
@@ -25,7 +26,7 @@ from .options import (
 from .output import print_json, say
 from .paths import require_ending, require_input
 from .progress import progress_bar
-from .selection import Selection, parse_selection
+from .selection import parse_selection
 from .viewpoints import DEFAULT_FPS, DEFAULT_FRAMES, PATH_NAMES, cameras_and_size, names_of, read_given_cameras
 
 BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}

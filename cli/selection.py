@@ -1,26 +1,8 @@
 """View selection by `--views`: `0,5`, `left.jpg,right.jpg`, `spread:4` or `auto`."""
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import click
 
-from .naming import OF_VIEWS, naming
-
-
-@dataclass(frozen=True)
-class Spread:
-    """`count` views, as far apart as possible while they overlap."""
-
-    count: int
-
-
-@dataclass(frozen=True)
-class Auto:
-    """At most eight overlapping views that cover the middle of the capture."""
-
-
-Selection = tuple[int | str, ...] | Spread | Auto
+from fecocodec.formats.view_selection import Auto, Selection, Spread
 
 
 def parse_selection(ctx: click.Context, param: click.Parameter, value: str | None) -> Selection | None:
@@ -38,17 +20,3 @@ def parse_selection(ctx: click.Context, param: click.Parameter, value: str | Non
     if not all(items):
         raise click.BadParameter(f"{value!r} names an empty view; use single commas, such as 0,5.", ctx, param)
     return items
-
-
-def resolve(folder: Path, selection: Selection | None) -> tuple[int | str, ...] | None:
-    """Return the `views` argument for the library. `spread` and `auto` are resolved with the cameras of the folder."""
-    if not isinstance(selection, Spread | Auto):
-        return selection
-    from fecocodec.formats.camera_files import read_cameras
-    from fecocodec.formats.view_spread import auto_views, spread_views
-
-    scene = read_cameras(folder)
-    if isinstance(selection, Auto):
-        return auto_views(scene)
-    with naming(folder, OF_VIEWS):
-        return spread_views(scene, selection.count)

@@ -10,7 +10,7 @@ import click
 from fecocodec.errors import InputError
 
 from .options import FILE_PATH, device_option, parse_size, threads_option
-from .output import say
+from .output import say, warn
 
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
@@ -197,7 +197,7 @@ def command(
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if entropy_steps and trainer.step < configuration.schedule.num_steps:
             if is_first():
-                say("entropy model: not trained before the last step of the schedule; run the same command again")
+                warn("entropy model: not trained before the last step of the schedule; run the same command again")
         elif entropy_steps:
             for row in train_entropy_model(trainer, EntropyPhase(entropy_steps, entropy_scenes)):
                 if is_first():

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fecocodec.container import read_header
+from fecocodec.formats.view_selection import Selection, resolve
 
 from .naming import naming
-from .selection import Selection, resolve
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Decoded, Gaussians

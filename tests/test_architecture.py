@@ -25,6 +25,8 @@ HOME_OF_LIBRARY = {
     "onnxruntime": ("fecocodec/runtime/graphs.py",),
     "onnx": ("fecocodec/training/graphs/",),
     "onnxscript": ("fecocodec/training/graphs/",),
+    "dask": ("fecocodec/batch/cluster.py",),
+    "distributed": ("fecocodec/batch/cluster.py",),
     "click": ("cli/",),
     "rich": ("cli/",),
 }

@@ -15,14 +15,25 @@ DOCUMENTS = (
     "CHANGELOG.md",
     *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
 )
-WITH_COMMANDS = ("README.md", "docs/command_line.md", "docs/inputs.md", "docs/limits.md", "docs/training.md")
+WITH_COMMANDS = (
+    "README.md",
+    "docs/batch.md",
+    "docs/command_line.md",
+    "docs/inputs.md",
+    "docs/limits.md",
+    "docs/training.md",
+)
+BELOW = {"batch": ("encode", "decode")}
 README_BYTES = 8192
 LISTED_ELSEWHERE = {"--help", "--version", "--index", "--output"}  # in the table of commands, or of every command
-COMMANDS_OF_TABLE = ("encode", "decode", "render")  # whose options are all in docs/command_line.md
+COMMANDS_OF_TABLE = ("encode", "decode", "render", "batch")  # whose options are all in docs/command_line.md
 
 
 def help_of(command: str) -> str:
-    return CliRunner().invoke(command_line, [command, "--help"]).output
+    """The help of a command, and of the commands below it."""
+    below = BELOW.get(command, ())
+    names = [[command], *([command, name] for name in below)]
+    return "".join(CliRunner().invoke(command_line, [*name, "--help"]).output for name in names)
 
 
 def option_rows() -> list[tuple[set[str], set[str]]]:
@@ -30,7 +41,8 @@ def option_rows() -> list[tuple[set[str], set[str]]]:
     rows = re.findall(r"^\| (`--.+?) \| ([a-z, ]+) \| ", (ROOT / "docs/command_line.md").read_text(), re.MULTILINE)
     parsed = []
     for options, names in rows:
-        commands = set(COMMANDS) - {names.removeprefix("all but ")} if "all but" in names else set(names.split(", "))
+        is_all = names.startswith("all")
+        commands = set(COMMANDS) - {names.removeprefix("all but ")} if is_all else set(names.split(", "))
         parsed.append((set(re.findall(r"--[a-z-]+", options)), commands))
     return parsed
 

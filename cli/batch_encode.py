@@ -1,0 +1,72 @@
+"""`fecosplat batch encode`: encode many scene folders to .fcs files."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .batch_options import BatchOptions, batch_options
+from .encode_options import encoding_options
+from .metadata_options import metadata_of
+from .options import FILE_PATH
+from .rate_control import target_of
+
+
+@click.command(
+    "encode",
+    short_help="Encode many scene folders to .fcs files.",
+    epilog="""\b
+Examples:
+  fecosplat batch encode scenes/ -o coded/
+  fecosplat batch encode scenes/ -o coded/ --views spread:4 --size 448x256 --effort best
+  fecosplat batch encode manifest.txt -o coded/ --scheduler tcp://host:8786
+  fecosplat batch encode scenes/ -o coded/ --shard 3/16 --threads 1""",
+)
+@click.argument("source", metavar="ROOT|MANIFEST", type=FILE_PATH)
+@batch_options
+@click.option("--measure", "is_measured", is_flag=True, help="Decode each file, and record its PSNR in the .json file.")
+@encoding_options
+def command(
+    source: Path,
+    output: Path,
+    scheduler: str | None,
+    num_workers: int | None,
+    shard: tuple[int, int] | None,
+    retry_failed: bool,
+    overwrite: bool,
+    as_json: bool,
+    is_measured: bool,
+    **encoding: Any,
+) -> int:
+    """Encode each scene folder in ROOT, or each that MANIFEST names, to OUTPUT/NAME.fcs.
+
+    A manifest is a text file with one scene a line: a path, or a name, a tab and a path. Beside each file,
+    NAME.fcs.json records its input and options; scenes whose record matches are skipped. A scene that fails does not
+    stop the others; the exit code is then 1. Several processes need the `cluster` extra.
+    """
+    options = BatchOptions(output, scheduler, num_workers, shard, retry_failed, overwrite, as_json)
+    target = target_of(encoding.pop("target_kib"), encoding.pop("target_psnr"), encoding["stages"])
+
+    from fecocodec.batch.scenes import scene_folders
+
+    scenes = scene_folders(source, output=output)
+
+    from fecocodec.batch.encode_scene import EncodeScene
+
+    from .batch_report import run_and_report
+    from .device import require_encoding_device
+
+    metadata = metadata_of(*(encoding.pop(name) for name in ("title", "author", "licence", "date")))
+    model = encoding.pop("model")
+    work = EncodeScene(
+        target=target,
+        metadata=metadata,
+        num_stages=encoding.pop("stages"),
+        model=None if model is None else str(model.absolute()),
+        is_measured=is_measured,
+        **encoding,
+    )
+    if scheduler is None:  # its workers may have other devices and files
+        require_encoding_device(work.device, work.num_stages, work.effort)
+        work.weights(source)
+    return run_and_report(scenes, work, options)

@@ -1,0 +1,63 @@
+"""Default values of options from a TOML file, one table per command: `[encode]`, `[batch.encode]`."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fecocodec.errors import InputError
+from fecocodec.formats.input_file import read_text
+
+from .main import COMMANDS
+
+_REMEDY = "correct the file"
+
+
+def read_defaults(path: Path, ctx: click.Context) -> dict[str, Any]:
+    """Return the values for the command of `ctx` by parameter name. Tables of other commands are not used.
+
+    Raises InputError if the file is not valid TOML, or names a command or an option that does not exist.
+    """
+    try:
+        content = tomllib.loads(read_text(path, _REMEDY))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: broken TOML ({error}); {_REMEDY}.") from error
+    for name in content:
+        if name not in COMMANDS:
+            raise InputError(f"{path}: there is no command '{name}'; give each table the name of a command.")
+    names = _command_names(ctx)
+    table: Any = content
+    for name in names:
+        table = table.get(name, {}) if isinstance(table, dict) else table
+    if not isinstance(table, dict):
+        raise InputError(f"{path}: '{names[0]}' is not a table; write options below [{'.'.join(names)}].")
+    place = f"{path}, table [{'.'.join(names)}]"
+    options = _options_by_key(ctx.command)
+    return dict(_default(place, key, value, options) for key, value in table.items())
+
+
+def _command_names(ctx: click.Context) -> list[str]:
+    """Return the names of a command below the program: ["batch", "encode"]."""
+    if ctx.parent is None:
+        return []
+    return [*_command_names(ctx.parent), str(ctx.info_name)]
+
+
+def _options_by_key(command: click.Command) -> dict[str, click.Option]:
+    options = [parameter for parameter in command.params if isinstance(parameter, click.Option)]
+    return {name.removeprefix("--"): option for option in options for name in option.opts if name.startswith("--")}
+
+
+def _default(place: str, key: str, value: Any, options: dict[str, click.Option]) -> tuple[str, Any]:
+    """Return the parameter name and the value of one line."""
+    if key not in options or key == "config-file":
+        raise InputError(f"{place}: there is no option '{key}'; the command lists its options with --help.")
+    option = options[key]
+    is_list = option.multiple or option.nargs != 1
+    values = value if is_list and isinstance(value, list) else [value]
+    if not values or not all(isinstance(item, str | int | float) for item in values):
+        raise InputError(f"{place}: the value of '{key}' is no text, number or boolean; {_REMEDY}.")
+    texts = [item if isinstance(item, bool) else str(item) for item in values]  # parsed as on the command line
+    assert option.name is not None
+    return option.name, texts if is_list else texts[0]

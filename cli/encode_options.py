@@ -1,0 +1,57 @@
+"""Options of `fecosplat encode` and `fecosplat batch encode`: which views are encoded, and how."""
+
+import click
+
+from .metadata_options import metadata_options
+from .options import Function, device_option, model_option, overwrite_option, parse_size, threads_option
+from .rate_control import rate_control_options
+from .selection import parse_selection
+
+_LAMBDA = click.option(
+    "--lambda",
+    "lmbda",
+    type=float,
+    default=1e-3,
+    show_default=True,
+    metavar="NUMBER",
+    help="Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file.",
+)
+_OF_VIEWS = (
+    click.option(
+        "--views",
+        callback=parse_selection,
+        metavar="WHICH",
+        help="Views to encode: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N overlapping views, or auto for "
+        "at most eight overlapping views.  [default: all, or auto for more than 16 photographs]",
+    ),
+    click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels."),
+    click.option("--near", type=float, help="Nearest depth of the scene, in scene units.  [default: estimated]"),
+    click.option("--far", type=float, help="Farthest depth of the scene, in scene units.  [default: estimated]"),
+    click.option(
+        "--background",
+        type=click.Choice(["white", "black"]),
+        help="Composite transparent photographs on this colour.  [default: transparent regions decode to no Gaussians]",
+    ),
+    click.option(
+        "--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Number of stages to encode."
+    ),
+    click.option(
+        "--effort",
+        type=click.Choice(["fast", "default", "best"]),
+        default="default",
+        show_default=True,
+        help="Encoding effort: more effort gives a smaller file at equal quality. fast takes about a third of the time "
+        "of default, best about three times as long.",
+    ),
+)
+
+
+def encoding_options(function: Function) -> Function:
+    """Add the options, from --lambda to --overwrite."""
+    decorators = (
+        _LAMBDA, rate_control_options, *_OF_VIEWS, metadata_options, model_option, device_option, threads_option,
+        overwrite_option,
+    )  # fmt: skip
+    for decorator in reversed(decorators):
+        function = decorator(function)
+    return function

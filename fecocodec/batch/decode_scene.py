@@ -1,0 +1,64 @@
+"""Work of a batch that decodes: a `.fcs` file -> the bytes of a file of Gaussians. No torch."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from fecocodec.batch.scene_task import Result
+from fecocodec.container import read_header, read_stream_file
+from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError
+from fecocodec.formats.gaussian_arrays import camera_arrays, gaussian_arrays
+from fecocodec.formats.gaussian_files import gaussian_bytes, in_frame_of_first_camera
+from fecocodec.formats.spz import SpzVersion
+from fecocodec.runtime.decode import decode
+
+Decode = Callable[[bytes], Any]  # to a DecodedScene, or a `receiver.decode.Decoded`
+_OF_STREAM = (BitstreamError, InputError, ModelError)
+ON_ONE_THREAD: Decode = partial(decode, num_threads=1)
+
+
+@dataclass(frozen=True)
+class DecodeScene:
+    """Decode each file and write its Gaussians.
+
+    suffix: ending of the files, which selects the format. decode: the receiver, such as
+    `partial(runtime.decode.decode, sh_degree=0)`. decode_options: the options that change its result, for the sidecar.
+    frame: of the Gaussians, that of the input cameras or of the first camera.
+    """
+
+    suffix: str = ".ply"
+    decode: Decode = ON_ONE_THREAD
+    decode_options: tuple[tuple[str, Any], ...] = ()
+    frame: Literal["input", "first-camera"] = "input"
+    spz_version: SpzVersion = 4
+
+    def options(self) -> dict[str, Any]:
+        """Return what changes the files, as JSON."""
+        return {**dict(self.decode_options), "frame": self.frame, "spz_version": self.spz_version}
+
+    def weights(self, path: Path) -> dict[str, str]:
+        """Return the id of the model that the file needs. Raises FecoError if its header is not valid."""
+        try:
+            return {"model_id": read_header(read_stream_file(path)).header.model_id.hex()}
+        except BitstreamError as error:
+            raise BitstreamError(f"{path}: {error}") from error
+
+    def run(self, path: Path, name: str) -> Result:
+        """Decode the file `path`; its page or error messages name `name`. Raises FecoError."""
+        data = read_stream_file(path)
+        try:
+            decoded = self.decode(data)
+        except _OF_STREAM as error:
+            raise _named(error, path) from error
+        gaussians = gaussian_arrays(decoded.gaussians, str(path))
+        cameras = camera_arrays(decoded.cameras, decoded.image_size)
+        if self.frame == "first-camera":
+            gaussians, cameras = in_frame_of_first_camera(gaussians, cameras)
+        written = gaussian_bytes(Path(f"{name}{self.suffix}"), gaussians, cameras, self.spz_version)
+        return Result(written, details={"gaussians": gaussians.count, "stages": decoded.stages})
+
+
+def _named(error: FecoError, path: Path) -> FecoError:
+    return type(error)(f"{path}: {error}")

@@ -1,0 +1,147 @@
+"""Work of a batch that encodes: a scene folder -> the bytes of a `.fcs` file."""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from fecocodec.batch.scene_task import Result
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder, model_id_of
+from fecocodec.container import quantise_lambda, with_metadata
+from fecocodec.errors import InputError
+from fecocodec.formats.camera_files import has_cameras
+from fecocodec.formats.images import Background
+from fecocodec.formats.posed_folder import posed_folder
+from fecocodec.formats.scene_folder import read_views
+from fecocodec.formats.view_selection import Selection, resolve
+from fecocodec.geometry.views import Views
+from fecocodec.model_files import read_bytes
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.decoded_quality import decoded_quality
+from fecocodec.sender.encode import check_views, encode_with
+from fecocodec.sender.input_warnings import check_input
+from fecocodec.sender.optimisation_config import config_of_effort
+from fecocodec.sender.rate_control import Target, encode_to_target_with
+
+_Stamps = tuple[tuple[int, int], ...]  # (modification time, size) of each weights file
+
+
+@dataclass(frozen=True)
+class EncodeScene:
+    """Encode each scene as `encode` does; cameras are estimated for folders without cameras.
+
+    views: as for `read_views`, or `Spread` or `Auto`. target: None encodes at `lmbda`. metadata: stored in every file.
+    model: a folder that all processes can read; None for the shipped model. is_measured: decode each file, and record
+    the PSNR of the context views. Other fields are the arguments of `read_views` and `encode`.
+    """
+
+    lmbda: float = 1e-3
+    target: Target | None = None
+    views: Selection | None = None
+    size: tuple[int, int] | None = None
+    near: float | None = None
+    far: float | None = None
+    background: Background | None = None
+    num_stages: int = 2
+    effort: str = "default"
+    metadata: dict[str, str] = field(default_factory=dict)
+    device: str = "cpu"
+    model: str | None = None
+    is_measured: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a lambda or an effort that no scene can be encoded with."""
+        quantise_lambda(self.lmbda)
+        config_of_effort(self.effort)
+
+    @property
+    def suffix(self) -> str:
+        return ".fcs"
+
+    def options(self) -> dict[str, Any]:
+        """Return what changes the files, as JSON. The device is not part of it: its files decode alike."""
+        names = ("views", "size", "near", "far", "background", "num_stages", "effort", "metadata")
+        rate = {"lambda": self.lmbda} if self.target is None else _tagged(self.target)
+        return {**rate, **{name: _tagged(getattr(self, name)) for name in names}}
+
+    def weights(self, path: Path) -> dict[str, str]:
+        """Return the ids of the weights of receiver and sender. Raises ModelError if a file cannot be read."""
+        folder = model_folder(self.model)
+        return _weight_ids(folder, _stamps(folder))
+
+    def run(self, path: Path, name: str) -> Result:
+        """Encode the scene in the folder `path`. Raises FecoError."""
+        folder = model_folder(self.model)
+        codec = _codec(folder, self.device, _stamps(folder))
+        with _with_cameras(path) as (scene, notes):
+            selected = resolve(scene, self.views)
+            views = read_views(
+                scene, views=selected, size=self.size, near=self.near, far=self.far, background=self.background
+            )
+            found: list[str] = []
+            try:
+                data = self._encoded(codec, views, found)
+                warnings = (*notes, *views.notes, *check_input(views, self.effort), *found)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from error
+        if self.metadata:
+            data = with_metadata(data, self.metadata)
+        details: dict[str, Any] = {"views": list(views.names), "device": self.device}
+        details["threads"] = torch.get_num_threads()
+        if self.is_measured:
+            details["context_psnr"] = round(
+                decoded_quality(codec.receiver, data, views, self._num_coded(codec)).psnr, 3
+            )
+        return Result(data, warnings, details)
+
+    def _encoded(self, codec: Codec, views: Views, warnings: list[str]) -> bytes:
+        check_views(views, self.num_stages)
+        config = config_of_effort(self.effort)
+        if self.target is not None:
+            return encode_to_target_with(codec, views, self.target, config, on_warning=warnings.append)
+        lambda_q = quantise_lambda(self.lmbda)
+        return encode_with(codec, views, lambda_q, self.num_stages, config, on_warning=warnings.append)
+
+    def _num_coded(self, codec: Codec) -> int:
+        """Return the number of stages in the files; a model that was trained with one codes one."""
+        return min(self.num_stages, codec.receiver.config.num_stages)
+
+
+@contextmanager
+def _with_cameras(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
+    """Yield a scene folder with cameras, estimated if there are none, and notes about the estimate."""
+    if has_cameras(path):
+        yield path, ()
+        return
+    with posed_folder(path, torch.get_num_threads(), str(path)) as posed:
+        yield posed.path, posed.notes
+
+
+def _tagged(value: Any) -> Any:
+    """Return a value as JSON; a dataclass without its class would lose what it means."""
+    kind = type(value)
+    return {kind.__name__: vars(value)} if hasattr(kind, "__dataclass_fields__") else value
+
+
+def _stamps(folder: Path) -> _Stamps:
+    """Return what changes when a weights file is replaced, so that long-lived workers load it again."""
+    files = (folder / name for name in (RECEIVER_FILE, SENDER_FILE))
+    return tuple((file.stat().st_mtime_ns, file.stat().st_size) if file.exists() else (0, 0) for file in files)
+
+
+@lru_cache(maxsize=2)
+def _weight_ids(folder: Path, stamps: _Stamps) -> dict[str, str]:
+    sender = read_bytes(folder / SENDER_FILE)
+    model_id = model_id_of(read_bytes(folder / RECEIVER_FILE)).hex()
+    return {"model_id": model_id, "sender_sha256": hashlib.sha256(sender).hexdigest()}
+
+
+@lru_cache(maxsize=1)
+def _codec(folder: Path, device: str, stamps: _Stamps) -> Codec:
+    load_codec.cache_clear()  # its key has no stamps
+    return load_codec(folder, device)

@@ -1,0 +1,56 @@
+"""Run a batch: hand its scenes to an engine, and return how each of them ended."""
+
+import secrets
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from fecocodec.batch.outcome import Outcome, as_tsv
+from fecocodec.batch.scene_task import SceneTask, Work
+from fecocodec.batch.scenes import BatchScene
+from fecocodec.formats.atomic import make_folder, write_atomically
+from fecocodec.formats.input_file import StrPath
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """Runs a task on every scene, in any order; each scene gives one outcome, also if the process of a task ends."""
+
+    def outcomes(self, task: SceneTask, scenes: Sequence[BatchScene]) -> Iterator[Outcome]: ...
+
+
+class ThisProcess:
+    """Engine that works on one scene after another in this process."""
+
+    def outcomes(self, task: SceneTask, scenes: Sequence[BatchScene]) -> Iterator[Outcome]:
+        """Yield one outcome per scene, in their order."""
+        yield from map(task.run, scenes)
+
+
+def run_batch(
+    scenes: Sequence[BatchScene],
+    output: StrPath,
+    work: Work,
+    engine: Engine | None = None,
+    *,
+    overwrite: bool = False,
+    retry_failed: bool = False,
+) -> Iterator[Outcome]:
+    """Yield the outcome of each scene as it ends. The outputs are `output/NAME.SUFFIX`, each with a sidecar.
+
+    Scenes whose sidecar and output match are skipped, failures are yielded and do not stop the rest. engine: None for
+    this process. overwrite: redo all scenes, and replace files without a sidecar. retry_failed: redo scenes that failed
+    before with the same input and options. Raises OutputError if the folder cannot be created, before any work.
+    """
+    folder = Path(output).absolute()
+    make_folder(folder)
+    task = SceneTask(work, folder, secrets.token_hex(8), overwrite, retry_failed)
+    return (engine or ThisProcess()).outcomes(task, scenes)
+
+
+def write_summary(path: StrPath, scenes: Sequence[BatchScene], outcomes: Iterable[Outcome]) -> None:
+    """Write a table of the outcomes, in the order of the scenes; it replaces an earlier one. Raises OutputError."""
+    of_scene = {outcome.scene: outcome for outcome in outcomes}
+    ordered = [of_scene[scene.name] for scene in scenes if scene.name in of_scene]
+    with write_atomically(Path(path), overwrite=True) as temporary:
+        temporary.write_text(as_tsv(ordered), encoding="utf-8")

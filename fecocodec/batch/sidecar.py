@@ -1,0 +1,91 @@
+"""Sidecar of an output: a JSON file `OUTPUT.json` that records from what the output was made, and how it ended."""
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal
+
+from fecocodec.errors import InputError, OutputError
+from fecocodec.formats.atomic import write_atomically
+from fecocodec.formats.input_file import read_json
+
+Status = Literal["done", "failed"]
+_REMEDY = "remove it, or choose another output folder"
+
+
+class ForeignFileError(OutputError):
+    """A file at the name of an output or of a sidecar is not by a batch; it is kept as it is."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What decides the output: digest of the input, options, and ids of the weights (`model_id` and others)."""
+
+    input_sha256: str
+    options: dict[str, Any]
+    weights: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Record:
+    """Content of a sidecar.
+
+    scene, source: name and path of the scene. output: file name. num_bytes, sha256: of the output; None if there is
+    none by this batch. seconds: time of the scene. finished: UTC time in ISO 8601. run: id of the run that wrote this.
+    details: what the work reports, such as the number of threads. error, traceback: None unless the scene failed.
+    """
+
+    scene: str
+    source: str
+    status: Status
+    inputs: Inputs | None
+    output: str
+    num_bytes: int | None
+    sha256: str | None
+    seconds: float
+    finished: str
+    run: str
+    version: str
+    details: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    error: str | None = None
+    traceback: str | None = None
+
+
+def sidecar_path(output: Path) -> Path:
+    return output.with_name(f"{output.name}.json")
+
+
+def write_sidecar(output: Path, record: Record) -> None:
+    """Write the sidecar of an output; it replaces an earlier one. Raises OutputError if writing fails."""
+    text = json.dumps(asdict(record), indent=2) + "\n"
+    with write_atomically(sidecar_path(output), overwrite=True) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def read_sidecar(output: Path) -> Record | None:
+    """Return the record of an output, or None without a sidecar. Raises ForeignFileError if it is not a sidecar."""
+    path = sidecar_path(output)
+    if not path.exists():
+        return None
+    try:
+        return _record(read_json(path, _REMEDY))
+    except InputError as error:
+        raise ForeignFileError(str(error)) from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise ForeignFileError(f"{path}: this is not the sidecar of a batch; {_REMEDY}.") from error
+
+
+def as_stored(inputs: Inputs) -> Inputs:
+    """Return inputs as they are after writing and reading: tuples become lists."""
+    return Inputs(**json.loads(json.dumps(asdict(inputs))))
+
+
+def _record(value: object) -> Record:
+    """Return the record of a JSON value. Raises KeyError, TypeError or ValueError for another layout."""
+    if not isinstance(value, dict) or set(value) != {of.name for of in fields(Record)}:
+        raise ValueError("fields")
+    if value["status"] not in ("done", "failed") or not isinstance(value["seconds"], int | float):
+        raise ValueError("values")
+    inputs = value["inputs"]
+    return Record(**{**value, "inputs": inputs and Inputs(**inputs), "warnings": tuple(value["warnings"])})

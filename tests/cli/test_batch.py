@@ -1,0 +1,167 @@
+"""`fecosplat batch`: options, reports, exit codes, and files that equal those of the single commands."""
+
+import json
+from pathlib import Path
+
+import pytest
+from fecosplat_cli import batch_options
+
+from fecocodec.batch import cluster_extra
+
+FAST = ("--effort", "fast", "--views", "0,1")
+
+
+@pytest.fixture
+def scenes(photographs: Path, tmp_path: Path) -> Path:
+    """A folder with two scenes, of which the second has no cameras and no photographs."""
+    root = tmp_path / "scenes"
+    (root / "empty").mkdir(parents=True)
+    (root / "wall").symlink_to(photographs)
+    return root
+
+
+def test_files_equal_those_of_encode_and_decode(fecosplat, networks, scenes: Path, tmp_path: Path) -> None:
+    coded, single = tmp_path / "coded", tmp_path / "single.fcs"
+    result = fecosplat("batch", "encode", scenes, "-o", coded, "--shard", "1/1", *FAST, "--title", "A wall")
+    assert (result.code, result.out) == (1, "")
+    assert result.err.startswith(f"empty failed: {scenes / 'empty'}: no cameras found; ")
+    assert f"{coded}: 1 done, 0 skipped, 1 failed in " in result.err
+    assert fecosplat("encode", scenes / "wall", "-o", single, *FAST, "--title", "A wall").code == 0
+    assert (coded / "wall.fcs").read_bytes() == single.read_bytes()
+
+    splats = tmp_path / "splats"
+    result = fecosplat("batch", "decode", coded, "-o", splats, "--shard", "1/1", "--sh-degree", "0", "--json")
+    assert (result.code, result.err) == (0, "")
+    fields = json.loads(result.out)
+    assert {name: fields[name] for name in ("scenes", "done", "skipped", "failed")} == {
+        "scenes": 1, "done": 1, "skipped": 0, "failed": 0,
+    }  # fmt: skip
+    assert fecosplat("decode", single, "-o", tmp_path / "single.ply", "--sh-degree", "0").code == 0
+    assert (splats / "wall.ply").read_bytes() == (tmp_path / "single.ply").read_bytes()
+    assert fields["bytes"] == len((splats / "wall.ply").read_bytes())
+
+
+def test_measured_files_record_their_psnr(fecosplat, networks, scenes: Path, output: Path) -> None:
+    fecosplat("batch", "encode", scenes, "-o", output, "--shard", "1/1", *FAST, "--measure")
+    sidecar = json.loads((output / "wall.fcs.json").read_text())
+    single = fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *FAST, "--json")
+    assert sidecar["details"]["context_psnr"] == json.loads(single.out)["context_psnr"]
+    assert sidecar["details"]["views"] == ["view_0.png", "view_1.png"]
+
+
+def test_a_second_run_skips_and_the_summary_says_so(fecosplat, networks, scenes: Path, output: Path) -> None:
+    arguments = ("batch", "encode", scenes, "-o", output, "--shard", "1/1", *FAST)
+    fecosplat(*arguments)
+    result = fecosplat(*arguments)
+    assert "0 done, 1 skipped, 1 failed" in result.err
+    rows = [line.split("\t")[:2] for line in (output / "summary.1-of-1.tsv").read_text().splitlines()]
+    assert rows == [["scene", "status"], ["empty", "failed"], ["wall", "skipped"]]
+    assert "1 done, 0 skipped, 1 failed" in fecosplat(*arguments, "--lambda", "1e-2").err
+
+
+def test_shards_have_their_own_scenes(fecosplat, networks, scenes: Path, output: Path) -> None:
+    assert fecosplat("batch", "encode", scenes, "-o", output, "--shard", "2/2", *FAST).code == 0
+    names = sorted(path.name for path in output.iterdir())
+    assert names == ["summary.2-of-2.tsv", "wall.fcs", "wall.fcs.json"]
+
+
+def test_quiet_prints_failures_alone(fecosplat, networks, scenes: Path, output: Path) -> None:
+    result = fecosplat("batch", "encode", scenes, "-o", output, "--shard", "1/1", *FAST, "-q")
+    assert (result.code, result.out, result.err.count("\n")) == (1, "", 1)
+    assert result.err.startswith("empty failed: ")
+
+
+def test_verbose_prints_each_scene_with_throughput(fecosplat, networks, scenes: Path, output: Path) -> None:
+    result = fecosplat("batch", "encode", scenes, "-o", output, "--shard", "1/1", *FAST, "--verbose")
+    assert " s   50%  empty failed; 1 of 2 scenes, " in result.err
+    assert " s  100%  wall done; 2 of 2 scenes, " in result.err
+    assert " a minute, 0 s left\n" in result.err
+
+
+@pytest.mark.parametrize("command", ["encode", "decode"])
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        ("missing.fcs\n", "{manifest}, line 1: there is no ..."),
+        ("", "{manifest}: there are no scenes in it; give a folder of scenes or a manifest."),
+    ],
+)
+def test_a_wrong_manifest_writes_nothing(fecosplat, tmp_path: Path, command: str, lines: str, sentence: str) -> None:
+    manifest, output = tmp_path / "manifest.txt", tmp_path / "output"
+    manifest.write_text(lines)
+    result = fecosplat("batch", command, manifest, "-o", output)
+    assert (result.code, result.out, result.err.count("\n")) == (1, "", 1)
+    assert result.err.startswith("fecosplat: " + sentence.format(manifest=manifest).removesuffix("..."))
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("command", ["encode", "decode"])
+def test_a_scheduler_that_does_not_answer_writes_nothing(
+    fecosplat, photographs: Path, tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cluster = pytest.importorskip("fecocodec.batch.cluster", exc_type=ImportError)
+    monkeypatch.setattr(cluster, "SECONDS_TO_ANSWER", 1)
+    (tmp_path / "scenes" / "wall").mkdir(parents=True)
+    (tmp_path / "scenes" / "wall.fcs").write_bytes(b"")
+    output = tmp_path / "output"
+    result = fecosplat("batch", command, tmp_path / "scenes", "-o", output, "--scheduler", "tcp://127.0.0.1:1")
+    assert (result.code, result.out) == (1, "")
+    assert result.err == (
+        "fecosplat: scheduler tcp://127.0.0.1:1: it does not answer within 1 s; start `dask scheduler`, or correct the "
+        "address.\n"
+    )
+    assert not output.exists()
+
+
+def test_a_missing_extra_names_it_and_the_way_without(
+    fecosplat, networks, scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_extra, "find_spec", lambda _name: None)
+    result = fecosplat("batch", "encode", scenes, "-o", tmp_path / "output")
+    assert (result.code, result.out) == (1, "")
+    assert result.err == (
+        "fecosplat: several processes need the package distributed; pip install 'fecosplat[cluster]', or use one "
+        "process with a --shard such as 1/1.\n"
+    )
+    assert not (tmp_path / "output").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--shard", "3/2"), "'3/2' is not I/N with I from 1 to N"),
+        (("--shard", "1/2", "--workers", "2"), "--scheduler, --workers and --shard exclude each other"),
+        (("--workers", "0"), "0 is not in the range x>=1"),
+        (("--target-kib", "4", "--target-psnr", "20"), "exclude each other"),
+    ],
+)
+def test_wrong_usage_exits_with_2(fecosplat, scenes: Path, output: Path, arguments, message: str) -> None:
+    result = fecosplat("batch", "encode", scenes, "-o", output, *arguments)
+    assert (result.code, result.out) == (2, "")
+    assert message in result.err
+    assert list(output.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("threads", "given", "expected"), [("1", None, (4, 1)), ("2", None, (2, 2)), ("8", None, (1, 8)), ("2", 3, (3, 2))]
+)
+def test_workers_share_the_cores(
+    threads: str, given: int | None, expected: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cluster = pytest.importorskip("fecocodec.batch.cluster", exc_type=ImportError)
+    asked = []
+
+    class StartedError(Exception):
+        pass
+
+    def start(*sizes: int):
+        asked.append(sizes)
+        raise StartedError
+
+    monkeypatch.setattr(cluster, "local_cluster", start)
+    monkeypatch.setattr(batch_options, "_num_cores", lambda: 4)
+    monkeypatch.setenv("OMP_NUM_THREADS", threads)
+    options = batch_options.BatchOptions(tmp_path, None, given, None, False, False, False)
+    with pytest.raises(StartedError), batch_options.engine_of(options):
+        pass
+    assert asked == [expected]
