@@ -108,11 +108,15 @@ def require_numbers(values: object, shape: tuple[int, ...], place: str) -> Float
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{place}: {shape_text(shape)} expected; export the cameras again.") from error
     if array.shape != shape:
-        raise InputError(f"{place}: {shape_text(shape)} expected, {array.shape} found; export the cameras again.")
+        raise InputError(
+            f"{place}: {shape_text(shape)} expected, {shape_text(array.shape)} found; export the cameras again."
+        )
     if not np.isfinite(array).all():
         raise InputError(f"{place}: a camera value is NaN or infinite; correct it or take this view out of the file.")
     return array
 
 
 def shape_text(shape: tuple[int, ...]) -> str:
+    if not shape:
+        return "a number"
     return f"{math.prod(shape)} numbers" if len(shape) == 1 else f"{'x'.join(map(str, shape))} numbers"
