@@ -41,6 +41,8 @@ def _frames(video: Path) -> Any:
         raise InputError(
             f"{video}: videos are read with PyAV, which is not installed; run `pip install 'fecosplat[video]'`."
         ) from error
+    if video.exists() and not video.is_file():
+        raise InputError(f"{video}: a pipe or a device cannot be read here; give a video file.")
     try:
         with av.open(str(video)) as container:
             if not container.streams.video:
