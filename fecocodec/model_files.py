@@ -58,7 +58,7 @@ def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
     Raises ModelError if the folder is missing or has no receiver with this id.
     """
     folder = SHIPPED if model is None else model
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # `Path.is_dir` raises for a name that is too long
         raise ModelError(f"{folder}: there is no such folder; name the folder of a model.")
     candidates = sorted(folder.glob(f"*/{RECEIVER_FILE}" if model is None else RECEIVER_FILE))
     for path in candidates:

@@ -103,6 +103,8 @@ def _require_file(photograph: PosedPhotograph) -> None:
 
 def require_numbers(values: object, shape: tuple[int, ...], place: str) -> Float[np.ndarray, "*shape"]:
     """Convert values to float64. Raises InputError, which begins with `place`, for another shape, NaN or infinity."""
+    if values is None:  # which NumPy converts to NaN
+        raise InputError(f"{place}: {shape_text(shape)} expected; export the cameras again.")
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
