@@ -46,7 +46,9 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
         posed.save_cameras(tmp_path / "transforms.json")
         views = read_views(posed.path)
         cameras, names = views.cameras, views.names
-        assert 0 < cameras.near < cameras.far
+        depths = np.concatenate([camera.depths for camera in posed.reconstruction.cameras])
+        assert 0 < cameras.near < np.percentile(depths, 1) / 1.4
+        assert cameras.far > 1.4 * np.percentile(depths, 99)
     assert not posed.path.exists()
     assert len(names) == 2 and "2 of 2" in posed.notes[0]
     truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
