@@ -1,13 +1,15 @@
 """Measure pose estimation on scenes with known cameras, which are hidden from the estimator.
 
-    python benchmarks/pose_estimation.py DATA_FOLDER INDEX.json [--psnr NUMBER] [--match LABEL] > table.tsv
+    python benchmarks/pose_estimation.py DATA INDEX.json [--psnr NUMBER] [--size PIXELS] [--match LABEL] > table.tsv
 
 For each entry of the evaluation index, cameras of the context photographs are estimated. Reported are the number of
 registered photographs, the median errors of rotations and directions between pairs of cameras in degrees, the mean
 error of the camera centres after alignment by a similarity (relative to their spread), the ratio of the focal lengths,
 and the reprojection error. With --psnr, the first NUMBER entries are also encoded with stored and with estimated
-cameras; the last column is then the PSNR of the target views with stored cameras and the loss with estimated ones, in
-dB. Targets are carried over by the similarity.
+cameras. The last column is then, in dB, the PSNR of the target views with stored cameras, and what estimated cameras
+lose: at the target views with the estimated lens, at the target views with the stored lens, and at the context views.
+Poses of target views are carried over by the similarity. All photographs have the same lens, so a user of estimated
+cameras renders with the estimated lens; with the stored one, an error of the focal length is a zoom of the rendering.
 """
 
 import shutil
@@ -27,6 +29,8 @@ from fecocodec.formats.camera_files import read_cameras
 from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.formats.posed_folder import PosedFolder, posed_folder
 from fecocodec.formats.posed_photographs import PosedPhotograph
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.views import Views
 from fecocodec.rendering.metrics import psnr
 
 COLUMNS = ("entry", "views", "registered", "rotation_deg", "direction_deg", "centre", "focal", "px", "seconds", "psnr")
@@ -36,13 +40,14 @@ COLUMNS = ("entry", "views", "registered", "rotation_deg", "direction_deg", "cen
 @click.argument("data", type=click.Path(path_type=Path))
 @click.argument("index", type=click.Path(path_type=Path))
 @click.option("--psnr", "num_encoded", type=int, default=0, help="Number of entries to encode with both cameras.")
+@click.option("--size", "side", type=int, default=256, help="Side of the coded views in pixels, with --psnr.")
 @click.option("--match", "label", default="", help="Only entries whose name contains this text.")
-def main(data: Path, index: Path, num_encoded: int, label: str) -> None:
+def main(data: Path, index: Path, num_encoded: int, side: int, label: str) -> None:
     """Print one row per entry as TSV, then a summary by number of views."""
     print("\t".join(COLUMNS))
     rows = []
     for number, entry in enumerate(entry for entry in read_index(index) if label in entry.name):
-        row = measure(data, entry, is_encoded=number < num_encoded)
+        row = measure(data, entry, side if number < num_encoded else None)
         rows.append(row)
         print("\t".join(row), flush=True)
     for count in sorted({int(row[1]) for row in rows}):
@@ -51,7 +56,8 @@ def main(data: Path, index: Path, num_encoded: int, label: str) -> None:
         print(f"# {count} views: {full} of {len(of_count)} entries registered fully", flush=True)
 
 
-def measure(data: Path, entry: IndexEntry, is_encoded: bool) -> tuple[str, ...]:
+def measure(data: Path, entry: IndexEntry, side: int | None) -> tuple[str, ...]:
+    """Return the row of an entry. side: of the views that are encoded with both cameras; None encodes nothing."""
     scene = read_cameras(data / entry.scene)
     context = [scene.photographs[view] for view in entry.context]
     start = time.perf_counter()
@@ -62,7 +68,7 @@ def measure(data: Path, entry: IndexEntry, is_encoded: bool) -> tuple[str, ...]:
             with posed_folder(Path(temporary), num_threads=1) as posed:
                 seconds = time.perf_counter() - start
                 errors = compare(context, posed)
-                loss = psnr_lost(data, entry, context, posed) if is_encoded else ""
+                loss = psnr_lost(data, entry, context, posed, side) if side is not None else ""
         except FecoError as error:
             return (
                 entry.name,
@@ -119,34 +125,53 @@ def similarity(
     return scale, turn, target.mean(axis=0) - scale * turn @ source.mean(axis=0)
 
 
-def psnr_lost(data: Path, entry: IndexEntry, context: list[PosedPhotograph], posed: PosedFolder) -> str:
-    """Return the PSNR of the targets with stored cameras, and what estimated cameras lose, in dB."""
-    views = read_views(data / entry.scene, views=(*entry.context, *entry.target), size=(256, 256))
-    estimated = read_views(posed.path, size=(256, 256))
+def psnr_lost(data: Path, entry: IndexEntry, context: list[PosedPhotograph], posed: PosedFolder, side: int) -> str:
+    """Return the PSNR of the targets with stored cameras, then three losses with estimated cameras, in dB.
+
+    The losses are those of the targets with the estimated lens, of the targets with the stored lens, and of the context
+    views. side: of the coded views in pixels.
+    """
     num_context = len(context)
+    both = read_views(data / entry.scene, views=(*entry.context, *entry.target), size=(side, side))
+    stored = both.select(list(range(num_context)))
+    targets = both.select(list(range(num_context, num_context + len(entry.target))))
+    estimated = replace(read_views(posed.path, size=(side, side)), alpha=None)
     if estimated.cameras.num_views != num_context:
         return "not all registered"
-    truth, found = stored_poses(context, posed), estimated.cameras.extrinsics.numpy().astype(np.float64)
+    carried = carry_over(targets, stored, estimated, stored_poses(context, posed))
+    same_lens = replace(
+        targets, cameras=replace(carried.cameras, intrinsics=carried.cameras.intrinsics * lens_ratio(stored, estimated))
+    )
+    known, found = (decode(encode(scene, effort="fast")).gaussians for scene in (stored, estimated))
+    wanted = score(known, targets)
+    losses = (
+        wanted - score(found, same_lens),
+        wanted - score(found, carried),
+        score(known, stored) - score(found, estimated),
+    )
+    return " ".join([f"{wanted:.2f}", *(f"{loss:+.2f}" for loss in losses)])
+
+
+def carry_over(targets: Views, stored: Views, estimated: Views, truth: np.ndarray) -> Views:
+    """Return the targets with poses in the frame of the estimated cameras (similarity between context cameras)."""
+    found = estimated.cameras.extrinsics.numpy().astype(np.float64)
     scale, turn, shift = similarity(found[:, :3, 3], truth[:, :3, 3], found, truth)
-    targets = views.cameras.extrinsics[num_context:].numpy().astype(np.float64)
-    carried = targets.copy()
-    carried[:, :3, :3] = turn.T @ targets[:, :3, :3]
-    carried[:, :3, 3] = (targets[:, :3, 3] - shift) @ turn / scale
-    scores = []
-    for scene, poses in (
-        (views.select(list(range(num_context))), targets),
-        (replace(estimated, alpha=None), carried),
-    ):
-        decoded = decode(encode(scene, effort="fast"))
-        cameras = replace(
-            views.cameras.select(list(range(num_context, num_context + len(entry.target)))),
-            extrinsics=torch.from_numpy(poses.astype(np.float32)),
-            near=scene.cameras.near,
-            far=scene.cameras.far,
-        )
-        wanted = replace(views, images=views.images[num_context:], cameras=cameras, alpha=None)
-        scores.append(float(psnr(render_views(decoded.gaussians, wanted), wanted.images).mean()))
-    return f"{scores[0]:.2f} {scores[0] - scores[1]:+.2f}"
+    poses = targets.cameras.extrinsics.numpy().astype(np.float64)
+    poses[:, :3, :3] = turn.T @ poses[:, :3, :3]
+    poses[:, :3, 3] = (poses[:, :3, 3] - shift) @ turn / scale
+    bounds = {"near": estimated.cameras.near, "far": estimated.cameras.far}
+    extrinsics = torch.from_numpy(poses.astype(np.float32))
+    return replace(targets, cameras=replace(targets.cameras, extrinsics=extrinsics, **bounds))
+
+
+def lens_ratio(stored: Views, estimated: Views) -> torch.Tensor:
+    """Return the 3x3 factors that turn the stored lens into the estimated one; the principal point stays."""
+    ratio = (estimated.cameras.intrinsics / stored.cameras.intrinsics)[:, [0, 1], [0, 1]].mean(dim=0)
+    return torch.ones(3, 3).index_put((torch.tensor([0, 1]), torch.tensor([0, 1])), ratio)
+
+
+def score(gaussians: Gaussians, views: Views) -> float:
+    return float(psnr(render_views(gaussians, views), views.images).mean())
 
 
 def angle_of(rotation: np.ndarray) -> float:

@@ -1,10 +1,11 @@
 """Measure `fecosplat decode` on hand-made files that are valid, tiny and as expensive as the format allows.
 
     python benchmarks/worst_files.py
-    python benchmarks/worst_files.py --only coincident --folder out/worst
+    python benchmarks/worst_files.py --only coincident --receiver torch
 
 Every file has 2^22 pixels in all, the default limit of `decode`, and both stages; its cameras or symbols are chosen to
-make a step of decoding slow. Each file is decoded by a process of its own. Prints bytes, Gaussians, wall time, CPU time
+make a step of decoding slow. Each file is decoded by a process of its own: `fecosplat decode`, which uses onnxruntime,
+or `fecocodec.decode` with --receiver torch. Prints bytes, Gaussians, wall time, CPU time
 (user and system) and peak memory. The exit code is 1 if a file takes more CPU time than CORES idle cores have in
 MOST_SECONDS, or more than MOST_GIB.
 """
@@ -33,6 +34,14 @@ from fecocodec.receiver.model import Receiver  # noqa: E402
 
 CORES, MOST_SECONDS, MOST_GIB = 2, 10.0, 1.5  # bounds for files of at most LARGEST_FILE bytes
 LARGEST_FILE = 64 << 10
+TORCH_PROGRAM = """
+import json, sys, torch, fecocodec
+from pathlib import Path
+torch.set_num_threads(int(sys.argv[3]))
+decoded = fecocodec.decode(Path(sys.argv[1]).read_bytes())
+fecocodec.write_ply(Path(sys.argv[2]), decoded.gaussians, overwrite=True)
+print(json.dumps({"gaussians": decoded.gaussians.count}))
+"""
 LATENT, HYPER = 8, 32  # pixels per latent and per hyper-latent
 VIEWS, SIDE = 16, 512
 
@@ -93,11 +102,18 @@ def code_stages(
     return (first, last), (coded.digest(), coded_last.digest())
 
 
-def measure(file: Path, threads: int) -> dict[str, float]:
+def decode_command(receiver: str, file: Path, output: Path, threads: int) -> list[str]:
+    """Return the command line that decodes a file and prints JSON with the number of Gaussians."""
+    if receiver == "torch":
+        return [sys.executable, "-c", TORCH_PROGRAM, str(file), str(output), str(threads)]
+    command = [sys.executable, "-m", "fecosplat_cli", "decode", str(file), "-o", str(output), "--overwrite", "--json"]
+    return [*command, "--threads", str(threads)]
+
+
+def measure(file: Path, receiver: str, threads: int) -> dict[str, float]:
     """Decode a file by a new process; return the number of Gaussians, wall and CPU seconds, and peak memory in GiB."""
     output = file.with_suffix(".ply")
-    command = [sys.executable, "-m", "fecosplat_cli", "decode", str(file), "-o", str(output), "--overwrite", "--json"]
-    command += ["--threads", str(threads)]
+    command = decode_command(receiver, file, output, threads)
     start = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT)
     assert process.stdout is not None
@@ -119,6 +135,10 @@ def main() -> int:
     parser.add_argument("--only", choices=list(FILES), help="measure this file alone")
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "worst", help="keep the files here")
     parser.add_argument("--threads", type=int, default=CORES, help="threads of decode; waiting threads use CPU time")
+    parser.add_argument(
+        "--receiver", choices=("onnxruntime", "torch"), default="onnxruntime", help="decoder to measure"
+    )
+    parser.add_argument("--reuse", action="store_true", help="measure the files that an earlier run left in the folder")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     receiver, model_id = load_receiver(model_folder(None) / RECEIVER_FILE)
@@ -126,8 +146,9 @@ def main() -> int:
     print(f"{'file':<20} {'bytes':>7} {'Gaussians':>9} {'wall s':>7} {'CPU s':>6} {'GiB':>5}")
     for name in [options.only] if options.only else FILES:
         file = options.folder / f"{name.replace(' ', '_')}.fcs"
-        file.write_bytes(make_file(receiver, model_id, FILES[name]))
-        size, found = file.stat().st_size, measure(file, options.threads)
+        if not (options.reuse and file.exists()):
+            file.write_bytes(make_file(receiver, model_id, FILES[name]))
+        size, found = file.stat().st_size, measure(file, options.receiver, options.threads)
         is_within = found["cpu"] <= CORES * MOST_SECONDS and found["gib"] <= MOST_GIB and found["gaussians"] >= 0
         failures += not is_within and size <= LARGEST_FILE
         numbers = f"{size:7} {found['gaussians']:9.0f} {found['wall']:7.1f} {found['cpu']:6.1f} {found['gib']:5.2f}"

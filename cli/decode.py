@@ -12,7 +12,7 @@ from .decode_options import decoding_options
 from .naming import naming
 from .options import FILE_PATH, json_option
 from .output import print_json, say, warn
-from .paths import STDOUT, require_ending
+from .paths import STDOUT, require_ending, require_model
 from .progress import progress_bar
 from .receivers import DecodeOptions, decode_stream
 from .scene_output import GAUSSIAN_ENDINGS, Frame, write_scene
@@ -94,6 +94,7 @@ def command(
         require_other_file(cameras_file, stream)
         require_ending(cameras_file, (".json",))
     data = read_stream_file(stream)
+    require_model(model)
 
     options = DecodeOptions(
         "intact" if partial else stages or "all", sh_degree, has_background, merge, prune, device, model, max_pixels

@@ -20,7 +20,7 @@ from .metadata_options import metadata_of
 from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, json_option
 from .output import in_options, print_json, say, warn
-from .paths import require_ending, require_photographs
+from .paths import require_ending, require_model, require_photographs
 from .progress import progress_bar
 from .rate_control import target_of
 from .scene_source import DEFAULT_FRAMES, require_cameras_file, scene_source
@@ -95,6 +95,7 @@ def command(
     quantise_lambda(lmbda)  # raises for a value outside the range, before any view is read
     target = target_of(target_kib, target_psnr, stages)
     require_photographs(views_folder)
+    require_model(model)
     require_cameras_file(cameras_file, views_folder, overwrite=overwrite)
 
     from fecocodec import check_input, encode, encode_to_target, measure_decoded, read_views

@@ -23,6 +23,15 @@ def is_image_file(output: Path) -> bool:
     return output.suffix.lower() in FILE_SUFFIXES and not os.path.isdir(output)
 
 
+def require_image_output(output: Path) -> None:
+    """Raise OutputError if an output path is neither an image nor a folder, nor the name of one."""
+    if is_image_file(output) or os.path.isdir(output):
+        return
+    require_ending(output, ("a folder", *FILE_SUFFIXES))
+    if os.path.isfile(output):
+        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png, .jpg, .webp or .exr.")
+
+
 def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: bool) -> list[list[Path]]:
     """Return the files to write for each view. Raises OutputError if one of them cannot be written.
 
@@ -30,12 +39,8 @@ def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: b
     folder. names: of the views, second part of the file names.
     """
     is_image = is_image_file(output)
-    if not is_image and not os.path.isdir(output):
-        require_ending(output, ("a folder", *FILE_SUFFIXES))
     if is_image and len(names) != 1:
         raise OutputError(f"{output}: one file cannot hold {len(names)} views; give a folder or choose one view.")
-    if os.path.isfile(output) and not is_image:
-        raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png, .jpg, .webp or .exr.")
     files = (
         [[output]]
         if is_image

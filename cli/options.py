@@ -10,6 +10,7 @@ import click
 
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
+MAX_THREADS = 1024
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
@@ -82,7 +83,7 @@ def threads_option(function: Function) -> Function:
     """Add --threads, which sets environment variables and is not passed to the command."""
     return click.option(
         "--threads",
-        type=click.IntRange(min=1),
+        type=click.IntRange(1, MAX_THREADS),
         callback=_limit_threads,
         expose_value=False,
         is_eager=True,

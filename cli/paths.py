@@ -27,6 +27,12 @@ def require_photographs(folder: Path) -> None:
     require_input(folder, "no such folder; give the folder that holds images and cameras.")
 
 
+def require_model(folder: Path | None) -> None:
+    """Raise InputError if the folder of --model does not exist; None is the shipped model."""
+    if folder is not None:
+        require_input(folder, "there is no such folder; name the folder of a model.")
+
+
 def require_input(path: Path, missing: str = "there is no such file; check the path.") -> None:
     """Raise InputError if an input does not exist or cannot be read. missing: message for one that does not exist."""
     try:

@@ -6,12 +6,12 @@ from time import perf_counter
 
 import click
 
-from fecocodec.container import read_stream_file
+from fecocodec.container import check_pixels, read_header, read_stream_file
 from fecocodec.formats.atomic import require_writable
 from fecocodec.formats.video_extra import require_video_extra
 from fecocodec.formats.view_selection import Selection
 
-from .image_files import image_files, image_writer, is_image_file
+from .image_files import image_files, image_writer, is_image_file, require_image_output
 from .naming import naming
 from .options import (
     FILE_PATH,
@@ -24,7 +24,7 @@ from .options import (
     threads_option,
 )
 from .output import print_json, say
-from .paths import require_ending, require_input
+from .paths import require_ending, require_input, require_model
 from .progress import progress_bar
 from .selection import parse_selection
 from .viewpoints import DEFAULT_FPS, DEFAULT_FRAMES, PATH_NAMES, cameras_and_size, names_of, read_given_cameras
@@ -133,12 +133,15 @@ def command(
         raise click.UsageError("--frames is for --path, and --fps for --video.")
     start = perf_counter()
     require_input(scene)
+    require_model(model)
     if cameras_path is not None:
         require_input(cameras_path, "no such folder or file; give the folder that holds the cameras, or a camera file.")
+    if output is not None:
+        require_image_output(output)
     if video is not None:
         _require_video(video, overwrite=overwrite)
+    data = b"" if is_ply else _stream_of(scene, max_pixels)
     _require_device(device, scene)
-    data = b"" if is_ply else read_stream_file(scene)
     num_frames = None if path_name is None else frames or DEFAULT_FRAMES
     given = None if cameras_path is None else read_given_cameras(cameras_path, views, size)
     names = names_of(given, scene, data, num_frames)
@@ -185,6 +188,14 @@ def command(
     else:
         count = f"{len(names)} {'view' if len(names) == 1 else 'views'}"
         say(f"{' and '.join(str(path) for path in (output, video) if path)}: {count} rendered in {seconds:.2f} s")
+
+
+def _stream_of(scene: Path, max_pixels: int) -> bytes:
+    """Return the bytes of a .fcs file whose header is valid and within the limit, before networks are loaded."""
+    data = read_stream_file(scene)
+    with naming(scene):
+        check_pixels(read_header(data).header, max_pixels)
+    return data
 
 
 def _require_video(video: Path, *, overwrite: bool) -> None:

@@ -39,7 +39,7 @@ def scene_source(
 
     num_frames: number of frames to take from a video. Raises InputError as `posed_folder` and `video_frames` do.
     """
-    from fecocodec.formats.camera_files import has_cameras
+    from fecocodec.formats.camera_files import has_cameras, read_cameras
     from fecocodec.formats.posed_folder import posed_folder
     from fecocodec.formats.video_frames import is_video, write_sharp_frames
 
@@ -47,6 +47,7 @@ def scene_source(
         raise click.UsageError("--frames is for a video file.")
     if not is_video(views) and has_cameras(views):
         if cameras_file is not None:
+            read_cameras(views)  # reports a folder that has neither cameras nor photographs
             raise click.UsageError("--save-cameras is for photographs without cameras; this folder has cameras.")
         yield SceneSource(views)
         return

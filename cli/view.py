@@ -10,6 +10,7 @@ from fecocodec.container import read_stream_file
 from .naming import naming
 from .options import FILE_PATH, max_pixels_option, model_option, threads_option
 from .output import say
+from .paths import require_model
 from .progress import progress_bar
 from .receivers import DecodeOptions, decode_stream
 from .terminal import printable
@@ -42,6 +43,7 @@ def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: i
     until Ctrl-C ends the command. It loads nothing from other hosts.
     """
     data = read_stream_file(stream)
+    require_model(model)
 
     from fecocodec.formats.viewer_files import scene_page
 

@@ -1,6 +1,9 @@
 """Folders and files of models: names, model id, and the search for the weights with a model id. No torch."""
 
+import errno
 import hashlib
+import os
+import stat
 from pathlib import Path
 
 from fecocodec.errors import ModelError
@@ -10,6 +13,7 @@ DEFAULT_MODEL = "compact-2"
 RECEIVER_FILE, SENDER_FILE = "receiver.safetensors", "sender.safetensors"
 GRAPHS_FOLDER = "graphs"  # in a model's folder
 MODEL_ID_BYTES = 8
+MAX_WEIGHTS_BYTES = 1 << 30  # the paper's networks take 75 MB in fp16
 
 
 def model_id_of(data: bytes) -> bytes:
@@ -18,14 +22,29 @@ def model_id_of(data: bytes) -> bytes:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the bytes of a weights file. Raises ModelError if it cannot be read."""
+    """Return the bytes of a weights file. Raises ModelError if it cannot be read or is no regular file."""
     try:
+        _require_weights_file(path)
         return path.read_bytes()
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: not a valid file name
+        reason = getattr(error, "strerror", None) or str(error)
         raise ModelError(
-            f"{path}: the weights cannot be read ({error.strerror}); "
-            "name the folder of a model, or reinstall the package."
+            f"{path}: the weights cannot be read ({reason}); name the folder of a model, or reinstall the package."
         ) from error
+
+
+def _require_weights_file(path: Path) -> None:
+    """Raise OSError for a folder, or for a pipe or device, from which reading may never end; ModelError if too long."""
+    found = os.stat(path)
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "a pipe or a device")
+    if found.st_size > MAX_WEIGHTS_BYTES:
+        raise ModelError(
+            f"{path}: the weights have {found.st_size} bytes, but at most {MAX_WEIGHTS_BYTES} are read; name the "
+            "folder of a model, or reinstall the package."
+        )
 
 
 def model_folder(model: Path | str | None) -> Path:
@@ -39,7 +58,7 @@ def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
     Raises ModelError if the folder is missing or has no receiver with this id.
     """
     folder = SHIPPED if model is None else model
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # `Path.is_dir` raises for a name that is too long
         raise ModelError(f"{folder}: there is no such folder; name the folder of a model.")
     candidates = sorted(folder.glob(f"*/{RECEIVER_FILE}" if model is None else RECEIVER_FILE))
     for path in candidates:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import shutil
 from pathlib import Path
 
@@ -63,3 +64,21 @@ def test_a_checkpoint_of_another_kind(tmp_path: Path, value: object) -> None:
     torch.save(value, tmp_path / "last.pt")
     with pytest.raises(ModelError, match="not a training checkpoint"):
         load_checkpoint(tmp_path / "last.pt")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "sparse"])
+def test_weights_that_are_no_regular_file_of_moderate_size_are_not_read(kind: str, tmp_path: Path) -> None:
+    """Reading a pipe blocks, and reading a device or a sparse file fills the memory."""
+    path = tmp_path / RECEIVER_FILE
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.touch()
+        os.truncate(path, 1 << 40)
+    reason = {"folder": "cannot be read .Is a directory.", "sparse": "have 1099511627776 bytes, but at most"}
+    with pytest.raises(ModelError, match=reason.get(kind, "cannot be read .a pipe or a device.")):
+        find_receiver(b"no model", tmp_path)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from fecocodec.errors import InputError
+from fecocodec.formats.input_file import require_regular_file
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ def read_external(path: Path) -> tuple[ExternalRow, ...]:
     Raises InputError for another column, a row without a name, and a cell that is no finite number.
     """
     try:
+        require_regular_file(path)
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, strict=True)
             unknown = [name for name in reader.fieldnames or () if name not in COLUMNS]

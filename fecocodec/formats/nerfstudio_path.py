@@ -42,7 +42,8 @@ def _camera(path: Path, index: int, frame: object, size: tuple[int, int], count:
     place = f"{path}, camera {index}"
     if not isinstance(frame, dict):
         raise InputError(f"{place}: this is not an object; export the camera path again.")
-    pose = require_numbers(np.ravel(frame.get("camera_to_world") or []).tolist(), (16,), f"{place}, camera_to_world")
+    values = np.array(frame.get("camera_to_world") or [], dtype=object).ravel().tolist()  # 16 numbers, or 4 rows of 4
+    pose = require_numbers(values, (16,), f"{place}, camera_to_world")
     fov = float(require_numbers(frame.get("fov"), (), f"{place}, fov"))
     if not 0 < fov < 180:
         raise InputError(f"{place}: a field of view of {fov:g} degrees is not possible; export the camera path again.")

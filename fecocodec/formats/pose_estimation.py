@@ -1,7 +1,8 @@
 """Estimate the cameras of 2 to 60 photographs of a static scene with pycolmap (optional extra `poses`).
 
-SIFT features, exhaustive matching, incremental reconstruction. The initialisation is loosened step by step, because few
-views give few points and small angles. Method: Schönberger and Frahm, "Structure-from-Motion Revisited", 2016.
+SIFT features, exhaustive matching, incremental reconstruction, and a last bundle adjustment with a robust loss. The
+initialisation is loosened step by step, because few views give few points and small angles. Method: Schönberger and
+Frahm, "Structure-from-Motion Revisited", 2016.
 """
 
 from dataclasses import dataclass
@@ -21,6 +22,10 @@ _FOCAL_RANGE = (0.3, 3.0)  # longer image sides; a lens of 11 to 108 mm on 35 mm
 _PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more features in small photographs
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.
 _ATTEMPTS = ((8.0, 60, 24), (4.0, 40, 18), (2.0, 25, 14), (1.0, 20, 12))
+# Pixels; scale of the Cauchy loss of the last bundle adjustment. With squared errors, the outliers of up to 4 pixels
+# that the reconstruction keeps move the focal length by some percent.
+_LOSS_SCALE_PX = 0.5
+_MAX_REFINEMENT_STEPS = 100
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,8 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     matches = _verified_matches(pycolmap, database)
     if best is None:
         return Reconstruction((), 0.0, 0.0, matches)
-    return Reconstruction(_cameras(best), best.compute_mean_reprojection_error(), _median_angle(best), matches)
+    refined = refine(pycolmap, best, count, num_threads)
+    return Reconstruction(_cameras(refined), refined.compute_mean_reprojection_error(), _median_angle(refined), matches)
 
 
 def _pycolmap() -> Any:
@@ -162,6 +168,25 @@ def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int,
     options.triangulation.min_angle = min(1.5, angle / 2)
     options.triangulation.ignore_two_view_tracks = False  # few views: most points are seen by two
     return options
+
+
+def refine(pycolmap: Any, model: Any, count: int, num_threads: int) -> Any:
+    """Return the model after bundle adjustment with a robust loss; the model itself if that is not plausible."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_extra_params = count >= _RADIAL_FROM
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = _LOSS_SCALE_PX
+    options.ceres.solver_options.max_num_iterations = _MAX_REFINEMENT_STEPS
+    options.ceres.solver_options.num_threads = num_threads
+    refined = pycolmap.Reconstruction(model)
+    images = pycolmap.BundleAdjustmentConfig()
+    for image_id in refined.reg_image_ids():
+        images.add_image(image_id)
+    images.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    # `pycolmap.bundle_adjustment` does the same and writes to stderr at every log level.
+    pycolmap.create_default_bundle_adjuster(options, images, refined).solve()
+    return refined if _is_plausible(refined) else model
 
 
 def _is_plausible(model: Any) -> bool:

@@ -19,6 +19,8 @@ from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, copy_name, fi
 from fecocodec.geometry.depth_range import bounds_of_depths
 
 _FEW_MATCHES = 30  # of a pair; named in messages
+# Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
+_DEPTH_MARGIN = 1.3
 _FOCAL_CHANGE = 1.5  # larger changes of the focal length are reported
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
@@ -151,11 +153,14 @@ def _reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> li
 
 
 def _transforms(found: Reconstruction, files: list[str]) -> dict[str, Any]:
-    """Return the cameras in the layout of nerfstudio."""
+    """Return the cameras in the layout of nerfstudio, with depth bounds if there are enough points."""
     depths = np.concatenate([camera.depths for camera in found.cameras])
-    bounds = bounds_of_depths(torch.from_numpy(depths))
     frames = [_frame(camera, file) for camera, file in zip(found.cameras, files, strict=True)]
-    return {"camera_model": "OPENCV", **({"near": bounds[0], "far": bounds[1]} if bounds else {}), "frames": frames}
+    bounds = bounds_of_depths(torch.from_numpy(depths))
+    if bounds is None:
+        return {"camera_model": "OPENCV", "frames": frames}
+    near, far = bounds[0] / _DEPTH_MARGIN, bounds[1] * _DEPTH_MARGIN
+    return {"camera_model": "OPENCV", "near": near, "far": far, "frames": frames}
 
 
 def _frame(camera: EstimatedCamera, file: str) -> dict[str, Any]:

@@ -103,16 +103,22 @@ def _require_file(photograph: PosedPhotograph) -> None:
 
 def require_numbers(values: object, shape: tuple[int, ...], place: str) -> Float[np.ndarray, "*shape"]:
     """Convert values to float64. Raises InputError, which begins with `place`, for another shape, NaN or infinity."""
+    if values is None:  # which NumPy converts to NaN
+        raise InputError(f"{place}: {shape_text(shape)} expected; export the cameras again.")
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{place}: {shape_text(shape)} expected; export the cameras again.") from error
     if array.shape != shape:
-        raise InputError(f"{place}: {shape_text(shape)} expected, {array.shape} found; export the cameras again.")
+        raise InputError(
+            f"{place}: {shape_text(shape)} expected, {shape_text(array.shape)} found; export the cameras again."
+        )
     if not np.isfinite(array).all():
         raise InputError(f"{place}: a camera value is NaN or infinite; correct it or take this view out of the file.")
     return array
 
 
 def shape_text(shape: tuple[int, ...]) -> str:
+    if not shape:
+        return "a number"
     return f"{math.prod(shape)} numbers" if len(shape) == 1 else f"{'x'.join(map(str, shape))} numbers"

@@ -5,6 +5,7 @@ same value at the top level. Optional `near` and `far` at the top level are boun
 """
 
 import math
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -28,7 +29,8 @@ def find_transforms_json(path: Path) -> Path | None:
     """Return the camera file of a scene folder, or `path` itself if it is a `.json` file; None if there is none."""
     if path.is_file():
         return path if path.suffix.lower() == ".json" else None
-    return next((path / name for name in _FILE_NAMES if (path / name).is_file()), None)
+    # Also a pipe, a folder or a broken link of that name, which reading then reports.
+    return next((path / name for name in _FILE_NAMES if os.path.lexists(path / name)), None)
 
 
 def read_transforms_json(path: Path) -> PosedPhotographs:

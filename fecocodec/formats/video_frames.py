@@ -41,13 +41,15 @@ def _frames(video: Path) -> Any:
         raise InputError(
             f"{video}: videos are read with PyAV, which is not installed; run `pip install 'fecosplat[video]'`."
         ) from error
+    if video.exists() and not video.is_file():
+        raise InputError(f"{video}: a pipe or a device cannot be read here; give a video file.")
     try:
         with av.open(str(video)) as container:
             if not container.streams.video:
                 raise InputError(f"{video}: there is no video in this file; give a video or a folder of photographs.")
             yield from container.decode(video=0)
     except (av.error.FFmpegError, OSError) as error:
-        raise InputError(f"{video}: the video cannot be read ({error}); convert it to MP4 (H.264).") from error
+        raise InputError(f"{video}: the video cannot be read ({error.strerror}); convert it to MP4 (H.264).") from error
 
 
 def _sharpness(grey: UInt8[np.ndarray, "height width"]) -> float:

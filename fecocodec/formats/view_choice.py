@@ -7,6 +7,7 @@ from fecocodec.formats.posed_photographs import PosedPhotograph
 from fecocodec.limits import MAX_VIEWS
 
 _LONGEST_NUMBER = 9  # digits
+_LONGEST_SHOWN = 80  # characters of a name in messages
 
 
 def choose_views(
@@ -38,7 +39,9 @@ def _find_view(paths: list[Path], view: int | str, folder: Path) -> int:
         if found:
             return found[0]
         if not view.isdecimal() or len(view) > _LONGEST_NUMBER:
-            raise InputError(f"{folder}: no view is called {view} (the first is {paths[0].name}); change `views`.")
+            raise InputError(
+                f"{folder}: no view is called {view[:_LONGEST_SHOWN]} (the first is {paths[0].name}); change `views`."
+            )
         view = int(view)
     if not 0 <= view < len(paths):
         raise InputError(f"{folder}: there is no view {view}; give indices from 0 to {len(paths) - 1} in `views`.")

@@ -28,6 +28,8 @@ def save_checkpoint(path: Path, contents: dict[str, Any]) -> None:
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
     """Read a file of `save_checkpoint`. Raises ModelError for anything else."""
+    if path.exists() and not path.is_file():
+        raise ModelError(f"{path}: not a training checkpoint (no regular file); delete it or name another.")
     try:
         contents = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # a damaged pickle can fail in many ways

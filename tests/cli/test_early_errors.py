@@ -27,6 +27,13 @@ sys.exit(run(sys.argv[1:]))
         (("render", "in.fcs", "-o", "out", "--cameras", "missing"), "missing: no such folder"),
         (("eval", "missing", "--index", "i.json", "-o", "out"), "missing: there is no such file; check the path."),
         (("stress", "missing", "--index", "i.json", "-o", "out"), "missing: there is no such file; check the path."),
+        (("render", "in.fcs", "-o", "a.bmp"), "a.bmp: files of kind .bmp are not written here"),
+        (("render", "in.fcs", "-o", "out"), "in.fcs: header at byte 0: the file ends after 0 bytes"),
+        (
+            ("render", "in.fcs", "-o", "out", "--model", "no"),
+            "no: there is no such folder; name the folder of a model.",
+        ),
+        (("encode", ".", "-o", "a.fcs", "--model", "no"), "no: there is no such folder; name the folder of a model."),
         (("info", "missing"), "missing: there is no such file; check the path."),
     ],
 )
@@ -104,3 +111,15 @@ def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str], monk
         for tenth in range(1, 5):
             on_progress("refining", tenth / 10)
     assert capsys.readouterr() == ("", "refining: 20% done\nrefining: 40% done\n")
+
+
+def test_more_threads_than_any_machine_has(fecosplat, stream_file: Path, output: Path) -> None:
+    result = fecosplat("decode", stream_file, "-o", output / "a.ply", "--threads", "9" * 30)
+    assert result.code == 2 and "is not in the range 1<=x<=1024" in result.err
+
+
+def test_a_name_of_a_model_that_no_folder_can_have(fecosplat, stream_file: Path, output: Path) -> None:
+    result = fecosplat("decode", stream_file, "-o", output / "a.ply", "--model", "x" * 5000)
+    assert result.code == 1 and result.err.endswith(
+        "cannot be read (File name too long); check the path and its permissions.\n"
+    )

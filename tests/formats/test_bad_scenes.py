@@ -394,3 +394,29 @@ def test_reduced_images_whose_cameras_have_another_principal_point(scene):
         f"{scene}/transforms.json, frame 0 (images/000.png): fl_x, cx and cy are in pixels of an image of about "
         "376x332, but the image is 96x80; add w and h, the image size that they are for."
     )
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "loop"])
+def test_a_camera_file_of_another_kind_is_not_taken_for_a_missing_one(kind, scene):
+    """Otherwise the cameras of the photographs would be estimated."""
+    path = scene / "transforms.json"
+    path.unlink()
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.symlink_to("/dev/zero" if kind == "device" else path.name)
+    assert message(scene).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("value", ["text", {}, [1.0]])
+def test_a_value_that_should_be_one_number(value, scene):
+    edit(scene, lambda cameras: cameras.update(near=value))
+    assert f"{scene}/transforms.json, near: a number expected" in message(scene, near=None)
+
+
+def test_long_names_of_views_are_shortened(scene):
+    assert message(scene, views=(DIGITS,)) == (
+        f"{scene}: no view is called {DIGITS[:80]} (the first is 000.png); change `views`."
+    )

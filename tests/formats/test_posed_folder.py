@@ -46,7 +46,9 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
         posed.save_cameras(tmp_path / "transforms.json")
         views = read_views(posed.path)
         cameras, names = views.cameras, views.names
-        assert 0 < cameras.near < cameras.far
+        depths = np.concatenate([camera.depths for camera in posed.reconstruction.cameras])
+        assert 0 < cameras.near < np.percentile(depths, 1) / 1.4
+        assert cameras.far > 1.4 * np.percentile(depths, 99)
     assert not posed.path.exists()
     assert len(names) == 2 and "2 of 2" in posed.notes[0]
     truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
@@ -143,3 +145,24 @@ def test_pycolmap_missing_names_the_extra(tmp_path, monkeypatch):
     copies(tmp_path / "photos")
     monkeypatch.setitem(__import__("sys").modules, "pycolmap", None)
     assert "fecosplat[poses]" in refusal(tmp_path / "photos")
+
+
+def test_outliers_of_some_pixels_do_not_move_the_focal_length():
+    """A fifth of the observations of a known scene are off by 3 pixels outwards, as if the lens were longer."""
+    import pycolmap
+
+    from fecocodec.formats.pose_estimation import refine
+
+    pycolmap.set_random_seed(0)
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_frames_per_rig, options.num_points3D = 1, 4, 300
+    options.camera_model_id = pycolmap.CameraModelId.SIMPLE_PINHOLE
+    options.camera_params = [1280.0, 512.0, 384.0]
+    model = pycolmap.synthesize_dataset(options)
+    for image in model.images.values():
+        for index in range(0, len(image.points2D), 5):
+            point = image.points2D[index]
+            offset = point.xy - (512.0, 384.0)
+            point.xy = point.xy + 3 * offset / np.linalg.norm(offset)
+    focal = refine(pycolmap, model, 4, 1).cameras[1].params[0]
+    assert abs(focal / 1280 - 1) < 5e-4

@@ -99,3 +99,17 @@ def test_bad_camera_paths(change, sentence, tmp_path):
     (tmp_path / "path.json").write_text(json.dumps(camera_path([np.eye(4)]) | change))
     with pytest.raises(InputError, match=sentence):
         read_render_cameras(tmp_path / "path.json")
+
+
+@pytest.mark.parametrize("matrix", ["text", {"a": 1}, [[1], [2, 3]], [[1, 2], [3, 4]], None])
+def test_poses_of_a_camera_path_that_are_no_matrices(matrix, tmp_path):
+    scene = {"camera_path": [{"camera_to_world": matrix, "fov": 50}], "render_width": 64, "render_height": 64}
+    (tmp_path / "path.json").write_text(json.dumps(scene))
+    with pytest.raises(InputError, match="camera 0, camera_to_world: 16 numbers expected"):
+        read_render_cameras(tmp_path / "path.json")
+
+
+def test_a_camera_path_without_a_size(tmp_path):
+    (tmp_path / "path.json").write_text(json.dumps({"camera_path": [{}]}))
+    with pytest.raises(InputError, match=r"path\.json, render_width: a number expected"):
+        read_render_cameras(tmp_path / "path.json")

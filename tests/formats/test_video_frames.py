@@ -1,5 +1,6 @@
 """Frames of a video: evenly spread, and the sharpest of their part."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -47,7 +48,7 @@ def test_more_frames_than_there_are_is_refused(tmp_path):
 
 def test_a_file_that_is_no_video_is_refused(tmp_path):
     (tmp_path / "clip.mp4").write_bytes(b"no video" * 100)
-    with pytest.raises(InputError, match=r"clip\.mp4: the video cannot be read"):
+    with pytest.raises(InputError, match=r"clip\.mp4: the video cannot be read \([^'\[]+\); convert"):
         write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 2)
 
 
@@ -59,3 +60,12 @@ def test_pyav_missing_names_the_extra(tmp_path, monkeypatch):
 
 def test_videos_are_known_by_their_ending():
     assert is_video(Path("clip.MP4")) and not is_video(Path("photos"))
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_a_pipe_or_a_device_is_refused(kind, tmp_path):
+    """Reading a pipe that nobody writes to blocks."""
+    path = tmp_path / "clip.mp4"
+    os.mkfifo(path) if kind == "pipe" else path.symlink_to("/dev/zero")
+    with pytest.raises(InputError, match=r"clip\.mp4: a pipe or a device cannot be read here; give a video file\."):
+        write_sharp_frames(path, tmp_path, 2)
