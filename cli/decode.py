@@ -8,7 +8,7 @@ import click
 from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_other_file, require_writable
 
-from .naming import naming
+from .error_context import error_context
 from .options import (
     FILE_PATH,
     device_option,
@@ -156,7 +156,7 @@ def command(
     options = DecodeOptions(
         "intact" if partial else stages or "all", sh_degree, has_background, merge, prune, device, model, max_pixels
     )
-    with naming(stream), progress_bar() as on_progress:
+    with error_context(stream), progress_bar() as on_progress:
         decoded = decode_stream(data, options, on_progress)
     write_scene(
         decoded,

@@ -13,9 +13,9 @@ from fecocodec.formats.atomic import require_other_file, require_writable, write
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 from .encoding_report import quality_fields, say_result
+from .error_context import OF_VIEWS, error_context
 from .info import summary_fields
 from .metadata_options import metadata_of, metadata_options
-from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, device_option, json_option, model_option, overwrite_option, parse_size, threads_option
 from .output import in_options, print_json, say
 from .paths import require_ending, require_photographs
@@ -150,7 +150,7 @@ def command(
         scene = read_views(
             source.path, views=resolve(source.path, views), size=size, near=near, far=far, background=background
         )
-        with naming(views_folder, OF_VIEWS):
+        with error_context(views_folder, OF_VIEWS):
             if target is None:
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:

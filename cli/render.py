@@ -10,8 +10,8 @@ from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_writable
 from fecocodec.formats.video_extra import require_video_extra
 
+from .error_context import error_context
 from .image_files import image_files, image_writer, is_image_file
-from .naming import naming
 from .options import (
     FILE_PATH,
     device_option,
@@ -153,7 +153,7 @@ def command(
     with progress_bar() as on_progress, ExitStack() as writers:
         decoded = None
         if not is_ply:
-            with naming(scene):
+            with error_context(scene):
                 decoded = decode(
                     data,
                     stages=stages or "all",

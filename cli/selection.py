@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from .naming import OF_VIEWS, naming
+from .error_context import OF_VIEWS, error_context
 
 
 @dataclass(frozen=True)
@@ -50,5 +50,5 @@ def resolve(folder: Path, selection: Selection | None) -> tuple[int | str, ...] 
     scene = read_cameras(folder)
     if isinstance(selection, Auto):
         return auto_views(scene)
-    with naming(folder, OF_VIEWS):
+    with error_context(folder, OF_VIEWS):
         return spread_views(scene, selection.count)

@@ -239,12 +239,12 @@ def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path)
 
 
 def test_progress_moves_forward(views: Views, random_weights: Path) -> None:
-    told: list[float] = []
-    data = encode(views, model=random_weights / MODEL, on_progress=lambda _task, share: told.append(share))
-    assert told == sorted(told) and told[0] >= 0 and told[-1] <= 1
-    told.clear()
-    decode(data, model=random_weights / MODEL, on_progress=lambda _task, share: told.append(share))
-    assert told == sorted(told) and len(told) == 3
+    fractions: list[float] = []
+    data = encode(views, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share))
+    assert fractions == sorted(fractions) and fractions[0] >= 0 and fractions[-1] <= 1
+    fractions.clear()
+    decode(data, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share))
+    assert fractions == sorted(fractions) and len(fractions) == 3
 
 
 def test_decoding_needs_nothing_of_the_sender(data: bytes, random_weights: Path, tmp_path: Path) -> None:

@@ -7,10 +7,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from fecocodec.coding.coding_order import in_layout, scan_latents, split_partitions
 from fecocodec.coding.fixed_point import ONE_Q8, clamp_through, round_through
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
 from fecocodec.coding.symbol_choice import choose_symbols, price_of_bits, symbol_bits
-from fecocodec.coding.walk import in_layout, split_partitions, walk_latents
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SYMBOL_LIMIT
 
 Softening = Callable[[Float[Tensor, "*shape"]], Float[Tensor, "*shape"]]
@@ -88,11 +88,11 @@ def _estimate(
     context_y_hat: Float[Tensor, "item latent height_8 width_8"] | None,
 ) -> LatentEstimate:
     context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
-    walked = walk_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
+    latents = scan_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
     bits_z, *bits_y = meter.bits
     return LatentEstimate(
-        y_hat=walked.y_hat_q8 / ONE_Q8,
-        z_hat=walked.z_hat_q8 / ONE_Q8,
+        y_hat=latents.y_hat_q8 / ONE_Q8,
+        z_hat=latents.z_hat_q8 / ONE_Q8,
         bits_y=torch.stack([bits.sum(dim=(0, 2, 3, 4)) for bits in bits_y]).sum(dim=0),
         bits_z=bits_z.sum(dim=(1, 2, 3)),
     )

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from fecocodec.container.lagrangian import LAMBDA_MIN, LAMBDA_Q_MAX, STEPS_PER_E
+from fecocodec.container.lambda_quantisation import LAMBDA_MIN, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import BitstreamError
 from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE, grid_side
 

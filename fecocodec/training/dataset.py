@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.normalisation import normalise_scene
 from fecocodec.training.batch_shapes import BatchShape

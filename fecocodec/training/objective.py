@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.coding.rate import estimate_latents, uniform_noise
-from fecocodec.container.lagrangian import LAMBDA_MIN, STEPS_PER_E
+from fecocodec.container.lambda_quantisation import LAMBDA_MIN, STEPS_PER_E
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import relative_disparity_from_depth
 from fecocodec.receiver.model import Receiver
@@ -26,7 +26,7 @@ from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
 
 MATCHING_WEIGHT = 0.5
 DISPARITY_WEIGHT = 0.5
-AGREED = 0.7  # cross-view consistency above which matched depth of photographs supervises disparity
+MIN_CONSISTENCY = 0.7  # cross-view consistency above which matched depth of photographs supervises disparity
 # Weight of the rate in the gradient of the entropy model, the same for every lambda. Weighted by lambda, bits at high
 # lambda would count a thousand times as much as those at low lambda. The value is the root mean square of lambda in
 # training.
@@ -62,7 +62,7 @@ class MatchedDisparity:
 
     learned: Float[Tensor, "batch view h4 w4"]
     aggregated: Float[Tensor, "batch view h4 w4"]
-    agreement: Float[Tensor, "batch view h4 w4"]
+    consistency: Float[Tensor, "batch view h4 w4"]
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,11 @@ class BatchEncoder(SceneEncoder):
         """Disparity of matching among the context views alone."""
         if self.extracted is not None:
             return self.extracted.matched
-        maps = (self.matching.relative_disparity, self.matching.depth.relative_disparity, self.matching.depth.agreement)
+        maps = (
+            self.matching.relative_disparity,
+            self.matching.depth.relative_disparity,
+            self.matching.depth.consistency,
+        )
         return MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=self.num_views) for item in maps))
 
     def render(self, stage: Stage[Any]) -> StageRendering:
@@ -226,13 +230,13 @@ def with_targets(sender: Sender, batch: Batch, matched: MatchedDisparity) -> Mat
         return matched
     views = batch.num_context
     depth = sender.extractor.match(batch.images, batch.cameras).depth
-    maps = (depth.relative_disparity, depth.agreement)
+    maps = (depth.relative_disparity, depth.consistency)
     disparity, consistency = (rearrange(x, "(b v) 1 h w -> b v h w", b=len(batch.images))[:, :views] for x in maps)
-    is_consistent = matched.agreement > AGREED
+    is_consistent = matched.consistency > MIN_CONSISTENCY
     return MatchedDisparity(
         matched.learned,
         torch.where(is_consistent, matched.aggregated, disparity),
-        torch.where(is_consistent, matched.agreement, consistency),
+        torch.where(is_consistent, matched.consistency, consistency),
     )
 
 
@@ -302,8 +306,8 @@ def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tens
     Matched depth has sharper edges than decoded depth, and its errors differ between the views.
     """
     is_photograph = batch.depth.isnan().all(dim=(1, 2, 3), keepdim=True)
-    agreed = torch.where(matched.agreement > AGREED, matched.aggregated, torch.nan)
-    return torch.where(is_photograph, agreed, _true_disparity(batch))
+    consistent = torch.where(matched.consistency > MIN_CONSISTENCY, matched.aggregated, torch.nan)
+    return torch.where(is_photograph, consistent, _true_disparity(batch))
 
 
 def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:

@@ -7,7 +7,7 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.container.lagrangian import quantise_lambda
+from fecocodec.container.lambda_quantisation import quantise_lambda
 from fecocodec.formats.images import write_image
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import relative_disparity_from_depth

@@ -96,7 +96,7 @@ def test_depth_of_photographs_is_judged_by_matched_depth_where_views_agree(netwo
     outcomes, matched = run_stages(networks["sender"], networks["receiver"], batch, bypass_coding, 2)
     beside = outcomes[1].prediction.relative_disparity + 0.25
     all_agree = MatchedDisparity(matched.learned, beside.clamp(0.0, 1.0), torch.ones_like(beside))
-    none_agree = replace(all_agree, agreement=torch.zeros_like(beside))
+    none_agree = replace(all_agree, consistency=torch.zeros_like(beside))
 
     def disparity(batch: Batch, matched: MatchedDisparity) -> float:
         return loss_of(batch, outcomes, matched, 1.0)[1]["disparity2"]
@@ -121,15 +121,15 @@ def test_depth_that_context_views_do_not_confirm_is_taken_from_targets_that_do(
 
     sender = networks["sender"]
     monkeypatch.setattr(sender.extractor, "match", match)
-    agreement = torch.zeros(1, 2, 16, 16)
-    agreement[..., :4] = 0.95
-    alone = MatchedDisparity(torch.zeros(1, 2, 16, 16), torch.full((1, 2, 16, 16), 0.3), agreement)
+    consistency = torch.zeros(1, 2, 16, 16)
+    consistency[..., :4] = 0.95
+    alone = MatchedDisparity(torch.zeros(1, 2, 16, 16), torch.full((1, 2, 16, 16), 0.3), consistency)
     photographs = replace(batch, depth=torch.full_like(batch.depth, torch.nan))
     found = with_targets(sender, photographs, alone)
     assert calls[0].shape[1] == 3
     assert found.aggregated[..., :4].unique().tolist() == pytest.approx([0.3])
     assert found.aggregated[..., 4:].unique().tolist() == pytest.approx([0.9])
-    assert found.agreement[..., 3:5].flatten().unique().tolist() == pytest.approx([0.8, 0.95])
+    assert found.consistency[..., 3:5].flatten().unique().tolist() == pytest.approx([0.8, 0.95])
     assert with_targets(sender, batch, alone) is alone
     assert len(calls) == 1  # exact depth needs no other
 

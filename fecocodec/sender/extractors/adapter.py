@@ -54,7 +54,7 @@ class AdaptedFeatures:
 
     @property
     def depth(self) -> MatchedDepth:
-        """Depth with zero agreement: stage 2 gets no depth feedback."""
+        """Depth with zero consistency: stage 2 gets no depth feedback."""
         return MatchedDepth(self.relative_disparity, torch.zeros_like(self.relative_disparity))
 
 

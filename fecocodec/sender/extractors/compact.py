@@ -11,12 +11,12 @@ from torch import Tensor, nn
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import PlainBlock2d, downsample, upsample
-from fecocodec.sender.extractors.continuation import continued
-from fecocodec.sender.extractors.cross_check import agreement
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
+from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
+from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
-from fecocodec.sender.extractors.semi_global import aggregated
+from fecocodec.sender.extractors.semi_global import aggregate_costs
 from fecocodec.sender.matched_depth import MatchedDepth
 
 PYRAMID_LEVELS = 3  # matching runs at full, half and quarter image size
@@ -30,21 +30,21 @@ class Matching:
 
     cost: matching score of each depth candidate, higher is better. relative_disparity: expectation over the softmax of
     `cost`, in [0, 1]; differentiable, for the depth loss of training. aggregated_disparity, confidence: expectation and
-    largest probability after aggregation, without gradient. agreement: cross-view consistency of the aggregated
+    largest probability after aggregation, without gradient. consistency: cross-view consistency of the aggregated
     disparity, in [0, 1].
     """
 
     appearance: Float[Tensor, "item stem h4 w4"]
     cost: Float[Tensor, "item candidate h4 w4"]
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
-    agreement: Float[Tensor, "item 1 h4 w4"]
+    consistency: Float[Tensor, "item 1 h4 w4"]
     aggregated_disparity: Float[Tensor, "item 1 h4 w4"]
     confidence: Float[Tensor, "item 1 h4 w4"]
 
     @property
     def depth(self) -> MatchedDepth:
         """Depth for the feedback of stage 2."""
-        return MatchedDepth(self.aggregated_disparity, self.agreement)
+        return MatchedDepth(self.aggregated_disparity, self.consistency)
 
 
 class CompactExtractor(nn.Module):
@@ -100,9 +100,11 @@ class CompactExtractor(nn.Module):
             coarse = self._match_level(images, cameras)[1] * log_temperature.exp()
             cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
         cost = cost + photographs * self.log_temperature[PYRAMID_LEVELS].exp()
-        probability = (SHARPNESS * aggregated(cost.detach(), colours)).softmax(dim=1)
+        probability = (SHARPNESS * aggregate_costs(cost.detach(), colours)).softmax(dim=1)
         disparity = _expectation(probability)
-        consistency = agreement(rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources)
+        consistency = cross_view_consistency(
+            rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources
+        )
         confidence = probability.amax(dim=1, keepdim=True)
         return Matching(
             appearance, cost, _expectation(cost.softmax(dim=1)), _flat(consistency[:, :, None]), disparity, confidence
@@ -129,9 +131,9 @@ class CompactExtractor(nn.Module):
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1: the U-Net applied to appearance, matching results and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
-        extrapolated = continued(matching.aggregated_disparity, matching.agreement, _flat(images))
-        disparity = 2.0 * torch.lerp(extrapolated, matching.aggregated_disparity, matching.agreement) - 1.0
-        inputs = (matching.appearance, matching.cost / 8.0, matching.agreement, disparity, matching.confidence)
+        extrapolated = extrapolate_planes(matching.aggregated_disparity, matching.consistency, _flat(images))
+        disparity = 2.0 * torch.lerp(extrapolated, matching.aggregated_disparity, matching.consistency) - 1.0
+        inputs = (matching.appearance, matching.cost / 8.0, matching.consistency, disparity, matching.confidence)
         fine = self.fine_in(self.input(torch.cat((*inputs, pixels), dim=1)))
         middle = self.middle_in(self.down_fine(fine))
         coarse = self.coarse(self.down_middle(middle))
