@@ -15,7 +15,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity
-from fecocodec.sender.extractors.cross_check import TOLERANCE, consistency_with
+from fecocodec.sender.extractors.cross_view_consistency import TOLERANCE, consistency_with
 
 LEAST_SHARED, LEAST_CONFIRMED = 0.1, 0.02  # shares of a view's pixels below which `overlap_warnings` names the view
 DISPARITY_DIFFERENCE = 0.01  # largest difference of relative disparity, of consistent depths
