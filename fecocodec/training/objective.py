@@ -10,7 +10,7 @@ from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fecocodec.coding.rate import estimate_latents, uniform_noise
+from fecocodec.coding.rate import estimate_latents, rounding, uniform_noise
 from fecocodec.container.lambda_quantisation import LAMBDA_MIN, STEPS_PER_E
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import relative_disparity_from_depth
@@ -109,8 +109,8 @@ def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
         priced = _scale_gradient(y, share)
         context = None if inputs.y_hat is None else _scale_gradient(inputs.y_hat, share)
         z = sender.hyper_analysis(priced)
-        noise = uniform_noise()
-        estimate = estimate_latents(receiver.prior, priced, z, inputs.lambda_q, inputs.stage, context, noise)
+        surrogate = rounding(uniform_noise())
+        estimate = estimate_latents(receiver.prior, priced, z, inputs.lambda_q, inputs.stage, context, surrogate)
         return EstimatedLatent(estimate.y_hat.detach() + (y - y.detach()), estimate.bits_y + estimate.bits_z)
 
     return code

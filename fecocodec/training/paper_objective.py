@@ -7,7 +7,7 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.coding.rate import estimate_noisy_latents, uniform_noise
+from fecocodec.coding.rate import additive_noise, estimate_latents, uniform_noise
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.distortion import Distortion
 from fecocodec.sender.latent_coding import EstimatedLatent
@@ -37,8 +37,8 @@ def code_with_additive_noise(receiver: Receiver, sender: Sender) -> Coding:
 
     def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
         z = sender.hyper_analysis(y)
-        estimate = estimate_noisy_latents(
-            receiver.prior, y, z, inputs.lambda_q, inputs.stage, inputs.y_hat, uniform_noise()
+        estimate = estimate_latents(
+            receiver.prior, y, z, inputs.lambda_q, inputs.stage, inputs.y_hat, additive_noise(uniform_noise())
         )
         return EstimatedLatent(estimate.y_hat, estimate.bits_y + estimate.bits_z)
 

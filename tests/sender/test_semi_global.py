@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from fecocodec.sender.extractors import semi_global
-from fecocodec.sender.extractors.semi_global import ACROSS_EDGE, EDGE, LARGE_STEP, SMALL_STEP
+from fecocodec.sender.extractors.semi_global import ACROSS_EDGE, EDGE, LARGE_STEP, SMALL_STEP, aggregate_costs
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 
