@@ -7,9 +7,9 @@ import torch
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.normalisation import normalise_scene
+from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.chunk_scenes import ChunkScenes
-from fecocodec.training.objective import Batch
 from fecocodec.training.samples import Sample, SampleSource
 
 

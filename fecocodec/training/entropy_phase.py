@@ -25,7 +25,7 @@ from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
 from fecocodec.training.loop import Trainer
-from fecocodec.training.objective import lambda_of
+from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
 
 LAMBDAS_OF_A_SCENE = 2  # matching, the slowest part, is shared by them

@@ -13,7 +13,9 @@ from fecocodec.sender.distortion import Distortion
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene_encoder import Stage, StageInputs, StageRendering
-from fecocodec.training.objective import Batch, BatchEncoder, Coding, lambda_of
+from fecocodec.training.batch import Batch
+from fecocodec.training.loss import lambda_of
+from fecocodec.training.training_pass import BatchEncoder, Coding
 
 
 @dataclass(frozen=True)

@@ -16,21 +16,13 @@ from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene_encoder import StageInputs
+from fecocodec.training.batch import Batch, MatchedDisparity
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.objective import (
-    ENTROPY_PRICE,
-    Batch,
-    MatchedDisparity,
-    bypass_coding,
-    code_with_noise,
-    lambda_of,
-    loss_of,
-    run_stages,
-    with_targets,
-)
+from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.training_pass import bypass_coding, code_with_noise, run_stages, with_targets
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +62,7 @@ def test_a_bit_costs_a_latent_lambda_and_the_entropy_model_one_price(
     lambda_q = torch.tensor([100, 1700])
     slopes, entropy_slopes = [], []
     for price in (ENTROPY_PRICE, 10 * ENTROPY_PRICE):
-        monkeypatch.setattr("fecocodec.training.objective.ENTROPY_PRICE", price)
+        monkeypatch.setattr("fecocodec.training.training_pass.ENTROPY_PRICE", price)
         networks.zero_grad()
         y, context = latent.clone().requires_grad_(), latent.clone().requires_grad_()
         torch.manual_seed(2)
