@@ -64,7 +64,7 @@ def test_every_visible_cell_becomes_a_gaussian(
     random_weights: Path, num_views: int, height: int, width: int, lmbda: float
 ) -> None:
     views = example_views(num_views, height, width)
-    data = encode(views, lmbda=lmbda, model=random_weights / MODEL)
+    data = encode(views, lmbda=lmbda, effort="fast", model=random_weights / MODEL)
     decoded = decode(data, model=random_weights / MODEL, background=None)
     gaussians = decoded.gaussians
     grid_height, grid_width = grid_size(height, width)
@@ -217,7 +217,7 @@ def test_no_background_layer_continues_a_transparent_border(
     alpha = torch.zeros(2, 64, 64)
     alpha[:, 24:40, 24:40] = 1.0
     for shown, has_layer in ((alpha, False), (transparent.alpha, True)):
-        coded = encode(replace(transparent, alpha=shown), lmbda=1e-4, model=random_weights / MODEL)
+        coded = encode(replace(transparent, alpha=shown), lmbda=1e-4, effort="fast", model=random_weights / MODEL)
         plain, filled = (
             decode(coded, model=random_weights / MODEL, background=background).gaussians
             for background in (None, DEFAULT_BACKGROUND)

@@ -1,4 +1,4 @@
-"""Defects that would spoil or stop the paper's training, one test each (or a few)."""
+"""Regression tests of defects that would degrade or stop the paper's training."""
 
 import json
 from collections.abc import Iterator
