@@ -39,7 +39,7 @@ demo: $(READY) ## encode, decode and render the bundled scene into out/
 
 # One process a core with one thread each: the tests' networks are too small for several threads.
 test: $(READY) ## run the quick tests, in one process per core
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile --no-loadscope-reorder
 
 test-slow: $(READY) ## run the slow tests (the bundled scene, end to end)
 	$(BIN)/python -m pytest -m slow

@@ -9,7 +9,7 @@ from fecocodec.container import read_stream_file
 from fecocodec.formats.atomic import require_other_file, require_writable
 
 from .decode_options import decoding_options
-from .naming import naming
+from .error_context import error_context
 from .options import FILE_PATH, json_option
 from .output import print_json, say, warn
 from .paths import STDOUT, require_ending, require_model
@@ -99,7 +99,7 @@ def command(
     options = DecodeOptions(
         "intact" if partial else stages or "all", sh_degree, has_background, merge, prune, device, model, max_pixels
     )
-    with naming(stream), progress_bar() as on_progress:
+    with error_context(stream), progress_bar() as on_progress:
         decoded = decode_stream(data, options, on_progress)
     write_scene(
         decoded,

@@ -15,9 +15,9 @@ from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 from .encode_options import encoding_options
 from .encoding_report import quality_fields, say_result
+from .error_context import OF_VIEWS, error_context
 from .info import summary_fields
 from .metadata_options import metadata_of
-from .naming import OF_VIEWS, naming
 from .options import FILE_PATH, json_option
 from .output import in_options, print_json, say, warn
 from .paths import require_ending, require_model, require_photographs
@@ -111,7 +111,7 @@ def command(
         scene = read_views(
             source.path, views=resolve(source.path, views), size=size, near=near, far=far, background=background
         )
-        with naming(views_folder, OF_VIEWS):
+        with error_context(views_folder, OF_VIEWS):
             if target is None:
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:

@@ -8,8 +8,8 @@ from fecocodec.container import Header, StreamSummary, inspect, read_stream_file
 from fecocodec.container.metadata import Metadata
 from fecocodec.errors import BitstreamError
 
+from .error_context import error_context
 from .metadata_options import FIELDS
-from .naming import naming
 from .options import FILE_PATH, json_option
 from .output import print_columns, print_fields, print_json
 from .terminal import printable
@@ -48,7 +48,7 @@ def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
     if profile is not None or stream is None:
         raise click.UsageError("Give either a .fcs file or --parameters.")
     data = read_stream_file(stream)
-    with naming(stream):
+    with error_context(stream):
         summary = inspect(data)
         if as_json:
             print_json(summary_fields(summary))

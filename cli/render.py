@@ -11,8 +11,8 @@ from fecocodec.formats.atomic import require_writable
 from fecocodec.formats.video_extra import require_video_extra
 from fecocodec.formats.view_selection import Selection
 
+from .error_context import error_context
 from .image_files import image_files, image_writer, is_image_file, require_image_output
-from .naming import naming
 from .options import (
     FILE_PATH,
     device_option,
@@ -157,7 +157,7 @@ def command(
     with progress_bar() as on_progress, ExitStack() as writers:
         decoded = None
         if not is_ply:
-            with naming(scene):
+            with error_context(scene):
                 decoded = decode(
                     data,
                     stages=stages or "all",
@@ -193,7 +193,7 @@ def command(
 def _stream_of(scene: Path, max_pixels: int) -> bytes:
     """Return the bytes of a .fcs file whose header is valid and within the limit, before networks are loaded."""
     data = read_stream_file(scene)
-    with naming(scene):
+    with error_context(scene):
         check_pixels(read_header(data).header, max_pixels)
     return data
 

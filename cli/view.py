@@ -7,7 +7,7 @@ import click
 
 from fecocodec.container import read_stream_file
 
-from .naming import naming
+from .error_context import error_context
 from .options import FILE_PATH, max_pixels_option, model_option, threads_option
 from .output import say
 from .paths import require_model
@@ -50,7 +50,7 @@ def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: i
     from .page_server import PageServer
 
     scene_page()  # refuses before decoding if it was not built
-    with naming(stream):
+    with error_context(stream):
         page = _page_of(data, stream, model, max_pixels)
     with PageServer({"index.html": page}) as server:
         say(printable(f"{stream}: shown at {server.url}/, Ctrl-C ends this"))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from fecocodec.container import read_header
 from fecocodec.formats.view_selection import Selection, resolve
 
-from .naming import naming
+from .error_context import error_context
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Decoded, Gaussians
@@ -29,7 +29,7 @@ def names_of(given: "RenderCameras | None", scene: Path, data: bytes, num_frames
     if num_frames is None and given is not None:
         return given.names
     if num_frames is None:
-        with naming(scene):
+        with error_context(scene):
             num_frames = read_header(data).header.num_views
     digits = max(2, len(str(num_frames - 1)))
     return tuple(f"{number:0{digits}d}" for number in range(num_frames))

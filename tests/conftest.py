@@ -13,6 +13,12 @@ from jaxtyping import install_import_hook
 
 LIBRARY = Path(__file__).resolve().parent.parent / "fecocodec"
 USES_NUMBA = re.compile(r"^(import numba|from numba import|from fecocodec\.kernels\.compilation import)", re.MULTILINE)
+# Files whose tests take longest. They run first, so that no process of `make test` waits for another one at the end.
+LONG_FILES = {"test_shipped_weights.py", "test_decoding_anywhere.py", "test_several_processes.py", "test_round_trip.py"}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in LONG_FILES)
 
 
 def checked_modules() -> list[str]:

@@ -1,4 +1,4 @@
-"""Weights files: what comes back, and what a missing or damaged one is told."""
+"""Weights files: round trip, and errors for missing and damaged files."""
 
 import json
 import shutil

@@ -35,7 +35,7 @@ import torch
 from fecocodec.receiver.decode import decode
 from fecocodec.sender.encode import encode
 from tests.example_scenes import example_views
-data = encode(example_views(2, 96, 64), lmbda=1e-4, num_stages=1, model=Path(weights, model))
+data = encode(example_views(2, 96, 64), lmbda=1e-4, effort="fast", num_stages=1, model=Path(weights, model))
 (Path(folder) / f"{name}.fcs").write_bytes(data)
 print("written", flush=True)
 sys.stdin.readline()
@@ -50,7 +50,7 @@ torch.save(decoded, Path(folder) / f"{name}.pt")
 def decoded(random_weights: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Gaussians]]:
     """For every machine, what it decoded of every machine's stream, and of one with both stages that was made here."""
     folder = tmp_path_factory.mktemp("machines")
-    both_stages = encode(example_views(2, 96, 64), lmbda=1e-4, model=random_weights / MODEL)
+    both_stages = encode(example_views(2, 96, 64), lmbda=1e-4, effort="fast", model=random_weights / MODEL)
     (folder / f"{HERE}.fcs").write_bytes(both_stages)
     children = {
         name: subprocess.Popen(

@@ -64,7 +64,7 @@ def test_every_visible_cell_becomes_a_gaussian(
     random_weights: Path, num_views: int, height: int, width: int, lmbda: float
 ) -> None:
     views = example_views(num_views, height, width)
-    data = encode(views, lmbda=lmbda, model=random_weights / MODEL)
+    data = encode(views, lmbda=lmbda, effort="fast", model=random_weights / MODEL)
     decoded = decode(data, model=random_weights / MODEL, background=None)
     gaussians = decoded.gaussians
     grid_height, grid_width = grid_size(height, width)
@@ -217,7 +217,7 @@ def test_no_background_layer_continues_a_transparent_border(
     alpha = torch.zeros(2, 64, 64)
     alpha[:, 24:40, 24:40] = 1.0
     for shown, has_layer in ((alpha, False), (transparent.alpha, True)):
-        coded = encode(replace(transparent, alpha=shown), lmbda=1e-4, model=random_weights / MODEL)
+        coded = encode(replace(transparent, alpha=shown), lmbda=1e-4, effort="fast", model=random_weights / MODEL)
         plain, filled = (
             decode(coded, model=random_weights / MODEL, background=background).gaussians
             for background in (None, DEFAULT_BACKGROUND)
@@ -239,12 +239,12 @@ def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path)
 
 
 def test_progress_moves_forward(views: Views, random_weights: Path) -> None:
-    told: list[float] = []
-    data = encode(views, model=random_weights / MODEL, on_progress=lambda _task, share: told.append(share))
-    assert told == sorted(told) and told[0] >= 0 and told[-1] <= 1
-    told.clear()
-    decode(data, model=random_weights / MODEL, on_progress=lambda _task, share: told.append(share))
-    assert told == sorted(told) and len(told) == 3
+    fractions: list[float] = []
+    data = encode(views, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share))
+    assert fractions == sorted(fractions) and fractions[0] >= 0 and fractions[-1] <= 1
+    fractions.clear()
+    decode(data, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share))
+    assert fractions == sorted(fractions) and len(fractions) == 3
 
 
 def test_decoding_needs_nothing_of_the_sender(data: bytes, random_weights: Path, tmp_path: Path) -> None:

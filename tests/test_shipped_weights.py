@@ -1,11 +1,14 @@
 """A gate on the shipped weights, sender and receiver together: bytes, PSNR and depth from encoded and decoded files.
 
 Every scene is encoded with the defaults. Bounds are 4% of the bytes, 0.2 to 0.3 dB and 10% of the depth error away from
-measured values, because last bits change results on another processor or with other threads. Without latent
-optimisation, two of the scenes took 11% to 15% more bytes and had 0.5 to 0.8 dB less when this was last measured.
+measured values, because last bits change results on another processor or with other threads. `test_worse_weights_fail`
+(slow) perturbs the weights and asserts that the gate fails.
 """
 
+import copy
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,12 +19,17 @@ from click.testing import CliRunner
 from fecosplat_cli.command_line import command_line
 from jaxtyping import Float
 from PIL import Image
-from torch import Tensor
+from torch import Tensor, nn
 
 import fecocodec
+from fecocodec.checkpoint import model_folder
+from fecocodec.container import quantise_lambda
 from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import Rendering, render
+from fecocodec.sender.codec import load_codec
+from fecocodec.sender.encode import encode_with
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 
@@ -40,6 +48,10 @@ DRAWN_SEEDS = {"drawn 1": 20_261_124_001, "drawn 2": 20_261_124_002}  # training
 DRAWN_SIZE = (256, 256)  # height, width in pixels
 NUM_CONTEXT, NUM_TARGET = 2, 2
 NUM_PATTERNS = 100
+NOISE = 0.08  # relative, of the weights in `test_worse_weights_fail`
+
+Encode = Callable[[Views], bytes]
+Decode = Callable[[bytes], fecocodec.Gaussians]
 
 
 @dataclass(frozen=True)
@@ -87,54 +99,76 @@ def drawn_scene(name: str) -> Scene:
     return Scene(name, sample.views, sample.depth)
 
 
-def decoded_by_command(stream: Path) -> fecocodec.Gaussians:
+def decoded_by_command(data: bytes) -> fecocodec.Gaussians:
     """Gaussians of the PLY that `fecosplat decode` writes."""
-    ply = stream.with_suffix(".ply")
-    result = CliRunner().invoke(command_line, ["decode", str(stream), "-o", str(ply)])
-    assert result.exit_code == 0, result.output
-    return fecocodec.read_ply(ply)
+    with TemporaryDirectory() as folder:
+        stream, ply = Path(folder) / "scene.fcs", Path(folder) / "scene.ply"
+        stream.write_bytes(data)
+        result = CliRunner().invoke(command_line, ["decode", str(stream), "-o", str(ply)])
+        assert result.exit_code == 0, result.output
+        return fecocodec.read_ply(ply)
 
 
-def measure(name: str, folder: Path) -> Measured:
-    """Encode, decode and render one scene; its files go to `folder`."""
-    scene = bundled_scene() if name == "motorcycle" else drawn_scene(name)
-    data = fecocodec.encode(scene.views.select(list(range(NUM_CONTEXT))), lmbda=LMBDA)
-    stream = folder / "scene.fcs"
-    stream.write_bytes(data)
+def measure(scene: Scene, encode: Encode, decode: Decode) -> Measured:
+    """Encode the context views of a scene, decode the file, and render all views."""
+    data = encode(scene.views.select(list(range(NUM_CONTEXT))))
     with torch.no_grad():
-        rendering = render(decoded_by_command(stream), scene.views.cameras, scene.views.image_size)
+        rendering = render(decode(data), scene.views.cameras, scene.views.image_size)
     return Measured(scene, len(data), rendering)
 
 
-@pytest.fixture(scope="module", params=MOST_BYTES)
-def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Measured:
-    return measure(request.param, tmp_path_factory.mktemp("shipped"))
+def measure_shipped(name: str) -> Measured:
+    """Measure the shipped weights on a scene, with `encode` and `fecosplat decode`."""
+    scene = bundled_scene() if name == "motorcycle" else drawn_scene(name)
+    return measure(scene, partial(fecocodec.encode, lmbda=LMBDA), decoded_by_command)
+
+
+def failures(measured: Measured) -> set[str]:
+    """Return the names of the bounds that a measurement violates."""
+    name = measured.scene.name
+    context, target = measured.view_psnr[:NUM_CONTEXT], measured.view_psnr[NUM_CONTEXT:]
+    is_within = {
+        "bytes": measured.num_bytes <= MOST_BYTES[name],
+        "context": float(context.mean()) >= LEAST_CONTEXT_PSNR[name],
+        "target": len(target) == 0 or float(target.mean()) >= LEAST_TARGET_PSNR[name],
+        "depth": measured.depth_error <= LARGEST_DEPTH_ERROR[name],
+    }
+    return {bound for bound, is_kept in is_within.items() if not is_kept}
 
 
 @pytest.mark.timeout(600)
-def test_file_is_small(measured: Measured) -> None:
-    assert measured.num_bytes <= MOST_BYTES[measured.scene.name]
+@pytest.mark.parametrize("name", MOST_BYTES)
+def test_shipped_weights_keep_all_bounds(name: str) -> None:
+    assert failures(measure_shipped(name)) == set()
 
 
+def perturb(network: nn.Module, noise: float) -> None:
+    """Multiply every weight by 1 + noise * a standard normal number, in place."""
+    generator = torch.Generator().manual_seed(0)
+    for parameter in network.parameters():
+        parameter.mul_(1 + noise * torch.randn(parameter.shape, generator=generator))
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_context_views_look_like_the_photographs(measured: Measured) -> None:
-    assert float(measured.view_psnr[:NUM_CONTEXT].mean()) >= LEAST_CONTEXT_PSNR[measured.scene.name]
-
-
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("measured", LEAST_TARGET_PSNR, indirect=True)  # the bundled scene has no target view
-def test_target_views_look_like_the_scene(measured: Measured) -> None:
-    assert float(measured.view_psnr[NUM_CONTEXT:].mean()) >= LEAST_TARGET_PSNR[measured.scene.name]
-
-
-@pytest.mark.timeout(600)
-def test_decoded_depth_is_near_the_ground_truth(measured: Measured) -> None:
-    assert measured.depth_error <= LARGEST_DEPTH_ERROR[measured.scene.name]
+@pytest.mark.parametrize("end", ["sender", "receiver"])
+@torch.no_grad()
+def test_worse_weights_fail(end: str) -> None:
+    """With compact-2, a perturbed sender takes 1.6% more bytes and loses 0.52 dB at target views, a perturbed receiver
+    (at both ends) 6.8% and 0.28 dB.
+    """
+    codec = copy.deepcopy(load_codec(model_folder(None), "cpu"))
+    perturb(codec.sender if end == "sender" else codec.receiver, NOISE)
+    measured = measure(
+        drawn_scene("drawn 1"),
+        lambda views: encode_with(codec, views, quantise_lambda(LMBDA)),
+        lambda data: decode_with(codec.receiver, data).gaussians,
+    )
+    assert failures(measured) & {"bytes", "target"}
 
 
 if __name__ == "__main__":
     for name in MOST_BYTES:
-        with TemporaryDirectory() as folder:
-            result = measure(name, Path(folder))
+        result = measure_shipped(name)
         context, target = result.view_psnr[:NUM_CONTEXT].mean(), result.view_psnr[NUM_CONTEXT:].mean()
         print(f"{name}: {result.num_bytes} bytes, {context:.2f} dB, {target:.2f} dB, depth {result.depth_error:.4f}")

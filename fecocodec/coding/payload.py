@@ -8,10 +8,10 @@ import torch
 from jaxtyping import Float, Int32
 from torch import Tensor
 
+from fecocodec.coding.coding_order import FACTOR_32, in_layout, scan_latents, split_partitions
 from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
 from fecocodec.coding.symbol_choice import PriceOfBits, choose_symbols, price_of_bits
-from fecocodec.coding.walk import FACTOR_32, in_layout, split_partitions, walk_latents
 from fecocodec.entropy.digest import symbol_digest
 from fecocodec.entropy.symbol_coders import SymbolCoder, SymbolReader, SymbolWriter
 from fecocodec.errors import InputError
@@ -113,6 +113,6 @@ def code_latents(
     lambdas = torch.full((views,), lambda_q, device=device)
     condition_q8, price_of_item = condition_vector(lambdas, stage).double(), price(lambdas, stage)
     context_q8 = None if context_y_hat is None else context_y_hat.to(device, torch.float64) * ONE_Q8
-    walked = walk_latents(prior, condition_q8, (size[0], size[1]), context_q8, exchange)
+    latents = scan_latents(prior, condition_q8, (size[0], size[1]), context_q8, exchange)
     # Values below 2^16 in magnitude are exact in float32; only those of extreme symbols are rounded here.
-    return CodedLatents(tuple(symbols), (walked.y_hat_q8 / ONE_Q8).float(), (walked.z_hat_q8 / ONE_Q8).float())
+    return CodedLatents(tuple(symbols), (latents.y_hat_q8 / ONE_Q8).float(), (latents.z_hat_q8 / ONE_Q8).float())

@@ -7,14 +7,21 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from fecocodec.coding.coding_order import in_layout, scan_latents, split_partitions
 from fecocodec.coding.fixed_point import ONE_Q8, clamp_through, round_through
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
 from fecocodec.coding.symbol_choice import choose_symbols, price_of_bits, symbol_bits
-from fecocodec.coding.walk import in_layout, split_partitions, walk_latents
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES, SYMBOL_LIMIT
 
 Softening = Callable[[Float[Tensor, "*shape"]], Float[Tensor, "*shape"]]
 """Differentiable replacement of rounding in the rate: `uniform_noise()` or `straight_through`."""
+
+Surrogate = Callable[[Tensor, EntropyParameters, Tensor], tuple[Tensor, Tensor]]
+"""(residuals, entropy parameters, price) -> symbols and their estimated bits, both differentiable.
+
+residuals: latents minus the predicted means. price: of a bit, see `price_of_bits`. Made by `rounding` or
+`additive_noise`.
+"""
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,40 @@ def straight_through(residual: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape
     return round_through(residual, -SYMBOL_LIMIT, SYMBOL_LIMIT)
 
 
+def rounding(soften: Softening) -> Surrogate:
+    """Return the surrogate that chooses the symbols of the bitstream, with straight-through gradients.
+
+    The symbols and the value of the bits do not depend on `soften`, only the gradient of the bits does.
+    """
+
+    def choose(residual: Tensor, parameters: EntropyParameters, price: Tensor) -> tuple[Tensor, Tensor]:
+        index = clamp_through(parameters.table_position(), 0, NUM_TABLES - 1)
+        skipped = index.detach() < FIRST_CODED_TABLE - 0.5
+        symbols = choose_symbols(residual, index, price) + (residual - residual.detach())
+        # The scale gets its gradient from the bits of the symbols that are sent, latent and mean from the softened
+        # ones. Scales trained on noise stay too wide where nearly all symbols are zero, so that every zero costs bits.
+        sent, softened = symbol_bits(
+            torch.stack((symbols.detach(), soften(residual))), torch.stack((index, index.detach()))
+        )
+        bits = sent + (softened - softened.detach())
+        return _zero_through(symbols, skipped), _zero_through(bits, skipped)
+
+    return choose
+
+
+def additive_noise(noise: Softening) -> Surrogate:
+    """Return the surrogate of the paper's training: noisy values in place of symbols (Ballé et al., ICLR 2018).
+
+    Values that streams do not code, because their scale is small, get noise and bits too. noise: `uniform_noise()`.
+    """
+
+    def add_noise(residual: Tensor, parameters: EntropyParameters, _price: Tensor) -> tuple[Tensor, Tensor]:
+        noisy = noise(residual)
+        return noisy, symbol_bits(noisy, clamp_through(parameters.table_position(), 0, NUM_TABLES - 1))
+
+    return add_noise
+
+
 def estimate_latents(
     prior: LatentPrior,
     y: Float[Tensor, "item latent height_8 width_8"],
@@ -48,93 +89,41 @@ def estimate_latents(
     lambda_q: Int[Tensor, " item"],
     stage: int,
     context_y_hat: Float[Tensor, "item latent height_8 width_8"] | None,
-    soften: Softening,
+    surrogate: Surrogate,
 ) -> LatentEstimate:
     """Quantise latents and estimate their bits per item (a view of a scene); differentiable in all inputs.
 
-    The value of the estimate does not depend on `soften`, only its gradient does; it differs from the size of the
-    payload by a fraction of a percent.
+    With `rounding`, the estimate differs from the size of the payload by a fraction of a percent. With
+    `additive_noise`, y_hat and z_hat are the noisy latents.
 
     lambda_q: quantised lambda of the stage, one per item. stage: 1 or 2. context_y_hat: y_hat of stage 1 in stage 2,
     else None.
     """
-    meter = _Meter(split_partitions(y.float(), z.float()), price_of_bits(lambda_q, stage), soften)
-    return _estimate(prior, meter, (z.shape[2], z.shape[3]), lambda_q, stage, context_y_hat)
-
-
-def estimate_noisy_latents(
-    prior: LatentPrior,
-    y: Float[Tensor, "item latent height_8 width_8"],
-    z: Float[Tensor, "item hyper height_32 width_32"],
-    lambda_q: Int[Tensor, " item"],
-    stage: int,
-    context_y_hat: Float[Tensor, "item latent height_8 width_8"] | None,
-    noise: Softening,
-) -> LatentEstimate:
-    """Add noise to latents, and estimate the bits of the noisy values (Ballé et al., ICLR 2018): the paper's training.
-
-    y_hat and z_hat are the noisy latents. noise: `uniform_noise()`. Other arguments as for `estimate_latents`.
-    """
-    meter = _NoisyMeter(split_partitions(y.float(), z.float()), noise)
-    return _estimate(prior, meter, (z.shape[2], z.shape[3]), lambda_q, stage, context_y_hat)
-
-
-def _estimate(
-    prior: LatentPrior,
-    meter: "_Meter | _NoisyMeter",
-    size_32: tuple[int, int],
-    lambda_q: Int[Tensor, " item"],
-    stage: int,
-    context_y_hat: Float[Tensor, "item latent height_8 width_8"] | None,
-) -> LatentEstimate:
+    meter = _Meter(split_partitions(y.float(), z.float()), price_of_bits(lambda_q, stage), surrogate)
     context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
-    walked = walk_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
+    size_32 = (z.shape[2], z.shape[3])
+    latents = scan_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
     bits_z, *bits_y = meter.bits
     return LatentEstimate(
-        y_hat=walked.y_hat_q8 / ONE_Q8,
-        z_hat=walked.z_hat_q8 / ONE_Q8,
+        y_hat=latents.y_hat_q8 / ONE_Q8,
+        z_hat=latents.z_hat_q8 / ONE_Q8,
         bits_y=torch.stack([bits.sum(dim=(0, 2, 3, 4)) for bits in bits_y]).sum(dim=0),
         bits_z=bits_z.sum(dim=(1, 2, 3)),
     )
 
 
 class _Meter:
-    """Replaces the symbol coder: chooses symbols, with straight-through gradients, and records estimated bits."""
+    """Replaces the symbol coder: quantises by a surrogate and records estimated bits."""
 
-    def __init__(self, partitions: list[Tensor], price: Float[Tensor, " item"], soften: Softening) -> None:
-        self.partitions, self.price, self.soften = partitions, price, soften
+    def __init__(self, partitions: list[Tensor], price: Float[Tensor, " item"], surrogate: Surrogate) -> None:
+        self.partitions, self.price, self.surrogate = partitions, price, surrogate
         self.bits: list[Tensor] = []
 
     def exchange(self, partition: int, parameters: EntropyParameters) -> Tensor:
         residual = self.partitions[partition] - parameters.mean_q8 / ONE_Q8
-        index = clamp_through(parameters.table_position(), 0, NUM_TABLES - 1)
-        skipped = index.detach() < FIRST_CODED_TABLE - 0.5
-        chosen = choose_symbols(residual, index, in_layout(self.price, partition))
-        symbols = chosen + (residual - residual.detach())
-        # The scale gets its gradient from the bits of the symbols that are sent, latent and mean from the softened
-        # ones. Scales trained on noise stay too wide where nearly all symbols are zero, so that every zero costs bits.
-        sent, softened = symbol_bits(
-            torch.stack((symbols.detach(), self.soften(residual))), torch.stack((index, index.detach()))
-        )
-        bits = sent + (softened - softened.detach())
-        self.bits.append(_zero_through(bits, skipped))
-        return _zero_through(symbols, skipped) * ONE_Q8 + parameters.mean_q8
-
-
-class _NoisyMeter:
-    """Replaces the symbol coder: adds noise to each value, and records the estimated bits of the noisy values.
-
-    Values that streams do not code, because their scale is small, get noise and bits too.
-    """
-
-    def __init__(self, partitions: list[Tensor], noise: Softening) -> None:
-        self.partitions, self.noise = partitions, noise
-        self.bits: list[Tensor] = []
-
-    def exchange(self, partition: int, parameters: EntropyParameters) -> Tensor:
-        noisy = self.noise(self.partitions[partition] - parameters.mean_q8 / ONE_Q8)
-        self.bits.append(symbol_bits(noisy, clamp_through(parameters.table_position(), 0, NUM_TABLES - 1)))
-        return noisy * ONE_Q8 + parameters.mean_q8
+        symbols, bits = self.surrogate(residual, parameters, in_layout(self.price, partition))
+        self.bits.append(bits)
+        return symbols * ONE_Q8 + parameters.mean_q8
 
 
 def _zero_through(x: Tensor, mask: Tensor) -> Tensor:

@@ -5,7 +5,7 @@ from fecocodec.container.coverage import coverage_grid
 from fecocodec.container.header import CURRENT_VERSION, EXCESS_UNIT, FormatVersion, Header
 from fecocodec.container.header_bytes import SIGNATURE, read_header
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
-from fecocodec.container.lagrangian import (
+from fecocodec.container.lambda_quantisation import (
     LAMBDA_MAX,
     LAMBDA_MIN,
     LAMBDA_Q_MAX,

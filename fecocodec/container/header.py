@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from fecocodec.container.lagrangian import LAMBDA_MIN, LAMBDA_Q_MAX, STEPS_PER_E
+from fecocodec.container.lambda_quantisation import LAMBDA_MIN, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import BitstreamError
 from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE, grid_side
+from fecocodec.model_files import MODEL_ID_BYTES
 
-MODEL_ID_BYTES = 8
 DIGEST_BYTES = 8
 MAX_SECTIONS = 16
 EXCESS_UNIT = 2  # in steps of lambda_q: the largest offset, 255 units, is a factor of 7.3 in lambda

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from fecocodec.container.camera_rules import check_cameras
+from fecocodec.container.camera_validation import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
 from fecocodec.container.coverage import pack_coverage, unpack_coverage
 from fecocodec.container.header import MAX_SECTIONS, Header

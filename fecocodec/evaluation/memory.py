@@ -10,7 +10,7 @@ import torch
 _PROCESS = Path("/proc/self")
 
 
-def give_back_freed_memory() -> None:
+def return_freed_memory() -> None:
     """Return freed heap memory to the operating system, so that it does not count in the next peak (glibc only)."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.memory import forget_peak, give_back_freed_memory, peak_mib
+from fecocodec.evaluation.memory import forget_peak, peak_mib, return_freed_memory
 from fecocodec.evaluation.stress.box_room import Room, painted, photograph
 from fecocodec.evaluation.stress.camera_paths import along_a_line
 from fecocodec.receiver.decode import decode_with
@@ -36,7 +36,7 @@ def measure_load(codec: Codec, num_views: int, side: int) -> Load:
     poses = along_a_line(num_views)[:num_views]
     views = photograph(Room(painted), poses, (side, side))
     lambda_q, pixels = quantise_lambda(LAMBDA), num_views * side * side
-    give_back_freed_memory()  # of a previous, larger measurement
+    return_freed_memory()  # of a previous, larger measurement
     forget_peak()
     encode_seconds, decode_seconds = [], []
     for _ in range(REPEATS if pixels < REPEAT_BELOW else 1):

@@ -8,7 +8,7 @@ The frame is that of the uncompressed PLY.
 import numpy as np
 from jaxtyping import Float, UInt32
 
-from fecocodec.formats.gaussian_arrays import GaussianArrays, without_largest
+from fecocodec.formats.gaussian_arrays import OutputGaussians, without_largest
 from fecocodec.formats.kd_order import kd_order
 
 CHUNK = 256
@@ -24,7 +24,7 @@ _BOUNDS = [
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 
 
-def compressed_ply_bytes(gaussians: GaussianArrays) -> bytes:
+def compressed_ply_bytes(gaussians: OutputGaussians) -> bytes:
     """Return the bytes of the file. The Gaussians are reordered such that the bounds of a chunk are tight."""
     gaussians = gaussians.ordered(kd_order(gaussians.means, CHUNK))
     colour = 0.5 + _SH_DEGREE_0 * gaussians.harmonics[:, 0]

@@ -7,24 +7,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fecocodec.errors import OutputError
+from fecocodec.geometry.gaussian_arrays import GaussianArrays
 
 OPACITY_MARGIN = 1e-6  # opacities 0 and 1 have no finite logit; they are stored this far inside
 RDF_TO_RUB = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV axes (right, down, forward) to OpenGL axes (right, up, backward)
 
 
 @dataclass(frozen=True)
-class GaussianArrays:
-    """3D Gaussians of one scene in float64. Fields and conventions are those of `geometry.gaussians.Gaussians`."""
-
-    means: Float[np.ndarray, "n 3"]
-    scales: Float[np.ndarray, "n 3"]
-    rotations: Float[np.ndarray, "n 4"]
-    opacities: Float[np.ndarray, " n"]
-    harmonics: Float[np.ndarray, "n d_sh 3"]
-
-    @property
-    def count(self) -> int:
-        return len(self.means)
+class OutputGaussians(GaussianArrays):
+    """Gaussians in float64, in the parametrisations of output files."""
 
     @property
     def sh_degree(self) -> int:
@@ -40,11 +31,11 @@ class GaussianArrays:
         inside = np.clip(self.opacities, OPACITY_MARGIN, 1 - OPACITY_MARGIN)
         return np.log(inside) - np.log1p(-inside)
 
-    def ordered(self, order: Int[np.ndarray, " n"]) -> "GaussianArrays":
+    def ordered(self, order: Int[np.ndarray, " n"]) -> "OutputGaussians":
         """Return the Gaussians in another order."""
-        return GaussianArrays(*(field[order] for field in self.fields()))
+        return OutputGaussians(*(field[order] for field in self.fields()))
 
-    def transformed(self, pose: Float[np.ndarray, "4 4"]) -> "GaussianArrays":
+    def transformed(self, pose: Float[np.ndarray, "4 4"]) -> "OutputGaussians":
         """Return the Gaussians in another frame. pose: rigid transform from the old frame to the new one.
 
         Raises OutputError for harmonics above degree 1, whose rotation is not implemented.
@@ -52,16 +43,13 @@ class GaussianArrays:
         if self.sh_degree > 1:
             raise OutputError("the frame of harmonics above degree 1 cannot be changed; write them in their own frame.")
         rotation = pose[:3, :3]
-        return GaussianArrays(
+        return OutputGaussians(
             self.means @ rotation.T + pose[:3, 3],
             self.scales,
             _multiply(_quaternion(rotation), self.rotations),
             self.opacities,
             _rotated_harmonics(self.harmonics, rotation),
         )
-
-    def fields(self) -> tuple[np.ndarray, ...]:
-        return self.means, self.scales, self.rotations, self.opacities, self.harmonics
 
 
 @dataclass(frozen=True)
@@ -82,12 +70,12 @@ class CameraArrays:
         return CameraArrays(pose @ self.extrinsics, self.intrinsics, self.near, self.far, self.image_size)
 
 
-def gaussian_arrays(gaussians: Any, place: str) -> GaussianArrays:
+def gaussian_arrays(gaussians: Any, place: str) -> OutputGaussians:
     """Convert Gaussians whose fields are CPU tensors or arrays, and check that files can represent them.
 
     Raises OutputError, which begins with `place`, if a value is not finite in float32 or out of range.
     """
-    arrays = GaussianArrays(*(_float64(field) for field in gaussians.fields()))
+    arrays = OutputGaussians(*(_float64(field) for field in gaussians.fields()))
     require_values(place, "opacities", "in [0, 1]", (arrays.opacities >= 0) & (arrays.opacities <= 1))
     require_values(place, "scales", "above 0", arrays.scales > 0)
     with np.errstate(over="ignore"):

@@ -7,7 +7,7 @@ import numpy as np
 from fecocodec.errors import OutputError
 from fecocodec.formats.atomic import write_atomically
 from fecocodec.formats.compressed_ply import compressed_ply_bytes
-from fecocodec.formats.gaussian_arrays import CameraArrays, GaussianArrays
+from fecocodec.formats.gaussian_arrays import CameraArrays, OutputGaussians
 from fecocodec.formats.glb import glb_bytes
 from fecocodec.formats.html_page import html_page_bytes
 from fecocodec.formats.input_file import StrPath
@@ -17,7 +17,7 @@ from fecocodec.formats.spz import SpzVersion, spz_bytes
 
 def write_gaussians(
     path: StrPath,
-    gaussians: GaussianArrays,
+    gaussians: OutputGaussians,
     cameras: CameraArrays | None = None,
     *,
     spz_version: SpzVersion = 4,
@@ -36,7 +36,7 @@ def write_gaussians(
 
 
 def gaussian_bytes(
-    path: Path, gaussians: GaussianArrays, cameras: CameraArrays | None, spz_version: SpzVersion
+    path: Path, gaussians: OutputGaussians, cameras: CameraArrays | None, spz_version: SpzVersion
 ) -> bytes:
     """Return the bytes of the file that `write_gaussians` writes."""
     name = path.name.lower()
@@ -56,7 +56,7 @@ def gaussian_bytes(
     return glb_bytes(gaussians, cameras) if name.endswith(".glb") else ply_bytes(gaussians, str(path))
 
 
-def in_frame_of_first_camera(gaussians: GaussianArrays, cameras: CameraArrays) -> tuple[GaussianArrays, CameraArrays]:
+def in_frame_of_first_camera(gaussians: OutputGaussians, cameras: CameraArrays) -> tuple[OutputGaussians, CameraArrays]:
     """Move the first camera to the origin, with the axes of the world: +X right, +Y down, +Z forward in .ply files."""
     world_to_camera = np.linalg.inv(cameras.extrinsics[0])
     return gaussians.transformed(world_to_camera), cameras.transformed(world_to_camera)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.formats.gaussian_arrays import RDF_TO_RUB, CameraArrays, GaussianArrays
+from fecocodec.formats.gaussian_arrays import RDF_TO_RUB, CameraArrays, OutputGaussians
 
 _EXTENSION = "KHR_gaussian_splatting"
 _FLOAT, _UNSIGNED_BYTE, _ARRAY_BUFFER, _POINTS = 5126, 5121, 34962, 0
@@ -18,7 +18,7 @@ _KIND_OF_WIDTH = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 _SH_DEGREE_0 = 0.28209479177387814
 
 
-def glb_bytes(gaussians: GaussianArrays, cameras: CameraArrays | None) -> bytes:
+def glb_bytes(gaussians: OutputGaussians, cameras: CameraArrays | None) -> bytes:
     """Return the bytes of the file. gaussians, cameras: in the frame of the PLY file (RDF axes).
 
     Cameras become glTF cameras, which have no principal point: it is taken to be the centre of the image.
@@ -50,7 +50,7 @@ def glb_bytes(gaussians: GaussianArrays, cameras: CameraArrays | None) -> bytes:
     return struct.pack("<3I", 0x46546C67, 2, 12 + len(chunks)) + chunks
 
 
-def _attributes(gaussians: GaussianArrays) -> dict[str, np.ndarray]:
+def _attributes(gaussians: OutputGaussians) -> dict[str, np.ndarray]:
     harmonics = {
         f"{_EXTENSION}:SH_DEGREE_{degree}_COEF_{index}": gaussians.harmonics[:, degree**2 + index]
         for degree in range(gaussians.sh_degree + 1)

@@ -9,12 +9,12 @@ import json
 
 import numpy as np
 
-from fecocodec.formats.gaussian_arrays import CameraArrays, GaussianArrays
+from fecocodec.formats.gaussian_arrays import CameraArrays, OutputGaussians
 from fecocodec.formats.spz import spz_bytes
 from fecocodec.formats.viewer_files import scene_page
 
 
-def html_page_bytes(gaussians: GaussianArrays, cameras: CameraArrays, name: str, place: str) -> bytes:
+def html_page_bytes(gaussians: OutputGaussians, cameras: CameraArrays, name: str, place: str) -> bytes:
     """Return the bytes of the page. name: of the scene, shown in the page.
 
     Raises OutputError, which begins with `place`, if SPZ cannot hold the Gaussians, or if the viewer was not built.

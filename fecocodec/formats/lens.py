@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.container.camera_rules import MAX_FOCAL, MAX_PRINCIPAL_POINT, MIN_FOCAL
+from fecocodec.container.camera_validation import MAX_FOCAL, MAX_PRINCIPAL_POINT, MIN_FOCAL
 from fecocodec.errors import InputError
 
 MAX_SIDE_PX = 10**6  # largest image side in a camera file

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int, UInt8
 from PIL import Image
 
 from fecocodec.formats.codebooks import nearest_in_codebook, palette, scalar_codebook
-from fecocodec.formats.gaussian_arrays import GaussianArrays, without_largest
+from fecocodec.formats.gaussian_arrays import OutputGaussians, without_largest
 from fecocodec.formats.kd_order import kd_order
 
 MAX_PALETTE = 1 << 16
@@ -25,7 +25,7 @@ _GAUSSIANS_PER_ENTRY = 2  # of the palette
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # equal input gives equal bytes
 
 
-def sog_bytes(gaussians: GaussianArrays) -> bytes:
+def sog_bytes(gaussians: OutputGaussians) -> bytes:
     """Return the bytes of the file. The Gaussians are reordered such that neighbouring pixels are alike."""
     gaussians = gaussians.ordered(kd_order(gaussians.means, _RUN))
     images: dict[str, UInt8[np.ndarray, "height width 4"]] = {}
@@ -54,7 +54,7 @@ def _add_means(images: dict[str, np.ndarray], means: Float[np.ndarray, "n 3"]) -
     return {"mins": low.tolist(), "maxs": high.tolist(), "files": ["means_l.webp", "means_u.webp"]}
 
 
-def _add_harmonics(images: dict[str, np.ndarray], gaussians: GaussianArrays) -> dict[str, Any]:
+def _add_harmonics(images: dict[str, np.ndarray], gaussians: OutputGaussians) -> dict[str, Any]:
     """Add the palette of the harmonics above degree 0 and the entry of each Gaussian; return their description."""
     rest = gaussians.harmonics[:, 1:].reshape(gaussians.count, -1)
     size = min(MAX_PALETTE, -(-gaussians.count // _GAUSSIANS_PER_ENTRY))

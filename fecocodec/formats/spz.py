@@ -14,7 +14,7 @@ import zstandard
 from jaxtyping import Float, UInt8
 
 from fecocodec.errors import OutputError
-from fecocodec.formats.gaussian_arrays import RDF_TO_RUB, GaussianArrays, without_largest
+from fecocodec.formats.gaussian_arrays import RDF_TO_RUB, OutputGaussians, without_largest
 
 SpzVersion = Literal[3, 4]
 _MAGIC = 0x5053474E
@@ -25,7 +25,7 @@ _COLOUR_SCALE = 0.15
 _ZSTD_LEVEL = 19
 
 
-def spz_bytes(gaussians: GaussianArrays, place: str, version: SpzVersion = 4) -> bytes:
+def spz_bytes(gaussians: OutputGaussians, place: str, version: SpzVersion = 4) -> bytes:
     """Return the bytes of the file. gaussians: in the frame of the PLY file (RDF axes).
 
     The number of fractional bits of the positions is the largest that holds the farthest coordinate.
@@ -45,7 +45,7 @@ def spz_bytes(gaussians: GaussianArrays, place: str, version: SpzVersion = 4) ->
     return header + sizes + b"".join(frames)
 
 
-def _streams(gaussians: GaussianArrays, fractional_bits: int) -> list[bytes]:
+def _streams(gaussians: OutputGaussians, fractional_bits: int) -> list[bytes]:
     """Return the bytes of each attribute in the order of the format."""
     fixed = np.round(gaussians.means * 2.0**fractional_bits).astype("<i4")
     position = fixed.reshape(-1, 1).view(np.uint8)[:, : _POSITION_BITS // 8]

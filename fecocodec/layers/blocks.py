@@ -92,6 +92,31 @@ class AdaptiveNorm(nn.Module):
         return torch.addcmul(beta, self.norm(x), 1.0 + gamma)
 
 
+class PointwiseConv2d(nn.Conv2d):
+    """1x1 convolution of stride 1, computed by `pointwise`."""
+
+    def __init__(self, in_channels: int, out_channels: int) -> None:
+        super().__init__(in_channels, out_channels, 1)
+
+    def forward(self, x: Float[Tensor, "item input h w"]) -> Float[Tensor, "item channel h w"]:
+        return pointwise(x, self.weight, self.bias)
+
+
+def pointwise(
+    x: Float[Tensor, "item input h w"],
+    weight: Float[Tensor, "channel input 1 1"],
+    bias: Float[Tensor, " channel"] | None = None,
+) -> Float[Tensor, "item channel h w"]:
+    """Return the 1x1 convolution of x as a matrix product.
+
+    The 1x1 convolutions of oneDNN sum in an order that depends on the number of threads; matrix products of these sizes
+    do not, and have the bits of oneDNN with one thread. Exported graphs have a convolution, which is faster there.
+    """
+    if torch.compiler.is_exporting():
+        return F.conv2d(x, weight, bias)
+    return F.linear(x.permute(0, 2, 3, 1), weight.flatten(1), bias).permute(0, 3, 1, 2)
+
+
 class Block2d(nn.Module):
     """x -> AdaLN(condition) -> 3x3 conv -> GELU -> 1x1 conv -> + x: the codec's 2D block.
 
@@ -105,14 +130,14 @@ class Block2d(nn.Module):
         self.is_residual_branch = is_residual_branch
         self.norm = AdaptiveNorm(channels)
         self.spatial = nn.Conv2d(channels, hidden, 3, padding=1)
-        self.pointwise = nn.Conv2d(hidden, channels, 1)
+        self.pointwise = PointwiseConv2d(hidden, channels)
 
     def forward(
         self, x: Float[Tensor, "item channel h w"], condition: RateCondition
     ) -> Float[Tensor, "item channel h w"]:
         with residual_branch() if self.is_residual_branch else nullcontext():
             added = self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
-        return added.add_(x)
+        return added + x
 
 
 class PlainBlock2d(nn.Module):
@@ -122,7 +147,7 @@ class PlainBlock2d(nn.Module):
         super().__init__()
         self.norm = ChannelNorm()
         self.spatial = nn.Conv2d(channels, hidden, 3, padding=1)
-        self.pointwise = nn.Conv2d(hidden, channels, 1)
+        self.pointwise = PointwiseConv2d(hidden, channels)
 
     def forward(self, x: Float[Tensor, "item channel h w"]) -> Float[Tensor, "item channel h w"]:
         return self.pointwise(F.gelu(self.spatial(self.norm(x)), approximate="tanh")).add_(x)
@@ -149,7 +174,7 @@ def downsample(in_channels: int, out_channels: int) -> nn.Conv2d:
 
 def upsample(in_channels: int, out_channels: int) -> nn.Sequential:
     """Upsample by two: 1x1 convolution and pixel shuffle."""
-    return nn.Sequential(nn.Conv2d(in_channels, 4 * out_channels, 1), PixelShuffle())
+    return nn.Sequential(PointwiseConv2d(in_channels, 4 * out_channels), PixelShuffle())
 
 
 class PixelShuffle(nn.Module):

@@ -69,9 +69,9 @@ def confirmation_by(
     cameras: Cameras,
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return the confirmation of each Gaussian by the view `shift` places after its own."""
+    """Return the confirmation of each Gaussian by the view `shift` positions after its own."""
     index = others(cameras.num_views, shift, points.device)
     seen = compare(points, colour, surfaces.index_select(0, index), cameras_of(cameras, index))
     is_alike = 1.0 / (1.0 + (seen.squared_difference / config.free_space_colour).square())
-    agreement = torch.exp(-(seen.lead / config.free_space_lead).square()) * is_alike
-    return seen.is_seen * agreement
+    consistency = torch.exp(-(seen.lead / config.free_space_lead).square()) * is_alike
+    return seen.is_seen * consistency

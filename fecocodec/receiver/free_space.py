@@ -92,7 +92,7 @@ def violation_at(
     cameras: Cameras,
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return the violation against the surface of the view `shift` places after each Gaussian's own.
+    """Return the violation against the surface of the view `shift` positions after each Gaussian's own.
 
     surfaces: of `with_confirmation`. share: mean confirmation of each view; 1 for fewer than three views.
     """

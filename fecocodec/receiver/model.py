@@ -5,7 +5,7 @@ from torch import Tensor, nn
 
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.config import COMPACT, PAPER, ReceiverConfig
-from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians

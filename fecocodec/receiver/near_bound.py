@@ -31,7 +31,7 @@ def near_bound_violation(
 def near_bound_violation_at(
     shift: int | Tensor, points: Float[Tensor, "view 3 h2 w2"], cameras: Cameras, config: ReceiverConfig
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return the violation of the near bound of the view `shift` places after each Gaussian's own."""
+    """Return the violation of the near bound of the view `shift` positions after each Gaussian's own."""
     margin = config.near_bound_margin
     cameras_there = cameras_of(cameras, others(cameras.num_views, shift, points.device))
     uv, depth, _ = project(cameras_there, points)

@@ -13,7 +13,15 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
-from fecocodec.layers.blocks import Block2d, RateCondition, downsample, pixel_shuffle, residual_branch, upsample
+from fecocodec.layers.blocks import (
+    Block2d,
+    PointwiseConv2d,
+    RateCondition,
+    downsample,
+    pixel_shuffle,
+    residual_branch,
+    upsample,
+)
 from fecocodec.receiver.free_space import free_space_violation
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
@@ -80,7 +88,7 @@ class Predictor(nn.Module):
             fine, config.attention_channels, config.num_neighbours, config.neighbour_fade
         )
         per_cell = config.gaussians_per_side**2
-        first, last = nn.Conv2d(fine, fine, 1), nn.Conv2d(fine, per_cell * sum(RAW.values()), 1)
+        first, last = PointwiseConv2d(fine, fine), PointwiseConv2d(fine, per_cell * sum(RAW.values()))
         self.head = nn.Sequential(first, nn.GELU(approximate="tanh"), last)
         nn.init.normal_(last.weight, std=0.02)
         nn.init.constant_(last.get_parameter("bias"), 0.0)

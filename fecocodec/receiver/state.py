@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
-from fecocodec.layers.blocks import Block2d, RateCondition
+from fecocodec.layers.blocks import Block2d, PointwiseConv2d, RateCondition, pointwise
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class StateUpdate(nn.Module):
         super().__init__()
         channels = config.state_channels
         self.initial_state = nn.Parameter(0.02 * torch.randn(1, channels, 1, 1))
-        self.join = nn.Conv2d(2 * channels, channels, 1)
+        self.join = PointwiseConv2d(2 * channels, channels)
         self.block = Block2d(channels, config.fine_hidden)
 
     def start(self, num_items: int, height4: int, width4: int) -> Float[Tensor, "item channel h4 w4"]:
@@ -39,10 +38,12 @@ class StateUpdate(nn.Module):
         features: Float[Tensor, "item channel h4 w4"],
         condition: RateCondition,
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """Return the next state. A state of spatial size 1x1 (`start(n, 1, 1)`) is broadcast to all positions.
+        """Return the next state. A state of spatial size 1x1 must be `start(n, 1, 1)`, the same for all items.
 
         The 1x1 convolution of the concatenation is computed as a sum of two, which avoids the copy.
         """
+        if state.shape[-2:] == (1, 1):
+            state = state[:1]
         of_state, of_features = self.join.weight.chunk(2, dim=1)
-        joined = F.conv2d(features, of_features, self.join.bias).add_(F.conv2d(state, of_state))
+        joined = pointwise(features, of_features, self.join.bias).add_(pointwise(state, of_state))
         return self.block(joined, condition)

@@ -93,7 +93,7 @@ def with_view(
     cameras: Cameras,
     config: ReceiverConfig,
 ) -> NormalEquations:
-    """Add the view `shift` places after each Gaussian's own. surfaces: of `surfaces_of`."""
+    """Add the view `shift` positions after each Gaussian's own. surfaces: of `surfaces_of`."""
     index = others(cameras.num_views, shift, points.device)
     judges = cameras_of(cameras, index)
     uv, depth, is_seen = project(judges, points)

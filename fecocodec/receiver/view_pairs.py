@@ -1,4 +1,4 @@
-"""Pairs of a view and another one of the same scene: all views at once, with the view `shift` places after each.
+"""Pairs of a view and another one of the same scene: all views at once, with the view `shift` positions after each.
 
 A loop over shifts from 1 visits every ordered pair of different views once.
 """
@@ -11,7 +11,7 @@ from fecocodec.geometry.cameras import Cameras
 
 
 def others(num_views: int, shift: int | Tensor, device: torch.device) -> Int64[Tensor, " view"]:
-    """Return the index of the view `shift` places after each view, cyclically."""
+    """Return the index of the view `shift` positions after each view, cyclically."""
     index = torch.arange(num_views, device=device) + shift
     return torch.where(index >= num_views, index - num_views, index)
 

@@ -8,13 +8,14 @@ import numpy as np
 
 from fecocodec.container import Header, IntactPart, Stages, Stream, check_pixels, check_symbol_digest, read_stages
 from fecocodec.errors import BitstreamError, InputError
+from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE, SIDE_MULTIPLE
 from fecocodec.merging.merge import MergingConfig
 from fecocodec.runtime.emission import EmissionConfig, emit, is_in_covered_cell
 from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.latents import Steps, decode_stage
 from fecocodec.runtime.prediction import LastState
-from fecocodec.runtime.scene import SceneCameras, SceneGaussians
+from fecocodec.runtime.scene import SceneCameras
 
 OnProgress = Callable[[str, float], None]  # (current task, fraction done)
 
@@ -23,7 +24,7 @@ OnProgress = Callable[[str, float], None]  # (current task, fraction done)
 class DecodedScene:
     """A decoded scene; the fields are those of `receiver.decode.Decoded`, with NumPy arrays."""
 
-    gaussians: SceneGaussians
+    gaussians: GaussianArrays
     cameras: SceneCameras
     image_size: tuple[int, int]
     stages: int

@@ -7,10 +7,11 @@ from jaxtyping import Bool
 
 from fecocodec.container import Header
 from fecocodec.container.coverage import CELL, coverage_grid
+from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.merging.merge import MergingConfig, merged_fields
 from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.prediction import LastState, Prediction, fitted_harmonics, poses_of, predict
-from fecocodec.runtime.scene import SceneCameras, SceneGaussians, normalise
+from fecocodec.runtime.scene import SceneCameras, normalise
 
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 GAUSSIANS_PER_SIDE = CELL // 2  # of a cell; there is one Gaussian per 2x2 pixels
@@ -31,7 +32,7 @@ def emit(
     cameras: SceneCameras,
     is_covered: Bool[np.ndarray, " n"] | None,
     config: EmissionConfig,
-) -> SceneGaussians:
+) -> GaussianArrays:
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`.
 
     cameras: of the context views, as stored in the stream. is_covered: mask of the Gaussians of the 1/2 grids, ordered
@@ -49,7 +50,7 @@ def emit(
         emitted = gaussians.keep(is_emitted)
     else:
         poses = (normalised.extrinsics, normalised.intrinsics)
-        emitted = SceneGaussians(
+        emitted = GaussianArrays(
             *merged_fields(gaussians.fields(), is_emitted, prediction.grid, *poses, config.merging)
         )
     if config.has_background:
@@ -65,12 +66,12 @@ def is_in_covered_cell(bits: bytes, header: Header) -> Bool[np.ndarray, " n"]:
 
 def _background(
     graphs: Graphs, prediction: Prediction, is_emitted: Bool[np.ndarray, " n"], cameras: SceneCameras
-) -> SceneGaussians:
+) -> GaussianArrays:
     """Return the background layer, with harmonics of degree 0."""
     poses = poses_of(cameras)
     opacities = prediction.opacities * is_emitted.reshape(prediction.opacities.shape)
     *fields, extended = graphs.run("background", **prediction.maps(), opacities=opacities, **poses)
-    candidates = SceneGaussians(*fields)
+    candidates = GaussianArrays(*fields)
     shapes = {"means": candidates.means, "scales": candidates.scales, "rotations": candidates.rotations}
     hidden = candidates.opacities > 0
     for view in range(cameras.num_views):
@@ -78,9 +79,9 @@ def _background(
     return candidates.keep(hidden)
 
 
-def _append(gaussians: SceneGaussians, layer: SceneGaussians) -> SceneGaussians:
+def _append(gaussians: GaussianArrays, layer: GaussianArrays) -> GaussianArrays:
     """Concatenate Gaussians and a layer of degree 0, whose higher harmonics are set to zero."""
     harmonics = np.zeros((layer.count, *gaussians.harmonics.shape[1:]), np.float32)
     harmonics[:, :1] = layer.harmonics
     added = replace(layer, harmonics=harmonics)
-    return SceneGaussians(*map(np.concatenate, zip(gaussians.fields(), added.fields(), strict=True)))
+    return GaussianArrays(*map(np.concatenate, zip(gaussians.fields(), added.fields(), strict=True)))

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int32
 
+from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.geometry.harmonics import SH_DEGREE_0
 from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.neighbours import nearest_neighbours
-from fecocodec.runtime.scene import SceneCameras, SceneGaussians
+from fecocodec.runtime.scene import SceneCameras
 
 POINTS_AT_ONCE = 4096  # points per block of attention, so that gathered keys and values take little memory
 
@@ -42,11 +43,11 @@ class Prediction:
         """Return the inputs that the steps over other views have in common."""
         return {"positions": self.positions, "colours": self.colours}
 
-    def gaussians(self) -> SceneGaussians:
+    def gaussians(self) -> GaussianArrays:
         """Return the Gaussians, ordered (view, row, column), with harmonics of degree 0."""
         means, colours = (np.moveaxis(x, 1, 3).reshape(-1, 3) for x in (self.positions, self.colours))
         harmonics = (colours[:, None] - np.float32(0.5)) / np.float32(SH_DEGREE_0)
-        return SceneGaussians(means, self.scales, self.rotations, self.opacities.reshape(-1), harmonics)
+        return GaussianArrays(means, self.scales, self.rotations, self.opacities.reshape(-1), harmonics)
 
 
 def predict(graphs: Graphs, last: LastState, cameras: SceneCameras) -> Prediction:

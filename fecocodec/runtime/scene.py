@@ -1,37 +1,16 @@
-"""Gaussians and cameras of a decoded scene as NumPy arrays, and the frame in which the networks work."""
+"""Cameras of a decoded scene as NumPy arrays, and the frame in which the networks work."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Float32, Float64
 
 from fecocodec.container import PackedCameras
+from fecocodec.geometry.gaussian_arrays import GaussianArrays
 
 CENTRE_STEPS = 2**13  # FORMAT.md, section 6.4
 RATIO_BITS = 11
-
-
-@dataclass(frozen=True)
-class SceneGaussians:
-    """3D Gaussians in float32; fields and conventions are those of `geometry.gaussians.Gaussians`."""
-
-    means: Float32[np.ndarray, "n 3"]
-    scales: Float32[np.ndarray, "n 3"]
-    rotations: Float32[np.ndarray, "n 4"]
-    opacities: Float32[np.ndarray, " n"]
-    harmonics: Float32[np.ndarray, "n d_sh 3"]
-
-    @property
-    def count(self) -> int:
-        return len(self.means)
-
-    def fields(self) -> tuple[np.ndarray, ...]:
-        return self.means, self.scales, self.rotations, self.opacities, self.harmonics
-
-    def keep(self, mask: Bool[np.ndarray, " n"]) -> "SceneGaussians":
-        """Return the Gaussians for which the mask is true, in the same order."""
-        return SceneGaussians(*(field[mask] for field in self.fields()))
 
 
 @dataclass(frozen=True)
@@ -67,11 +46,11 @@ class SceneFrame:
     origin: Float64[np.ndarray, "3"]
     scale: float
 
-    def to_world(self, gaussians: SceneGaussians) -> SceneGaussians:
+    def to_world(self, gaussians: GaussianArrays) -> GaussianArrays:
         """Return Gaussians of the normalised frame in the world frame and the unit of length of the cameras."""
         means = (gaussians.means.astype(np.float64) * self.scale + self.origin).astype(np.float32)
         scales = gaussians.scales * np.float32(self.scale)
-        return SceneGaussians(means, scales, gaussians.rotations, gaussians.opacities, gaussians.harmonics)
+        return GaussianArrays(means, scales, gaussians.rotations, gaussians.opacities, gaussians.harmonics)
 
 
 def normalise(cameras: SceneCameras) -> tuple[SceneCameras, SceneFrame]:

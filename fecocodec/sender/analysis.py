@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import CodecConfig, ReceiverConfig
-from fecocodec.layers.blocks import Block2d, BlockChain, RateCondition, downsample
+from fecocodec.layers.blocks import Block2d, BlockChain, PointwiseConv2d, RateCondition, downsample
 
 LARGEST_LATENT = 2.0**15  # far above trained latents; bounds the symbols of unusual inputs
 
@@ -17,7 +17,7 @@ class Analysis(nn.Module):
     def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:
         super().__init__()
         channels, width = receiver.state_channels, sender.analysis_channels
-        self.join = nn.Conv2d(2 * channels, channels, 1)
+        self.join = PointwiseConv2d(2 * channels, channels)
         self.fine = Block2d(channels, sender.fine_hidden)
         self.down = downsample(channels, width)
         self.coarse = BlockChain(width, width, 2)

@@ -18,6 +18,9 @@ PERCEPTUAL: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = MappingProxyType(
     {"st-lpips": st_lpips, "lpips": lpips_vgg}
 )
 
+Images = Float[Tensor, "*batch 3 height width"]
+PerView = Float[Tensor, "*batch"]
+
 
 @runtime_checkable
 class Distortion(Protocol):
@@ -29,12 +32,7 @@ class Distortion(Protocol):
     @property
     def target_weight(self) -> float: ...
 
-    def __call__(
-        self,
-        renderings: Float[Tensor, "*batch 3 height width"],
-        images: Float[Tensor, "*batch 3 height width"],
-        ssim_stride: int = 1,
-    ) -> Float[Tensor, "*batch"]: ...
+    def __call__(self, renderings: Images, images: Images, ssim_stride: int = 1) -> PerView: ...
 
 
 @dataclass(frozen=True)
@@ -44,12 +42,7 @@ class MseDistortion:
     target_weight: ClassVar[float] = 2.0
     ssim_weight: float = 0.03
 
-    def __call__(
-        self,
-        renderings: Float[Tensor, "*batch 3 height width"],
-        images: Float[Tensor, "*batch 3 height width"],
-        ssim_stride: int = 1,
-    ) -> Float[Tensor, "*batch"]:
+    def __call__(self, renderings: Images, images: Images, ssim_stride: int = 1) -> PerView:
         squared = (renderings - images).square().mean(dim=(-3, -2, -1))
         return squared + self.ssim_weight * (1.0 - ssim(renderings.clamp(0, 1), images, ssim_stride))
 
@@ -66,12 +59,7 @@ class LogDistortion:
     least_error: float = 2e-4
     ssim_weight: float = 0.01
 
-    def __call__(
-        self,
-        renderings: Float[Tensor, "*batch 3 height width"],
-        images: Float[Tensor, "*batch 3 height width"],
-        ssim_stride: int = 1,
-    ) -> Float[Tensor, "*batch"]:
+    def __call__(self, renderings: Images, images: Images, ssim_stride: int = 1) -> PerView:
         squared = (renderings - images).square().mean(dim=(-3, -2, -1))
         structure = 1.0 - ssim(renderings.clamp(0, 1), images, ssim_stride)
         return self.log_weight * torch.log(squared + self.least_error) + self.ssim_weight * structure
@@ -95,11 +83,6 @@ class PerceptualDistortion:
                 f"There is no perceptual distance '{self.perceptual}'; choose one of {', '.join(PERCEPTUAL)}."
             )
 
-    def __call__(
-        self,
-        renderings: Float[Tensor, "*batch 3 height width"],
-        images: Float[Tensor, "*batch 3 height width"],
-        ssim_stride: int = 1,
-    ) -> Float[Tensor, "*batch"]:
+    def __call__(self, renderings: Images, images: Images, ssim_stride: int = 1) -> PerView:
         squared = (renderings - images).square().mean(dim=(-3, -2, -1))
         return squared + self.perceptual_weight * PERCEPTUAL[self.perceptual](renderings, images)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 
 # Typical change of the margin per unit of lambda_q, on training scenes: ln(bytes) and dB.
 SIZE_SLOPE, PSNR_SLOPE = 0.0015, -0.003

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.coding.payload import encode_latents
-from fecocodec.coding.rate import estimate_latents, straight_through
+from fecocodec.coding.rate import estimate_latents, rounding, straight_through
 from fecocodec.coding.symbol_choice import no_price, price_of_bits
 from fecocodec.config import PAPER
 from fecocodec.sender.codec import Codec
@@ -55,7 +55,7 @@ def estimate_bits(codec: Codec) -> LatentCoder[EstimatedLatent]:
     def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
         z = codec.sender.hyper_analysis(y.detach())
         prior, lambda_q = codec.receiver.prior, inputs.lambda_q
-        estimate = estimate_latents(prior, y, z, lambda_q, inputs.stage, inputs.y_hat, straight_through)
+        estimate = estimate_latents(prior, y, z, lambda_q, inputs.stage, inputs.y_hat, rounding(straight_through))
         return EstimatedLatent(estimate.y_hat, estimate.bits_y)
 
     return code

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_Q_MAX, STEPS_PER_E
+from fecocodec.container.lambda_quantisation import LAMBDA_MAX, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import InputError
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.distortion import Distortion, LogDistortion

@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress

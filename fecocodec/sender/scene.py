@@ -8,7 +8,7 @@ from torch import Tensor
 
 from fecocodec.coding.camera_packing import pack, unpack
 from fecocodec.container import PackedCameras
-from fecocodec.container.camera_rules import check_cameras
+from fecocodec.container.camera_validation import check_cameras
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.coding_grid import resample_to_grid

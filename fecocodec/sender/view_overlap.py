@@ -15,7 +15,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity
-from fecocodec.sender.extractors.cross_check import TOLERANCE, agreement_with
+from fecocodec.sender.extractors.cross_view_consistency import TOLERANCE, consistency_with
 
 LEAST_SHARED, LEAST_CONFIRMED = 0.1, 0.02  # shares of a view's pixels below which `overlap_warnings` names the view
 DISPARITY_DIFFERENCE = 0.01  # largest difference of relative disparity, of consistent depths
@@ -55,7 +55,7 @@ def view_overlap(
     for view in range(count):
         for other in (other for other in range(count) if other != view):
             projected = cameras.select([other]).project(points[view])
-            consistency = agreement_with(relative[other], points[view], cameras, other)
+            consistency = consistency_with(relative[other], points[view], cameras, other)
             has_same_depth = consistency > math.exp(-DISPARITY_DIFFERENCE / TOLERANCE)
             is_confirmed = has_same_depth & _looks_alike(colours[view], colours[other], projected.uv[0])
             shared[view, other] = projected.is_visible[0].float().mean()

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from fecocodec.config import PAPER, AdaptedSenderConfig, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
-from fecocodec.container.lagrangian import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
+from fecocodec.container.lambda_quantisation import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.sender.distortion import Distortion, LogDistortion, MseDistortion, PerceptualDistortion
 from fecocodec.training.batch_shapes import BatchShapes

@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.normalisation import normalise_scene
+from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.chunk_scenes import ChunkScenes
-from fecocodec.training.objective import Batch
 from fecocodec.training.samples import Sample, SampleSource
 
 

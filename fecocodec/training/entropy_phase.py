@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.coding.rate import estimate_latents, uniform_noise
+from fecocodec.coding.rate import estimate_latents, rounding, uniform_noise
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import write_stages
@@ -25,7 +25,7 @@ from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
 from fecocodec.training.loop import Trainer
-from fecocodec.training.objective import lambda_of
+from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
 
 LAMBDAS_OF_A_SCENE = 2  # matching, the slowest part, is shared by them
@@ -141,7 +141,7 @@ def _priced_bits(trainer: Trainer, scene: SceneLatents) -> tuple[Float[Tensor, "
     bits: dict[str, Tensor] = {}
     for stage, (y, lambdas) in enumerate(zip(scene.y, stage_lambdas(lambda_q, len(scene.y)), strict=True), start=1):
         context = None if stage == 1 else scene.y1_hat
-        estimate = estimate_latents(prior, y, hyper_analysis(y), lambdas, stage, context, uniform_noise())
+        estimate = estimate_latents(prior, y, hyper_analysis(y), lambdas, stage, context, rounding(uniform_noise()))
         bits[f"bpp{stage}"] = (estimate.bits_y + estimate.bits_z).sum() / pixels
     weight = (lambda_of(lambda_q) / 1e-3).sqrt().mean()  # it is the same for all views
     parts = {name: float(value.detach()) for name, value in bits.items()}

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import torch
 
+from fecocodec.training.batch import Batch, Extracted
 from fecocodec.training.batch_shapes import BatchShape
-from fecocodec.training.objective import Batch, Extracted
 
 FRESH_SHARE = 0.15  # of the steps draw a new batch
 

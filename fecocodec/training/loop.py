@@ -19,6 +19,7 @@ from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
 from fecocodec.sender.model import Sender
 from fecocodec.sender.precision import run_in_bfloat16
+from fecocodec.training.batch import Batch, Extracted
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
@@ -26,16 +27,7 @@ from fecocodec.training.fine_tuning import freeze, load_extractor, load_model_we
 from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.kept_batches import KeptBatches
 from fecocodec.training.log import append_lines, append_row, mean_of_rows, remove_rows_after
-from fecocodec.training.objective import (
-    Batch,
-    Coding,
-    Extracted,
-    bypass_coding,
-    code_with_noise,
-    extract,
-    loss_of,
-    run_stages,
-)
+from fecocodec.training.loss import loss_of
 from fecocodec.training.optimisation import build_optimiser, clipped_step
 from fecocodec.training.paper_objective import code_with_additive_noise, paper_loss, run_paper_stages
 from fecocodec.training.prefetch import BatchesByStep, batches_from, shape_at
@@ -48,6 +40,7 @@ from fecocodec.training.processes import (
 )
 from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
 from fecocodec.training.samples import Sample
+from fecocodec.training.training_pass import Coding, bypass_coding, code_with_noise, extract, run_stages
 from fecocodec.training.validation import (
     draw_validation_scenes,
     means_of,

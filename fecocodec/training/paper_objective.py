@@ -7,13 +7,15 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.coding.rate import estimate_noisy_latents, uniform_noise
+from fecocodec.coding.rate import additive_noise, estimate_latents, uniform_noise
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.distortion import Distortion
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene_encoder import Stage, StageInputs, StageRendering
-from fecocodec.training.objective import Batch, BatchEncoder, Coding, lambda_of
+from fecocodec.training.batch import Batch
+from fecocodec.training.loss import lambda_of
+from fecocodec.training.training_pass import BatchEncoder, Coding
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,8 @@ def code_with_additive_noise(receiver: Receiver, sender: Sender) -> Coding:
 
     def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
         z = sender.hyper_analysis(y)
-        estimate = estimate_noisy_latents(
-            receiver.prior, y, z, inputs.lambda_q, inputs.stage, inputs.y_hat, uniform_noise()
+        estimate = estimate_latents(
+            receiver.prior, y, z, inputs.lambda_q, inputs.stage, inputs.y_hat, additive_noise(uniform_noise())
         )
         return EstimatedLatent(estimate.y_hat, estimate.bits_y + estimate.bits_z)
 

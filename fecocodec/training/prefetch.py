@@ -9,10 +9,10 @@ from torch.utils.data import DataLoader, Dataset
 
 from fecocodec.errors import FecoError, InputError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.objective import Batch
 
 PREFETCHED = 4  # batches of each worker
 _SEED_OF_STEP = 1_000_003

@@ -7,15 +7,16 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.container.lagrangian import quantise_lambda
+from fecocodec.container.lambda_quantisation import quantise_lambda
 from fecocodec.formats.images import write_image
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import relative_disparity_from_depth
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
+from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.objective import Batch, Coding, run_stages
+from fecocodec.training.training_pass import Coding, run_stages
 
 NUM_SCENES = 4  # half of them photographs, if there are any
 SAMPLE_LAMBDA = 1e-4

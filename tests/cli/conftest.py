@@ -103,7 +103,7 @@ def networks(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def wall(photographs: Path, random_weights: Path) -> bytes:
     """A stream of two photographs, coded by the untrained networks."""
     views = fecocodec.read_views(photographs, views=(0, 1))
-    return fecocodec.encode(views, model=random_weights / MODEL)
+    return fecocodec.encode(views, effort="fast", model=random_weights / MODEL)
 
 
 @pytest.fixture

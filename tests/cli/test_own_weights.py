@@ -18,7 +18,9 @@ def test_files_of_own_weights_go_there_and_back(
     fecosplat, photographs: Path, model: Path, wall: bytes, tmp_path: Path
 ) -> None:
     file, splats, images = tmp_path / "wall.fcs", tmp_path / "wall.ply", tmp_path / "images"
-    assert fecosplat("encode", photographs, "-o", file, "--views", "0,1", "--model", model).code == 0
+    assert (
+        fecosplat("encode", photographs, "-o", file, "--views", "0,1", "--effort", "fast", "--model", model).code == 0
+    )
     assert file.read_bytes() == wall
     assert fecosplat("decode", file, "-o", splats, "--model", model).code == 0
     expected = fecocodec.decode(wall, model=model).gaussians
@@ -33,7 +35,12 @@ def test_a_relative_folder(
     fecosplat, photographs: Path, model: Path, wall: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(model)
-    assert fecosplat("encode", photographs, "-o", tmp_path / "wall.fcs", "--views", "0,1", "--model", ".").code == 0
+    assert (
+        fecosplat(
+            "encode", photographs, "-o", tmp_path / "wall.fcs", "--views", "0,1", "--effort", "fast", "--model", "."
+        ).code
+        == 0
+    )
     assert (tmp_path / "wall.fcs").read_bytes() == wall
 
 

@@ -11,7 +11,7 @@ from tests.cli.conftest import CommandLine
 @pytest.mark.usefixtures("networks")
 def test_a_target_is_kept_and_its_lambda_is_shown(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
     file = tmp_path / "scene.fcs"
-    options = ("--views", "0,1", "--json")
+    options = ("--views", "0,1", "--effort", "fast", "--json")
     largest = json.loads(fecosplat("encode", photographs, "-o", file, *options, "--lambda", "1e-5").out)["bytes"]
     target = 0.7 * largest / 1024
     result = fecosplat("encode", photographs, "-o", file, *options, "--target-kib", target, "--overwrite")
@@ -22,7 +22,7 @@ def test_a_target_is_kept_and_its_lambda_is_shown(fecosplat: CommandLine, photog
 
 @pytest.mark.usefixtures("networks")
 def test_targets_out_of_reach_are_refused(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
-    arguments = ("encode", photographs, "-o", tmp_path / "scene.fcs", "--views", "0,1")
+    arguments = ("encode", photographs, "-o", tmp_path / "scene.fcs", "--views", "0,1", "--effort", "fast")
     small = fecosplat(*arguments, "--target-kib", "0.1")
     assert small.code == 1 and "a file of 0.1 KiB cannot be made, the smallest has" in small.err
     good = fecosplat(*arguments, "--target-psnr", "80")
@@ -47,7 +47,7 @@ def test_options_that_contradict_each_other(
 
 @pytest.mark.usefixtures("networks")
 def test_views_that_reconstruct_badly_get_a_warning(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
-    single = fecosplat("encode", photographs, "-o", tmp_path / "one.fcs", "--views", "0")
+    single = fecosplat("encode", photographs, "-o", tmp_path / "one.fcs", "--views", "0", "--effort", "fast")
     assert single.code == 0 and "warning: one view has no parallax" in single.err
 
 

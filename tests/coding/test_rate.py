@@ -6,7 +6,7 @@ import torch
 
 from fecocodec.coding.payload import code_latents, encode_latents
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
-from fecocodec.coding.rate import Softening, _Meter, estimate_latents, straight_through, uniform_noise
+from fecocodec.coding.rate import Softening, _Meter, estimate_latents, rounding, straight_through, uniform_noise
 from fecocodec.coding.symbol_choice import PRICES, symbol_bits
 from fecocodec.entropy.symbol_coders import SymbolCoder
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, load_tables
@@ -41,7 +41,7 @@ def test_estimate_is_the_length_of_the_payload(prior: LatentPrior, stage: int, m
     context = None if stage == 1 else latents_of(prior, 1, None)[0]
     y, z = latents_of(prior, stage, context)
     payload, coded = encode_latents(prior, y, z, 900, stage, context)
-    estimate = estimate_latents(prior, y, z, torch.tensor([900, 900]), stage, context, straight_through)
+    estimate = estimate_latents(prior, y, z, torch.tensor([900, 900]), stage, context, rounding(straight_through))
     estimated_bits = float((estimate.bits_y + estimate.bits_z).sum().detach())
     assert estimated_bits == pytest.approx(8 * len(payload), rel=0.02)
     assert (estimate.y_hat - coded.y_hat).detach().abs().double().mean() < 1 / 256
@@ -60,10 +60,10 @@ def test_bits_are_those_of_the_tables():
 
 def test_each_item_has_its_own_lambda_and_bits():
     prior, (y, z) = lively_prior(), smooth_latents(3, 8, 8)
-    together = estimate_latents(prior, y, z, torch.tensor([0, 800, 1768]), 1, None, straight_through)
+    together = estimate_latents(prior, y, z, torch.tensor([0, 800, 1768]), 1, None, rounding(straight_through))
     for item, lambda_q in enumerate((0, 800, 1768)):
         alone = estimate_latents(
-            prior, y[item : item + 1], z[item : item + 1], torch.tensor([lambda_q]), 1, None, straight_through
+            prior, y[item : item + 1], z[item : item + 1], torch.tensor([lambda_q]), 1, None, rounding(straight_through)
         )
         assert torch.allclose(together.bits_y[item], alone.bits_y[0], rtol=1e-3)
         assert torch.allclose(together.bits_z[item], alone.bits_z[0], rtol=1e-3)
@@ -76,7 +76,7 @@ def test_everything_has_a_finite_gradient_at_extremes():
     y.requires_grad_(), z.requires_grad_()
     context = torch.randn(2, 32, 8, 8).requires_grad_()
     noise = uniform_noise(torch.Generator().manual_seed(0))
-    estimate = estimate_latents(prior, y, z, torch.tensor([0, 1768]), 2, context, noise)
+    estimate = estimate_latents(prior, y, z, torch.tensor([0, 1768]), 2, context, rounding(noise))
     (estimate.y_hat.square().mean().log() + estimate.bits_y.sum() + estimate.bits_z.sum()).backward()
     for tensor in (y, z, context, *prior.parameters()):
         assert tensor.grad is not None and bool(tensor.grad.isfinite().all()) and bool(tensor.grad.any())
@@ -87,7 +87,7 @@ def test_noise_is_in_the_gradient_and_comes_from_the_generator():
 
     def bits_and_slope(soften: Softening) -> tuple[torch.Tensor, torch.Tensor]:
         latent = y.clone().requires_grad_()
-        bits = estimate_latents(prior, latent, z, torch.tensor([100]), 1, None, soften).bits_y
+        bits = estimate_latents(prior, latent, z, torch.tensor([100]), 1, None, rounding(soften)).bits_y
         bits.sum().backward()
         return bits.detach(), latent.grad
 
@@ -103,7 +103,7 @@ def test_noise_is_in_the_gradient_and_comes_from_the_generator():
 
 def skipped_step(values: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     values, position = (tensor.view(1, 1, 1, -1) for tensor in (values, position))  # the layout of z
-    meter = _Meter([values], torch.tensor([0.1]), straight_through)
+    meter = _Meter([values], torch.tensor([0.1]), rounding(straight_through))
     seen = meter.exchange(0, EntropyParameters(torch.full_like(values, 64.0), position))
     return seen.flatten(), meter.bits[0].flatten()
 
@@ -122,7 +122,7 @@ def test_skipped_elements_cost_nothing_and_are_their_mean():
 
 def test_autocast_changes_nothing():
     prior, (y, z) = lively_prior(), smooth_latents(1, 8, 8)
-    plain = estimate_latents(prior, y, z, torch.tensor([5]), 1, None, straight_through)
+    plain = estimate_latents(prior, y, z, torch.tensor([5]), 1, None, rounding(straight_through))
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        under = estimate_latents(prior, y, z, torch.tensor([5]), 1, None, straight_through)
+        under = estimate_latents(prior, y, z, torch.tensor([5]), 1, None, rounding(straight_through))
     assert torch.equal(plain.bits_y, under.bits_y) and torch.equal(plain.y_hat, under.y_hat)

@@ -5,7 +5,7 @@ import torch
 
 from fecocodec.coding.payload import encode_latents
 from fecocodec.coding.symbol_choice import PRICES, choose_symbols, price_of_bits, symbol_bits
-from fecocodec.container.lagrangian import LAMBDA_Q_MAX
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.entropy.tables import SYMBOL_LIMIT
 from tests.coding.coding_examples import lively_prior, smooth_latents
 

@@ -14,7 +14,7 @@ import torch
 
 from fecocodec.errors import OutputError
 from fecocodec.formats.camera_json import write_camera_json
-from fecocodec.formats.gaussian_arrays import CameraArrays, GaussianArrays, gaussian_arrays
+from fecocodec.formats.gaussian_arrays import CameraArrays, OutputGaussians, gaussian_arrays
 from fecocodec.formats.gaussian_files import in_frame_of_first_camera, write_gaussians
 from fecocodec.formats.ply import read_ply
 from fecocodec.formats.transforms_json import read_transforms_json
@@ -27,10 +27,10 @@ needs_converter = pytest.mark.skipif(CONVERTER is None, reason="`npm install -g 
 HALF_TURN_ABOUT_Y = np.array([-1.0, 1.0, -1.0])
 
 
-def some_gaussians(count: int = 3000, d_sh: int = 4, seed: int = 0) -> GaussianArrays:
+def some_gaussians(count: int = 3000, d_sh: int = 4, seed: int = 0) -> OutputGaussians:
     generator = np.random.default_rng(seed)
     rotations = generator.normal(size=(count, 4))
-    return GaussianArrays(
+    return OutputGaussians(
         means=generator.normal(size=(count, 3)) * (3, 2, 1) + (0.5, -0.5, 5),
         scales=np.exp(generator.normal(size=(count, 3)) - 4),
         rotations=rotations / np.linalg.norm(rotations, axis=1, keepdims=True),
@@ -48,14 +48,14 @@ def some_cameras(num_views: int = 2) -> CameraArrays:
     return CameraArrays(extrinsics, intrinsics, near=1.0, far=20.0, image_size=(96, 128))
 
 
-def converted(path: Path) -> GaussianArrays:
+def converted(path: Path) -> OutputGaussians:
     """Return the Gaussians of a file as splat-transform reads them."""
     target = path.with_name("converted.ply")
     subprocess.run([str(CONVERTER), "-w", "-q", str(path), str(target)], check=True, capture_output=True)
     return gaussian_arrays(read_ply(target), "converted")
 
 
-def matched(sent: GaussianArrays, received: GaussianArrays) -> GaussianArrays:
+def matched(sent: OutputGaussians, received: OutputGaussians) -> OutputGaussians:
     """Return the received Gaussians in the order of those sent: formats may reorder them."""
     distance = np.linalg.norm(sent.means[:, None] - received.means[None], axis=2)
     nearest = distance.argmin(axis=1)
@@ -63,7 +63,7 @@ def matched(sent: GaussianArrays, received: GaussianArrays) -> GaussianArrays:
     return received.ordered(nearest)
 
 
-def covariances(gaussians: GaussianArrays) -> np.ndarray:
+def covariances(gaussians: OutputGaussians) -> np.ndarray:
     w, x, y, z = (gaussians.rotations / np.linalg.norm(gaussians.rotations, axis=1, keepdims=True)).T
     axes = np.array(
         [
@@ -75,7 +75,7 @@ def covariances(gaussians: GaussianArrays) -> np.ndarray:
     return np.einsum("ikn,nk,jkn->nij", axes, gaussians.scales**2, axes)
 
 
-def assert_alike(sent: GaussianArrays, received: GaussianArrays, harmonics: float, shape: float) -> None:
+def assert_alike(sent: OutputGaussians, received: OutputGaussians, harmonics: float, shape: float) -> None:
     """Compare with the tolerances of 8-bit formats: positions to 2e-4 of the extent."""
     received = matched(sent, received)
     extent = np.ptp(sent.means, axis=0).max()
@@ -109,7 +109,7 @@ def test_gsply_reads_the_same_compressed_ply(tmp_path):
     gaussians = some_gaussians()
     write_gaussians(tmp_path / "scene.compressed.ply", gaussians)
     read = gsply.plyread(str(tmp_path / "scene.compressed.ply"))
-    received = GaussianArrays(
+    received = OutputGaussians(
         read.means.astype(np.float64),
         np.exp(read.scales.astype(np.float64)),
         read.quats.astype(np.float64),
@@ -168,7 +168,7 @@ def test_glb_carries_the_cameras(tmp_path):
     assert np.tan(lens["yfov"] / 2) == pytest.approx(0.5 / 1.2)
 
 
-def rendered(gaussians: GaussianArrays, cameras: CameraArrays) -> torch.Tensor:
+def rendered(gaussians: OutputGaussians, cameras: CameraArrays) -> torch.Tensor:
     tensors = Gaussians(*(torch.from_numpy(field.astype(np.float32)) for field in gaussians.fields()))
     poses = Cameras(
         torch.from_numpy(cameras.extrinsics.astype(np.float32)),
@@ -227,7 +227,7 @@ def test_spz_refuses_coordinates_beyond_its_range(tmp_path):
 def test_spz_keeps_positions_in_any_unit(scale, tmp_path):
     gaussians = some_gaussians(count=50)
     means = gaussians.means * scale
-    write_gaussians(tmp_path / "scene.spz", GaussianArrays(means, *gaussians.fields()[1:]), spz_version=3)
+    write_gaussians(tmp_path / "scene.spz", OutputGaussians(means, *gaussians.fields()[1:]), spz_version=3)
     data = gzip.decompress((tmp_path / "scene.spz").read_bytes())
     bits = data[13]
     raw = np.frombuffer(data[16 : 16 + 9 * 50], np.uint8).reshape(150, 3).astype(np.int64)

@@ -138,7 +138,7 @@ def apply(data: bytes, mutations: tuple[Mutation, ...], seals: bool) -> bytes:
 
 
 def sealed(data: bytearray) -> bytes:
-    """Checksums of the header and of every section that can be told apart computed again."""
+    """Compute the checksums of the header and of every section that can be parsed again."""
     end = header_end(data)
     if end is None:
         return bytes(data)

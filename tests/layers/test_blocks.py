@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+import torch.nn.functional as F
 from torch import nn
 
 from fecocodec.layers.blocks import (
@@ -13,6 +14,7 @@ from fecocodec.layers.blocks import (
     RateEmbedding,
     direct_gradients,
     pixel_shuffle,
+    pointwise,
 )
 from fecocodec.layers.memory_format import to_channels_last
 
@@ -21,6 +23,25 @@ def test_channel_norm_gives_every_position_mean_zero_and_variance_one() -> None:
     normed = ChannelNorm()(torch.randn(2, 64, 5, 7) * 30 + 4)
     torch.testing.assert_close(normed.mean(dim=1), torch.zeros(2, 5, 7), atol=1e-5, rtol=0)
     torch.testing.assert_close(normed.var(dim=1, unbiased=False), torch.ones(2, 5, 7), atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("channels", "outputs", "size"), [(256, 128, (48, 64)), (264, 704, (12, 16)), (128, 384, (9, 7))]
+)
+def test_pointwise_is_a_convolution_whose_bits_do_not_depend_on_threads(
+    channels: int, outputs: int, size: tuple[int, int]
+) -> None:
+    x = torch.randn(2, channels, *size).contiguous(memory_format=torch.channels_last)
+    weight, bias = 0.05 * torch.randn(outputs, channels, 1, 1), torch.randn(outputs)
+    before, results = torch.get_num_threads(), []
+    try:
+        for count in (1, 2):
+            torch.set_num_threads(count)
+            results.append(pointwise(x, weight, bias))
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(*results)
+    torch.testing.assert_close(results[0], F.conv2d(x, weight, bias), atol=1e-4, rtol=1e-4)
 
 
 def test_adaptive_norm_is_modulated_by_the_condition_of_each_item_alone() -> None:

@@ -119,9 +119,9 @@ def test_gaussians_that_are_not_present_are_dropped_whatever_they_hold() -> None
     before = wall(flat(0.6), flat(4.0))
     is_present = torch.ones(before.count, dtype=torch.bool)
     is_present[5::7] = False
-    spoiled = before.means.clone()
-    spoiled[~is_present] = torch.nan
-    after = merged(replace(before, means=spoiled), is_present, (SIDE, SIDE), camera(), CONFIG)
+    damaged = before.means.clone()
+    damaged[~is_present] = torch.nan
+    after = merged(replace(before, means=damaged), is_present, (SIDE, SIDE), camera(), CONFIG)
     assert after.count < is_present.sum()
     assert all(field.isfinite().all() for field in after.fields())
 

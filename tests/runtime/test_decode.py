@@ -9,6 +9,7 @@ from fecocodec.checkpoint import find_receiver
 from fecocodec.container import read_stream, write_stream
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.merging.merge import MergingConfig
 from fecocodec.receiver import emission as torch_emission
@@ -20,7 +21,7 @@ from fecocodec.runtime.decode import decode
 from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import graphs_of
 from fecocodec.runtime.prediction import LastState
-from fecocodec.runtime.scene import SceneCameras, SceneGaussians
+from fecocodec.runtime.scene import SceneCameras
 from tests.vectors.chosen_symbols import cells_covered
 from tests.vectors.gaussian_difference import beyond, difference, without_rendering
 from tests.vectors.gaussian_samples import table
@@ -30,7 +31,7 @@ SCENE = (VECTORS / "valid" / "scene-compact-2.fcs").read_bytes()
 MODEL_ID = read_stream(SCENE).header.model_id
 
 
-def as_tensors(gaussians: SceneGaussians) -> Gaussians:
+def as_tensors(gaussians: GaussianArrays) -> Gaussians:
     return Gaussians(*(torch.from_numpy(field) for field in gaussians.fields()))
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from fecocodec.container.lagrangian import dequantise_lambda, quantise_lambda
+from fecocodec.container.lambda_quantisation import dequantise_lambda, quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import LogDistortion, MseDistortion

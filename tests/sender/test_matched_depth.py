@@ -1,4 +1,4 @@
-"""What the second stage is told of depth."""
+"""Depth feedback for stage 2."""
 
 import torch
 
@@ -8,12 +8,12 @@ MATCHED = torch.full((1, 1, 4, 4), 0.6)
 
 
 def test_a_decoded_depth_that_is_too_far_counts_as_positive_where_views_agree() -> None:
-    agreement = torch.zeros(1, 1, 4, 4)
-    agreement[..., :2] = 1.0
-    told = depth_feedback(MatchedDepth(MATCHED, agreement), torch.full((1, 1, 4, 4), 0.5))
-    torch.testing.assert_close(told[0, 0, :, :2], torch.full((4, 2), 0.1 * DIFFERENCE_SCALE))
-    assert float(told[0, 0, :, 2:].abs().max()) == 0.0
-    torch.testing.assert_close(told[:, 1:], agreement)
+    consistency = torch.zeros(1, 1, 4, 4)
+    consistency[..., :2] = 1.0
+    feedback = depth_feedback(MatchedDepth(MATCHED, consistency), torch.full((1, 1, 4, 4), 0.5))
+    torch.testing.assert_close(feedback[0, 0, :, :2], torch.full((4, 2), 0.1 * DIFFERENCE_SCALE))
+    assert float(feedback[0, 0, :, 2:].abs().max()) == 0.0
+    torch.testing.assert_close(feedback[:, 1:], consistency)
 
 
 def test_no_gradient_reaches_matching_or_decoding_through_it() -> None:

@@ -1,4 +1,4 @@
-"""Agreement of photographs at candidate depths: against a straightforward warp, and on a wall at a known distance."""
+"""Photo-consistency at candidate depths: against a straightforward warp, and on a wall at a known distance."""
 
 import pytest
 import torch
@@ -42,7 +42,7 @@ def warped_consistency(images: Tensor, cameras: Cameras, view: int, source: int)
 
 
 def wall(distance: float, offsets: tuple[float, ...], gain: float = 1.0) -> tuple[Tensor, Cameras]:
-    """Views of a wall with a pattern, from places side by side (offsets along x); the second darker by `gain`."""
+    """Views of a wall with a pattern, from cameras side by side (offsets along x); the second darker by `gain`."""
     size, focal = 128, 1.0
     extrinsics = torch.eye(4).repeat(len(offsets), 1, 1)
     extrinsics[:, 0, 3] = torch.tensor(offsets)

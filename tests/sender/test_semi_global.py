@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from fecocodec.sender.extractors import semi_global
-from fecocodec.sender.extractors.semi_global import ACROSS_EDGE, EDGE, LARGE_STEP, SMALL_STEP, aggregated
+from fecocodec.sender.extractors.semi_global import ACROSS_EDGE, EDGE, LARGE_STEP, SMALL_STEP, aggregate_costs
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 
@@ -52,7 +52,7 @@ def test_it_is_the_mean_of_eight_paths() -> None:
     generator = torch.Generator().manual_seed(0)
     score = 20 * torch.randn(2, 5, 4, 6, generator=generator)
     colours = 0.1 * torch.rand(2, 3, 4, 6, generator=generator)
-    found = aggregated(score, colours)
+    found = aggregate_costs(score, colours)
     for item in range(2):
         cost = -score[item].permute(1, 2, 0)
         paths = [path_costs(cost, colours[item].permute(1, 2, 0), *way) for way in DIRECTIONS]
@@ -64,7 +64,7 @@ def test_free_steps_leave_scores_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(semi_global, "SMALL_STEP", 0.0)
     monkeypatch.setattr(semi_global, "LARGE_STEP", 0.0)
     score = torch.randn(1, 7, 5, 9, generator=torch.Generator().manual_seed(1))
-    torch.testing.assert_close(aggregated(score, one_colour(score)), score, atol=1e-5, rtol=0)
+    torch.testing.assert_close(aggregate_costs(score, one_colour(score)), score, atol=1e-5, rtol=0)
 
 
 def test_a_slanted_surface_comes_out_of_noise() -> None:
@@ -73,14 +73,14 @@ def test_a_slanted_surface_comes_out_of_noise() -> None:
     truth = (torch.arange(width) * (count - 1) // (width - 1)).expand(height, width)
     score = 3.0 * torch.randn(1, count, height, width, generator=generator)
     score.scatter_add_(1, truth[None, None], torch.full((1, 1, height, width), 5.0))
-    found = aggregated(score, one_colour(score))
-    raw, settled = (((x.argmax(dim=1)[0] - truth).abs() <= 1).float().mean() for x in (score, found))
-    assert raw < 0.8
-    assert settled > 0.97
+    found = aggregate_costs(score, one_colour(score))
+    before, after = (((x.argmax(dim=1)[0] - truth).abs() <= 1).float().mean() for x in (score, found))
+    assert before < 0.8
+    assert after > 0.97
 
 
 def test_surfaces_end_where_colours_do() -> None:
-    """Of a narrow post before a wall, in noise: with its colour told, more of it keeps its depth."""
+    """A narrow post in front of a wall, with noisy scores, keeps its depth if its colour differs from the wall's."""
     generator = torch.Generator().manual_seed(4)
     height, width, count = 24, 32, 12
     is_post = ((torch.arange(width) - 15).abs() <= 1).expand(height, width)
@@ -88,9 +88,9 @@ def test_surfaces_end_where_colours_do() -> None:
     score = 4.0 * torch.randn(1, count, height, width, generator=generator)
     score.scatter_add_(1, truth[None, None], torch.full((1, 1, height, width), 8.0))
     coloured = one_colour(score) + 0.4 * is_post
-    told, untold = (aggregated(score, x).argmax(dim=1)[0] == truth for x in (coloured, one_colour(score)))
-    assert told[is_post].float().mean() > untold[is_post].float().mean() + 0.5
-    assert told.float().mean() > 0.95
+    with_colour, without = (aggregate_costs(score, x).argmax(dim=1)[0] == truth for x in (coloured, one_colour(score)))
+    assert with_colour[is_post].float().mean() > without[is_post].float().mean() + 0.5
+    assert with_colour.float().mean() > 0.95
 
 
 def test_threads_change_nothing() -> None:
@@ -98,8 +98,8 @@ def test_threads_change_nothing() -> None:
     before = torch.get_num_threads()
     try:
         torch.set_num_threads(1)
-        alone = aggregated(score, one_colour(score))
+        alone = aggregate_costs(score, one_colour(score))
         torch.set_num_threads(2)
-        assert torch.equal(aggregated(score, one_colour(score)), alone)
+        assert torch.equal(aggregate_costs(score, one_colour(score)), alone)
     finally:
         torch.set_num_threads(before)

@@ -9,6 +9,7 @@ import torch
 from fecocodec.container import LAMBDA_Q_MAX, dequantise_lambda, read_stream
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.encode import encode_with
+from fecocodec.sender.optimisation_config import FAST
 from fecocodec.sender.stage_lambdas import STAGE_1_OFFSET, stage_lambdas
 from tests.container.example_streams import example_stream
 from tests.example_scenes import MODEL, example_views
@@ -32,6 +33,6 @@ def test_lambdas_of_a_batch_are_those_of_each_scene() -> None:
 
 def test_headers_say_what_stages_were_coded_at(random_weights: Path) -> None:
     codec = load_codec(random_weights / MODEL, "cpu")
-    two, one = (read_stream(encode_with(codec, example_views(2), 1000, stages)).header for stages in (2, 1))
+    two, one = (read_stream(encode_with(codec, example_views(2), 1000, stages, FAST)).header for stages in (2, 1))
     assert (two.lambda_q_of_stage(1), two.lambda_q_of_stage(2)) == tuple(stage_lambdas(1000, 2))
     assert (one.lambda_q_of_stage(1), one.first_stage_excess) == (1000, 0)

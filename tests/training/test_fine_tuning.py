@@ -68,7 +68,7 @@ def test_files_of_both_senders_decode_with_the_receiver_that_was_frozen(
     assert load_codec(paper, "cpu").model_id == load_codec(compact, "cpu").model_id
     assert load_codec(paper, "cpu").sender.config == PaperSenderConfig()
     views = example_views(2)
-    by_compact, by_paper = (fecocodec.encode(views, model=model) for model in (compact, paper))
+    by_compact, by_paper = (fecocodec.encode(views, effort="fast", model=model) for model in (compact, paper))
     assert by_compact != by_paper
     for data in (by_compact, by_paper):
         first, second = decoded_by(compact, data), decoded_by(paper, data)
@@ -93,7 +93,7 @@ def test_back_to_the_compact_extractor(sources: Sources, random_weights: Path, t
     again = exported(back, tmp_path / "weights" / "compact")
     assert load_codec(again, "cpu").model_id == load_codec(paper, "cpu").model_id
     for model in (paper, again):
-        data = fecocodec.encode(example_views(2), model=model)
+        data = fecocodec.encode(example_views(2), effort="fast", model=model)
         first, second = decoded_by(paper, data), decoded_by(again, data)
         assert first.count > 0 and torch.equal(first.means, second.means)
 

@@ -75,7 +75,7 @@ def test_matched_disparity_reaches_the_predictor(networks: tuple[Sender, Receive
         appearance=torch.zeros(1, 2 * stem, 16, 16),
         cost=torch.zeros(1, candidates, 16, 16),
         relative_disparity=nothing,
-        agreement=nothing,
+        consistency=nothing,
         aggregated_disparity=relative,
         confidence=nothing,
     )

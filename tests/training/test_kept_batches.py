@@ -14,10 +14,11 @@ from fecocodec.training.configurations import CONFIGURATIONS, Configuration
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.kept_batches import KeptBatches
 from fecocodec.training.loop import RunSettings, Trainer
-from fecocodec.training.objective import extract, loss_of, run_stages
+from fecocodec.training.loss import loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.training_pass import extract, run_stages
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 SHAPE = BatchShape(num_scenes=1, num_context=2, num_target=1, size=(64, 64))

@@ -13,6 +13,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import ModelError, OutputError
 from fecocodec.sender.codec import load_codec
 from fecocodec.training import loop
+from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
@@ -20,7 +21,6 @@ from fecocodec.training.dataset import Sources
 from fecocodec.training.export import export_model
 from fecocodec.training.log import append_row, mean_of_rows, remove_rows_after
 from fecocodec.training.loop import RunSettings, Trainer
-from fecocodec.training.objective import Batch
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.schedule import Schedule

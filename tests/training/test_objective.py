@@ -16,21 +16,13 @@ from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene_encoder import StageInputs
+from fecocodec.training.batch import Batch, MatchedDisparity
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.objective import (
-    ENTROPY_PRICE,
-    Batch,
-    MatchedDisparity,
-    bypass_coding,
-    code_with_noise,
-    lambda_of,
-    loss_of,
-    run_stages,
-    with_targets,
-)
+from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.training_pass import bypass_coding, code_with_noise, run_stages, with_targets
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +62,7 @@ def test_a_bit_costs_a_latent_lambda_and_the_entropy_model_one_price(
     lambda_q = torch.tensor([100, 1700])
     slopes, entropy_slopes = [], []
     for price in (ENTROPY_PRICE, 10 * ENTROPY_PRICE):
-        monkeypatch.setattr("fecocodec.training.objective.ENTROPY_PRICE", price)
+        monkeypatch.setattr("fecocodec.training.training_pass.ENTROPY_PRICE", price)
         networks.zero_grad()
         y, context = latent.clone().requires_grad_(), latent.clone().requires_grad_()
         torch.manual_seed(2)
@@ -96,7 +88,7 @@ def test_depth_of_photographs_is_judged_by_matched_depth_where_views_agree(netwo
     outcomes, matched = run_stages(networks["sender"], networks["receiver"], batch, bypass_coding, 2)
     beside = outcomes[1].prediction.relative_disparity + 0.25
     all_agree = MatchedDisparity(matched.learned, beside.clamp(0.0, 1.0), torch.ones_like(beside))
-    none_agree = replace(all_agree, agreement=torch.zeros_like(beside))
+    none_agree = replace(all_agree, consistency=torch.zeros_like(beside))
 
     def disparity(batch: Batch, matched: MatchedDisparity) -> float:
         return loss_of(batch, outcomes, matched, 1.0)[1]["disparity2"]
@@ -121,15 +113,15 @@ def test_depth_that_context_views_do_not_confirm_is_taken_from_targets_that_do(
 
     sender = networks["sender"]
     monkeypatch.setattr(sender.extractor, "match", match)
-    agreement = torch.zeros(1, 2, 16, 16)
-    agreement[..., :4] = 0.95
-    alone = MatchedDisparity(torch.zeros(1, 2, 16, 16), torch.full((1, 2, 16, 16), 0.3), agreement)
+    consistency = torch.zeros(1, 2, 16, 16)
+    consistency[..., :4] = 0.95
+    alone = MatchedDisparity(torch.zeros(1, 2, 16, 16), torch.full((1, 2, 16, 16), 0.3), consistency)
     photographs = replace(batch, depth=torch.full_like(batch.depth, torch.nan))
     found = with_targets(sender, photographs, alone)
     assert calls[0].shape[1] == 3
     assert found.aggregated[..., :4].unique().tolist() == pytest.approx([0.3])
     assert found.aggregated[..., 4:].unique().tolist() == pytest.approx([0.9])
-    assert found.agreement[..., 3:5].flatten().unique().tolist() == pytest.approx([0.8, 0.95])
+    assert found.consistency[..., 3:5].flatten().unique().tolist() == pytest.approx([0.8, 0.95])
     assert with_targets(sender, batch, alone) is alone
     assert len(calls) == 1  # exact depth needs no other
 

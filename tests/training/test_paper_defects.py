@@ -1,4 +1,4 @@
-"""Defects that would spoil or stop the paper's training, one test each (or a few)."""
+"""Regression tests of defects that would degrade or stop the paper's training."""
 
 import json
 from collections.abc import Iterator
@@ -15,19 +15,19 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
-from fecocodec.training import objective
+from fecocodec.training import training_pass
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.chunk_scenes import LANES, SAMPLES_OF_A_VISIT, ChunkScenes
 from fecocodec.training.configurations import Configuration, configuration_named
 from fecocodec.training.dataset import Sources
 from fecocodec.training.loop import RunSettings, Trainer
-from fecocodec.training.objective import bypass_coding, run_stages
 from fecocodec.training.prefetch import BatchesByStep, batches_from
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.samples import Sample
 from fecocodec.training.schedule import Schedule
 from fecocodec.training.sources import open_sources
+from fecocodec.training.training_pass import bypass_coding, run_stages
 from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, choose_farthest_frames
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.example_scenes import example_views
@@ -123,7 +123,7 @@ def test_target_views_are_not_matched_for_a_loss_of_weight_zero(
     def refuse(*_: object) -> None:
         raise AssertionError("target views were matched")
 
-    monkeypatch.setattr(objective, "with_targets", refuse)
+    monkeypatch.setattr(training_pass, "with_targets", refuse)
     run_stages(it.sender, it.receiver, batch, bypass_coding, 1, None, 0.0)
     with pytest.raises(AssertionError, match="target views were matched"):
         run_stages(it.sender, it.receiver, batch, bypass_coding, 1, None, 0.5)

@@ -12,16 +12,18 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
+from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShape, BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.loop import RunSettings, Trainer
-from fecocodec.training.objective import Batch, loss_of, run_stages
+from fecocodec.training.loss import loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.processes import average_gradients, joined_processes, process_rank
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.training_pass import run_stages
 
 ROOT = Path(__file__).resolve().parents[2]
 

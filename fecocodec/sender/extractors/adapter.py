@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import BlockChain, PlainBlock2d, RateCondition
+from fecocodec.layers.blocks import BlockChain, PlainBlock2d, PointwiseConv2d, RateCondition
 from fecocodec.sender.matched_depth import MatchedDepth
 
 NUM_BLOCKS, HIDDEN = 3, 96
@@ -54,7 +54,7 @@ class AdaptedFeatures:
 
     @property
     def depth(self) -> MatchedDepth:
-        """Depth with zero agreement: stage 2 gets no depth feedback."""
+        """Depth with zero consistency: stage 2 gets no depth feedback."""
         return MatchedDepth(self.relative_disparity, torch.zeros_like(self.relative_disparity))
 
 
@@ -64,7 +64,7 @@ class AdaptedExtractor(nn.Module):
     def __init__(self, extractor: LargeExtractor, channels: int) -> None:
         super().__init__()
         self._frozen = (extractor,)  # a tuple keeps it out of this module's parameters
-        self.input = nn.Conv2d(16 * extractor.num_channels(), channels, 1)
+        self.input = PointwiseConv2d(16 * extractor.num_channels(), channels)
         self.blocks: nn.Module = nn.Sequential(*(PlainBlock2d(channels, HIDDEN) for _ in range(NUM_BLOCKS)))
 
     def forward(

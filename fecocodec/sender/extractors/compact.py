@@ -10,13 +10,13 @@ from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import PlainBlock2d, downsample, upsample
-from fecocodec.sender.extractors.continuation import continued
-from fecocodec.sender.extractors.cross_check import agreement
+from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
+from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
+from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
-from fecocodec.sender.extractors.semi_global import aggregated
+from fecocodec.sender.extractors.semi_global import aggregate_costs
 from fecocodec.sender.matched_depth import MatchedDepth
 
 PYRAMID_LEVELS = 3  # matching runs at full, half and quarter image size
@@ -30,21 +30,21 @@ class Matching:
 
     cost: matching score of each depth candidate, higher is better. relative_disparity: expectation over the softmax of
     `cost`, in [0, 1]; differentiable, for the depth loss of training. aggregated_disparity, confidence: expectation and
-    largest probability after aggregation, without gradient. agreement: cross-view consistency of the aggregated
+    largest probability after aggregation, without gradient. consistency: cross-view consistency of the aggregated
     disparity, in [0, 1].
     """
 
     appearance: Float[Tensor, "item stem h4 w4"]
     cost: Float[Tensor, "item candidate h4 w4"]
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
-    agreement: Float[Tensor, "item 1 h4 w4"]
+    consistency: Float[Tensor, "item 1 h4 w4"]
     aggregated_disparity: Float[Tensor, "item 1 h4 w4"]
     confidence: Float[Tensor, "item 1 h4 w4"]
 
     @property
     def depth(self) -> MatchedDepth:
         """Depth for the feedback of stage 2."""
-        return MatchedDepth(self.aggregated_disparity, self.agreement)
+        return MatchedDepth(self.aggregated_disparity, self.consistency)
 
 
 class CompactExtractor(nn.Module):
@@ -70,13 +70,13 @@ class CompactExtractor(nn.Module):
         self.up_attended = upsample(config.attention_channels, stem)
         self.matching_head = nn.Conv2d(stem, config.matching_channels, 3, padding=1)
         self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURES))
-        self.input = nn.Conv2d(2 * stem + config.num_candidates + 3 + 48, fine, 1)
+        self.input = PointwiseConv2d(2 * stem + config.num_candidates + 3 + 48, fine)
         self.fine_in, self.fine_out = PlainBlock2d(fine, fine), PlainBlock2d(fine, fine)
         self.middle_in, self.middle_out = PlainBlock2d(middle, middle), PlainBlock2d(middle, middle)
         self.coarse = nn.Sequential(PlainBlock2d(coarse, coarse), PlainBlock2d(coarse, coarse))
         self.down_fine, self.down_middle = downsample(fine, middle), downsample(middle, coarse)
         self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
-        self.output = nn.Conv2d(fine, channels, 1)
+        self.output = PointwiseConv2d(fine, channels)
 
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
@@ -100,9 +100,11 @@ class CompactExtractor(nn.Module):
             coarse = self._match_level(images, cameras)[1] * log_temperature.exp()
             cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
         cost = cost + photographs * self.log_temperature[PYRAMID_LEVELS].exp()
-        probability = (SHARPNESS * aggregated(cost.detach(), colours)).softmax(dim=1)
+        probability = (SHARPNESS * aggregate_costs(cost.detach(), colours)).softmax(dim=1)
         disparity = _expectation(probability)
-        consistency = agreement(rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources)
+        consistency = cross_view_consistency(
+            rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources
+        )
         confidence = probability.amax(dim=1, keepdim=True)
         return Matching(
             appearance, cost, _expectation(cost.softmax(dim=1)), _flat(consistency[:, :, None]), disparity, confidence
@@ -129,9 +131,9 @@ class CompactExtractor(nn.Module):
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1: the U-Net applied to appearance, matching results and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
-        extrapolated = continued(matching.aggregated_disparity, matching.agreement, _flat(images))
-        disparity = 2.0 * torch.lerp(extrapolated, matching.aggregated_disparity, matching.agreement) - 1.0
-        inputs = (matching.appearance, matching.cost / 8.0, matching.agreement, disparity, matching.confidence)
+        extrapolated = extrapolate_planes(matching.aggregated_disparity, matching.consistency, _flat(images))
+        disparity = 2.0 * torch.lerp(extrapolated, matching.aggregated_disparity, matching.consistency) - 1.0
+        inputs = (matching.appearance, matching.cost / 8.0, matching.consistency, disparity, matching.confidence)
         fine = self.fine_in(self.input(torch.cat((*inputs, pixels), dim=1)))
         middle = self.middle_in(self.down_fine(fine))
         coarse = self.coarse(self.down_middle(middle))

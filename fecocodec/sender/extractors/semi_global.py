@@ -22,7 +22,7 @@ _FAR = np.float32(1e30)
 
 
 @torch.no_grad()
-def aggregated(
+def aggregate_costs(
     score: Float[Tensor, "item candidate h w"], colours: Float[Tensor, "item 3 h w"]
 ) -> Float[Tensor, "item candidate h w"]:
     """Return the mean of the aggregated scores of eight directions. The result has no gradient.

@@ -1,7 +1,7 @@
 """The Gaussian predictor as graphs: networks, with the neighbour search between them, and steps over other views.
 
-A step over other views takes `shift` and compares every view with the one `shift` places after it, cyclically. A caller
-runs it for every shift from 1 to views - 1 and passes its results to the next call.
+A step over other views takes `shift` and compares every view with the one `shift` positions after it, cyclically. A
+caller runs it for every shift from 1 to views - 1 and passes its results to the next call.
 """
 
 import torch

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.sender.extractors.cross_check import agreement
+from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
     NUM_CANDIDATES,
@@ -43,7 +43,7 @@ class Evidence:
     """Outputs of the branches, before fusion; item = (batch view), all at 1/4 resolution.
 
     cost: matching score of each depth candidate. relative_disparity: expectation over the softmax of `cost`, in [0, 1].
-    agreement: cross-view consistency of the relative disparity, in [0, 1].
+    consistency: cross-view consistency of the relative disparity, in [0, 1].
     """
 
     cost: Float[Tensor, "item candidate h4 w4"]
@@ -51,13 +51,13 @@ class Evidence:
     multi_view: Float[Tensor, "item channel h4 w4"]
     monocular: Float[Tensor, "item mono h4 w4"]
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
-    agreement: Float[Tensor, "item 1 h4 w4"]
+    consistency: Float[Tensor, "item 1 h4 w4"]
     num_views: int
 
     @property
     def depth(self) -> MatchedDepth:
         """Depth for the feedback of stage 2."""
-        return MatchedDepth(self.relative_disparity.detach(), self.agreement)
+        return MatchedDepth(self.relative_disparity.detach(), self.consistency)
 
 
 class Fusion(nn.ModuleDict):
@@ -125,8 +125,9 @@ class DepthSplatSmall(nn.Module):
         share = torch.linspace(0.0, 1.0, NUM_CANDIDATES, device=images.device)
         expected = torch.einsum("idhw,d->ihw", cost.float().softmax(dim=1), share)[:, None]
         monocular = monocular_features(self.pretrained, normalised)
-        agreed = agreement(rearrange(expected, "(b v) 1 h w -> b v h w", v=views), cameras, source_views(cameras))
-        return Evidence(cost, appearance, _flat(multi_view), monocular, expected, _flat(agreed[:, :, None]), views)
+        disparity = rearrange(expected, "(b v) 1 h w -> b v h w", v=views)
+        consistency = cross_view_consistency(disparity, cameras, source_views(cameras))
+        return Evidence(cost, appearance, _flat(multi_view), monocular, expected, _flat(consistency[:, :, None]), views)
 
     def fuse(self, images: Float[Tensor, "batch view 3 h w"], evidence: Evidence) -> Float[Tensor, "item 128 h4 w4"]:
         """Return F1: the U-Net applied to the outputs of the branches. The images are not used."""

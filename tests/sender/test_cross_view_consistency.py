@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.sender.extractors.cross_check import agreement
+from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 
 PAIR = torch.tensor([[[1], [0]]])
 
@@ -26,7 +26,7 @@ def walls(*depths: float) -> Tensor:
 
 
 def test_a_wall_that_both_see_is_confirmed_where_both_see_it() -> None:
-    found = agreement(walls(2.0, 2.0), two_cameras(0.5), PAIR)[0]
+    found = cross_view_consistency(walls(2.0, 2.0), two_cameras(0.5), PAIR)[0]
     # Four cells of sixteen (0.5 / 2.0 of the width) lie outside the other view, on opposite sides.
     assert float(found[0, :, 4:].min()) > 0.99
     assert float(found[0, :, :4].max()) == 0.0
@@ -36,12 +36,15 @@ def test_a_wall_that_both_see_is_confirmed_where_both_see_it() -> None:
 
 def test_depth_is_carried_over_to_the_other_camera() -> None:
     cameras = two_cameras(0.0, forward=0.5)
-    assert float(agreement(walls(2.0, 1.5), cameras, PAIR)[0, 0, 4:-4, 4:-4].min()) > 0.99
-    assert float(agreement(walls(2.0, 2.0), cameras, PAIR)[0, 0].max()) < 0.05
+    assert float(cross_view_consistency(walls(2.0, 1.5), cameras, PAIR)[0, 0, 4:-4, 4:-4].min()) > 0.99
+    assert float(cross_view_consistency(walls(2.0, 2.0), cameras, PAIR)[0, 0].max()) < 0.05
 
 
 def test_the_larger_the_difference_the_less_they_agree() -> None:
-    means = [float(agreement(walls(2.0, other), two_cameras(0.2), PAIR)[0, 0, :, 4:].mean()) for other in (2.0, 2.1, 3)]
+    means = [
+        float(cross_view_consistency(walls(2.0, other), two_cameras(0.2), PAIR)[0, 0, :, 4:].mean())
+        for other in (2.0, 2.1, 3)
+    ]
     assert means[0] > means[1] + 0.2 > means[2] + 0.4
 
 
@@ -53,10 +56,10 @@ def test_one_source_that_agrees_is_enough() -> None:
         cameras.near,
         cameras.far,
     )
-    found = agreement(walls(2.0, 5.0, 2.0), three, torch.tensor([[[1, 2], [0, 2], [0, 1]]]))
+    found = cross_view_consistency(walls(2.0, 5.0, 2.0), three, torch.tensor([[[1, 2], [0, 2], [0, 1]]]))
     assert float(found[0, 0, :, 4:].min()) > 0.99
 
 
 def test_a_view_on_its_own_is_confirmed_by_none() -> None:
     cameras = two_cameras(0.2).select([0])
-    assert float(agreement(walls(2.0), cameras, torch.zeros(1, 1, 0, dtype=torch.long)).max()) == 0.0
+    assert float(cross_view_consistency(walls(2.0), cameras, torch.zeros(1, 1, 0, dtype=torch.long)).max()) == 0.0

@@ -30,7 +30,7 @@ quarter].
 
 
 @dataclass(frozen=True)
-class WalkedLatents:
+class DequantisedLatents:
     """Dequantised latents as Q8 integers, in floats."""
 
     z_hat_q8: Float[Tensor, "item hyper height_32 width_32"]
@@ -50,13 +50,13 @@ def in_layout(of_item: Float[Tensor, " item"], partition: int) -> Float[Tensor, 
     return of_item.view(-1, 1, 1, 1) if partition == 0 else of_item.view(1, -1, 1, 1, 1)
 
 
-def walk_latents(
+def scan_latents(
     prior: LatentPrior,
     condition_q8: Float[Tensor, "item 4"],
     size_32: tuple[int, int],
     context_q8: Float[Tensor, "item latent height_8 width_8"] | None,
     exchange: Exchange,
-) -> WalkedLatents:
+) -> DequantisedLatents:
     """Predict the entropy parameters of each partition from the earlier ones, and call `exchange` with them.
 
     condition_q8: see `condition_vector`; its dtype is that of all arithmetic (float64 when coding). size_32: height and
@@ -74,4 +74,4 @@ def walk_latents(
         for step, network in enumerate(prior.steps.values(), start=1):
             known.append(prior.surroundings(steps[-1]))
             steps.append(exchange(NUM_PASSES + step, network(known)))
-        return WalkedLatents(z_hat_q8.permute(0, 3, 1, 2), from_coding_order(torch.stack(steps)))
+        return DequantisedLatents(z_hat_q8.permute(0, 3, 1, 2), from_coding_order(torch.stack(steps)))

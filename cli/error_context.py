@@ -14,7 +14,7 @@ OF_VIEWS = (InputError,)
 
 
 @contextmanager
-def naming(path: Path, kinds: tuple[type[FecoError], ...] = OF_STREAM) -> Iterator[None]:
+def error_context(path: Path, kinds: tuple[type[FecoError], ...] = OF_STREAM) -> Iterator[None]:
     """Prefix the message of every error of these kinds that the block raises with `path`."""
     try:
         yield

@@ -2,7 +2,7 @@
 
 The inverse depth of a plane is affine in the image position. Pixels that are occluded in, or outside of, all other
 views are assumed to lie on the plane of confirmed neighbours of similar colour. The weights of the fit depend on
-distance, colour and agreement (bilateral, as in Tomasi and Manduchi, "Bilateral filtering for gray and color images",
+distance, colour and consistency (bilateral, as in Tomasi and Manduchi, "Bilateral filtering for gray and color images",
 1998); iterative reweighting makes it robust.
 """
 
@@ -19,26 +19,26 @@ COLOUR_REACH = 0.05  # standard deviation of the colour weight, sRGB in [0, 1]
 RIDGE = 0.005  # ridge regularisation of the slopes, in REACH^2, for neighbours that are almost collinear
 OUTLIER = 0.05  # residual, in relative disparity, at which the robust weight is 1/2
 NUM_FITS = 4  # iterations of reweighting
-AGREEMENT_POWER = 4  # exponent of the agreement in the weight; suppresses barely confirmed pixels
+CONSISTENCY_POWER = 4  # exponent of the consistency in the weight; suppresses barely confirmed pixels
 MOST_CELLS = 1024  # of the fitting grid, approximately; every cell is fitted to all cells
 _LEAST_WEIGHT = 1e-8
 
 
 @torch.no_grad()
-def continued(
+def extrapolate_planes(
     relative: Float[Tensor, "item 1 h4 w4"],
-    agreement: Float[Tensor, "item 1 h4 w4"],
+    consistency: Float[Tensor, "item 1 h4 w4"],
     images: Float[Tensor, "item 3 h w"],
 ) -> Float[Tensor, "item 1 h4 w4"]:
     """Return the relative disparity, in [0, 1], of planes fitted to the confirmed relative disparity around each pixel.
 
-    relative: relative disparity in [0, 1]. agreement: cross-view consistency in [0, 1]. images: sRGB in [0, 1]. The
+    relative: relative disparity in [0, 1]. consistency: cross-view consistency in [0, 1]. images: sRGB in [0, 1]. The
     planes are fitted on a coarser grid. The result has no gradient.
     """
     height, width = relative.shape[-2:]
     coarseness = max(2, math.ceil(math.sqrt(height * width / MOST_CELLS)))
     size = (math.ceil(height / coarseness), math.ceil(width / coarseness))
-    weight = agreement.float() ** AGREEMENT_POWER + _LEAST_WEIGHT
+    weight = consistency.float() ** CONSISTENCY_POWER + _LEAST_WEIGHT
     pooled = F.adaptive_avg_pool2d(weight, size)
     disparity = F.adaptive_avg_pool2d(relative.float() * weight, size) / pooled
     colour = F.adaptive_avg_pool2d(images.float(), size)

@@ -13,7 +13,7 @@ TOLERANCE = 0.05  # difference of relative disparity at which the consistency is
 
 
 @torch.no_grad()
-def agreement(
+def cross_view_consistency(
     relative: Float[Tensor, "batch view h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
 ) -> Float[Tensor, "batch view h w"]:
     """Return the cross-view consistency of each pixel, in [0, 1]: the maximum of exp(-difference / TOLERANCE) over the
@@ -31,12 +31,12 @@ def agreement(
         own = cameras.scene(scene)
         for view, others in enumerate(views):
             for source in others:
-                candidate = agreement_with(relative[scene, source], points[scene, view], own, source)
+                candidate = consistency_with(relative[scene, source], points[scene, view], own, source)
                 consistency[scene, view] = torch.maximum(consistency[scene, view], candidate)
     return consistency
 
 
-def agreement_with(
+def consistency_with(
     relative: Float[Tensor, "h w"], points: Float[Tensor, "h w 3"], cameras: Cameras, source: int
 ) -> Float[Tensor, "h w"]:
     """Return the consistency of world points with the relative disparity of one source view."""

@@ -1,0 +1,28 @@
+"""3D Gaussians as NumPy arrays, for the decoder and the writers of files that run without torch."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+
+@dataclass(frozen=True)
+class GaussianArrays:
+    """3D Gaussians of one scene; fields and conventions are those of `geometry.gaussians.Gaussians`."""
+
+    means: Float[np.ndarray, "n 3"]
+    scales: Float[np.ndarray, "n 3"]
+    rotations: Float[np.ndarray, "n 4"]
+    opacities: Float[np.ndarray, " n"]
+    harmonics: Float[np.ndarray, "n d_sh 3"]
+
+    @property
+    def count(self) -> int:
+        return len(self.means)
+
+    def fields(self) -> tuple[np.ndarray, ...]:
+        return self.means, self.scales, self.rotations, self.opacities, self.harmonics
+
+    def keep(self, mask: Bool[np.ndarray, " n"]) -> "GaussianArrays":
+        """Return the Gaussians for which the mask is true, in the same order."""
+        return GaussianArrays(*(field[mask] for field in self.fields()))

@@ -1,0 +1,110 @@
+"""The loss of training: distortion and rate of each stage (paper, section 3.4), plus a loss on depth."""
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from fecocodec.container.lambda_quantisation import LAMBDA_MIN, STEPS_PER_E
+from fecocodec.geometry.depth import relative_disparity_from_depth
+from fecocodec.rendering.rasterizer import Rendering
+from fecocodec.sender.distortion import Distortion, MseDistortion
+from fecocodec.training.batch import Batch, MatchedDisparity, StageOutcome
+
+MATCHING_WEIGHT = 0.5
+DISPARITY_WEIGHT = 0.5
+MIN_CONSISTENCY = 0.7  # cross-view consistency above which matched depth of photographs supervises disparity
+# Weight of the rate in the gradient of the entropy model, the same for every lambda. Weighted by lambda, bits at high
+# lambda would count a thousand times as much as those at low lambda. The value is the root mean square of lambda in
+# training.
+ENTROPY_PRICE = 2.7e-3
+
+
+def lambda_of(lambda_q: Int[Tensor, " item"]) -> Float[Tensor, " item"]:
+    """Return lambda of quantised lambda."""
+    return LAMBDA_MIN * torch.exp(lambda_q / STEPS_PER_E)
+
+
+def loss_of(
+    batch: Batch,
+    outcomes: list[StageOutcome],
+    matched: MatchedDisparity,
+    disparity_weight: float,
+    distortion: Distortion = MseDistortion(),  # noqa: B008 - frozen
+    background: Float[Tensor, "batch 3"] | None = None,
+) -> tuple[Float[Tensor, ""], dict[str, float]]:
+    """Return the loss and its parts for the log.
+
+    The loss is the sum over stages of D + lambda R (paper, training strategy), with lambda of the stage, plus L1 losses
+    on relative disparity. D: weighted mean of `distortion` over views, rendered over `background`, an sRGB colour per
+    scene, black by default. R: bits per context pixel. Disparity is supervised where depth is known or cross-view
+    consistent. The gradient of R has the weight ENTROPY_PRICE, which `code_with_noise` rescales to lambda for all
+    networks except the entropy model.
+    """
+    pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
+    truth = _best_known_disparity(batch, matched)
+    parts = {"matching": _masked_l1(matched.learned, truth)}
+    total = disparity_weight * MATCHING_WEIGHT * parts["matching"]
+    for stage, outcome in enumerate(outcomes, start=1):
+        rendered = _over_background(outcome.renderings, background)
+        images = batch.images[:, : rendered.shape[1]]
+        squared = (rendered.detach() - images).square().mean(dim=(0, 2, 3, 4))
+        weight = _view_weights(batch.num_context, images.shape[1], distortion.target_weight).to(squared)
+        rate = outcome.estimated_bits / pixels
+        disparity = _masked_l1(outcome.prediction.relative_disparity, truth)
+        priced = ENTROPY_PRICE * (rate - rate.detach()) + lambda_of(outcome.lambda_q) * rate.detach()
+        total = total + (distortion(rendered, images).mean(dim=0) * weight).mean() + priced.mean()
+        total = total + disparity_weight * DISPARITY_WEIGHT * disparity
+        parts |= {
+            f"mse{stage}": squared[batch.num_context :].mean(),
+            f"mse_context{stage}": squared[: batch.num_context].mean(),
+            f"bpp{stage}": rate.mean(),
+            f"disparity{stage}": disparity,
+        }
+    return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def _over_background(
+    renderings: tuple[Rendering, ...], background: Float[Tensor, "batch 3"] | None
+) -> Float[Tensor, "batch view 3 h w"]:
+    """Return the images over a background colour. renderings: over black."""
+    colour = torch.stack([rendering.color for rendering in renderings])
+    if background is None:
+        return colour
+    transparency = 1.0 - torch.stack([rendering.alpha for rendering in renderings])
+    return colour + transparency[:, :, None] * background[:, None, :, None, None]
+
+
+def _view_weights(num_context: int, num_views: int, target_weight: float) -> Float[Tensor, " view"]:
+    """Return the weight of each view, 1 on average.
+
+    Target views have a larger weight, because context views can be fitted with wrong depth.
+    """
+    weights = torch.ones(num_views)
+    weights[num_context:] = target_weight
+    return weights / weights.mean()
+
+
+def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tensor, "batch view h4 w4"]:
+    """Return exact disparity for procedural scenes, consistent matched disparity for photographs, NaN elsewhere.
+
+    Matched depth has sharper edges than decoded depth, and its errors differ between the views.
+    """
+    is_photograph = batch.depth.isnan().all(dim=(1, 2, 3), keepdim=True)
+    consistent = torch.where(matched.consistency > MIN_CONSISTENCY, matched.aggregated, torch.nan)
+    return torch.where(is_photograph, consistent, _true_disparity(batch))
+
+
+def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:
+    views = batch.num_context
+    relative = relative_disparity_from_depth(batch.depth[:, :views], batch.cameras)
+    pooled = F.avg_pool2d(relative.flatten(0, 1)[:, None], 4)[:, 0]
+    return rearrange(pooled, "(b v) h w -> b v h w", v=views)
+
+
+def _masked_l1(predicted: Tensor, truth: Tensor) -> Float[Tensor, ""]:
+    """Return the L1 error, where `truth` is finite, as a mean over all pixels."""
+    known = torch.isfinite(truth)
+    difference = (predicted - torch.where(known, truth.clamp(-0.05, 1.05), predicted.detach())).abs()
+    return difference.mean()

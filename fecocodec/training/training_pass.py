@@ -1,0 +1,159 @@
+"""One training pass: the stages of the codec on a batch, with latents coded by an estimate of the rate."""
+
+from functools import cached_property
+from typing import Any
+
+import torch
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.coding.rate import estimate_latents, rounding, uniform_noise
+from fecocodec.receiver.model import Receiver
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.latent_coding import EstimatedLatent
+from fecocodec.sender.model import Sender
+from fecocodec.sender.scene_encoder import LatentCoder, SceneEncoder, Stage, StageInputs, StageRendering
+from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
+from fecocodec.training.batch import Batch, Extracted, MatchedDisparity, StageOutcome
+from fecocodec.training.loss import ENTROPY_PRICE, MIN_CONSISTENCY, lambda_of
+
+Coding = LatentCoder[EstimatedLatent]
+
+
+def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
+    """Return the latent coder of the rate-distortion phases: straight-through rounding and an estimated rate.
+
+    Gradients of the bits with respect to the latents are scaled by lambda / ENTROPY_PRICE; see `loss_of`.
+    """
+
+    def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
+        share = (lambda_of(inputs.lambda_q) / ENTROPY_PRICE)[:, None, None, None]
+        priced = _scale_gradient(y, share)
+        context = None if inputs.y_hat is None else _scale_gradient(inputs.y_hat, share)
+        z = sender.hyper_analysis(priced)
+        surrogate = rounding(uniform_noise())
+        estimate = estimate_latents(receiver.prior, priced, z, inputs.lambda_q, inputs.stage, context, surrogate)
+        return EstimatedLatent(estimate.y_hat.detach() + (y - y.detach()), estimate.bits_y + estimate.bits_z)
+
+    return code
+
+
+def bypass_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
+    """Code latents during warm-up: add uniform noise in [-1/2, 1/2), with zero bits."""
+    return EstimatedLatent(y + torch.rand_like(y) - 0.5, y.new_zeros(y.shape[0]))
+
+
+def _scale_gradient(x: Tensor, factor: Tensor) -> Tensor:
+    return x.detach() + factor * (x - x.detach())
+
+
+class BatchEncoder(SceneEncoder):
+    """Scene encoder for a training batch. It also renders target views; colours do not depend on the direction."""
+
+    def __init__(self, sender: Sender, receiver: Receiver, batch: Batch, extracted: Extracted | None = None) -> None:
+        """extracted: what the extractor computes, None to compute it here."""
+        context = list(range(batch.num_context))
+        super().__init__(Codec(sender, receiver, b""), batch.images[:, context], batch.cameras.select(context))
+        self.batch, self.extracted = batch, extracted
+
+    @cached_property
+    def matching(self) -> Any:
+        return super().matching if self.extracted is None else self.extracted.matching
+
+    @cached_property
+    def features(self) -> Float[Tensor, "item channel h4 w4"]:
+        return super().features if self.extracted is None else self.extracted.features
+
+    @property
+    def matched(self) -> MatchedDisparity:
+        """Disparity of matching, for the loss."""
+        if self.extracted is not None:
+            return self.extracted.matched
+        return with_targets(self.codec.sender, self.batch, self.matched_in_context)
+
+    @property
+    def matched_in_context(self) -> MatchedDisparity:
+        """Disparity of matching among the context views alone."""
+        if self.extracted is not None:
+            return self.extracted.matched
+        maps = (
+            self.matching.relative_disparity,
+            self.matching.depth.relative_disparity,
+            self.matching.depth.consistency,
+        )
+        return MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=self.num_views) for item in maps))
+
+    def render(self, stage: Stage[Any]) -> StageRendering:
+        """Render the context views, which feedback needs, and one target view."""
+        return self.render_views(stage, self.num_views + 1)
+
+    def render_views(self, stage: Stage[Any], num_views: int) -> StageRendering:
+        """Render the first `num_views` views of every scene."""
+        prediction = self.predict(stage.state, stage.inputs.condition)
+        cameras = self.batch.cameras.select(list(range(num_views)))
+        scenes = (
+            render(prediction.gaussians.scene(scene), cameras.scene(scene), self.size)
+            for scene in range(len(self.images))
+        )
+        return StageRendering(prediction, tuple(scenes))
+
+
+@torch.no_grad()
+def extract(sender: Sender, receiver: Receiver, batch: Batch) -> Extracted:
+    """Compute what a frozen extractor gives for a batch."""
+    encoder = BatchEncoder(sender, receiver, batch)
+    return Extracted(encoder.matching, encoder.features, encoder.matched)
+
+
+def run_stages(
+    sender: Sender,
+    receiver: Receiver,
+    batch: Batch,
+    coding: Coding,
+    num_stages: int,
+    extracted: Extracted | None = None,
+    disparity_weight: float = 1.0,
+) -> tuple[list[StageOutcome], MatchedDisparity]:
+    """Code, decode and render a batch; returns the results per stage and the disparity of matching.
+
+    disparity_weight: with 0, target views are not matched, which would take a third of a step. The last stage is
+    rendered at all views, earlier stages at the context views and one target view.
+    """
+    encoder = BatchEncoder(sender, receiver, batch, extracted)
+    stages = encoder.run(batch.lambda_q, num_stages, coding)
+    renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None]
+    renderings.append(encoder.render_views(stages[-1], batch.images.shape[1]))
+    outcomes = [
+        StageOutcome(
+            rendering.prediction,
+            rendering.scenes,
+            rearrange(stage.coded.bits, "(b v) -> b v", v=encoder.num_views).sum(dim=1),
+            lambda_q,
+        )
+        for stage, rendering, lambda_q in zip(
+            stages, renderings, stage_lambdas(batch.lambda_q, num_stages, stage_1_offset(receiver.config)), strict=True
+        )
+    ]
+    return outcomes, encoder.matched if disparity_weight else encoder.matched_in_context
+
+
+@torch.no_grad()
+def with_targets(sender: Sender, batch: Batch, matched: MatchedDisparity) -> MatchedDisparity:
+    """Replace inconsistent disparity of photographs by that of matching with the target views included.
+
+    Surfaces visible in only one context view, where the sender cannot measure depth, are often visible in target views.
+    """
+    if not batch.depth.isnan().any():
+        return matched
+    views = batch.num_context
+    depth = sender.extractor.match(batch.images, batch.cameras).depth
+    maps = (depth.relative_disparity, depth.consistency)
+    disparity, consistency = (rearrange(x, "(b v) 1 h w -> b v h w", b=len(batch.images))[:, :views] for x in maps)
+    is_consistent = matched.consistency > MIN_CONSISTENCY
+    return MatchedDisparity(
+        matched.learned,
+        torch.where(is_consistent, matched.aggregated, disparity),
+        torch.where(is_consistent, matched.consistency, consistency),
+    )
