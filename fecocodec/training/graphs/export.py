@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from copy import deepcopy
 from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
@@ -20,6 +19,7 @@ from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.receiver.load import load_receiver
 from fecocodec.training.graphs.canonical import make_canonical
+from fecocodec.training.graphs.channels_last import with_exported_blocks
 from fecocodec.training.graphs.exact_linear import with_exact_layers
 from fecocodec.training.graphs.linking import link_weights
 from fecocodec.training.graphs.networks import network_graphs
@@ -40,7 +40,7 @@ def export_receiver(folder: Path) -> None:
     receiver, _ = load_receiver(path)
     if receiver.config.method == PAPER:
         raise ModelError(f"{path}: graphs are exported for the method 'compact' alone; decode this model with torch.")
-    graphs = network_graphs(receiver) | prior_graphs(with_exact_layers(deepcopy(receiver.prior)))
+    graphs = network_graphs(with_exported_blocks(receiver)) | prior_graphs(with_exact_layers(receiver.prior))
     write_graphs(graphs, path.read_bytes(), folder / GRAPHS)
 
 
