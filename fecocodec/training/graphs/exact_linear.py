@@ -19,8 +19,8 @@ Network = TypeVar("Network", bound=nn.Module)
 class ExactLinear(nn.Module):
     """`FixedPointLinear` with the integers of the weights file as buffers: clip((x @ weight + bias + 2^11) >> 12).
 
-    Sums are computed in float64, where they are multiples of 2^-12 below 2^41 and therefore exact in any order. Runtimes
-    divide the weights when they load the graph.
+    Sums are computed in float64, where they are multiples of 2^-12 below 2^41 and therefore exact in any order.
+    Runtimes divide the weights when they load the graph.
     """
 
     weight: Tensor
