@@ -1,7 +1,8 @@
 """Compare what the browser tests left in web/build/browser with the Python receiver. Run by `make web-test`.
 
 `pageN.png` are screenshots of the self-contained page at the coded cameras. If the page that decodes was built,
-`cameraN.png` are its screenshots and `scene.ply` its download.
+`cameraN.png` are its screenshots, `preview1.png` is its picture after stage 1, `scene.ply` its download, and
+`views-N.ply` are its downloads for the scenes of `make_scenes.py`.
 """
 
 from pathlib import Path
@@ -38,6 +39,14 @@ def test_the_gaussians_agree(decoded: Decoded) -> None:
     assert beyond(found, "full") == [], found
 
 
+@needs_decoder_page
+@pytest.mark.parametrize("num_views", [1, 3, 8])
+def test_the_gaussians_of_other_numbers_of_views_agree(num_views: int) -> None:
+    data = (RESULTS / "scenes" / f"views-{num_views}.fcs").read_bytes()
+    found = difference(data, table(decode(data).gaussians), table(read_ply(RESULTS / f"views-{num_views}.ply")))
+    assert beyond(found, "full") == [], found
+
+
 @pytest.mark.parametrize("view", [0, 1])
 def test_the_self_contained_page_resembles_the_rendering(decoded: Decoded, view: int) -> None:
     assert psnr(decoded, view, RESULTS / f"page{view + 1}.png") > LEAST_PSNR
@@ -47,6 +56,11 @@ def test_the_self_contained_page_resembles_the_rendering(decoded: Decoded, view:
 @pytest.mark.parametrize("view", [0, 1])
 def test_the_decoder_page_resembles_the_rendering(decoded: Decoded, view: int) -> None:
     assert psnr(decoded, view, RESULTS / f"camera{view + 1}.png") > LEAST_PSNR
+
+
+@needs_decoder_page
+def test_the_preview_resembles_the_rendering_of_stage_1() -> None:
+    assert psnr(decode(STREAM, stages=1), 0, RESULTS / "preview1.png") > LEAST_PSNR
 
 
 def psnr(decoded: Decoded, view: int, screenshot: Path) -> float:
