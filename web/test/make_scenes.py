@@ -1,4 +1,4 @@
-"""Encode small scenes of one, three and eight views for the browser tests: `python web/test/make_scenes.py FOLDER`."""
+"""Encode small scenes of one, three and eight views for the browser tests: `python -m web.test.make_scenes FOLDER`."""
 
 import sys
 from pathlib import Path

@@ -72,7 +72,7 @@ test("the scene of stage 1 is drawn before stage 2 is decoded", needsPage, async
 
 for (const count of [1, 3, 8]) {
   test(`a file of ${count} view(s) is decoded`, needsPage, async () => {
-    const { page, problems } = await open(browser, `${server.url}/page/index.html?file=/views/views-${count}.fcs`, 800, 600);
+    const { page, problems } = await open(browser, `${server.url}/page/index.html?file=/views/views-${count}.fcs`, 400, 300);
     await page.waitForSelector("body[data-done]", { timeout: TIMEOUT });
     const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
     await download.saveAs(join(RESULTS, `views-${count}.ply`));
