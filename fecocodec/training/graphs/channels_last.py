@@ -33,6 +33,8 @@ class ExportedUpsample(nn.Sequential):
 
     def forward(self, x: Tensor) -> Tensor:
         convolution = self[0]
+        assert isinstance(convolution, nn.Conv2d)
+        assert convolution.bias is not None
         return upsampled(x, convolution.weight[:, :, 0, 0], convolution.bias)
 
 

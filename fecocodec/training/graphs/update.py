@@ -51,6 +51,7 @@ class UpdateGraph(nn.Module):
         which runtimes compute when they load the graph.
         """
         up, join = self.receiver.synthesis.up[0], self.receiver.update.join
+        assert isinstance(up, nn.Conv2d)
         assert up.bias is not None
         assert join.bias is not None
         of_pixels = up.weight.flatten(1).unflatten(0, (-1, 4)).flatten(1)  # [channel, (pixel in)]
