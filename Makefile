@@ -105,7 +105,8 @@ web: $(NODE_READY) ## build the viewer page into fecocodec/web (needs Node.js 20
 
 web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHROMIUM=/usr/bin/chromium)
 	cd web && npx tsc -p . && rm -rf build/test build/browser-tests && node build-tests.mjs && node --test build/test/*.mjs
-	@rm -rf web/build/browser && mkdir -p web/build/browser
+	@rm -rf web/build/browser && mkdir -p web/build/browser/scenes
+	$(BIN)/python -m web.test.make_scenes web/build/browser/scenes
 	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-compact-2.fcs -o web/build/browser/scene.html --overwrite
 	cd web && node --test --test-concurrency 1 build/browser-tests/*.test.mjs
 	$(BIN)/python -m pytest -q web/test/test_results.py tests/cli/test_view.py

@@ -1,7 +1,8 @@
 """Time and memory of decoding with torch and with onnxruntime: `python benchmarks/bench_receivers.py [FILE.fcs]`.
 
 Whole processes run `fecosplat decode`; warm times are those of the library in one process. All use one thread unless
-OMP_NUM_THREADS says otherwise. The rate of convolutions is measured in the same run, because machines differ.
+OMP_NUM_THREADS says otherwise. The rate of convolutions is measured in the same run, because machines differ. Their
+floating-point operations are counted in a decoding of the same stream with torch.
 """
 
 import os
@@ -58,7 +59,7 @@ def whole_process(kind: str, stream: Path, folder: Path) -> tuple[float, float, 
 
 
 def measure_warm(data: bytes) -> None:
-    """Print warm times of both receivers, in turn, beside the time of 17 Gflop of 3x3 convolutions."""
+    """Print warm times of both receivers, in turn, beside the time of the convolutions alone at the machine's rate."""
     import torch
 
     from fecocodec.receiver.decode import decode as decode_with_torch
@@ -80,13 +81,24 @@ def measure_warm(data: bytes) -> None:
             task()
             if repeat >= 2:
                 times[name].append(perf_counter() - start)
-    rate = gflop / median(times["convolutions"])
-    limit = 17.0 / rate
-    print(f"convolutions: {rate:.0f} Gflop/s, so 17 Gflop take {limit:.3f} s")
+    rate, needed = gflop / median(times["convolutions"]), convolution_gflop(lambda: decode_with_torch(data))
+    limit = needed / rate
+    print(f"convolutions: {rate:.0f} Gflop/s, so {needed:.1f} Gflop take {limit:.3f} s")
     for name in ("torch", "onnxruntime"):
         seconds = median(times[name])
         ratio = seconds / limit
         print(f"{name}: warm {seconds:.3f} s, fastest {min(times[name]):.3f} s, {ratio:.2f} times the convolutions")
+
+
+def convolution_gflop(decoding: Callable[[], object]) -> float:
+    """Return the floating-point operations of all convolutions, in 10^9. A multiplication and an addition are two."""
+    import torch
+    from torch.utils.flop_counter import FlopCounterMode
+
+    with FlopCounterMode(display=False) as counter:
+        decoding()
+    counts = counter.get_flop_counts()["Global"]
+    return sum(count for operation, count in counts.items() if operation is torch.ops.aten.convolution) / 1e9
 
 
 if __name__ == "__main__":

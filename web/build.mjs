@@ -9,8 +9,7 @@ import { gzipSync } from "node:zlib";
 const output = process.argv[2];
 if (!output) throw new Error("usage: node build.mjs OUTPUT_FOLDER");
 const root = join(import.meta.dirname, "..");
-// As in src/receiver/graphs.ts.
-const graphs = ["update", "points", "attend", "attributes", "confirm", "free_space", "slope", "harmonics"].map((name) => `${name}.onnx`);
+const { GRAPHS } = await imported("src/receiver/graph-names.ts");
 const weights = join(root, "fecocodec", "weights");
 
 rmSync(output, { recursive: true, force: true });
@@ -43,6 +42,12 @@ async function decoderPage() {
   writeFileSync(join(output, "licences.txt"), licences(metafile));
 }
 
+/** Return the exports of a TypeScript module. */
+async function imported(path) {
+  const { outputFiles } = await build({ entryPoints: [path], write: false, format: "esm" });
+  return import(`data:text/javascript;base64,${Buffer.from(outputFiles[0].contents).toString("base64")}`);
+}
+
 /** Return the self-contained page; Python replaces its SCENE and GAUSSIANS. */
 async function scenePage() {
   const { outputFiles, metafile } = await build({ ...options, entryPoints: ["src/viewer/scene-page.ts"], write: false });
@@ -68,9 +73,7 @@ function copyModel(folder) {
   const target = join(output, "models", id);
   mkdirSync(target, { recursive: true });
   writeFileSync(join(target, "receiver.safetensors"), receiver);
-  for (const graph of graphs) {
-    copyFileSync(join(folder, "graphs", graph), join(target, graph));
-  }
+  for (const name of GRAPHS) copyFileSync(join(folder, "graphs", `${name}.onnx`), join(target, `${name}.onnx`));
   return id;
 }
 

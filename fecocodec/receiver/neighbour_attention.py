@@ -69,8 +69,9 @@ class NeighbourAttention(nn.Module):
     ) -> Float[Tensor, "point channel"]:
         """Return the residual for neighbours that `search` found; other arguments as for `forward`."""
         key_value, query = self.keys_values_and_queries(features)
+        keys, values = (half.contiguous() for half in key_value.chunk(2, dim=-1))
         blocks = zip(*(x.split(POINTS_AT_ONCE) for x in (neighbours, query, points, depth, world_to_view)), strict=True)
-        return self.output(torch.cat([self.gathered(key_value, points, *block) for block in blocks]))
+        return self.output(torch.cat([self.gathered(keys, values, points, *block) for block in blocks]))
 
     def keys_values_and_queries(
         self, features: Float[Tensor, "point channel"]
@@ -81,7 +82,8 @@ class NeighbourAttention(nn.Module):
 
     def gathered(
         self,
-        key_value: Float[Tensor, "point attention2"],
+        keys: Float[Tensor, "point attention"],
+        values: Float[Tensor, "point attention"],
         all_points: Float[Tensor, "point 3"],
         neighbours: Int[Tensor, "asking k1"],
         query: Float[Tensor, "asking attention"],
@@ -89,7 +91,7 @@ class NeighbourAttention(nn.Module):
         depth: Float[Tensor, " asking"],
         world_to_view: Float[Tensor, "asking 3 3"],
     ) -> Float[Tensor, "asking gathered"]:
-        """Return attended values and attended offsets of a block of points. key_value and all_points: of all points.
+        """Return attended values and attended offsets of a block of points. keys, values and all_points: of all.
 
         All heads share one batched product per direction, with queries that are zero outside their head's channels,
         which is faster at these sizes than splitting the heads.
@@ -99,7 +101,7 @@ class NeighbourAttention(nn.Module):
         neighbours = neighbours[:, : self.num_neighbours]
         offsets = _relative_offsets(offsets[:, : self.num_neighbours], depth, world_to_view)
         # `embedding` is much faster than indexing, and so is its gradient.
-        key, value = F.embedding(neighbours, key_value).chunk(2, dim=-1)  # [asking k attention]
+        key, value = F.embedding(neighbours, keys), F.embedding(neighbours, values)  # [asking k attention]
         logits = key @ (query[..., None] * self.head_of_channel) + self.offset_bias(offsets) + presence.log()[..., None]
         weights = logits.softmax(dim=1).transpose(1, 2)  # [asking head k]
         gathered = ((weights @ value) * self.head_of_channel.transpose(0, 1)).sum(dim=1)

@@ -54,6 +54,7 @@ class Graphs:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = self._num_threads
         options.log_severity_level = 3
+        options.enable_cpu_mem_arena = False  # each graph would keep the memory of its largest run
         options.add_external_initializers_from_files_in_memory([RECEIVER_FILE], [self._weights], [len(self._weights)])
         try:
             session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])

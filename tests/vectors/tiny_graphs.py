@@ -1,5 +1,6 @@
-"""Graphs of the entropy model of the test vectors; `python -m tests.vectors.tiny_graphs` exports them again."""
+"""Graphs of the entropy model of the test vectors. `python -m tests.vectors.tiny_graphs [FOLDER]` exports them."""
 
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -15,13 +16,13 @@ def tiny_graphs(num_threads: int = 1) -> Graphs:
     return Graphs(TINY_MODEL.read_bytes(), FOLDER, tiny_model_id(), num_threads)
 
 
-def export_tiny_graphs() -> None:
+def export_tiny_graphs(folder: Path) -> None:
     from fecocodec.training.graphs.export import write_graphs
     from fecocodec.training.graphs.specification import prior_graphs
 
     weights = TINY_MODEL.read_bytes()
-    write_graphs(prior_graphs(with_exact_layers(load_prior(weights, empty_prior()))), weights, FOLDER)
+    write_graphs(prior_graphs(with_exact_layers(load_prior(weights, empty_prior()))), weights, folder)
 
 
 if __name__ == "__main__":
-    export_tiny_graphs()
+    export_tiny_graphs(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

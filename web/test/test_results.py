@@ -1,9 +1,11 @@
 """Compare what the browser tests left in web/build/browser with the Python receiver. Run by `make web-test`.
 
 `pageN.png` are screenshots of the self-contained page at the coded cameras. If the page that decodes was built,
-`cameraN.png` are its screenshots and `scene.ply` its download.
+`cameraN.png` are its screenshots, `preview1.png` is its picture after stage 1, `scene.ply` its download, and
+`views-N.ply` are its downloads for the scenes of `make_scenes.py`.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from PIL import Image
 
 from fecocodec.formats.ply import read_ply
 from fecocodec.formats.viewer_files import FOLDER
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import Decoded, decode
 from fecocodec.rendering.rasterizer import render
 from tests.vectors.gaussian_difference import beyond, difference
@@ -38,6 +41,23 @@ def test_the_gaussians_agree(decoded: Decoded) -> None:
     assert beyond(found, "full") == [], found
 
 
+@needs_decoder_page
+@pytest.mark.parametrize(("num_views", "allowed"), [(1, set()), (3, set()), (8, {"colour_peak"})])
+def test_the_gaussians_of_other_numbers_of_views_agree(num_views: int, allowed: set[str]) -> None:
+    """allowed: measures that may be beyond the tolerance. Slopes fitted to eight unrelated images magnify rounding."""
+    data = (RESULTS / "scenes" / f"views-{num_views}.fcs").read_bytes()
+    ours, shown = decode(data).gaussians, read_ply(RESULTS / f"views-{num_views}.ply")
+    found = difference(data, padded(ours), padded(shown))
+    assert set(beyond(found, "full")) <= allowed, found
+    assert found.colour_peak < 2e-5
+
+
+def padded(gaussians: Gaussians) -> torch.Tensor:
+    """Return rows as `table` does, with zeros for missing harmonics of degree 1."""
+    missing = 4 - gaussians.harmonics.shape[1]
+    return table(replace(gaussians, harmonics=torch.nn.functional.pad(gaussians.harmonics, (0, 0, 0, missing))))
+
+
 @pytest.mark.parametrize("view", [0, 1])
 def test_the_self_contained_page_resembles_the_rendering(decoded: Decoded, view: int) -> None:
     assert psnr(decoded, view, RESULTS / f"page{view + 1}.png") > LEAST_PSNR
@@ -47,6 +67,11 @@ def test_the_self_contained_page_resembles_the_rendering(decoded: Decoded, view:
 @pytest.mark.parametrize("view", [0, 1])
 def test_the_decoder_page_resembles_the_rendering(decoded: Decoded, view: int) -> None:
     assert psnr(decoded, view, RESULTS / f"camera{view + 1}.png") > LEAST_PSNR
+
+
+@needs_decoder_page
+def test_the_preview_resembles_the_rendering_of_stage_1() -> None:
+    assert psnr(decode(STREAM, stages=1), 0, RESULTS / "preview1.png") > LEAST_PSNR
 
 
 def psnr(decoded: Decoded, view: int, screenshot: Path) -> float:

@@ -19,7 +19,8 @@ Network = TypeVar("Network", bound=nn.Module)
 class ExactLinear(nn.Module):
     """`FixedPointLinear` with the integers of the weights file as buffers: clip((x @ weight + bias + 2^11) >> 12).
 
-    Sums are computed in float64, where they are integers below 2^53 and therefore exact in any order.
+    Sums are computed in float64, where they are multiples of 2^-12 below 2^41 and therefore exact in any order.
+    Runtimes divide the weights when they load the graph.
     """
 
     weight: Tensor
@@ -31,14 +32,14 @@ class ExactLinear(nn.Module):
             self.register_buffer(name.removeprefix("."), integers)
 
     def forward(self, *inputs_q8: Tensor) -> Tensor:
-        half = 1 << (WEIGHT_BITS - 1)
-        sums = self.bias[:, None].double() + half
+        weight, half = self.weight.double() / (1 << WEIGHT_BITS), 0.5  # floor rounds to nearest with the half
+        sums = self.bias[:, None].double() / (1 << WEIGHT_BITS) + half
         first = 0
         for x_q8 in inputs_q8:
             last = first + x_q8.shape[-1]
-            sums = sums + x_q8 @ self.weight[:, first:last].double()
+            sums = sums + x_q8 @ weight[:, first:last]
             first = last
-        return torch.floor(sums / (1 << WEIGHT_BITS)).clamp(ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
+        return torch.floor(sums).clamp(ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
 
 
 def with_exact_layers(module: Network) -> Network:

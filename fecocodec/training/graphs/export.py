@@ -1,13 +1,15 @@
 """Export the receiver's networks to ONNX graphs, which hold no weights: they refer to the weights file."""
 
 import logging
+import os
 import warnings
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from copy import deepcopy
+from itertools import repeat
+from multiprocessing import get_context
 from pathlib import Path
 
-import onnx
 import torch
 from onnxscript import optimizer
 
@@ -16,6 +18,8 @@ from fecocodec.config import PAPER
 from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.receiver.load import load_receiver
+from fecocodec.training.graphs.canonical import make_canonical
+from fecocodec.training.graphs.channels_last import with_exported_blocks
 from fecocodec.training.graphs.exact_linear import with_exact_layers
 from fecocodec.training.graphs.linking import link_weights
 from fecocodec.training.graphs.networks import network_graphs
@@ -36,21 +40,30 @@ def export_receiver(folder: Path) -> None:
     receiver, _ = load_receiver(path)
     if receiver.config.method == PAPER:
         raise ModelError(f"{path}: graphs are exported for the method 'compact' alone; decode this model with torch.")
-    graphs = network_graphs(receiver) | prior_graphs(with_exact_layers(deepcopy(receiver.prior)))
+    graphs = network_graphs(with_exported_blocks(receiver)) | prior_graphs(with_exact_layers(receiver.prior))
     write_graphs(graphs, path.read_bytes(), folder / GRAPHS)
 
 
 def write_graphs(graphs: dict[str, Graph], weights: bytes, folder: Path) -> None:
-    """Write graphs of a weights file as NAME.onnx, with its model id as metadata. Raises OutputError if that fails."""
+    """Write graphs of a weights file as NAME.onnx, with its model id as metadata. Raises OutputError if that fails.
+
+    The graphs are exported by one process per core. Equal weights give equal bytes. The main module of the program must
+    be importable (`if __name__ == "__main__"`).
+    """
     make_folder(folder)
-    for name, graph in graphs.items():
-        model = export_graph(name, graph, weights)
-        with write_atomically(folder / f"{name}.onnx", overwrite=True) as temporary:
-            temporary.write_bytes(model.SerializeToString(deterministic=True))
+    with ProcessPoolExecutor(
+        min(os.cpu_count() or 1, len(graphs)),
+        mp_context=get_context("spawn"),
+        initializer=torch.set_num_threads,
+        initargs=(1,),
+    ) as pool:
+        for name, content in zip(graphs, pool.map(export_graph, graphs, graphs.values(), repeat(weights)), strict=True):
+            with write_atomically(folder / f"{name}.onnx", overwrite=True) as temporary:
+                temporary.write_bytes(content)
 
 
-def export_graph(name: str, graph: Graph, weights: bytes) -> onnx.ModelProto:
-    """Return a graph as an ONNX model whose large tensors refer to the weights file."""
+def export_graph(name: str, graph: Graph, weights: bytes) -> bytes:
+    """Return a graph as a serialised ONNX model whose large tensors refer to the weights file."""
     with torch.no_grad(), _quiet_exporter():
         exported = torch.export.export(
             graph.module.eval(),
@@ -71,31 +84,11 @@ def export_graph(name: str, graph: Graph, weights: bytes) -> onnx.ModelProto:
         optimizer.optimize_ir(program.model, output_size_limit=LARGEST_FOLDED, input_size_limit=LARGEST_FOLDED)
         model = program.model_proto
     link_weights(model, weights, RECEIVER_FILE)
-    _strip(model)
-    del model.metadata_props[:]
+    make_canonical(model, graph.inputs)
     for key, value in (("model_id", model_id_of(weights).hex()), ("graph", name)):
         model.metadata_props.add(key=key, value=value)
-    return model
-
-
-def _strip(model: onnx.ModelProto) -> None:
-    """Remove what only the exporter's developers read: stack traces, names of nodes and types of inner values."""
-    _strip_graph(model.graph)
-    model.doc_string = ""
-
-
-def _strip_graph(graph: onnx.GraphProto) -> None:
-    del graph.value_info[:]
-    del graph.metadata_props[:]
-    graph.doc_string = ""
-    for value in (*graph.input, *graph.output):
-        del value.metadata_props[:]
-    for node in graph.node:
-        del node.metadata_props[:]
-        node.doc_string, node.name = "", ""
-        for attribute in node.attribute:
-            if attribute.type == onnx.AttributeProto.GRAPH:
-                _strip_graph(attribute.g)
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
 
 
 @contextmanager

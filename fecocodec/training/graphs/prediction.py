@@ -71,8 +71,10 @@ class AttendGraph(nn.Module):
     ) -> Tensor:
         per_view = depth.shape[1] * depth.shape[2]
         all_points, asking = points.flatten(0, 2), asking.long()
+        keys, values = keys_values.flatten(0, 2).chunk(2, dim=-1)
         gathered = self.attention.gathered(
-            keys_values.flatten(0, 2),
+            keys,
+            values,
             all_points,
             neighbours.long(),
             queries.flatten(0, 2).index_select(0, asking),

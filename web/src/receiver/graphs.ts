@@ -1,12 +1,9 @@
 /** The receiver's networks as ONNX graphs. Only this file imports onnxruntime-web. */
 
 import * as ort from "onnxruntime-web/wasm";
+import { type GraphName, GRAPHS } from "./graph-names";
 
 const WEIGHTS = "receiver.safetensors"; // the name by which graphs refer to the weights
-
-/** Graphs that the decoder runs; the entropy model has its own implementation. */
-export const GRAPHS = ["update", "points", "attend", "attributes", "confirm", "free_space", "slope", "harmonics"] as const;
-export type GraphName = (typeof GRAPHS)[number];
 
 /** Files of a model: graphs, and the weights file that they refer to. */
 export interface ModelFiles {

@@ -1,7 +1,8 @@
 /** The files that decoding needs, fetched from the folder of the page. */
 
 import { unknownModel } from "../coding/stage-decoder";
-import { GRAPHS, type ModelFiles } from "../receiver/graphs";
+import { GRAPHS } from "../receiver/graph-names";
+import type { ModelFiles } from "../receiver/graphs";
 
 export interface Runtime {
   wasm: Uint8Array;
@@ -26,7 +27,7 @@ export async function fetchModel(modelId: string): Promise<ModelFiles> {
 /** Fetch a file. Throws Error with a sentence for the page. */
 export async function fetchBytes(url: string): Promise<Uint8Array> {
   const response = await fetch(url).catch((error: unknown) => {
-    throw new Error(`${url}: it cannot be fetched (${String(error)}); check the address or drop the file here.`);
+    throw new Error(`${url}: it cannot be fetched (${String(error)}); files on other hosts are not loaded. Drop the file here.`);
   });
   if (!response.ok) {
     throw new Error(`${url}: the server answered ${response.status}; check the address or drop the file here.`);

@@ -7,10 +7,12 @@ import { plyBytes } from "../formats/ply";
 import type { Reply, Request, Summary } from "./messages";
 
 let opened: Stream | null = null;
+let proceed: () => void = () => undefined;
 
 self.onmessage = async ({ data: request }: MessageEvent<Request>) => {
   try {
     if (request.kind === "open") open(request.data);
+    else if (request.kind === "continue") proceed();
     else await decode(request);
   } catch (error) {
     if (error instanceof Refusal) reply({ kind: "refused", message: error.message, rule: error.rule });
@@ -31,7 +33,9 @@ async function decode({ wasm, tables, model }: Extract<Request, { kind: "decode"
   reply({ kind: "ready", ms: performance.now() - start });
   for await (const { stage, gaussians, timings } of decoder.stages(opened)) {
     const ply = plyBytes(gaussians);
+    const isShown = new Promise<void>((resolve) => (proceed = resolve));
     reply({ kind: "stage", stage, count: gaussians.count, ply, timings }, [ply.buffer]);
+    await isShown; // decoding takes all of a processor core, which drawing may need
   }
   reply({ kind: "done" });
 }

@@ -21,7 +21,9 @@ export interface Summary {
 
 export type Request =
   | { kind: "open"; data: Uint8Array }
-  | { kind: "decode"; wasm: Uint8Array; tables: Uint8Array; model: ModelFiles };
+  | { kind: "decode"; wasm: Uint8Array; tables: Uint8Array; model: ModelFiles }
+  /** The last stage is on the screen: decode the next one. */
+  | { kind: "continue" };
 
 export type Reply =
   | { kind: "summary"; summary: Summary }

@@ -6,6 +6,8 @@ import type { Reply, Request, Summary } from "./messages";
 import { element, Facts, markCamera, showCameras, showProblem, showStatus } from "./panel";
 import type { SceneView } from "./scene-view";
 
+const PREVIEW_MS = 5000; // a preview that takes longer to draw does not delay the next stage
+
 /** A file that is being decoded and shown. Closing it stops its decoder. */
 export class OpenedFile {
   /** Bytes of a .ply file of the last decoded stage, null before. */
@@ -69,7 +71,9 @@ export class OpenedFile {
     this.ply = ply;
     const start = performance.now();
     await this.view.setGaussians(ply, "ply");
-    this.facts.addStage(stage, count, [...timings, { step: "to the GPU", ms: performance.now() - start }]);
+    await this.view.whenDrawn(PREVIEW_MS);
+    this.request({ kind: "continue" });
+    this.facts.addStage(stage, count, [...timings, { step: "draw", ms: performance.now() - start }]);
     const seconds = ((performance.now() - this.opened) / 1000).toFixed(2);
     showStatus(`${this.name}: stage ${stage} of ${this.summary?.stages}, ${count.toLocaleString("en")} Gaussians, ${seconds} s`);
     document.body.dataset.stage = String(stage);

@@ -1,7 +1,7 @@
 /** Drawing and navigation of Gaussians. Only this file and coded-camera.ts import three.js, only this one Spark. */
 
 import { SparkControls, SparkRenderer, SplatFileType, SplatMesh } from "@sparkjsdev/spark";
-import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import type { StoredCamera, StoredCameras } from "../container/cameras";
 import { fit, placeAt } from "./coded-camera";
@@ -14,6 +14,7 @@ export type Navigation = "orbit" | "fly";
 /** A view of one scene of Gaussians in a canvas. */
 export class SceneView {
   private readonly renderer: WebGLRenderer;
+  private readonly spark: SparkRenderer;
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera();
   private orbit: OrbitControls | null = null;
@@ -22,17 +23,21 @@ export class SceneView {
   private navigation: Navigation = "orbit";
   private shown: StoredCamera | null = null;
   private focus = 1; // distance of the centre of orbits from the camera
+  private isStale = true; // whether something other than the camera changed since the last frame
+  private readonly drawnFrom = new Matrix4();
+  private waiting: (() => void)[] = [];
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true });
-    const spark = new SparkRenderer({
+    this.spark = new SparkRenderer({
       renderer: this.renderer,
+      onDirty: () => (this.isStale = true),
       preBlurAmount: DILATION_PX2,
       blurAmount: 0,
       maxStdDev: Math.sqrt(10),
       sortRadial: false,
     });
-    this.scene.add(spark);
+    this.scene.add(this.spark);
     this.fly = new SparkControls({ canvas });
     new ResizeObserver(() => this.resize()).observe(canvas);
     this.renderer.setAnimationLoop(() => this.draw());
@@ -58,6 +63,15 @@ export class SceneView {
     this.clear();
     this.mesh = mesh;
     this.scene.add(mesh);
+    this.isStale = true;
+  }
+
+  /** Wait until the Gaussians are sorted and drawn, or the time has passed: a hidden page draws nothing. */
+  async whenDrawn(mostMs: number): Promise<void> {
+    await new Promise<void>((resolve) => {
+      this.waiting.push(resolve);
+      setTimeout(resolve, mostMs);
+    });
   }
 
   clear(): void {
@@ -65,6 +79,7 @@ export class SceneView {
     this.scene.remove(this.mesh);
     this.mesh.dispose();
     this.mesh = null;
+    this.isStale = true;
   }
 
   /** Move to a coded camera. */
@@ -105,10 +120,24 @@ export class SceneView {
     this.renderer.setSize(width, height, false);
     if (this.shown) fit(this.camera, this.shown, width, height);
     this.camera.updateProjectionMatrix();
+    this.isStale = true;
   }
 
+  /** Draw if the last frame is out of date. */
   private draw(): void {
     if (this.navigation === "fly") this.fly.update(this.camera);
-    this.renderer.render(this.scene, this.camera);
+    this.camera.updateMatrixWorld();
+    if (this.isStale || !this.drawnFrom.equals(this.camera.matrixWorld)) {
+      this.isStale = false; // before drawing, which can make the next frame necessary
+      this.drawnFrom.copy(this.camera.matrixWorld);
+      this.renderer.render(this.scene, this.camera);
+    }
+    if (this.mesh && this.isUpToDate()) this.waiting.splice(0).forEach((resolve) => resolve());
+  }
+
+  /** Return whether the last frame shows the Gaussians as they are, sorted for its camera. */
+  private isUpToDate(): boolean {
+    const { dirty, sorting, sortDirty, updateTimeoutId, activeSplats } = this.spark;
+    return !this.isStale && !dirty && !sorting && !sortDirty && updateTimeoutId === -1 && activeSplats > 0;
   }
 }

@@ -38,6 +38,21 @@ export async function open(
   return { page, problems };
 }
 
+/** Prepare a page to keep its picture at the moment a stage is shown; returns a function that waits for it, as PNG. */
+export async function atStage(page: Page, stage: number): Promise<() => Promise<Buffer>> {
+  await page.addInitScript((wanted) => {
+    const keep = () => {
+      if (document.body?.dataset.stage !== wanted) return;
+      (window as unknown as { kept: string }).kept ??= document.querySelector("canvas")!.toDataURL("image/png");
+    };
+    new MutationObserver(keep).observe(document, { attributes: true, subtree: true, attributeFilter: ["data-stage"] });
+  }, String(stage));
+  return async () => {
+    const kept = await page.waitForFunction(() => (window as unknown as { kept?: string }).kept, undefined, { timeout: TIMEOUT });
+    return Buffer.from(String(await kept.jsonValue()).split(",")[1], "base64");
+  };
+}
+
 /** Wait until the last scene is set. */
 export async function waitForScene(page: Page): Promise<void> {
   await page.waitForSelector("body[data-done]", { timeout: TIMEOUT });

@@ -5,7 +5,7 @@ import { existsSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser } from "playwright-core";
-import { launch, open, RESULTS, settled, TIMEOUT, waitForScene } from "./chromium";
+import { atStage, launch, open, RESULTS, settled, TIMEOUT, waitForScene } from "./chromium";
 import { serve, type StaticServer } from "./static-server";
 
 const ROOT = join(process.cwd(), "..");
@@ -24,7 +24,8 @@ before(async () => {
     vectors: join(ROOT, "bitstream_spec", "vectors"),
     weights: join(ROOT, "fecocodec", "weights"),
     entropy: join(ROOT, "fecocodec", "entropy"),
-    scenes: process.env.SCENES ?? join(ROOT, "bitstream_spec", "vectors", "valid"),
+    scenes: join(ROOT, "bitstream_spec", "vectors", "valid"),
+    views: join(RESULTS, "scenes"),
   });
   browser = await launch();
 });
@@ -57,6 +58,33 @@ test("a scene is decoded, shown and downloaded", needsPage, async () => {
   await download.saveAs(join(RESULTS, "scene.ply"));
   writeFileSync(join(RESULTS, "facts.txt"), await page.innerText("#status"));
   assert.deepEqual(problems, []);
+  await page.close();
+});
+
+test("the scene of stage 1 is drawn before stage 2 is decoded", needsPage, async () => {
+  const page = await browser.newPage({ viewport: { width: 192, height: 128 } });
+  const preview = await atStage(page, 1);
+  await page.goto(`${server.url}/page/index.html?file=/scenes/${SCENE}`);
+  writeFileSync(join(RESULTS, "preview1.png"), await preview());
+  await page.waitForSelector("body[data-stage='2']", { timeout: TIMEOUT });
+  await page.close();
+});
+
+for (const count of [1, 3, 8]) {
+  test(`a file of ${count} view(s) is decoded`, needsPage, async () => {
+    const { page, problems } = await open(browser, `${server.url}/page/index.html?file=/views/views-${count}.fcs`, 400, 300);
+    await page.waitForSelector("body[data-done]", { timeout: TIMEOUT });
+    const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
+    await download.saveAs(join(RESULTS, `views-${count}.ply`));
+    assert.deepEqual(problems, []);
+    await page.close();
+  });
+}
+
+test("files on other hosts are not loaded", needsPage, async () => {
+  const { page } = await open(browser, `${server.url}/page/index.html?file=http://127.0.0.1:9/a.fcs`, 800, 600);
+  await page.waitForSelector("#problem:not([hidden])");
+  assert.match(await page.innerText("#problem"), /a\.fcs: it cannot be fetched .* files on other hosts are not loaded/);
   await page.close();
 });
 

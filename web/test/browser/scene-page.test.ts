@@ -59,6 +59,30 @@ test("dragging orbits, and the key of a camera returns to it", async () => {
   await page.close();
 });
 
+/** Move fingers over the page in steps, with the browser's own touch events. paths: [from, to] of each finger. */
+async function touch(page: Page, paths: [number, number][][]): Promise<void> {
+  const session = await page.context().newCDPSession(page);
+  const send = (type: "touchStart" | "touchMove" | "touchEnd", touchPoints: { x: number; y: number; id: number }[]) =>
+    session.send("Input.dispatchTouchEvent", { type, touchPoints });
+  const points = (share: number) =>
+    paths.map(([from, to], id) => ({ id, x: from[0] + share * (to[0] - from[0]), y: from[1] + share * (to[1] - from[1]) }));
+  await send("touchStart", points(0));
+  for (const share of [0.25, 0.5, 0.75, 1]) await send("touchMove", points(share));
+  await send("touchEnd", []);
+}
+
+test("one finger orbits, two fingers zoom", async () => {
+  const { page } = await openScene(FROM_DISK);
+  const atCamera = await settled(page);
+  await touch(page, [[[96, 64], [126, 70]]]);
+  const orbited = await settled(page);
+  assert.ok(!orbited.equals(atCamera));
+  assert.ok((await press(page, "1")).equals(atCamera));
+  await touch(page, [[[86, 64], [66, 64]], [[106, 64], [126, 64]]]);
+  assert.ok(!(await settled(page)).equals(atCamera));
+  await page.close();
+});
+
 test("flying moves with the keys", async () => {
   const { page } = await openScene(FROM_DISK);
   const atCamera = await press(page, "o");

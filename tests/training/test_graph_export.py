@@ -1,0 +1,65 @@
+"""Exported graphs have one form: equal modules and weights give equal bytes, in every run."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import onnx
+import pytest
+import torch
+from onnx import TensorProto, helper
+
+from fecocodec.training.graphs.canonical import make_canonical
+from fecocodec.training.graphs.specification import GraphInput
+from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
+
+INPUTS = {"x": GraphInput("2*rows", torch.float32), "y": GraphInput("2*rows", torch.float32)}
+
+
+def exported(symbol: str, prefix: str, order: list[int]) -> onnx.ModelProto:
+    """Return (x + c) * y, and a node that no output needs, with an exporter's names and order of nodes."""
+    nodes = [
+        helper.make_node("Add", ["x", f"{prefix}c"], [f"{prefix}sum"], name=f"{prefix}node", doc_string="trace"),
+        helper.make_node("Neg", ["y"], [f"{prefix}unused"]),
+        helper.make_node("Mul", [f"{prefix}sum", "y"], ["z"]),
+    ]
+    values = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [f"2*{symbol}"]) for name in "xyz"]
+    constants = [helper.make_tensor(f"{prefix}{name}", TensorProto.FLOAT, [1], [1.5]) for name in ("unused_c", "c")]
+    graph = helper.make_graph([nodes[at] for at in order], prefix, values[:2], values[2:], constants)
+    return helper.make_model(graph, producer_name=prefix)
+
+
+def canonical(model: onnx.ModelProto) -> bytes:
+    make_canonical(model, INPUTS)
+    onnx.checker.check_model(model)
+    return model.SerializeToString(deterministic=True)
+
+
+def test_names_and_order_of_the_exporter_are_not_kept() -> None:
+    first, second = exported("s1", "a_", [0, 1, 2]), exported("s77", "b_", [1, 0, 2])
+    assert canonical(first) == canonical(second)
+    assert [node.op_type for node in first.graph.node] == ["Add", "Mul"]
+    assert [tensor.name for tensor in first.graph.initializer] == ["constant_0"]
+    assert first.graph.output[0].type.tensor_type.shape.dim[0].dim_param == "2*rows"
+
+
+def test_other_computations_have_other_forms() -> None:
+    other = exported("s1", "a_", [0, 1, 2])
+    other.graph.node[2].op_type = "Div"
+    assert canonical(other) != canonical(exported("s1", "a_", [0, 1, 2]))
+
+
+def test_subgraphs_are_refused() -> None:
+    model = exported("s1", "a_", [0, 1, 2])
+    body = helper.make_graph([], "body", [], [])
+    model.graph.node.append(helper.make_node("If", ["x"], ["w"], then_branch=body, else_branch=body))
+    with pytest.raises(ValueError, match="subgraphs have no canonical form"):
+        make_canonical(model, INPUTS)
+
+
+@pytest.mark.slow
+def test_an_export_equals_the_shipped_graphs(tmp_path: Path) -> None:
+    """A process of its own, with other hashes of strings; it also runs without the checks of types of the tests."""
+    subprocess.run([sys.executable, "-m", "tests.vectors.tiny_graphs", str(tmp_path)], check=True)
+    shipped = {path.name: path.read_bytes() for path in TINY_GRAPHS.iterdir()}
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == shipped, "run `make graphs`"
