@@ -57,8 +57,8 @@ def unreadable(place: Path | str, error: Exception) -> str:
         return f"{place}: no such image; put it there or leave its view out."
     if isinstance(error, OSError) and error.strerror:  # from the system; Pillow's own errors have none
         return f"{place}: cannot be read ({error.strerror}); check the path and its permissions."
-    reason = str(error) or type(error).__name__
-    return f"{place}: the image is damaged, cut short or not PNG, JPEG or WebP ({reason}); store it again."
+    reason = f" ({error})" if str(error) else ""
+    return f"{place}: the image is damaged, cut short or not PNG, JPEG or WebP{reason}; store it again."
 
 
 def _open(source: Path | BytesIO, place: Path | str) -> Image.Image:
