@@ -106,7 +106,7 @@ def test_damaged_chunks_are_one_sentence(tmp_path: Path) -> None:
         ({"images": "none"}, "`images` is no list of encoded images"),
         ({"timestamps": torch.arange(5)}, "`timestamps` is not one whole number an image"),
         ({"cameras": [1, 2]}, "`cameras` is no tensor"),
-        ({"cameras": torch.zeros(3, 12)}, "cameras: 3x18 numbers expected, (3, 12) found"),
+        ({"cameras": torch.zeros(3, 12)}, "cameras: 3x18 numbers expected, 3x12 numbers found"),
         ({"cameras": torch.full((3, 18), float("nan"))}, "a camera value is NaN or infinite"),
         ({"cameras": torch.zeros(3, 18)}, "a focal length is not positive"),
         ({"cameras": torch.ones(3, 18)}, "camera 0: the pose is singular"),
