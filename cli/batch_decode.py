@@ -10,6 +10,7 @@ from .batch_options import BatchOptions, batch_options
 from .decode_options import decoding_options
 from .options import FILE_PATH
 from .receivers import DecodeOptions, decode_stream
+from .scene_output import require_page
 
 if TYPE_CHECKING:
     from fecocodec import Decoded
@@ -38,23 +39,12 @@ Examples:
     help="Format of the output files.",
 )
 @decoding_options
-def command(
-    source: Path,
-    output: Path,
-    scheduler: str | None,
-    num_workers: int | None,
-    shard: tuple[int, int] | None,
-    retry_failed: bool,
-    overwrite: bool,
-    as_json: bool,
-    file_format: str,
-    **decoding: Any,
-) -> int:
+def command(source: Path, batch: BatchOptions, file_format: str, **decoding: Any) -> int:
     """Decode each .fcs file in ROOT, or each that MANIFEST names, to OUTPUT/NAME.ply or another format.
 
     The manifest, the .json file beside each output and the exit code are as for `fecosplat batch encode`.
     """
-    options = BatchOptions(output, scheduler, num_workers, shard, retry_failed, overwrite, as_json)
+    require_page(f".{file_format}")
 
     from fecocodec.batch.scenes import coded_scenes
 
@@ -83,7 +73,7 @@ def command(
         frame=decoding["frame"],
         spz_version=3 if decoding["spz_version"] == "3" else 4,
     )
-    return run_and_report(scenes, work, options)
+    return run_and_report(scenes, work, batch)
 
 
 def decode_for_batch(data: bytes, options: DecodeOptions) -> "Decoded | DecodedScene":

@@ -26,30 +26,18 @@ Examples:
 @batch_options
 @click.option("--measure", "is_measured", is_flag=True, help="Decode each file, and record its PSNR in the .json file.")
 @encoding_options
-def command(
-    source: Path,
-    output: Path,
-    scheduler: str | None,
-    num_workers: int | None,
-    shard: tuple[int, int] | None,
-    retry_failed: bool,
-    overwrite: bool,
-    as_json: bool,
-    is_measured: bool,
-    **encoding: Any,
-) -> int:
+def command(source: Path, batch: BatchOptions, is_measured: bool, **encoding: Any) -> int:
     """Encode each scene folder in ROOT, or each that MANIFEST names, to OUTPUT/NAME.fcs.
 
     A manifest is a text file with one scene a line: a path, or a name, a tab and a path. Beside each file,
     NAME.fcs.json records its input and options; scenes whose record matches are skipped. A scene that fails does not
     stop the others; the exit code is then 1. Several processes need the `cluster` extra.
     """
-    options = BatchOptions(output, scheduler, num_workers, shard, retry_failed, overwrite, as_json)
     target = target_of(encoding.pop("target_kib"), encoding.pop("target_psnr"), encoding["stages"])
 
     from fecocodec.batch.scenes import scene_folders
 
-    scenes = scene_folders(source, output=output)
+    scenes = scene_folders(source, output=batch.output)
 
     from fecocodec.batch.encode_scene import EncodeScene
 
@@ -66,7 +54,7 @@ def command(
         is_measured=is_measured,
         **encoding,
     )
-    if scheduler is None:  # its workers may have other devices and files
+    if batch.scheduler is None:  # its workers may have other devices and files
         require_encoding_device(work.device, work.num_stages, work.effort)
         work.weights(source)
-    return run_and_report(scenes, work, options)
+    return run_and_report(scenes, work, batch)

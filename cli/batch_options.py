@@ -3,9 +3,10 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,8 +14,6 @@ from .options import FILE_PATH, json_option, parse_shard
 
 if TYPE_CHECKING:
     from fecocodec.batch.run import Engine
-
-Function = TypeVar("Function", bound=Callable[..., object])
 
 
 @dataclass(frozen=True)
@@ -36,8 +35,14 @@ class BatchOptions:
             raise click.UsageError("--scheduler, --workers and --shard exclude each other; give one of them.")
 
 
-def batch_options(function: Function) -> Function:
-    """Add the options; they are passed under the names of the fields of `BatchOptions`."""
+def batch_options(function: Callable[..., int]) -> Callable[..., int]:
+    """Add the options; they are passed as one argument, `batch`, of class `BatchOptions`."""
+
+    @wraps(function)
+    def with_batch(**values: Any) -> int:
+        batch = BatchOptions(**{field.name: values.pop(field.name) for field in fields(BatchOptions)})
+        return function(batch=batch, **values)
+
     options = (
         click.option(
             "-o", "--output", required=True, type=FILE_PATH, help="Output folder; an interrupted run is resumed."
@@ -65,9 +70,10 @@ def batch_options(function: Function) -> Function:
         ),
         json_option,
     )
+    command: Callable[..., int] = with_batch
     for option in reversed(options):
-        function = option(function)
-    return function
+        command = option(command)
+    return command
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from .output import print_json, say, warn
 from .paths import STDOUT, require_ending, require_model
 from .progress import progress_bar
 from .receivers import DecodeOptions, decode_stream
-from .scene_output import GAUSSIAN_ENDINGS, Frame, write_scene
+from .scene_output import GAUSSIAN_ENDINGS, Frame, require_page, write_scene
 from .terminal import printable
 
 PARTLY_DECODED = 3  # exit code
@@ -89,6 +89,7 @@ def command(
         require_writable(output, overwrite=overwrite)
         require_other_file(output, stream)
         require_ending(output, GAUSSIAN_ENDINGS)
+        require_page(output.suffix)
     if cameras_file is not None:
         require_writable(cameras_file, overwrite=overwrite)
         require_other_file(cameras_file, stream)

@@ -3,18 +3,12 @@
 import click
 
 from .metadata_options import metadata_options
-from .options import Function, device_option, model_option, overwrite_option, parse_size, threads_option
+from .options import Function, device_option, lambda_option, model_option, overwrite_option, parse_size, threads_option
 from .rate_control import rate_control_options
 from .selection import parse_selection
 
-_LAMBDA = click.option(
-    "--lambda",
-    "lmbda",
-    type=float,
-    default=1e-3,
-    show_default=True,
-    metavar="NUMBER",
-    help="Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file.",
+_LAMBDA = lambda_option(
+    "Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file."
 )
 _OF_VIEWS = (
     click.option(
@@ -40,8 +34,9 @@ _OF_VIEWS = (
         type=click.Choice(["fast", "default", "best"]),
         default="default",
         show_default=True,
-        help="Encoding effort: more effort gives a smaller file at equal quality. fast takes about a third of the time "
-        "of default, best about three times as long, and eight times as long at lambda below 4e-4.",
+        help="Encoding effort: more effort gives a smaller file at equal quality. Compared with "
+        "default, fast takes about a third of the time, best three times as long, and at lambda below 4e-4 eight times "
+        "as long.",
     ),
 )
 

@@ -43,6 +43,13 @@ def overwrite_option(function: Function) -> Function:
     return click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")(function)
 
 
+def lambda_option(help_text: str) -> Callable[[Function], Function]:
+    """Return the decorator that adds --lambda, passed as `lmbda`."""
+    return click.option(
+        "--lambda", "lmbda", type=float, default=1e-3, show_default=True, metavar="NUMBER", help=help_text
+    )
+
+
 def json_option(function: Function) -> Function:
     """Add --json, passed as `as_json`."""
     return click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")(function)

@@ -14,6 +14,14 @@ GAUSSIAN_ENDINGS = (".ply", ".spz", ".sog", ".glb", ".html")  # .compressed.ply 
 Frame = Literal["input", "first-camera"]
 
 
+def require_page(suffix: str) -> None:
+    """Raise OutputError for `.html` if the viewer's page was not built, so that nothing is decoded in vain."""
+    if suffix.lower() == ".html":
+        from fecocodec.formats.viewer_files import scene_page
+
+        scene_page()
+
+
 def write_scene(
     decoded: "Decoded | DecodedScene",
     output: Path,

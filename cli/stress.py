@@ -9,7 +9,7 @@ import click
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import make_folder, write_atomically
 
-from .options import FILE_PATH, json_option, model_option, threads_option
+from .options import FILE_PATH, json_option, lambda_option, model_option, threads_option
 from .output import print_columns, print_json, say
 from .paths import require_input
 from .progress import progress_bar
@@ -36,15 +36,7 @@ Examples:
     show_default=True,
     help="Maximum number of scenes from the index to derive cases from.",
 )
-@click.option(
-    "--lambda",
-    "lmbda",
-    type=float,
-    default=1e-3,
-    show_default=True,
-    metavar="NUMBER",
-    help="Rate-distortion trade-off, as in `fecosplat encode`.",
-)
+@lambda_option("Rate-distortion trade-off, as in `fecosplat encode`.")
 @model_option
 @threads_option
 @json_option

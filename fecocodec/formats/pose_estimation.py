@@ -70,11 +70,12 @@ class Reconstruction:
 def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_threads: int = -1) -> Reconstruction:
     """Reconstruct the photographs in `folder` (PNG). workspace: an empty folder for the database.
 
-    num_threads: -1 for all cores. Raises InputError if pycolmap is missing; the result has no cameras if no pair of
-    photographs can be reconstructed.
+    num_threads: of features and matching, -1 for all cores; the cameras do not depend on it. Raises InputError if
+    pycolmap is missing; the result has no cameras if no pair of photographs can be reconstructed.
     """
     pycolmap = _pycolmap()
     database = workspace / "database.db"
+    pycolmap.Database.open(database).close()  # creates it
     _extract(pycolmap, database, folder, groups, num_threads)
     _match(pycolmap, database, num_threads)
     count = sum(len(group.names) for group in groups)
@@ -82,7 +83,7 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     for number, attempt in enumerate(_ATTEMPTS):
         output = workspace / f"attempt{number}"
         output.mkdir()
-        options = _mapping_options(pycolmap, attempt, count, num_threads)
+        options = _mapping_options(pycolmap, attempt, count)
         models = pycolmap.incremental_mapping(database, folder, output, options)
         for model in models.values():
             if _is_plausible(model) and (best is None or model.num_reg_images() > best.num_reg_images()):
@@ -92,7 +93,7 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     matches = _verified_matches(pycolmap, database)
     if best is None:
         return Reconstruction((), 0.0, 0.0, matches)
-    refined = refine(pycolmap, best, count, num_threads)
+    refined = refine(pycolmap, best, count)
     return Reconstruction(_cameras(refined), refined.compute_mean_reprojection_error(), _median_angle(refined), matches)
 
 
@@ -122,6 +123,10 @@ def _extract(pycolmap: Any, database: Path, folder: Path, groups: list[ImageGrou
         reader = pycolmap.ImageReaderOptions()
         reader.camera_model = "SIMPLE_RADIAL" if count >= _RADIAL_FROM else "SIMPLE_PINHOLE"
         reader.camera_params = ",".join(map(repr, lens + [0.0] * (count >= _RADIAL_FROM)))
+        # Threads of the extraction would number the photographs in the order in which they finish.
+        pycolmap.import_images(
+            database, folder, camera_mode=pycolmap.CameraMode.SINGLE, image_names=list(group.names), options=reader
+        )
         pycolmap.extract_features(
             database,
             folder,
@@ -150,11 +155,11 @@ def _match(pycolmap: Any, database: Path, num_threads: int) -> None:
     )
 
 
-def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int, num_threads: int) -> Any:
+def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int) -> Any:
     angle, num_init_inliers, num_inliers = attempt
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = 2
-    options.num_threads = num_threads
+    options.num_threads = 1  # several threads give other cameras at each run
     options.random_seed = _SEED
     options.extract_colors = False
     options.ba_refine_extra_params = count >= _RADIAL_FROM
@@ -170,7 +175,7 @@ def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int,
     return options
 
 
-def refine(pycolmap: Any, model: Any, count: int, num_threads: int) -> Any:
+def refine(pycolmap: Any, model: Any, count: int) -> Any:
     """Return the model after bundle adjustment with a robust loss; the model itself if that is not plausible."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
@@ -178,7 +183,7 @@ def refine(pycolmap: Any, model: Any, count: int, num_threads: int) -> Any:
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = _LOSS_SCALE_PX
     options.ceres.solver_options.max_num_iterations = _MAX_REFINEMENT_STEPS
-    options.ceres.solver_options.num_threads = num_threads
+    options.ceres.solver_options.num_threads = 1
     refined = pycolmap.Reconstruction(model)
     images = pycolmap.BundleAdjustmentConfig()
     for image_id in refined.reg_image_ids():

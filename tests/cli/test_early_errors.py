@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from fecosplat_cli.output import in_options
 
+from fecocodec.formats import viewer_files
+
 NO_TORCH = """
 import sys
 sys.modules["torch"] = None  # importing it fails
@@ -58,6 +60,20 @@ def test_a_file_without_permission_is_no_wrong_usage(
 
 
 @pytest.mark.parametrize("views", ["9" * 5000, "spread:" + "9" * 5000, "auto:3"])
+@pytest.mark.parametrize(
+    "arguments",
+    [("decode", "missing.fcs", "-o", "a.html"), ("batch", "decode", "missing", "-o", "out", "--format", "html")],
+)
+def test_a_page_that_was_not_built_is_reported_before_the_file_is_read(
+    fecosplat, tmp_path: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(viewer_files.scene_page, "__defaults__", (tmp_path,))
+    monkeypatch.chdir(tmp_path)
+    result = fecosplat(*arguments)
+    assert result.code == 1
+    assert "the viewer page was not built" in result.err
+
+
 def test_views_of_thousands_of_digits(fecosplat, photographs: Path, output: Path, views: str) -> None:
     result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", views)
     assert result.code in (1, 2) and "Traceback" not in result.err
