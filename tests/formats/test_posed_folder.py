@@ -11,11 +11,12 @@ from scipy.ndimage import map_coordinates
 
 from fecocodec.errors import InputError
 from fecocodec.formats.camera_files import has_cameras
+from fecocodec.formats.pose_estimation import ImageGroup, reconstruct, refine
 from fecocodec.formats.posed_folder import posed_folder
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.formats.transforms_json import read_transforms_json
 
-pytest.importorskip("pycolmap")
+pycolmap = pytest.importorskip("pycolmap")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 PHOTOGRAPHS = [photograph.path for photograph in read_transforms_json(EXAMPLE / "transforms.json").photographs]
 
@@ -64,18 +65,17 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
     ]
 
 
-def test_cameras_do_not_depend_on_the_number_of_threads(tmp_path):
+def test_photographs_are_numbered_in_their_order_with_several_threads(tmp_path):
+    """The numbers decide the order of the reconstruction. Plain photographs are ready before the first one."""
     image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
-    copies(tmp_path / "photos")
-    for shift in (4, 8, 12):  # more photographs than threads; any number of threads finishes them in another order
-        Image.fromarray(np.roll(image, shift, axis=1)).save(tmp_path / "photos" / f"moved{shift}.png")
-    found = []
-    for num_threads in (1, 4, 4):
-        with posed_folder(tmp_path / "photos", num_threads=num_threads) as posed:
-            cameras = posed.reconstruction.cameras
-            found.append([(camera.name, camera.lens, camera.camera_to_world.tobytes()) for camera in cameras])
-    assert len(found[0]) >= 2
-    assert found[0] == found[1] == found[2]
+    names = tuple(f"{number}.png" for number in range(6))
+    for number, name in enumerate(names):
+        Image.fromarray(image if number % 3 == 0 else np.full_like(image, 40 * number)).save(tmp_path / name)
+    (tmp_path / "work").mkdir()
+    reconstruct(tmp_path, [ImageGroup(names, 400.0, is_known=False)], tmp_path / "work", num_threads=4)
+    with pycolmap.Database.open(tmp_path / "work" / "database.db") as database:
+        numbers = {entry.name: entry.image_id for entry in database.read_all_images()}
+    assert sorted(numbers, key=numbers.__getitem__) == list(names)
 
 
 def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
@@ -163,10 +163,6 @@ def test_pycolmap_missing_names_the_extra(tmp_path, monkeypatch):
 
 def test_outliers_of_some_pixels_do_not_move_the_focal_length():
     """A fifth of the observations of a known scene are off by 3 pixels outwards, as if the lens were longer."""
-    import pycolmap
-
-    from fecocodec.formats.pose_estimation import refine
-
     pycolmap.set_random_seed(0)
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs, options.num_frames_per_rig, options.num_points3D = 1, 4, 300
