@@ -138,4 +138,4 @@ def command(
             {"output": str(output), "seconds": seconds, **summary_fields(summary), **fields, "warnings": warnings}
         )
     else:
-        say_result(f"{output}: {summary.total_bytes / 1024:.2f} KiB in {seconds:.2f} s", summary, quality)
+        say_result(f"{output}: {summary.total_bytes / 1024:.2f} KiB in {seconds:.2f} s", summary, quality, scene.names)

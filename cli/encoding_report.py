@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from fecocodec.container import StreamSummary
 
 from .output import say
+from .terminal import printable
 
 if TYPE_CHECKING:
     from fecocodec import DecodedQuality
@@ -24,15 +25,19 @@ def quality_fields(
     }
 
 
-def say_result(first_line: str, summary: StreamSummary, quality: "tuple[DecodedQuality, ...]") -> None:
+def say_result(
+    first_line: str, summary: StreamSummary, quality: "tuple[DecodedQuality, ...]", names: tuple[str, ...]
+) -> None:
     """Print the size of the file, and for each stage its size and the PSNR of the decoded context views after it."""
     say(first_line)
+    other = summary.total_bytes / 1024 - sum(_stage_kib(summary))
+    say(f"  header, cameras and the like: {other:.2f} KiB")
     for stage, (kib, after) in enumerate(zip(_stage_kib(summary), quality, strict=True), start=1):
         say(f"  stage {stage}: {kib:8.2f} KiB  {after.psnr:6.2f} dB")
-    worst = min(quality[-1].psnr_of_view)
-    count = len(quality[-1].psnr_of_view)
-    views = "context view" if count == 1 else f"{count} context views (worst {worst:.2f} dB)"
-    say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the decoded {views}")
+    worst, name = min(zip(quality[-1].psnr_of_view, names, strict=True))
+    count = len(names)
+    views = "coded view" if count == 1 else f"{count} coded views (worst {worst:.2f} dB, {printable(name)})"
+    say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the {views} as decoded")
 
 
 def _stage_kib(summary: StreamSummary) -> list[float]:

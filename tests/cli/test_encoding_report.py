@@ -11,11 +11,12 @@ QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
 
 def test_sizes_and_quality_of_each_stage(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
     summary = inspect(stream_bytes)
-    say_result("scene.fcs: written", summary, QUALITY)
+    say_result("scene.fcs: written", summary, QUALITY, ("a.png", "b.png"))
     printed = capsys.readouterr().err
+    assert f"  header, cameras and the like: {(len(stream_bytes) - 38) / 1024:.2f} KiB\n" in printed
     assert "  stage 1:     0.02 KiB   21.00 dB\n" in printed and "  stage 2:     0.01 KiB   25.00 dB\n" in printed
-    assert f"  in all:  {len(stream_bytes) / 1024:8.2f} KiB   25.00 dB, PSNR of the decoded 2 context views" in printed
-    assert "(worst 24.50 dB)" in printed
+    assert f"  in all:  {len(stream_bytes) / 1024:8.2f} KiB   25.00 dB, PSNR of the 2 coded views" in printed
+    assert "(worst 24.50 dB, b.png) as decoded\n" in printed
 
 
 def test_the_same_as_json(stream_bytes: bytes) -> None:
