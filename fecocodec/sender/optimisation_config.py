@@ -71,8 +71,8 @@ class OptimisationConfig:
 
 DEFAULT = OptimisationConfig()
 FAST = DEFAULT.with_steps(0)
-# Used below lambda 4e-4 (944 as quantised lambda). Chosen on training scenes (docs/experiments.md). At larger lambda many
-# steps fit the context views at the expense of views between them.
+# Used below lambda 4e-4 (944 as quantised lambda), chosen on training scenes (docs/experiments.md). At larger lambda
+# many steps fit the context views at the expense of views between them.
 BEST_AT_LOW_LAMBDA = replace(
     DEFAULT,
     num_steps=40,
