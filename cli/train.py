@@ -171,9 +171,11 @@ def command(
     from fecocodec.training.export import export_model
     from fecocodec.training.graphs.export import export_receiver
     from fecocodec.training.log import LOG_COLUMNS
-    from fecocodec.training.loop import RunSettings, Trainer
+    from fecocodec.training.loop import train
     from fecocodec.training.processes import is_first, joined_processes
+    from fecocodec.training.run_settings import RunSettings
     from fecocodec.training.sources import open_sources
+    from fecocodec.training.trainer import Trainer
 
     from .device import require_rendering_device
 
@@ -193,7 +195,7 @@ def command(
             trainer.start_from(start)
         if extractor is not None and trainer.step == 0:
             say(f"extractor: {trainer.start_extractor_from(extractor)}")
-        for row in trainer.run():
+        for row in train(trainer):
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if entropy_steps and trainer.step < configuration.schedule.num_steps:
             if is_first():
