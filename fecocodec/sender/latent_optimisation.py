@@ -19,7 +19,8 @@ from fecocodec.layers.blocks import RateCondition, direct_gradients
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate, step_size, steps_of_first
-from fecocodec.sender.scene_encoder import LatentCoder, Optimise, SceneEncoder, StageInputs
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import LatentCoder, Optimise, StageInputs
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 

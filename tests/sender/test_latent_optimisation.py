@@ -24,8 +24,9 @@ from fecocodec.sender.optimisation_config import (
     steps_of_first,
 )
 from fecocodec.sender.scene import prepare_scene
-from fecocodec.sender.scene_encoder import SceneEncoder, Stage
+from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stage_lambdas import stage_lambdas
+from fecocodec.sender.stages import Stage
 from tests.example_scenes import MODEL, example_views
 
 LAMBDA_Q = quantise_lambda(1e-4)

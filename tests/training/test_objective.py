@@ -15,7 +15,7 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
-from fecocodec.sender.scene_encoder import StageInputs
+from fecocodec.sender.stages import StageInputs
 from fecocodec.training.batch import Batch, MatchedDisparity
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
