@@ -78,6 +78,11 @@ _OPTIONS = (
         help="Weight of the depth loss, at first and last step.",
     ),
     click.option(
+        "--perceptual-weight",
+        type=click.FloatRange(min=0),
+        help="Weight of ST-LPIPS in the loss, for sharper pictures of lower PSNR.",
+    ),
+    click.option(
         "--precision", type=click.Choice(["float32", "bfloat16"]), help="Number type of convolutions and attention."
     ),
     click.option(
@@ -110,7 +115,9 @@ def overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Co
     shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
     schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
     others: dict[str, Any] = {
-        name: given[name] for name in ("lambda_range", "precision", "frozen", "kept_batches") if name in given
+        name: given[name]
+        for name in ("lambda_range", "precision", "perceptual_weight", "frozen", "kept_batches")
+        if name in given
     }
     if configuration.is_paper and "lambda_range" in given:
         others["receiver"] = replace(configuration.receiver, lambda_range=given["lambda_range"])

@@ -159,8 +159,8 @@ class Trainer:
             return paper_loss(batch, stages, configuration.distortion)
         weight = configuration.schedule.disparity_weight_at(self.step)
         outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, num_stages, extracted, weight)
-        background = self._draw_background(batch)
-        return loss_of(batch, outcomes, matched, weight, configuration.distortion, background)
+        background, perceptual = self._draw_background(batch), configuration.perceptual_weight
+        return loss_of(batch, outcomes, matched, weight, configuration.distortion, background, perceptual)
 
     def _report_skipped(self, batch: Batch) -> None:
         """Count the scenes that could not be used, and write why, one line each, to `bad_scenes_RANK.txt`."""
