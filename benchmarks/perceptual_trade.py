@@ -56,9 +56,9 @@ def dinov2_distance(extractor: DepthSplatSmall, images: Tensor, targets: Tensor)
     def features(x: Tensor) -> Tensor:
         x = F.interpolate(x, size=(DINO_SIDE, DINO_SIDE), mode="bicubic", antialias=True)
         normalised = (x - torch.tensor(MEAN)[:, None, None]) / torch.tensor(DEVIATION)[:, None, None]
-        return F.normalize(extractor.pretrained(normalised), dim=-1)
+        return F.normalize(extractor.pretrained(normalised), dim=1)
 
-    return 1.0 - float((features(images) * features(targets)).sum(dim=-1).mean())
+    return 1.0 - float((features(images) * features(targets)).sum(dim=1).mean())
 
 
 @torch.no_grad()
