@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
+from fecocodec.training.batch_limits import check_sizes, check_view_shares
 
 from .options import FILE_PATH, device_option, parse_size, threads_option
 from .output import say, warn
+from .paths import require_input, require_output_folder
 
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
@@ -166,6 +169,8 @@ def command(
 
     Start several processes with torchrun, as in the last example, for data-parallel training.
     """
+    _check_arguments(folder, (photographs, textures, validation, start, extractor), overrides)
+
     from fecocodec.training.configurations import configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
     from fecocodec.training.export import export_model
@@ -207,6 +212,22 @@ def command(
             export_model(trainer.checkpoint, model, configuration)
             if not configuration.is_paper:  # torch decodes the paper's method
                 export_receiver(model)
+
+
+def _check_arguments(folder: Path, inputs: tuple[Path | None, ...], overrides: dict[str, Any]) -> None:
+    """Raise InputError or OutputError for paths and values that are wrong whatever the configuration is.
+
+    Nothing that needs torch is loaded.
+    """
+    require_output_folder(folder)
+    for path in inputs:
+        if path is not None:
+            require_input(path, "there is no such file or folder; check the path.")
+    check_view_shares(overrides["view_shares"] or ())
+    check_sizes(overrides["sizes"] or ())
+    check_sizes([(overrides["side"],) * 2] if overrides["side"] is not None else ())
+    for lmbda in overrides["lambda_range"] or ():
+        quantise_lambda(lmbda)  # raises for a value outside the range
 
 
 def _check_options(configuration: "Configuration", entropy_steps: int, num_workers: int) -> None:
