@@ -5,10 +5,10 @@
 
 Every file has 2^22 pixels in all, the default limit of `decode`, and both stages; its cameras or symbols are chosen to
 make a step of decoding slow. Each file is decoded by a process of its own: `fecosplat decode`, which uses onnxruntime,
-or `fecocodec.decode` with --receiver torch. Prints bytes, Gaussians, wall time, CPU time
-(user and system), peak memory, and the speed of one core just before: Gflop per CPU second of a float32 matrix product.
-CPU time is comparable only at equal speed, which varies on shared machines. The exit code is 1 if a file takes more CPU time than CORES idle cores have in
-MOST_SECONDS, or more than MOST_GIB.
+or `fecocodec.decode` with --receiver torch. Prints bytes, Gaussians, wall time, CPU time (user and system), peak
+memory, and the speed of one core just before: Gflop per CPU second of a float32 matrix product. CPU time is comparable
+only at equal speed, which varies on shared machines. The exit code is 1 if a file takes more CPU time than CORES idle
+cores have in MOST_SECONDS, or more than MOST_GIB.
 """
 
 import argparse
@@ -164,8 +164,8 @@ def main() -> int:
         size, found = file.stat().st_size, measure(file, options.receiver, options.threads)
         is_within = found["cpu"] <= CORES * MOST_SECONDS and found["gib"] <= MOST_GIB and found["gaussians"] >= 0
         failures += not is_within and size <= LARGEST_FILE
-        numbers = f"{size:7} {found['gaussians']:9.0f} {found['wall']:7.1f} {found['cpu']:6.1f} {found['gib']:5.2f} {speed:7.0f}"
-        print(f"{name:<20} {numbers}  {'' if is_within else 'exceeds the bound'}", flush=True)
+        numbers = f"{size:7} {found['gaussians']:9.0f} {found['wall']:7.1f} {found['cpu']:6.1f} {found['gib']:5.2f}"
+        print(f"{name:<20} {numbers} {speed:7.0f}  {'' if is_within else 'exceeds the bound'}", flush=True)
     return failures > 0
 
 
