@@ -9,7 +9,8 @@ from fecocodec.errors import InputError
 
 from .options import FILE_PATH, device_option, threads_option
 from .output import say, warn
-from .train_options import configuration_options, overridden
+from .paths import require_input, require_output_folder
+from .train_options import check_values, configuration_options, overridden
 
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
@@ -107,6 +108,9 @@ def command(
 
     Start several processes with torchrun, as in the last example, for data-parallel training.
     """
+    _check_paths(folder, (photographs, textures, validation, start, extractor))  # before torch is loaded
+    check_values(overrides)
+
     from fecocodec.training.configurations import configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
     from fecocodec.training.export import export_model
@@ -150,6 +154,14 @@ def command(
             export_model(trainer.checkpoint, model, configuration)
             if not configuration.is_paper:  # torch decodes the paper's method
                 export_receiver(model)
+
+
+def _check_paths(folder: Path, inputs: tuple[Path | None, ...]) -> None:
+    """Raise OutputError if the run cannot be written to `folder`, InputError for an input that does not exist."""
+    require_output_folder(folder)
+    for path in inputs:
+        if path is not None:
+            require_input(path, "there is no such file or folder; check the path.")
 
 
 def _check_options(configuration: "Configuration", entropy_steps: int, num_workers: int) -> None:

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fecocodec.container import quantise_lambda
+from fecocodec.training.batch_limits import check_sizes, check_view_shares
+
 from .options import parse_size
 
 if TYPE_CHECKING:
@@ -100,6 +103,15 @@ _OPTIONS = (
         help="Keep so many batches per process in memory with the features of a frozen extractor, for shorter steps.",
     ),
 )
+
+
+def check_values(overrides: dict[str, Any]) -> None:
+    """Raise InputError for values that no configuration can take. Torch is not loaded."""
+    check_view_shares(overrides["view_shares"] or ())
+    check_sizes(overrides["sizes"] or ())
+    check_sizes([(overrides["side"],) * 2] if overrides["side"] is not None else ())
+    for lmbda in overrides["lambda_range"] or ():
+        quantise_lambda(lmbda)  # raises for a value outside the range
 
 
 def configuration_options(command: Callable[..., Any]) -> Callable[..., Any]:

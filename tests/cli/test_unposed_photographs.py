@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fecocodec.container import inspect
-from fecocodec.formats.images import read_image_size
+from fecocodec.formats.image_headers import read_image_size
 from fecocodec.formats.transforms_json import read_transforms_json
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
