@@ -68,7 +68,7 @@ class Reconstruction:
 
 
 def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_threads: int = -1) -> Reconstruction:
-    """Reconstruct the photographs in `folder` (PNG). workspace: an empty folder for the database.
+    """Reconstruct the photographs in `folder`. workspace: an empty folder for the database.
 
     num_threads: of features and matching, -1 for all cores; the cameras do not depend on it. Raises InputError if
     pycolmap is missing; the result has no cameras if no pair of photographs can be reconstructed.

@@ -15,7 +15,7 @@ import torch
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import write_atomically
 from fecocodec.formats.pose_estimation import LEAST_ANGLE, EstimatedCamera, ImageGroup, Reconstruction, reconstruct
-from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, copy_name, find_photographs, upright_copies
+from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, find_photographs, upright_copies
 from fecocodec.geometry.depth_range import bounds_of_depths
 
 _FEW_MATCHES = 30  # of a pair; named in messages
@@ -36,12 +36,12 @@ class PosedFolder:
     notes: tuple[str, ...]
 
     def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
-        """Write the estimated cameras as `transforms.json` that refers to the photographs. Raises OutputError."""
-        names = {copy_name(photograph): photograph for photograph in self.photographs}
-        files = [
-            os.path.relpath(names[camera.name].resolve(), path.resolve().parent)
-            for camera in self.reconstruction.cameras
-        ]
+        """Write the estimated cameras as `transforms.json`, with paths of the photographs relative to its folder.
+
+        Raises OutputError if the file cannot be written.
+        """
+        photographs = {photograph.name: photograph for photograph in self.photographs}
+        files = [_relative_path(photographs[camera.name], path.parent) for camera in self.reconstruction.cameras]
         with write_atomically(path, overwrite=overwrite) as temporary:
             temporary.write_text(json.dumps(_transforms(self.reconstruction, files), indent=2) + "\n", "utf-8")
 
@@ -87,7 +87,7 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
 def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
     """Raise InputError if the reconstruction is not usable."""
     if len(found.cameras) < 2:
-        weak = _weak_pairs([copy_name(path) for path in photographs], found)
+        weak = _weak_pairs([path.name for path in photographs], found)
         raise InputError(f"{name}: no camera poses can be estimated ({weak}); {_REMEDY}.")
     if found.angle < LEAST_ANGLE:
         raise InputError(
@@ -101,7 +101,7 @@ def _weak_pairs(names: list[str], found: Reconstruction) -> str:
     pairs = [(first, second) for index, first in enumerate(sorted(names)) for second in sorted(names)[index + 1 :]]
     weakest = sorted((found.matches.get(pair, 0), pair) for pair in pairs)
     few = [
-        f"{first.removesuffix('.png')} and {second.removesuffix('.png')}: {count} matches"
+        f"{first} and {second}: {count} matches"
         for count, (first, second) in weakest
         if count < _FEW_MATCHES
     ]
@@ -125,8 +125,8 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     ]
     registered = {camera.name for camera in cameras}
     for path in photographs:
-        if (name := copy_name(path)) not in registered:
-            counts = [count for pair, count in found.matches.items() if name in pair]
+        if path.name not in registered:
+            counts = [count for pair, count in found.matches.items() if path.name in pair]
             notes.append(
                 f"{path.name} is left out: at most {max(counts, default=0)} matches with another photograph; "
                 "take it again with more overlap."
@@ -150,6 +150,19 @@ def _reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> li
             "photograph."
         )
     return warnings
+
+
+def _relative_path(file: Path, folder: Path) -> str:
+    """Return the path of `file` relative to `folder`; an absolute path if they are on different drives.
+
+    Symbolic links of folders are resolved, because `..` leads out of the folder that a link points to. A link to the
+    file itself is kept, because its name may differ.
+    """
+    resolved = file.parent.resolve() / file.name
+    try:
+        return Path(os.path.relpath(resolved, folder.resolve())).as_posix()
+    except ValueError:
+        return resolved.as_posix()
 
 
 def _transforms(found: Reconstruction, files: list[str]) -> dict[str, Any]:
