@@ -22,6 +22,8 @@ _FOCAL_RANGE = (0.3, 3.0)  # longer image sides; a lens of 11 to 108 mm on 35 mm
 _PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more features in small photographs
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.
 _ATTEMPTS = ((8.0, 60, 24), (4.0, 40, 18), (2.0, 25, 14), (1.0, 20, 12))
+# Share of the verified matches that a reconstruction has to explain, else looser attempts follow.
+_ENOUGH_EXPLAINED = 0.5
 # Pixels; scale of the Cauchy loss of the last bundle adjustment. With squared errors, the outliers of up to 4 pixels
 # that the reconstruction keeps move the focal length by some percent.
 _LOSS_SCALE_PX = 0.5
@@ -78,19 +80,19 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     pycolmap.Database.open(database).close()  # creates it
     _extract(pycolmap, database, folder, groups, num_threads)
     _match(pycolmap, database, num_threads)
-    count = sum(len(group.names) for group in groups)
-    best = None
+    matches = _verified_matches(pycolmap, database)
+    count, best, most = sum(len(group.names) for group in groups), None, (0, 0.0)
     for number, attempt in enumerate(_ATTEMPTS):
         output = workspace / f"attempt{number}"
         output.mkdir()
         options = _mapping_options(pycolmap, attempt, count)
         models = pycolmap.incremental_mapping(database, folder, output, options)
         for model in models.values():
-            if _is_plausible(model) and (best is None or model.num_reg_images() > best.num_reg_images()):
-                best = model
-        if best is not None and best.num_reg_images() == count:
+            extent = model.num_reg_images(), _explained_share(model, matches)
+            if _is_plausible(model) and extent > most:
+                best, most = model, extent
+        if most[0] == count and most[1] >= _ENOUGH_EXPLAINED:
             break
-    matches = _verified_matches(pycolmap, database)
     if best is None:
         return Reconstruction((), 0.0, 0.0, matches)
     refined = refine(pycolmap, best, count)
@@ -198,6 +200,12 @@ def _is_plausible(model: Any) -> bool:
     """Return whether all focal lengths are within _FOCAL_RANGE; bundle adjustment can leave it."""
     ratios = [camera.params[0] / max(camera.width, camera.height) for camera in model.cameras.values()]
     return all(_FOCAL_RANGE[0] <= ratio <= _FOCAL_RANGE[1] for ratio in ratios)
+
+
+def _explained_share(model: Any, matches: dict[tuple[str, str], int]) -> float:
+    """Return the number of pairs of observations of one point, per verified match. Guided matches can exceed 1."""
+    lengths = [point.track.length() for point in model.points3D.values()]
+    return sum(length * (length - 1) / 2 for length in lengths) / max(1, sum(matches.values()))
 
 
 def _verified_matches(pycolmap: Any, database: Path) -> dict[tuple[str, str], int]:
