@@ -141,7 +141,9 @@ class _Attempt:
     def fail(self, error: Exception, seconds: float) -> Outcome:
         """Record a failure. An earlier output stays and stays known as one of the batch."""
         is_expected = isinstance(error, FecoError)
-        sentence = self.task.phrase(str(error)) if is_expected else f"{self.scene.path}: {type(error).__name__}: {error}"
+        sentence = (
+            self.task.phrase(str(error)) if is_expected else f"{self.scene.path}: {type(error).__name__}: {error}"
+        )
         record = replace(
             self._record("failed", seconds),
             sha256=None if self.earlier is None else self.earlier.sha256,

@@ -24,6 +24,8 @@ _PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more feat
 _ATTEMPTS = ((8.0, 60, 24), (4.0, 40, 18), (2.0, 25, 14), (1.0, 20, 12))
 # Share of the verified matches that a reconstruction has to explain, else looser attempts follow.
 _ENOUGH_EXPLAINED = 0.5
+_OTHER_FOCAL = 4 / 3  # initial focal length of the second estimate, relative to the first
+_LEAST_BASELINE = 0.3  # of the longest one; directions of shorter ones are not compared
 # Pixels; scale of the Cauchy loss of the last bundle adjustment. With squared errors, the outliers of up to 4 pixels
 # that the reconstruction keeps move the focal length by some percent.
 _LOSS_SCALE_PX = 0.5
@@ -60,13 +62,16 @@ class Reconstruction:
     """Registered cameras in the order of their names, and the quality of the reconstruction.
 
     reprojection_error_px: mean over observations. angle: median angle in degrees between the rays of a point.
-    matches: number of verified matches of each pair of photographs (names in order).
+    matches: number of verified matches of each pair of photographs (names in order). difference: of the rotations and
+    directions between cameras, in degrees, from a second estimate that starts from another focal length; see
+    `pose_difference`. It is None if the second estimate lacks a camera.
     """
 
     cameras: tuple[EstimatedCamera, ...]
     reprojection_error_px: float
     angle: float
     matches: dict[tuple[str, str], int]
+    difference: tuple[float, float] | None
 
 
 def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_threads: int = -1) -> Reconstruction:
@@ -81,22 +86,82 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     _extract(pycolmap, database, folder, groups, num_threads)
     _match(pycolmap, database, num_threads)
     matches = _verified_matches(pycolmap, database)
-    count, best, most = sum(len(group.names) for group in groups), None, (0, 0.0)
-    for number, attempt in enumerate(_ATTEMPTS):
-        output = workspace / f"attempt{number}"
-        output.mkdir()
+    count = sum(len(group.names) for group in groups)
+    best = map_photographs(pycolmap, database, folder, workspace / "first", _ATTEMPTS, matches, count)
+    if best is None:
+        return Reconstruction((), 0.0, 0.0, matches, None)
+    refined = refine(pycolmap, best, count)
+    cameras = _cameras(refined)
+    _change_focal_lengths(pycolmap, database)
+    second = map_photographs(pycolmap, database, folder, workspace / "second", _ATTEMPTS[-1:], matches, count)
+    difference = None if second is None else pose_difference(cameras, _cameras(refine(pycolmap, second, count)))
+    error, angle = refined.compute_mean_reprojection_error(), _median_angle(refined)
+    return Reconstruction(cameras, error, angle, matches, difference)
+
+
+def pose_difference(
+    first: tuple[EstimatedCamera, ...], second: tuple[EstimatedCamera, ...]
+) -> tuple[float, float] | None:
+    """Return the largest differences of the rotation and direction between two cameras, over all pairs, in degrees.
+
+    Directions between cameras that are close to each other are ignored, as they are uncertain. None if a camera of
+    the first estimate is missing in the second.
+    """
+    poses = {camera.name: camera.camera_to_world for camera in second}
+    if any(camera.name not in poses for camera in first):
+        return None
+    pairs = [(one, other) for index, one in enumerate(first) for other in first[:index]]
+    known = [np.linalg.inv(one.camera_to_world) @ other.camera_to_world for one, other in pairs]
+    found = [np.linalg.inv(poses[one.name]) @ poses[other.name] for one, other in pairs]
+    rotation = max(_angle_of(a[:3, :3].T @ b[:3, :3]) for a, b in zip(known, found, strict=True))
+    longest = max(np.linalg.norm(pose[:3, 3]) for pose in known)
+    direction = max(
+        _angle_between(a[:3, 3], b[:3, 3])
+        for a, b in zip(known, found, strict=True)
+        if np.linalg.norm(a[:3, 3]) > _LEAST_BASELINE * longest
+    )
+    return rotation, direction
+
+
+def _angle_of(rotation: Float[np.ndarray, "3 3"]) -> float:
+    return float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
+
+
+def _angle_between(first: Float[np.ndarray, " 3"], second: Float[np.ndarray, " 3"]) -> float:
+    cosine = first @ second / max(1e-12, float(np.linalg.norm(first) * np.linalg.norm(second)))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def map_photographs(
+    pycolmap: Any,
+    database: Path,
+    folder: Path,
+    workspace: Path,
+    attempts: tuple[tuple[float, int, int], ...],
+    matches: dict[tuple[str, str], int],
+    count: int,
+) -> Any:
+    """Return the reconstruction with the most photographs, then with the most explained matches; None without one."""
+    best, most = None, (0, 0.0)
+    for number, attempt in enumerate(attempts):
+        output = workspace / str(number)
+        output.mkdir(parents=True)
         options = _mapping_options(pycolmap, attempt, count)
-        models = pycolmap.incremental_mapping(database, folder, output, options)
-        for model in models.values():
+        for model in pycolmap.incremental_mapping(database, folder, output, options).values():
             extent = model.num_reg_images(), _explained_share(model, matches)
             if _is_plausible(model) and extent > most:
                 best, most = model, extent
         if most[0] == count and most[1] >= _ENOUGH_EXPLAINED:
             break
-    if best is None:
-        return Reconstruction((), 0.0, 0.0, matches)
-    refined = refine(pycolmap, best, count)
-    return Reconstruction(_cameras(refined), refined.compute_mean_reprojection_error(), _median_angle(refined), matches)
+    return best
+
+
+def _change_focal_lengths(pycolmap: Any, database: Path) -> None:
+    """Multiply the initial focal lengths by _OTHER_FOCAL."""
+    with pycolmap.Database.open(database) as opened:
+        for camera in opened.read_all_cameras():
+            camera.params = np.array([_OTHER_FOCAL * camera.params[0], *camera.params[1:]])
+            opened.update_camera(camera)
 
 
 def _pycolmap() -> Any:

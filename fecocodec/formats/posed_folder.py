@@ -21,7 +21,9 @@ from fecocodec.geometry.depth_range import bounds_of_depths
 _FEW_MATCHES = 30  # of a pair; named in messages
 # Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
 _DEPTH_MARGIN = 1.3
-_FOCAL_CHANGE = 1.5  # larger changes of the focal length are reported
+# Limits of a warning, chosen on training scenes (docs/inputs.md): change of the focal length, and differences of a
+# second estimate in degrees.
+_FOCAL_CHANGE, _ROTATION_DIFFERENCE, _DIRECTION_DIFFERENCE = 1.5, 1.5, 5.0
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
 
@@ -65,7 +67,7 @@ def posed_folder(folder: Path, num_threads: int = -1, name: str = "") -> Iterato
         _require_cameras(name or str(folder), photographs, reconstruction)
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
-        notes += [*_notes(photographs, reconstruction, groups), *_reliability_warnings(reconstruction, groups)]
+        notes += [*_notes(photographs, reconstruction, groups), *reliability_warnings(reconstruction, groups)]
         yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes))
 
 
@@ -100,11 +102,7 @@ def _weak_pairs(names: list[str], found: Reconstruction) -> str:
     """Describe the pairs with the fewest matches."""
     pairs = [(first, second) for index, first in enumerate(sorted(names)) for second in sorted(names)[index + 1 :]]
     weakest = sorted((found.matches.get(pair, 0), pair) for pair in pairs)
-    few = [
-        f"{first} and {second}: {count} matches"
-        for count, (first, second) in weakest
-        if count < _FEW_MATCHES
-    ]
+    few = [f"{first} and {second}: {count} matches" for count, (first, second) in weakest if count < _FEW_MATCHES]
     if not few:
         return "the matches do not determine camera positions, as if the camera only turned"
     more = f" and {len(few) - 3} more pairs" if len(few) > 3 else ""
@@ -134,22 +132,26 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     return notes
 
 
-def _reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
-    """Return warnings about cameras that may be wrong although the reprojection error is small."""
-    warnings = []
+def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
+    """Return a warning if the cameras may be wrong, else nothing; their reprojection error is small in any case."""
+    reasons = []
     first = found.cameras[0]
     start = next(group.focal_px for group in groups if first.name in group.names)
     if not 1 / _FOCAL_CHANGE < first.lens.fx / start < _FOCAL_CHANGE:
-        warnings.append(
-            f"warning: the estimated focal length is {first.lens.fx / start:.2f} times the initial one; add "
-            "photographs unless the lens is a wide or a long one."
+        reasons.append(f"the estimated focal length is {first.lens.fx / start:.2f} times the initial one")
+    if found.difference is None:
+        reasons.append("a second estimate from another initial focal length does not find all of them")
+    elif found.difference[0] > _ROTATION_DIFFERENCE or found.difference[1] > _DIRECTION_DIFFERENCE:
+        reasons.append(
+            "a second estimate from another initial focal length differs by up to "
+            f"{found.difference[0]:.1f} degrees in rotation and {found.difference[1]:.0f} degrees in direction"
         )
-    if len(found.cameras) == 2:
-        warnings.append(
-            "warning: cameras from two photographs can be wrong where most points lie on one plane; add a third "
-            "photograph."
-        )
-    return warnings
+    if not reasons:
+        return []
+    return [
+        f"warning: the cameras may be wrong: {' and '.join(reasons)}; add photographs between these, so that more of "
+        "each is seen in three or more, keep the EXIF data with the focal length, or give known cameras."
+    ]
 
 
 def _relative_path(file: Path, folder: Path) -> str:
