@@ -203,7 +203,7 @@ def cameras_at(*positions: tuple[float, float, float], turn: float = 0.0) -> tup
 def test_the_difference_of_two_estimates_ignores_unit_of_length_and_short_baselines():
     first = cameras_at((0, 0, 0), (1, 0, 0), (1.01, 0, 0))
     assert pose_difference(first, cameras_at((0, 0, 0), (3, 0, 0), (3, 0.03, 0))) == pytest.approx((0, 0.57), abs=0.01)
-    assert pose_difference(first, cameras_at((0, 0, 0), (3, 0, 0), (3.03, 0, 0), turn=2.5)) == pytest.approx((2.5, 0))
+    assert pose_difference(first, cameras_at((0, 0, 0), (3, 0, 0), (3.03, 0, 0), turn=2.5)) == pytest.approx((2.5, 2.5))
     rotation, direction = pose_difference(first, cameras_at((0, 0, 0), (-1, 0, 0), (-1.01, 0, 0)))
     assert (rotation, direction) == pytest.approx((0, 180))
     assert pose_difference(first, cameras_at((0, 0, 0), (1, 0, 0))) is None
