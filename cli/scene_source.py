@@ -52,12 +52,12 @@ def scene_source(
         yield SceneSource(views)
         return
     with ExitStack() as stack:
-        photographs, notes = views, []
+        photographs = views
         if is_video(views):
             photographs = Path(stack.enter_context(TemporaryDirectory(prefix="fecosplat-")))
             write_sharp_frames(views, photographs, num_frames or DEFAULT_FRAMES)
         posed = stack.enter_context(posed_folder(photographs, name=str(views)))
-        notes.extend(posed.notes)
+        notes = list(posed.notes)
         if cameras_file is not None:
             if is_video(views):  # its frames are temporary files
                 beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)
