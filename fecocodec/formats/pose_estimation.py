@@ -5,6 +5,8 @@ initialisation is loosened step by step, because few views give few points and s
 Frahm, "Structure-from-Motion Revisited", 2016.
 """
 
+import signal
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -174,7 +176,18 @@ def _pycolmap() -> Any:
         ) from error
     pycolmap.logging.minloglevel = 3  # fatal errors only; its messages go to stderr otherwise
     pycolmap.set_random_seed(_SEED)
+    _restore_sigterm()
     return pycolmap
+
+
+def _restore_sigterm() -> None:
+    """Install Python's handler of SIGTERM again: pycolmap replaces it by one that prints a stack and ends the process.
+
+    Only the main thread of Python can install handlers; in any other, pycolmap's remains.
+    """
+    handler = signal.getsignal(signal.SIGTERM)  # as Python knows it
+    if handler is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, handler)
 
 
 def _extract(pycolmap: Any, database: Path, folder: Path, groups: list[ImageGroup], num_threads: int) -> None:

@@ -10,13 +10,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import torch
 
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import write_atomically
 from fecocodec.formats.pose_estimation import LEAST_ANGLE, EstimatedCamera, ImageGroup, Reconstruction, reconstruct
 from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, find_photographs, upright_copies
-from fecocodec.geometry.depth_range import bounds_of_depths
+from fecocodec.geometry.depth_bounds import bounds_of_depths
 
 _FEW_MATCHES = 30  # of a pair; named in messages
 # Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
@@ -171,7 +170,7 @@ def _transforms(found: Reconstruction, files: list[str]) -> dict[str, Any]:
     """Return the cameras in the layout of nerfstudio, with depth bounds if there are enough points."""
     depths = np.concatenate([camera.depths for camera in found.cameras])
     frames = [_frame(camera, file) for camera, file in zip(found.cameras, files, strict=True)]
-    bounds = bounds_of_depths(torch.from_numpy(depths))
+    bounds = bounds_of_depths(depths)
     if bounds is None:
         return {"camera_model": "OPENCV", "frames": frames}
     near, far = bounds[0] / _DEPTH_MARGIN, bounds[1] * _DEPTH_MARGIN

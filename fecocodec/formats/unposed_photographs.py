@@ -7,7 +7,7 @@ import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
 from fecocodec.errors import InputError
-from fecocodec.formats.images import IMAGE_SUFFIXES
+from fecocodec.formats.image_headers import IMAGE_SUFFIXES
 from fecocodec.formats.pillow_images import decode_with_pillow, unreadable
 from fecocodec.formats.pose_estimation import ImageGroup
 

@@ -19,7 +19,8 @@ from fecocodec.layers.blocks import RateCondition, direct_gradients
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate, step_size, steps_of_first
-from fecocodec.sender.scene_encoder import LatentCoder, OnFraction, Optimise, SceneEncoder, StageInputs
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import LatentCoder, OnFraction, Optimise, StageInputs
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 
@@ -39,7 +40,6 @@ def optimiser(
 
     estimate: differentiable coder, (y, inputs) -> y_hat and bits.
     """
-    config = config.at(lambda_q)
     num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
 
     def optimise(y: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
@@ -85,10 +85,7 @@ def optimise_latents(
         distortion = _distortion(encoder, config, gaussians_of(estimated.y_hat), held)
         return distortion + price * estimated.bits.sum()
 
-    first_length = step_size(config, inputs.condition)
-    if config.momentum:
-        return descend_with_momentum(y, objective, num_steps, first_length, config.momentum)
-    return descend(y, objective, num_steps, first_length)
+    return descend(y, objective, num_steps, step_size(config, inputs.condition))
 
 
 def descend(
@@ -111,32 +108,6 @@ def descend(
             longest /= 2
         y = best_y - longest * (1.0 - number / (num_steps + 1)) * direction
     return y
-
-
-def descend_with_momentum(
-    start: Float[Tensor, "view latent h8 w8"],
-    objective: Objective,
-    num_steps: int,
-    first_length: float,
-    momentum: float,
-) -> Float[Tensor, "view latent h8 w8"]:
-    """Run `num_steps` steps along a running sum of normalised gradients. Their RMS length decreases linearly to zero.
-
-    first_length: RMS of the first step, in units of y. momentum: share of the sum that each step keeps. Single steps
-    may increase the objective, but a result that is worse than `start` is replaced by `start`. The descent ends early
-    where the gradient is zero or not finite.
-    """
-    y, direction, first_value = start.detach(), torch.zeros_like(start), float("inf")
-    for number in range(num_steps):
-        value, gradient = _value_and_gradient(objective, y)
-        length = gradient.square().mean().sqrt()
-        if not (torch.isfinite(length) and float(length) > 0.0):
-            break
-        first_value = value if number == 0 else first_value
-        direction = momentum * direction + gradient / length
-        y = y - first_length * (1.0 - number / (num_steps + 1)) * direction / direction.square().mean().sqrt()
-    with torch.no_grad():
-        return y if float(objective(y)) < first_value else start.detach()
 
 
 @torch.no_grad()

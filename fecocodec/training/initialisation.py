@@ -10,8 +10,9 @@ import math
 import torch
 from torch import Tensor, nn
 
+from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.predictor import PER_CELL, RAW
+from fecocodec.receiver.predictor import PER_CELL
 from fecocodec.sender.model import Sender
 
 PIXELS = 48  # of a 4x4 cell: (colour, row, column), as pixel unshuffle orders them

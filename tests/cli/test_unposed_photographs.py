@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from fecocodec.container import inspect
-from fecocodec.formats.images import read_image_size
+from fecocodec.formats.image_headers import read_image_size
 from fecocodec.formats.transforms_json import read_transforms_json
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"

@@ -13,11 +13,13 @@ from fecocodec.training.batch_shapes import BatchShape, BatchShapes
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.kept_batches import KeptBatches
-from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.loop import train
 from fecocodec.training.loss import loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import extract, run_stages
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -40,7 +42,7 @@ def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> N
     losses = []
     for known in (extracted, None):
         torch.manual_seed(2)  # of the noise in place of rounding
-        outcomes, matched = run_stages(it.sender, it.receiver, batch, it._coding, 2, known)
+        outcomes, matched = run_stages(it.sender, it.receiver, batch, it.coding, 2, known)
         losses.append(loss_of(batch, outcomes, matched, 1.0)[0].detach())
     torch.testing.assert_close(*losses)
 
@@ -61,7 +63,7 @@ def test_a_batch_is_used_again_with_another_lambda_until_newer_ones_replace_it(i
 
 def test_a_run_with_kept_batches_trains_all_but_the_extractor(it: Trainer, tmp_path: Path) -> None:
     before = {name: value.clone() for name, value in it.networks.state_dict().items()}
-    list(it.run())
+    list(train(it))
     moved = {name for name, value in it.networks.state_dict().items() if not torch.equal(value, before[name])}
     assert any(name.startswith("receiver.") for name in moved) and any("analysis" in name for name in moved)
     assert not any(name.startswith("sender.extractor.") for name in moved)
