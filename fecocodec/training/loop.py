@@ -23,7 +23,7 @@ from fecocodec.training.batch import Batch, Extracted
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.fine_tuning import freeze, load_extractor, load_model_weights
+from fecocodec.training.fine_tuning import freeze, load_extractor, load_fitting_weights, load_model_weights
 from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.kept_batches import KeptBatches
 from fecocodec.training.log import append_lines, append_row, mean_of_rows, remove_rows_after
@@ -116,6 +116,12 @@ class Trainer:
         load_model_weights(self.sender, self.receiver, model)
         self._begin_average()
 
+    def start_variant_from(self, model: Path, anew: tuple[str, ...] = ()) -> tuple[str, ...]:
+        """Load those weights of a model's folder that fit, and return the others; see `load_fitting_weights`."""
+        missing = load_fitting_weights(self.sender, self.receiver, model, anew)
+        self._begin_average()
+        return missing
+
     def start_extractor_from(self, source: Path) -> LoadReport:
         """Load the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
         report = load_extractor(self.sender, source)
@@ -191,7 +197,7 @@ class Trainer:
         """Run the stages and return the loss and its parts."""
         configuration, coding = self.settings.configuration, self._coding
         if configuration.is_paper:
-            stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages)
+            stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages, extracted)
             return paper_loss(batch, stages, configuration.distortion)
         weight = configuration.schedule.disparity_weight_at(self.step)
         outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, num_stages, extracted, weight)
