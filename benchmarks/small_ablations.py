@@ -1,6 +1,6 @@
 """Train a small version of each of the paper's ablations, measure it, and draw the paper's three panels.
 
-python benchmarks/small_ablations.py PHOTOGRAPHS SCENES INDEX.json WORK [--steps 600] [--chart docs/report/ablations_small.png]
+python benchmarks/small_ablations.py PHOTOGRAPHS SCENES INDEX.json WORK [--steps 600] [--chart ablations.png]
 
 A variant is the configuration `ablate-*` (docs/paper_profile.md) with the compact extractor in place of the paper's.
 All variants start from the shipped weights. Layers whose shape the shipped weights do not have start anew; in the panel
@@ -15,7 +15,7 @@ interruption; use another folder for other settings.
 
 import argparse
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -84,21 +84,25 @@ PANELS = (
 def main() -> None:
     arguments = parse_arguments()
     torch.set_num_threads(arguments.threads)
-    kept: KeptBatches | None = None
-    sources: Sources | None = None
-    for panel in PANELS:
-        for name in panel.variants.values():
-            folder, configuration = arguments.work / name, small_version(name, arguments)
-            if not (folder / "model" / SENDER_FILE).exists():
-                sources = sources or open_sources(arguments.photographs, None, configuration)
-                trainer = Trainer(settings_of(folder, configuration), sources)
-                anew = trainer.start_variant_from(SHIPPED / DEFAULT_MODEL, panel.anew)
-                kept = kept or draw_scenes(trainer)
-                train(trainer, kept, anew)
-            measure(folder, arguments)
+    train_all(arguments, [(name, panel.anew) for panel in PANELS for name in panel.variants.values()])
     rows = {name: measure(arguments.work / name, arguments) for panel in PANELS for name in panel.variants.values()}
     print(table_of(rows))
     write_panels([chart_of(panel, rows) for panel in PANELS], arguments.chart or arguments.work / "ablations_small.png")
+
+
+def train_all(arguments: argparse.Namespace, variants: Sequence[tuple[str, tuple[str, ...]]]) -> None:
+    """Train the variants (name of the configuration, layers that start anew) that are not exported yet."""
+    kept: KeptBatches | None = None
+    sources: Sources | None = None
+    for name, anew in variants:
+        folder, configuration = arguments.work / name, small_version(name, arguments)
+        if (folder / "model" / SENDER_FILE).exists():
+            continue
+        sources = sources or open_sources(arguments.photographs, None, configuration)
+        trainer = Trainer(settings_of(folder, configuration), sources)
+        started = trainer.start_variant_from(SHIPPED / DEFAULT_MODEL, anew)
+        kept = kept or draw_scenes(trainer)
+        train(trainer, kept, started)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -116,6 +120,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--measured-side", type=int, default=128, help="image side when measuring  [default: 128]")
     parser.add_argument("--learning-rate", type=float, default=4e-4, help="largest learning rate  [default: 4e-4]")
     parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-2, 1e-3, 1e-4], help="values to measure")
+    parser.add_argument("--most", type=int, help="measure at most so many entries of the index")
     parser.add_argument("--threads", type=int, default=1, help="threads of torch  [default: 1]")
     return parser.parse_args()
 
@@ -169,7 +174,7 @@ def measure(folder: Path, arguments: argparse.Namespace) -> tuple[Average, ...]:
     size = (arguments.measured_side, arguments.measured_side)
     plan = Plan(
         arguments.scenes, arguments.index, folder / "model", folder / "eval", ("codec",),
-        tuple(arguments.lambdas), size, num_context=2, with_strips=False,
+        tuple(arguments.lambdas), size, num_context=2, most=arguments.most, with_strips=False,
     )  # fmt: skip
     report = evaluate_to_folder(plan)
     if report.failures:

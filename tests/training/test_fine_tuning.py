@@ -122,7 +122,7 @@ def test_a_paper_sender_is_not_taken_for_a_compact_one(random_weights: Path, tmp
 
 
 def test_a_variant_takes_the_weights_that_fit(sources: Sources, random_weights: Path, tmp_path: Path) -> None:
-    """Another number of Gaussians, and the paper's feedback, have layers of other shapes; one more layer starts anew."""
+    """Another number of Gaussians and the feedback of the paper have layers of other shapes; one more starts anew."""
     it = trainer(tmp_path / "run", sources, SenderConfig())
     paper = ReceiverConfig(method=PAPER, gaussians_per_side=4)
     variant = Trainer(replace(it.settings, configuration=replace(it.settings.configuration, receiver=paper)), sources)
