@@ -40,7 +40,6 @@ from fecocodec.training.training_pass import extract
 
 WARM_UP = 20  # steps
 SEED = 0
-OUTPUT_OF_P = "receiver.predictor.head.2"
 
 
 @dataclass(frozen=True)
@@ -55,29 +54,14 @@ class Panel:
 PANELS = (
     Panel(
         "Components",
-        {
-            "full": "ablate-iterations-2",
-            "no context": "ablate-no-context",
-            "no feedback": "ablate-no-feedback",
-        },
-    ),
-    Panel(
-        "Iterations",
-        {
-            "1": "ablate-iterations-1",
-            "2": "ablate-iterations-2",
-            "3 (payloads)": "ablate-iterations-3",
-        },
+        {"full": "ablate-iterations-2", "no context": "ablate-no-context", "no feedback": "ablate-no-feedback"},
     ),
     Panel(
         "Gaussian resolution",
-        {
-            "quarter": "ablate-gaussians-quarter",
-            "half": "ablate-gaussians-half",
-            "full": "ablate-gaussians-full",
-        },
-        anew=(OUTPUT_OF_P,),
+        {part: f"ablate-gaussians-{part}" for part in ("quarter", "half", "full")},
+        anew=("receiver.predictor.head.2",),  # the output layer of P
     ),
+    Panel("Iterations", {f"{count}": f"ablate-iterations-{count}" for count in (1, 2, 3)}),
 )
 
 

@@ -26,7 +26,7 @@ def write_panels(charts: Sequence[Chart], path: Path) -> None:
     figure = _figure((PANEL_INCHES[0] * len(charts), PANEL_INCHES[1]))
     for chart, axes in zip(charts, figure.subplots(1, len(charts), sharey=True, squeeze=False)[0], strict=True):
         _draw(chart, axes)
-        axes.legend(fontsize=8, loc="lower right")
+        axes.legend(fontsize=8)
         axes.label_outer()
     _save(figure, path)
 
