@@ -176,10 +176,10 @@ def chart_of(panel: Panel, rows: Mapping[str, tuple[Average, ...]]) -> Chart:
 
 
 def table_of(rows: Mapping[str, tuple[Average, ...]]) -> str:
-    """Return a table of all variants: rate, PSNR and ST-LPIPS at each lambda."""
+    """Return a table of all variants: bits per context pixel, PSNR of target and of context views at each lambda."""
     settings = [row.setting for row in next(iter(rows.values()))]
     lines = [
-        (name, *(f"{number(r.bits_per_pixel, 3)} / {number(r.psnr)} / {number(r.st_lpips, 3)}" for r in found))
+        (name, *(" / ".join((number(r.bits_per_pixel, 3), number(r.psnr), number(r.context_psnr))) for r in found))
         for name, found in rows.items()
     ]
     return table(("configuration", *settings), lines)

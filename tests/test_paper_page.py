@@ -129,7 +129,7 @@ def write_data(folder: Path) -> None:
     tensors = {f"encoder.depth_predictor.{name}": value for name, value in DepthSplatSmall().state_dict().items()}
     for name in set(re.findall(r"depthsplat-gs-small-[\w-]+\.pth", PAGE)):
         torch.save(tensors, folder / name)
-    write_transforms(folder / "scenes" / "wall", shots(4))
+    write_transforms(folder / "scenes" / "wall", shots(4), near=1.0, far=20.0)
     (folder / "fecocodec").symlink_to(ROOT / "fecocodec")
 
 
