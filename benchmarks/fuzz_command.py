@@ -4,11 +4,12 @@
     python benchmarks/fuzz_command.py --files 50000 --small
 
 The mutated streams are the released scene, or with --small streams of one to three drawn views of 64x64 pixels, which
-decode in a fraction of the time.
+decode in a fraction of the time. Few mutants pass the checks of the container and of the symbols, so with --small every
+third file is a forgery instead: a valid stream of random symbols and cameras, which the whole receiver decodes.
 
 Every call must write a PLY file of finite values (exit code 0, or 3 with `--partial`, which every other call uses), or
-print one sentence and write nothing (exit code 1). Streams that violate this are saved to out/fuzz/, and the exit code
-of this script is 1.
+print one sentence and write nothing (exit code 1); a forgery must be decoded. Every call must end within MOST_SECONDS
+of CPU time. Streams that violate this are saved to out/fuzz/, and the exit code of this script is 1.
 """
 
 import argparse
@@ -29,11 +30,17 @@ from fuzz_streams import keep  # noqa: E402
 
 from cli.main import run  # noqa: E402
 from fecocodec import encode, read_ply  # noqa: E402
+from fecocodec.checkpoint import RECEIVER_FILE, model_folder  # noqa: E402
 from fecocodec.container import read_prefix  # noqa: E402
 from fecocodec.errors import FecoError  # noqa: E402
+from fecocodec.receiver.load import load_receiver  # noqa: E402
 from tests.example_scenes import example_views  # noqa: E402
+from tests.fuzzing.forgeries import CodedLatents, code_random_latents, forged_stream  # noqa: E402
 from tests.fuzzing.mutations import VECTORS, random_mutant  # noqa: E402
 from tests.fuzzing.verdicts import MOST_PIXELS  # noqa: E402
+
+MOST_SECONDS = 10.0
+NUM_LATENTS = 200  # of forgeries, which differ in their cameras
 
 
 def main() -> int:
@@ -46,18 +53,25 @@ def main() -> int:
     torch.set_num_threads(1)
     scenes = small_streams() if options.small else released_streams()
     random, counts, slowest = Random(options.seed), Counter[str](), 0.0
+    latents = coded_latents(random) if options.small else []
     end = time.monotonic() + 60 * options.minutes
     with tempfile.TemporaryDirectory() as folder:
         for number in range(options.files):
             if time.monotonic() > end:
                 break
-            data = random_mutant(random, scenes)
+            is_forged = bool(latents) and number % 3 == 2
+            data = forged_stream(random, latents) if is_forged else random_mutant(random, scenes)
             if is_large(data):
                 counts["left out: larger than the scene"] += 1
                 continue
             started = time.process_time()
             found = outcome(data, Path(folder), ("--partial",) if number % 2 else ())
-            slowest = max(slowest, time.process_time() - started)
+            seconds = time.process_time() - started
+            slowest = max(slowest, seconds)
+            if is_forged:
+                found = "forgery decoded" if found == "decoded" else f"WRONG forgery: {found}"
+            if seconds > MOST_SECONDS:
+                found = f"WRONG: {seconds:.1f} s: {found}"
             counts[found] += 1
             if found.startswith("WRONG"):
                 keep(data, found)
@@ -76,6 +90,12 @@ def small_streams() -> list[bytes]:
     """Return streams of one to three views of 64x64 pixels, encoded with the default model, and one of one stage."""
     scenes = [encode(example_views(views), effort="fast") for views in (1, 2, 3)]
     return [*scenes, encode(example_views(2), effort="fast", num_stages=1)]
+
+
+def coded_latents(random: Random) -> list[CodedLatents]:
+    """Return random latents, coded with the default model."""
+    receiver, model_id = load_receiver(model_folder(None) / RECEIVER_FILE)
+    return [code_random_latents(random, receiver, model_id) for _ in range(NUM_LATENTS)]
 
 
 def is_large(data: bytes) -> bool:

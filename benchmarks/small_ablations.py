@@ -34,8 +34,10 @@ from fecocodec.training.configurations import Configuration, configuration_named
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.export import export_model
 from fecocodec.training.kept_batches import KeptBatches
-from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.loop import train
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.sources import open_sources
+from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import extract
 
 WARM_UP = 20  # steps
@@ -86,7 +88,7 @@ def train_all(arguments: argparse.Namespace, variants: Sequence[tuple[str, tuple
         trainer = Trainer(settings_of(folder, configuration), sources)
         started = trainer.start_variant_from(SHIPPED / DEFAULT_MODEL, anew)
         kept = kept or draw_scenes(trainer)
-        train(trainer, kept, started)
+        train_variant(trainer, kept, started)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -141,14 +143,14 @@ def draw_scenes(trainer: Trainer) -> KeptBatches:
     return kept
 
 
-def train(trainer: Trainer, kept: KeptBatches, anew: tuple[str, ...]) -> None:
+def train_variant(trainer: Trainer, kept: KeptBatches, anew: tuple[str, ...]) -> None:
     """Train a variant to its last step and export it. anew: tensors that start anew, to be printed."""
-    trainer.kept = kept
+    trainer.take_batches_from(kept)
     folder = trainer.settings.folder.parent
     if trainer.checkpoint.exists():
         trainer.resume(trainer.checkpoint)
     print(f"{folder.name}: from step {trainer.step}; new: {', '.join(anew)}", flush=True)
-    for row in trainer.run():
+    for row in train(trainer):
         print("  ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)
     export_model(trainer.checkpoint, folder / "model", trainer.settings.configuration)
 

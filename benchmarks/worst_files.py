@@ -5,9 +5,10 @@
 
 Every file has 2^22 pixels in all, the default limit of `decode`, and both stages; its cameras or symbols are chosen to
 make a step of decoding slow. Each file is decoded by a process of its own: `fecosplat decode`, which uses onnxruntime,
-or `fecocodec.decode` with --receiver torch. Prints bytes, Gaussians, wall time, CPU time
-(user and system) and peak memory. The exit code is 1 if a file takes more CPU time than CORES idle cores have in
-MOST_SECONDS, or more than MOST_GIB.
+or `fecocodec.decode` with --receiver torch. Prints bytes, Gaussians, wall time, CPU time (user and system), peak
+memory, and the speed of one core just before: Gflop per CPU second of a float32 matrix product. CPU time is comparable
+only at equal speed, which varies on shared machines. The exit code is 1 if a file takes more CPU time than CORES idle
+cores have in MOST_SECONDS, or more than MOST_GIB.
 """
 
 import argparse
@@ -130,9 +131,20 @@ def measure(file: Path, receiver: str, threads: int) -> dict[str, float]:
     }
 
 
+def gflop_per_second() -> float:
+    """Return Gflop per CPU second of the product of two float32 matrices, by one thread."""
+    side = 2048
+    matrix = torch.rand(side, side)
+    torch.set_num_threads(1)
+    matrix @ matrix  # load the library
+    start = time.process_time()
+    matrix @ matrix
+    return 2e-9 * side**3 / (time.process_time() - start)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=list(FILES), help="measure this file alone")
+    parser.add_argument("--only", action="append", choices=list(FILES), help="measure this file; repeat for several")
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "worst", help="keep the files here")
     parser.add_argument("--threads", type=int, default=CORES, help="threads of decode; waiting threads use CPU time")
     parser.add_argument(
@@ -143,16 +155,17 @@ def main() -> int:
     options.folder.mkdir(parents=True, exist_ok=True)
     receiver, model_id = load_receiver(model_folder(None) / RECEIVER_FILE)
     failures = 0
-    print(f"{'file':<20} {'bytes':>7} {'Gaussians':>9} {'wall s':>7} {'CPU s':>6} {'GiB':>5}")
-    for name in [options.only] if options.only else FILES:
+    print(f"{'file':<20} {'bytes':>7} {'Gaussians':>9} {'wall s':>7} {'CPU s':>6} {'GiB':>5} {'Gflop/s':>7}")
+    for name in options.only or FILES:
         file = options.folder / f"{name.replace(' ', '_')}.fcs"
         if not (options.reuse and file.exists()):
             file.write_bytes(make_file(receiver, model_id, FILES[name]))
+        speed = gflop_per_second()
         size, found = file.stat().st_size, measure(file, options.receiver, options.threads)
         is_within = found["cpu"] <= CORES * MOST_SECONDS and found["gib"] <= MOST_GIB and found["gaussians"] >= 0
         failures += not is_within and size <= LARGEST_FILE
         numbers = f"{size:7} {found['gaussians']:9.0f} {found['wall']:7.1f} {found['cpu']:6.1f} {found['gib']:5.2f}"
-        print(f"{name:<20} {numbers}  {'' if is_within else 'exceeds the bound'}", flush=True)
+        print(f"{name:<20} {numbers} {speed:7.0f}  {'' if is_within else 'exceeds the bound'}", flush=True)
     return failures > 0
 
 

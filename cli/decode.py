@@ -5,8 +5,9 @@ from time import perf_counter
 
 import click
 
-from fecocodec.container import read_stream_file
+from fecocodec.container import check_pixels, read_stages, read_stream_file
 from fecocodec.formats.atomic import require_other_file, require_writable
+from fecocodec.model_files import find_receiver
 
 from .decode_options import decoding_options
 from .error_context import error_context
@@ -94,8 +95,12 @@ def command(
         require_writable(cameras_file, overwrite=overwrite)
         require_other_file(cameras_file, stream)
         require_ending(cameras_file, (".json",))
-    data = read_stream_file(stream)
     require_model(model)
+    data = read_stream_file(stream)
+    with error_context(stream):  # before any large library is loaded
+        header = read_stages(data, "intact" if partial else stages or "all").stream.header
+        check_pixels(header, max_pixels)
+        find_receiver(header.model_id, model)
 
     options = DecodeOptions(
         "intact" if partial else stages or "all", sh_degree, has_background, merge, prune, device, model, max_pixels

@@ -98,33 +98,42 @@ def command(
     require_model(model)
     require_cameras_file(cameras_file, views_folder, overwrite=overwrite)
 
-    from fecocodec import check_input, encode, encode_to_target, measure_decoded, read_views
+    from fecocodec.formats.chosen_photographs import choose_photographs
 
-    from .device import require_encoding_device
+    if device != "cpu":  # the check loads torch
+        from .device import require_encoding_device
 
-    require_encoding_device(device, stages, effort)
+        require_encoding_device(device, stages, effort)
+    warnings: list[str] = []
+
+    def report(warning: str) -> None:
+        warnings.append(in_options(warning))
+        warn(printable(f"warning: {warnings[-1]}"))
+
     with progress_bar() as on_progress, ExitStack() as stack:
         on_progress("reading views", 0.0)
         source = stack.enter_context(scene_source(views_folder, num_frames, cameras_file, overwrite=overwrite))
         for note in source.notes:
             say(printable(note))
-        scene = read_views(
-            source.path, views=resolve(source.path, views), size=size, near=near, far=far, background=background
-        )
+        # What cameras and headers of images tell is reported before torch is loaded, and before any pixel is read.
+        chosen = choose_photographs(source.path, views=resolve(source.path, views), size=size)
+        for note in chosen.notes:
+            report(note)
+
+        from fecocodec import check_input, encode, encode_to_target, measure_decoded
+        from fecocodec.formats.scene_folder import read_pixels
+
+        scene = read_pixels(chosen, near=near, far=far, background=background)
+        for warning in check_input(scene, effort):
+            report(warning)
         with error_context(views_folder, OF_VIEWS):
             if target is None:
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
                 coder = partial(encode_to_target, target=target)
-            found: list[str] = []
-            data = coder(
-                scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=found.append
-            )
+            data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=report)
         if metadata := metadata_of(title, author, licence, date):
             data = with_metadata(data, metadata)
-    warnings = [in_options(text) for text in (*scene.notes, *check_input(scene, effort), *found)]
-    for warning in warnings:  # only after all checks that can reject the views
-        warn(printable(f"warning: {warning}"))
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     quality = measure_decoded(data, scene, device=device, model=model)

@@ -8,6 +8,7 @@ import click
 
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
+from fecocodec.formats.evaluation_index import read_index
 
 from .options import FILE_PATH, device_option, json_option, model_option, parse_shard, parse_size, threads_option
 from .output import print_columns, print_json, say, warn
@@ -121,6 +122,7 @@ def command(
     require_packages(names)
     require_input(root)
     require_input(index)
+    read_index(index)  # reports an invalid index before torch is loaded
 
     from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder

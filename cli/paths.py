@@ -22,6 +22,14 @@ def require_ending(output: Path, endings: tuple[str, ...]) -> None:
         raise OutputError(f"{output}: files of kind {suffix} are not written here; use {' or '.join(endings)}.")
 
 
+def require_output_folder(folder: Path) -> None:
+    """Raise OutputError if the path of an output folder is that of a file, or leads through a file."""
+    existing = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not existing.is_dir():
+        where = "this" if existing == folder else str(existing)
+        raise OutputError(f"{folder}: {where} is not a folder; choose another output path.")
+
+
 def require_photographs(folder: Path) -> None:
     """Raise InputError if a folder of photographs does not exist, with the message of the library."""
     require_input(folder, "no such folder; give the folder that holds images and cameras.")

@@ -46,53 +46,40 @@ Examples:
 )
 @click.argument("scene", metavar="FILE", type=FILE_PATH)
 @click.option(
-    "-o",
-    "--output",
-    type=FILE_PATH,
+    "-o", "--output", type=FILE_PATH,
     help="Output folder, or a .png, .jpg, .webp or .exr file for a single view. Without --cameras and --path it shows "
     "the first coded camera.",
-)
+)  # fmt: skip
 @click.option("--video", type=FILE_PATH, metavar="FILE.mp4", help="Output video; needs the `video` extra (PyAV).")
 @click.option(
-    "--cameras",
-    "cameras_path",
-    type=FILE_PATH,
+    "--cameras", "cameras_path", type=FILE_PATH,
     help="Cameras to render: a folder of photographs, a camera file, a COLMAP model, or a camera path of nerfstudio "
     "(JSON). The photographs are not needed.  [default: the cameras in the .fcs file]",
-)
+)  # fmt: skip
 @click.option(
-    "--path",
-    "path_name",
-    type=click.Choice(PATH_NAMES),
+    "--path", "path_name", type=click.Choice(PATH_NAMES),
     help="Render a path near the cameras: a spiral around their mean, an orbit around the scene, or a path that passes "
     "through all of them.",
-)
+)  # fmt: skip
 @click.option(
     "--frames", type=click.IntRange(2, 10_000), help="Number of frames of --path.  [default: 120]", metavar="NUMBER"
 )
 @click.option(
-    "--fps",
-    type=click.FloatRange(1, 240),
-    metavar="NUMBER",
+    "--fps", type=click.FloatRange(1, 240), metavar="NUMBER",
     help=f"Frames per second of --video.  [default: that of the camera path, else {DEFAULT_FPS}]",
-)
+)  # fmt: skip
 @click.option(
-    "--views",
-    callback=parse_selection,
-    metavar="WHICH",
+    "--views", callback=parse_selection, metavar="WHICH",
     help="Views of --cameras to use: 0,5 or a.jpg,b.jpg or spread:N or auto.  [default: all]",
-)
+)  # fmt: skip
 @click.option(
     "--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: that of the photographs]"
 )
 @click.option("--stages", type=click.IntRange(1, 2), help="Number of stages to decode.  [default: all]")
 @click.option(
-    "--background",
-    type=click.Choice(list(BACKGROUNDS)),
-    default="black",
-    show_default=True,
+    "--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True,
     help="Colour of pixels that no Gaussian covers.",
-)
+)  # fmt: skip
 @model_option
 @max_pixels_option
 @device_option
@@ -144,9 +131,8 @@ def command(
     _require_device(device, scene)
     num_frames = None if path_name is None else frames or DEFAULT_FRAMES
     given = None if cameras_path is None else read_given_cameras(cameras_path, views, size)
-    names = names_of(given, scene, data, num_frames)
     is_preview = output is not None and video is None and given is None and path_name is None and is_image_file(output)
-    names = names[:1] if is_preview else names
+    names = names_of(given, scene, data, num_frames)[: 1 if is_preview else None]
     files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
     from fecocodec import decode, read_ply
@@ -183,10 +169,10 @@ def command(
                 add_frame(rendering.color[0].cpu())
     seconds = round(perf_counter() - start, 3)
     written = [str(file) for of_view in files for file in of_view] + ([str(video)] if video else [])
+    count = f"{len(names)} {'view' if len(names) == 1 else 'views'}"
     if as_json:
         print_json({"outputs": written, "gaussians": gaussians.count, "seconds": seconds})
     else:
-        count = f"{len(names)} {'view' if len(names) == 1 else 'views'}"
         say(f"{' and '.join(str(path) for path in (output, video) if path)}: {count} rendered in {seconds:.2f} s")
 
 

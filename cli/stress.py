@@ -8,6 +8,7 @@ import click
 
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import make_folder, write_atomically
+from fecocodec.formats.evaluation_index import read_index
 
 from .options import FILE_PATH, json_option, lambda_option, model_option, threads_option
 from .output import print_columns, print_json, say
@@ -49,6 +50,7 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
     """
     require_input(root)
     require_input(index)
+    read_index(index)  # reports an invalid index before torch is loaded
 
     from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.stress.run import read_pairs, run_suite

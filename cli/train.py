@@ -1,7 +1,5 @@
 """`fecosplat train`: train the networks on procedural scenes and on photographs."""
 
-import re
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,31 +7,15 @@ import click
 
 from fecocodec.errors import InputError
 
-from .options import FILE_PATH, device_option, parse_size, threads_option
+from .options import FILE_PATH, device_option, threads_option
 from .output import say, warn
+from .paths import require_input, require_output_folder
+from .train_options import check_values, configuration_options, overridden
 
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
 
 DEFAULT_MINUTES = 60.0
-_SHAPE_FIELDS = ("num_scenes", "view_shares", "num_target", "sizes")
-_SCHEDULE_FIELDS = (
-    "num_steps", "one_stage_until", "bypass_until", "learning_rate", "photograph_share", "disparity_weight",
-)  # fmt: skip
-
-
-def _parse_views(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[tuple[int, float], ...] | None:
-    """Parse `2` or `2:0.8,4:0.2` to pairs of a number of context views and its probability."""
-    if value is None:
-        return None
-    if not re.fullmatch(r"\d{1,3}(:\d*\.?\d+)?(,\d{1,3}(:\d*\.?\d+)?)*", value):
-        raise click.BadParameter(f"{value!r} is neither a number of views nor COUNT:SHARE,COUNT:SHARE...", ctx, param)
-    entries = [entry.partition(":") for entry in value.split(",")]
-    return tuple((int(count), float(share or 1)) for count, _, share in entries)
-
-
-def _parse_sizes(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> tuple[Any, ...] | None:
-    return tuple(parse_size(ctx, param, value) for value in values) or None
 
 
 @click.command(
@@ -75,52 +57,13 @@ Examples:
     "--max-minutes", type=click.FloatRange(min=0, min_open=True),
     help="Save a checkpoint and stop after this time.  [default: 60, no limit for the paper's configurations]",
 )  # fmt: skip
-@click.option("--steps", "num_steps", type=int, help="Number of training steps.")
-@click.option("--one-stage-steps", "one_stage_until", type=int, help="Number of first steps that train stage 1 only.")
-@click.option(
-    "--bypass-steps", "bypass_until", type=int, help="Number of first steps without rate term and quantisation."
-)
-@click.option(
-    "--scenes",
-    "num_scenes",
-    type=int,
-    help="Batch size: scenes per step and process, for the first --views and --size.",
-)
-@click.option(
-    "--views",
-    "view_shares",
-    callback=_parse_views,
-    help="Number of context views: 2, or probabilities such as 2:0.8,4:0.2.",
-)
-@click.option("--targets", "num_target", type=int, help="Number of target views per scene.")
-@click.option(
-    "--size", "sizes", multiple=True, callback=_parse_sizes, metavar="WxH",
-    help="Image size in pixels. Repeat the option for several sizes.",
-)  # fmt: skip
-@click.option("--side", type=int, help="Square image size: --side 128 is --size 128x128. Small sizes need --views 2.")
-@click.option("--learning-rate", type=float, help="Peak learning rate.")
-@click.option("--lambda-range", type=float, nargs=2, help="Smallest and largest lambda.")
-@click.option("--photograph-share", type=float, nargs=2, help="Fraction of photographs, at the first and last step.")
-@click.option(
-    "--depth-weight", "disparity_weight", type=float, nargs=2, help="Weight of the depth loss, at first and last step."
-)
-@click.option(
-    "--precision", type=click.Choice(["float32", "bfloat16"]), help="Number type of convolutions and attention."
-)
+@configuration_options
 @click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Seed of random numbers.")
 @click.option("--from", "start", type=FILE_PATH, help="Initialise with the weights of the model in this folder.")
 @click.option(
     "--extractor-weights", "extractor", type=FILE_PATH,
     help="Initialise the extractor from a model folder, or from a DepthSplat, Depth Anything V2, DINOv2 or UniMatch "
     "file.",
-)  # fmt: skip
-@click.option(
-    "--freeze", "frozen", multiple=True, type=click.Choice(["receiver", "extractor"]),
-    help="Do not train this part. Repeat the option for both.",
-)  # fmt: skip
-@click.option(
-    "--keep", "kept_batches", type=click.IntRange(min=0), metavar="BATCHES",
-    help="Keep so many batches per process in memory with the features of a frozen extractor, for shorter steps.",
 )  # fmt: skip
 @click.option(
     "--entropy-steps",
@@ -154,7 +97,6 @@ def command(
     seed: int,
     start: Path | None,
     extractor: Path | None,
-    frozen: tuple[str, ...],
     entropy_steps: int,
     entropy_scenes: int,
     model: Path | None,
@@ -166,19 +108,24 @@ def command(
 
     Start several processes with torchrun, as in the last example, for data-parallel training.
     """
+    _check_paths(folder, (photographs, textures, validation, start, extractor))  # before torch is loaded
+    check_values(overrides)
+
     from fecocodec.training.configurations import configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
     from fecocodec.training.export import export_model
     from fecocodec.training.graphs.export import export_receiver
     from fecocodec.training.log import LOG_COLUMNS
-    from fecocodec.training.loop import RunSettings, Trainer
+    from fecocodec.training.loop import train
     from fecocodec.training.processes import is_first, joined_processes
+    from fecocodec.training.run_settings import RunSettings
     from fecocodec.training.sources import open_sources
+    from fecocodec.training.trainer import Trainer
 
     from .device import require_rendering_device
 
     require_rendering_device(device)
-    configuration = _overridden(configuration_named(name), {**overrides, "frozen": frozen})
+    configuration = overridden(configuration_named(name), overrides)
     _check_options(configuration, entropy_steps, num_workers)
     with joined_processes(device) as own_device:
         sources = open_sources(photographs, textures, configuration, validation)
@@ -193,7 +140,7 @@ def command(
             trainer.start_from(start)
         if extractor is not None and trainer.step == 0:
             say(f"extractor: {trainer.start_extractor_from(extractor)}")
-        for row in trainer.run():
+        for row in train(trainer):
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if entropy_steps and trainer.step < configuration.schedule.num_steps:
             if is_first():
@@ -207,6 +154,14 @@ def command(
             export_model(trainer.checkpoint, model, configuration)
             if not configuration.is_paper:  # torch decodes the paper's method
                 export_receiver(model)
+
+
+def _check_paths(folder: Path, inputs: tuple[Path | None, ...]) -> None:
+    """Raise OutputError if the run cannot be written to `folder`, InputError for an input that does not exist."""
+    require_output_folder(folder)
+    for path in inputs:
+        if path is not None:
+            require_input(path, "there is no such file or folder; check the path.")
 
 
 def _check_options(configuration: "Configuration", entropy_steps: int, num_workers: int) -> None:
@@ -230,18 +185,3 @@ def _require_finished(step: int, num_steps: int, model: Path) -> None:
             f"{model}: nothing was exported, because the run stopped after {step} of {num_steps} steps; "
             f"run the same command again, or export these weights with --steps {step}."
         )
-
-
-def _overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":
-    """Return the configuration with the given options in place of its own values."""
-    given = {name: value for name, value in overrides.items() if value is not None}
-    if "side" in given:
-        given["sizes"] = ((given["side"], given["side"]),)
-    shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
-    schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
-    others: dict[str, Any] = {
-        name: given[name] for name in ("lambda_range", "precision", "frozen", "kept_batches") if name in given
-    }
-    if configuration.is_paper and "lambda_range" in given:
-        others["receiver"] = replace(configuration.receiver, lambda_range=given["lambda_range"])
-    return replace(configuration, shapes=shapes, schedule=schedule, **others)

@@ -24,8 +24,10 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.adapted import adapted_sender
 from fecocodec.training.configurations import configuration_named
 from fecocodec.training.export import export_networks
-from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.loop import train
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.sources import open_sources
+from fecocodec.training.trainer import Trainer
 
 
 class DiskExtractor:
@@ -50,14 +52,14 @@ class DiskExtractor:
         return f"disk-{digest.hexdigest()[:16]}"
 
 
-def train(extractor: DiskExtractor, scenes: Path, out: Path, minutes: float, model: Path) -> None:
+def train_sender(extractor: DiskExtractor, scenes: Path, out: Path, minutes: float, model: Path) -> None:
     """Initialise the codec from a trained model, train the sender, and write the two weights files to `out`."""
     configuration = replace(configuration_named("compact"), frozen=("receiver",))
     sources = open_sources(scenes, None, configuration)
     sender = adapted_sender(extractor, configuration.receiver)
     trainer = Trainer(RunSettings(out / "run", configuration, minutes), sources, sender)
     trainer.start_from(model)
-    for row in trainer.run():
+    for row in train(trainer):
         print(f"step {row['step']:.0f}  loss {row['loss']:.4g}")
     export_networks(trainer.checkpoint, out, trainer.receiver, trainer.sender)
 
@@ -71,7 +73,7 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.manual_seed(0)
     network = DISK.from_pretrained(arguments.disk) if arguments.disk else DISK()
-    train(DiskExtractor(network), arguments.scenes, arguments.out, arguments.minutes, SHIPPED / DEFAULT_MODEL)
+    train_sender(DiskExtractor(network), arguments.scenes, arguments.out, arguments.minutes, SHIPPED / DEFAULT_MODEL)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from PIL import Image
 
 from fecocodec.formats.images import write_image
 from fecocodec.formats.scene_folder import read_views
-from fecocodec.geometry.depth_range import bounds_of_depths
+from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.views import Views
 
 SIZE = (256, 384)  # height, width in pixels
@@ -29,7 +29,7 @@ def main() -> None:
     folder = Path(__file__).parent
     left, right, disparity = skimage.data.stereo_motorcycle()
     depth = FOCAL_LENGTH / REDUCTION * BASELINE / (disparity + CENTRE_X_SHIFT / REDUCTION)
-    near, far = bounds_of_depths(_tensor(depth[np.isfinite(disparity)]))
+    near, far = bounds_of_depths(depth[np.isfinite(disparity)])
     with tempfile.TemporaryDirectory() as name:
         original = Path(name)
         for image, file_name in ((left, "left.png"), (right, "right.png")):

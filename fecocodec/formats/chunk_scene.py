@@ -13,11 +13,12 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.formats.framing import crop_and_resize, require_size
+from fecocodec.formats.framing import require_size
 from fecocodec.formats.images import decode_image
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import require_numbers
 from fecocodec.formats.poses import require_float32_range, rigid_pose
+from fecocodec.formats.resampling import crop_and_resize
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
 

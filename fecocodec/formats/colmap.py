@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from fecocodec.errors import InputError
 from fecocodec.formats.colmap_binary import read_binary_model
@@ -63,6 +62,8 @@ def _world_to_camera(image: ColmapImage, place: str) -> Float[np.ndarray, "4 4"]
             f"{place}: the pose is singular (its quaternion has length {norm:.3g}); export the model again."
         )
     w, x, y, z = quaternion / norm
+    from scipy.spatial.transform import Rotation  # it loads slowly, and other camera files do not need it
+
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat((x, y, z, w)).as_matrix()
     matrix[:3, 3] = require_numbers(image.translation, (3,), place)

@@ -1,12 +1,9 @@
-"""Crop and resize photographs to a common size."""
+"""The common size of photographs, and the centre crop of each to that shape. Pixels are not read."""
 
 from collections import Counter
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from PIL import Image
-from torch import Tensor
 
 from fecocodec.errors import InputError
 from fecocodec.formats.lens import Lens
@@ -55,29 +52,9 @@ def kept_share(pinhole: Lens, size: tuple[int, int]) -> float:
     return crop_h * crop_w / (pinhole.height * pinhole.width)
 
 
-def crop_and_resize(
-    image: Float[Tensor, "channel height width"], pinhole: Lens, size: tuple[int, int]
-) -> tuple[Float[Tensor, "channel new_height new_width"], Float[np.ndarray, "3 3"]]:
-    """Centre-crop an image to the shape of `size` = (height, width) and resize it (Lanczos, with antialiasing).
-
-    Returns the image and its intrinsics, normalised by width and height.
-    """
-    height, width = image.shape[-2:]
-    intrinsics = framed_intrinsics(pinhole, size)
-    top, left, crop_h, crop_w = _crop(height, width, size)
-    if (crop_h, crop_w) == size:
-        return image[:, top : top + size[0], left : left + size[1]], intrinsics
-    box = (left, top, min(left + crop_w, width), min(top + crop_h, height))
-    planes = [
-        np.asarray(Image.fromarray(plane).resize((size[1], size[0]), Image.Resampling.LANCZOS, box=box))
-        for plane in image.numpy()
-    ]
-    return torch.from_numpy(np.stack(planes)).clamp(0, 1), intrinsics
-
-
 def framed_intrinsics(pinhole: Lens, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
-    """Return the normalised intrinsics that `crop_and_resize` returns for an image of the pinhole's size."""
-    top, left, crop_h, crop_w = _crop(pinhole.height, pinhole.width, size)
+    """Return the normalised intrinsics of the result of `crop_and_resize` for an image of the pinhole's size."""
+    top, left, crop_h, crop_w = crop(pinhole.height, pinhole.width, size)
     return np.array(
         [
             [pinhole.fx / crop_w, 0, (pinhole.cx - left) / crop_w],
@@ -87,7 +64,7 @@ def framed_intrinsics(pinhole: Lens, size: tuple[int, int]) -> Float[np.ndarray,
     )
 
 
-def _crop(height: int, width: int, size: tuple[int, int]) -> tuple[int, int, float, float]:
+def crop(height: int, width: int, size: tuple[int, int]) -> tuple[int, int, float, float]:
     """Return (top, left, height, width) of the centre crop to the shape of `size`."""
     crop_h, crop_w = _crop_shape(height, width, *size)
     return int((height - crop_h) // 2), int((width - crop_w) // 2), crop_h, crop_w

@@ -16,13 +16,13 @@ from torch import Tensor
 
 from fecocodec.errors import OutputError
 from fecocodec.formats.atomic import write_atomically
-from fecocodec.formats.exr import ExrImage, read_exr, read_exr_size, write_exr
+from fecocodec.formats.exr import ExrImage, read_exr, write_exr
+from fecocodec.formats.image_headers import IMAGE_SUFFIXES
 from fecocodec.formats.input_file import StrPath
-from fecocodec.formats.pillow_images import decode_with_pillow, size_with_pillow
+from fecocodec.formats.pillow_images import decode_with_pillow
 
 Background = Literal["white", "black"]
 LEVELS: dict[Background, float] = {"white": 1.0, "black": 0.0}  # the same in sRGB and in linear light
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")
 _SAVE_OPTIONS: dict[str, dict[str, Any]] = {
     ".png": {},
     ".jpg": {"quality": 95, "subsampling": 0},
@@ -53,12 +53,6 @@ def read_image_and_alpha(
 def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:
     """Decode the bytes of a PNG, JPEG or WebP file like `read_image`; error messages begin with `place`."""
     return _composited(torch.from_numpy(decode_with_pillow(BytesIO(data), place)), LEVELS["white"])[0]
-
-
-def read_image_size(path: StrPath) -> tuple[int, int]:
-    """Return (height, width) of the stored pixels, from the header alone. Raises InputError as `read_image` does."""
-    path = Path(path)
-    return read_exr_size(path) if path.suffix.lower() == ".exr" else size_with_pillow(path)
 
 
 def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwrite: bool = False) -> None:

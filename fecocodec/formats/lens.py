@@ -1,12 +1,9 @@
-"""The lens model of a photograph, and removal of its distortion."""
+"""The lens model of a photograph, and the pinhole to which it is undistorted."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
-import torch.nn.functional as F
 from jaxtyping import Float
-from torch import Tensor
 
 from fecocodec.container.camera_validation import MAX_FOCAL, MAX_PRINCIPAL_POINT, MIN_FOCAL
 from fecocodec.errors import InputError
@@ -15,7 +12,6 @@ MAX_SIDE_PX = 10**6  # largest image side in a camera file
 MAX_GROWTH = 2.0  # largest ratio of the sides of an undistorted image to those of the photograph
 ASPECT_TOLERANCE = 0.01
 _SOLVER_STEPS = 200
-_BAND_ROWS = 64  # resampled at a time, so that large photographs need little memory
 
 
 @dataclass(frozen=True)
@@ -90,34 +86,7 @@ def undistorted(lens: Lens, place: str) -> Lens:
     return Lens(x1 - x0, y1 - y0, lens.fx, lens.fy, lens.cx - x0, lens.cy - y0)
 
 
-def undistort(
-    image: Float[Tensor, "channel height width"], lens: Lens, pinhole: Lens
-) -> Float[Tensor, "channel new_height new_width"]:
-    """Resample (bicubic) a photograph taken with `lens` to the image of `pinhole = undistorted(lens)`."""
-    if not lens.has_distortion:
-        return image
-    bands = [
-        F.grid_sample(
-            image[None],
-            _sampling_grid(lens, pinhole, range(top, min(top + _BAND_ROWS, pinhole.height)))[None],
-            mode="bicubic",
-            padding_mode="border",
-            align_corners=False,
-        )[0]
-        for top in range(0, pinhole.height, _BAND_ROWS)
-    ]
-    return torch.cat(bands, dim=-2).clamp_(0, 1)
-
-
-def _sampling_grid(lens: Lens, pinhole: Lens, rows: range) -> Float[Tensor, "row width 2"]:
-    """Return the positions, in the photograph, of these rows of the pinhole's image, as `grid_sample` expects them."""
-    v, u = np.meshgrid(np.array(rows) + 0.5, np.arange(pinhole.width) + 0.5, indexing="ij")
-    plane = np.stack(((u - pinhole.cx) / pinhole.fx, (v - pinhole.cy) / pinhole.fy), axis=-1)
-    source = _distort(lens, plane) * (lens.fx, lens.fy) + (lens.cx, lens.cy)
-    return torch.from_numpy((2 * source / (lens.width, lens.height) - 1).astype(np.float32))
-
-
-def _distort(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
+def distort(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
     """Apply the distortion to points on the plane z = 1."""
     return plane * _radial_factor(lens, plane)[..., None] + _tangential_shift(lens, plane)
 
@@ -129,7 +98,7 @@ def _undistort_points(lens: Lens, points: Float[np.ndarray, "n 2"], place: str) 
     with np.errstate(all="ignore"):  # the check below detects divergence
         for _ in range(_SOLVER_STEPS):
             plane = (seen - _tangential_shift(lens, plane)) / _radial_factor(lens, plane)[:, None]
-        error_px = np.abs((_distort(lens, plane) - seen) * (lens.fx, lens.fy))
+        error_px = np.abs((distort(lens, plane) - seen) * (lens.fx, lens.fy))
     if not (error_px < 0.05).all():
         raise InputError(
             f"{place}: its lens distortion has no inverse inside the image; check k1, k2, p1, p2 or undistort it."

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fecocodec.errors import InputError
-from fecocodec.formats.images import IMAGE_SUFFIXES, read_image_size
+from fecocodec.formats.image_headers import IMAGE_SUFFIXES, read_image_size
 from fecocodec.formats.input_file import require_regular_file
 from fecocodec.formats.lens import Lens, require_representable, undistorted
 
@@ -42,12 +42,26 @@ class PosedPhotographs:
     far: float | None = None
 
 
+def require_images(photographs: list[PosedPhotograph]) -> None:
+    """Raise InputError, which names the first one and counts the others, if images are missing."""
+    missing = [photograph for photograph in photographs if not _is_file(photograph)]
+    if not missing:
+        return
+    first = f"{missing[0].place}: there is no image {missing[0].path}"
+    if len(missing) == 1:
+        raise InputError(f"{first}; put it there or leave this view out by `views`.")
+    raise InputError(
+        f"{first}, and of {len(photographs)} images {len(missing)} are missing in all; put them there or choose others "
+        "by `views`."
+    )
+
+
 def stored_lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
     """Return the lens of a photograph and the pinhole to which it is undistorted. Reads only the image's header.
 
     Raises InputError if there is no image, or image and lens do not match.
     """
-    _require_file(photograph)
+    require_images([photograph])
     height, width = read_image_size(photograph.path)
     lens = photograph.lens_for(width, height)
     require_representable(lens, photograph.place)
@@ -85,20 +99,17 @@ def find_image(folder: Path, name: str) -> Path:
     return next((candidate for candidate in candidates if candidate.is_file()), path)
 
 
-def _require_file(photograph: PosedPhotograph) -> None:
+def _is_file(photograph: PosedPhotograph) -> bool:
+    """Return whether the image exists. Raises InputError if it cannot be looked at or is no regular file."""
     try:
-        is_there = photograph.path.is_file()
         if photograph.path.exists() and not photograph.path.is_dir():
             require_regular_file(photograph.path)
+        return photograph.path.is_file()
     except OSError as error:
         raise InputError(
             f"{photograph.place}: its image {photograph.path} cannot be looked at ({error.strerror}); check its name "
             "and the permissions of its folder."
         ) from error
-    if not is_there:
-        raise InputError(
-            f"{photograph.place}: there is no image {photograph.path}; put it there or leave this view out by `views`."
-        )
 
 
 def require_numbers(values: object, shape: tuple[int, ...], place: str) -> Float[np.ndarray, "*shape"]:

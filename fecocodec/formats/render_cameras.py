@@ -15,7 +15,7 @@ from fecocodec.formats.posed_photographs import PosedPhotographs, known_pinhole
 from fecocodec.formats.poses import require_float32_range, rigid_pose
 from fecocodec.formats.view_choice import choose_views
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth_range import bounds_of_depths
+from fecocodec.geometry.depth_bounds import bounds_of_depths
 
 LARGEST_SIDE = 4096  # pixels of a rendering
 
@@ -73,7 +73,7 @@ def _depth_bounds(scene: PosedPhotographs) -> tuple[float, float]:
     if scene.near is not None and scene.far is not None:
         return scene.near, scene.far
     sparse = np.concatenate([np.zeros(0), *(photograph.sparse_depths for photograph in scene.photographs)])
-    return bounds_of_depths(torch.from_numpy(sparse)) or (float("nan"), float("nan"))
+    return bounds_of_depths(sparse) or (float("nan"), float("nan"))
 
 
 def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:

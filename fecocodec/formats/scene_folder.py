@@ -1,7 +1,7 @@
 """Read a folder of photographs with cameras as views of one size."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,39 +12,15 @@ from torch import Tensor
 
 from fecocodec.errors import InputError
 from fecocodec.formats.camera_files import read_cameras
-from fecocodec.formats.framing import common_size, crop_and_resize, framed_intrinsics, require_size
+from fecocodec.formats.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.formats.images import Background, read_image_and_alpha
 from fecocodec.formats.input_file import StrPath
-from fecocodec.formats.lens import Lens, undistort
-from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, stored_lens
-from fecocodec.formats.poses import require_float32_range, rigid_pose
-from fecocodec.formats.reading_notes import framing_notes, lens_notes
-from fecocodec.formats.view_choice import choose_views
-from fecocodec.formats.view_spread import auto_views
+from fecocodec.formats.lens import Lens
+from fecocodec.formats.resampling import crop_and_resize, undistort
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth_range import bounds_of_depths, estimate_depth_range
+from fecocodec.geometry.depth_bounds import bounds_of_depths
+from fecocodec.geometry.depth_range import estimate_depth_range
 from fecocodec.geometry.views import Views
-from fecocodec.limits import MAX_VIEWS
-
-
-@dataclass(frozen=True)
-class _Chosen:
-    """Chosen photographs, before their pixels are read.
-
-    lenses: of the stored images, and the pinholes to which they are undistorted. image_size: common (height, width).
-    cameras: for that size; near and far are NaN. notes: see `Views`.
-    """
-
-    scene: PosedPhotographs
-    photographs: list[PosedPhotograph]
-    lenses: list[tuple[Lens, Lens]]
-    image_size: tuple[int, int]
-    cameras: Cameras
-    notes: tuple[str, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(photograph.path.name for photograph in self.photographs)
 
 
 def read_views(
@@ -69,11 +45,21 @@ def read_views(
     background is white, and `alpha` is their opacity.
     Raises InputError if the folder, a camera or an image cannot be used.
     """
-    chosen = _choose(Path(path), views, size)
+    return read_pixels(choose_photographs(path, views=views, size=size), near=near, far=far, background=background)
+
+
+def read_pixels(
+    chosen: ChosenPhotographs,
+    *,
+    near: float | None = None,
+    far: float | None = None,
+    background: Background | None = None,
+) -> Views:
+    """Read the chosen photographs; arguments and errors as for `read_views`."""
     unbounded = _read_unbounded(chosen, background or "white")
     if background is not None:
         unbounded = replace(unbounded, alpha=None)
-    cameras = _with_depth_bounds(chosen, near, far, partial(estimate_depth_range, unbounded))
+    cameras = _with_depth_bounds(chosen, unbounded.cameras, near, far, partial(estimate_depth_range, unbounded))
     return replace(unbounded, cameras=cameras)
 
 
@@ -85,45 +71,7 @@ def view_names(path: StrPath) -> tuple[str, ...]:
     return tuple(photograph.path.name for photograph in read_cameras(path).photographs)
 
 
-def _choose(path: Path, views: tuple[int | str, ...] | None, size: tuple[int, int] | None) -> _Chosen:
-    """Read poses, lenses and sizes from the camera file and the headers of the images."""
-    if size:
-        require_size(size)
-    scene = read_cameras(path)
-    photographs, notes = _chosen_photographs(scene, views, path)
-    poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
-    require_float32_range(poses, str(scene.cameras_path))
-    lenses = [stored_lens(photograph) for photograph in photographs]
-    pinholes = [pinhole for _, pinhole in lenses]
-    common = size or common_size(pinholes, [str(photograph.path) for photograph in photographs])
-    intrinsics = np.stack([framed_intrinsics(pinhole, common) for pinhole in pinholes])
-    cameras = Cameras(
-        extrinsics=torch.from_numpy(poses.astype(np.float32)),
-        intrinsics=torch.from_numpy(intrinsics.astype(np.float32)),
-        near=torch.tensor(torch.nan),
-        far=torch.tensor(torch.nan),
-    )
-    names = [photograph.path.name for photograph in photographs]
-    sizes = [photograph.declared_size for photograph in photographs]
-    notes += [*lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
-    return _Chosen(scene, photographs, lenses, common, cameras, tuple(notes))
-
-
-def _chosen_photographs(
-    scene: PosedPhotographs, views: tuple[int | str, ...] | None, path: Path
-) -> tuple[list[PosedPhotograph], list[str]]:
-    """Return the photographs to read, and a note if they were chosen automatically."""
-    if views is not None:
-        return choose_views(scene.photographs, views, path), []
-    if len(scene.photographs) <= MAX_VIEWS:
-        return scene.photographs, []
-    photographs = [scene.photographs[index] for index in auto_views(scene)]
-    names = ", ".join(photograph.path.name for photograph in photographs)
-    note = f"{len(photographs)} of {len(scene.photographs)} photographs are used ({names}); choose others by `views`."
-    return photographs, [note]
-
-
-def _read_unbounded(chosen: _Chosen, background: Background = "white") -> Views:
+def _read_unbounded(chosen: ChosenPhotographs, background: Background = "white") -> Views:
     """Read undistorted images of one size; near and far of the cameras are NaN."""
     pixels = [
         _framed_pixels(photograph.path, lenses, chosen.image_size, background)
@@ -133,7 +81,13 @@ def _read_unbounded(chosen: _Chosen, background: Background = "white") -> Views:
     opaque = torch.ones(1, *chosen.image_size)
     alpha = torch.cat([channels[3:] if len(channels) == 4 else opaque for channels in pixels]) if has_alpha else None
     images = torch.stack([channels[:3] for channels in pixels])
-    return Views(images, chosen.cameras, chosen.names, alpha, chosen.notes)
+    cameras = Cameras(
+        extrinsics=torch.from_numpy(chosen.extrinsics.astype(np.float32)),
+        intrinsics=torch.from_numpy(chosen.intrinsics.astype(np.float32)),
+        near=torch.tensor(torch.nan),
+        far=torch.tensor(torch.nan),
+    )
+    return Views(images, cameras, chosen.names, alpha, chosen.notes)
 
 
 def _framed_pixels(
@@ -147,7 +101,11 @@ def _framed_pixels(
 
 
 def _with_depth_bounds(
-    chosen: _Chosen, near: float | None, far: float | None, estimate: Callable[[], tuple[float, float]]
+    chosen: ChosenPhotographs,
+    cameras: Cameras,
+    near: float | None,
+    far: float | None,
+    estimate: Callable[[], tuple[float, float]],
 ) -> Cameras:
     """Return the cameras with depth bounds from the arguments, the camera file, sparse points, or else an estimate."""
     scene = chosen.scene
@@ -155,7 +113,7 @@ def _with_depth_bounds(
     far = scene.far if far is None else far
     if near is None or far is None:
         sparse_depths = np.concatenate([photograph.sparse_depths for photograph in chosen.photographs])
-        known = bounds_of_depths(torch.from_numpy(sparse_depths)) or estimate()
+        known = bounds_of_depths(sparse_depths) or estimate()
         near, far = known[0] if near is None else near, known[1] if far is None else far
     if not 0 < near < far < torch.finfo(torch.float32).max:
         raise InputError(
@@ -163,4 +121,4 @@ def _with_depth_bounds(
             "0 < near < far is needed, set them with `near` and `far`."
         )
     bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}
-    return replace(chosen.cameras, **bounds)
+    return replace(cameras, **bounds)

@@ -1,13 +1,12 @@
 """Choose overlapping views of a capture from its cameras: as far apart as a minimum overlap allows."""
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from fecocodec.errors import InputError
 from fecocodec.formats.framing import framed_intrinsics
 from fecocodec.formats.posed_photographs import PosedPhotographs, known_pinhole
-from fecocodec.geometry.depth_range import bounds_of_depths
+from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.frustum_overlap import covisibility_estimate
 from fecocodec.limits import MAX_VIEWS
 
@@ -87,7 +86,7 @@ def _depth_bounds(scene: PosedPhotographs, distance: Float[np.ndarray, "view vie
     sparse = [photograph.sparse_depths for photograph in scene.photographs if len(photograph.sparse_depths)]
     if scene.near is not None and scene.far is not None and 0 < scene.near < scene.far:
         return scene.near, scene.far
-    if bounds := bounds_of_depths(torch.from_numpy(np.concatenate([np.zeros(0), *sparse]))):
+    if bounds := bounds_of_depths(np.concatenate([np.zeros(0), *sparse])):
         return bounds
     if len(distance) < 2 or not distance.any():
         return 1.0, 10.0  # all cameras are at one position, so the unit of length does not matter

@@ -13,14 +13,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.views import Views
 
 DEFAULT_RANGE = (1.0, 100.0)  # in scene units if there is no baseline, in baselines if nothing matches
-MIN_SAMPLES = 50  # percentiles of fewer depths are not reliable
 
-_PERCENTILES = (0.01, 0.5, 0.99)
-_MARGIN = 1.15  # the percentiles are widened by this factor on both sides
-_MAX_FAR_OVER_MEDIAN = 40 / 3  # limits the effect of sky and outliers on `far`
 
 _MAX_PAIRS = 4
 _LONG_SIDE = 96  # pixels of the small images
@@ -36,18 +33,6 @@ _ESTIMATE_MARGIN = 1.3  # widens the estimate further, because surfaces visible 
 _LOG_STEP = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (_NUM_DEPTHS - 1)
 
 
-def bounds_of_depths(depths: Float[Tensor, " n"]) -> tuple[float, float] | None:
-    """Return (near, far) of depths: the 1st and 99th percentile, each widened by 15%; far is at most 13.3 medians.
-
-    Returns None for fewer than MIN_SAMPLES depths.
-    """
-    if len(depths) < MIN_SAMPLES:
-        return None
-    ordered = depths.double().sort().values  # torch.quantile refuses more than 2^24 values
-    near, median, far = (ordered[round(share * (len(ordered) - 1))].item() for share in _PERCENTILES)
-    return near / _MARGIN, min(far * _MARGIN, median * _MAX_FAR_OVER_MEDIAN)
-
-
 def bounds_of_visible_points(points: Float[Tensor, "n 3"], cameras: Cameras) -> tuple[float, float]:
     """Return (near, far) of the points that the cameras see; DEFAULT_RANGE if they see too few.
 
@@ -56,7 +41,7 @@ def bounds_of_visible_points(points: Float[Tensor, "n 3"], cameras: Cameras) -> 
     chosen = torch.linspace(0, cameras.num_views - 1, min(cameras.num_views, 16)).round().long().tolist()
     seen = replace(cameras.select(chosen), near=torch.tensor(1e-6), far=torch.tensor(1.0))
     projected = seen.project(points[:: max(1, len(points) >> 16)])
-    return bounds_of_depths(projected.depth[projected.is_visible]) or DEFAULT_RANGE
+    return bounds_of_depths(projected.depth[projected.is_visible].cpu().numpy()) or DEFAULT_RANGE
 
 
 def estimate_depth_range(views: Views) -> tuple[float, float]:
@@ -71,7 +56,7 @@ def estimate_depth_range(views: Views) -> tuple[float, float]:
     grey = _small_grey(views.images)
     depths = torch.cat([_agreed_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
     baseline = _distances(views.cameras)[pairs[0]].item()
-    bounds = bounds_of_depths(depths)
+    bounds = bounds_of_depths(depths.numpy())
     if bounds is None:
         return DEFAULT_RANGE[0] * baseline, DEFAULT_RANGE[1] * baseline
     return bounds[0] / _ESTIMATE_MARGIN, bounds[1] * _ESTIMATE_MARGIN

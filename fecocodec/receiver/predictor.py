@@ -9,10 +9,9 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.config import PAPER, ReceiverConfig
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays, rays_through
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity
-from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
-from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import (
     Block2d,
     PointwiseConv2d,
@@ -22,14 +21,11 @@ from fecocodec.layers.blocks import (
     residual_branch,
     upsample,
 )
+from fecocodec.receiver.attributes import RAW, Attributes, activate
 from fecocodec.receiver.free_space import free_space_violation
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid by default: one per 2x2 pixels
-LARGEST_OFFSET_CELLS = 1.0  # largest offset of a Gaussian from the centre of its cell, in cells of the 1/2 grid
-LARGEST_DISPARITY_STEP = 0.08  # largest difference of a Gaussian's relative disparity from that of its cell
-LARGEST_LOG_SCALE = 2.5  # scales lie within a factor exp(+-2.5) of 0.67 footprints
-RAW = {"opacity": 1, "offset": 2, "disparity": 1, "scale": 3, "rotation": 4, "colour": 3}  # head outputs a Gaussian
 
 
 @dataclass(frozen=True)
@@ -41,31 +37,6 @@ class Prediction:
 
     gaussians: Gaussians
     relative_disparity: Float[Tensor, "batch view h4 w4"]
-
-
-@dataclass(frozen=True)
-class Attributes:
-    """Attributes of Gaussians on their grid, in the frame of the cameras.
-
-    scales, rotations, opacity: as in `Gaussians`. colour: sRGB. depth: in the Gaussian's own view, in scene units.
-    """
-
-    means: Float[Tensor, "batch view height width 3"]
-    scales: Float[Tensor, "batch view height width 3"]
-    rotations: Float[Tensor, "batch view height width 4"]
-    opacity: Float[Tensor, "batch view height width"]
-    colour: Float[Tensor, "batch view height width 3"]
-    depth: Float[Tensor, "batch view height width"]
-
-    def gaussians(self, opacity: Float[Tensor, "batch view height width"]) -> Gaussians:
-        """Return the Gaussians with these opacities, ordered (view, row, column)."""
-        return Gaussians(
-            means=rearrange(self.means, "b v h w xyz -> b (v h w) xyz"),
-            scales=rearrange(self.scales, "b v h w xyz -> b (v h w) xyz"),
-            rotations=rearrange(self.rotations, "b v h w q -> b (v h w) q"),
-            opacities=rearrange(opacity, "b v h w -> b (v h w)"),
-            harmonics=rearrange((self.colour - 0.5) / SH_DEGREE_0, "b v h w rgb -> b (v h w) 1 rgb"),
-        )
 
 
 class Predictor(nn.Module):
@@ -136,7 +107,7 @@ class Predictor(nn.Module):
         """Return the attributes of the Gaussians before the free-space check; arguments as for `gaussians`."""
         shuffled = pixel_shuffle(self.head(features + attended).float(), self.config.gaussians_per_side)
         raw = rearrange(shuffled, "(b v) c h w -> b v h w c", v=cameras.num_views)
-        return self._activate(raw, relative, cameras)
+        return activate(raw, relative, cameras)
 
     def _coarser(self, state: Tensor, condition: RateCondition) -> Tensor:
         """Return the residual of the U-Net's levels at 1/8 and 1/16."""
@@ -184,41 +155,7 @@ class Predictor(nn.Module):
         attended = rearrange(attended, "b (v h w) c -> (b v) c h w", v=views, h=height, w=width)
         return enlarged(attended)
 
-    def _activate(self, raw: Tensor, relative: Tensor, cameras: Cameras) -> Attributes:
-        """Convert raw outputs of the head, on the grid of the Gaussians, to bounded attributes, in float32."""
-        height, width = raw.shape[2:4]
-        opacity, offset, disparity, scale, rotation, colour = raw.split([*RAW.values()], dim=-1)
-        fine = F.interpolate(relative, size=(height, width), mode="bilinear", align_corners=False)
-        depth = depth_from_relative_disparity(fine + LARGEST_DISPARITY_STEP * torch.tanh(disparity[..., 0]), cameras)
-        rays = rays_through(cameras, _cell_positions(raw, height, width) + _offset_uv(offset, height, width))
-        # Width of a cell of this grid at this depth, in scene units.
-        footprint = depth / (cameras.intrinsics[..., 0, 0, None, None] * width)
-        scales = footprint[..., None] * torch.exp(LARGEST_LOG_SCALE * torch.tanh(scale / LARGEST_LOG_SCALE) - 0.4)
-        identity = raw.new_tensor([1.0, 0.0, 0.0, 0.0])
-        local = F.normalize(rotation + identity, dim=-1)
-        view_to_world = quaternion_from_matrix(cameras.extrinsics[..., :3, :3])[..., None, None, :]
-        colour, opacity = torch.sigmoid(2.0 * colour), torch.sigmoid(opacity[..., 0] + 2.0)
-        means = camera_to_world_points(cameras, rays * depth[..., None])
-        return Attributes(means, scales, multiply(view_to_world, local), opacity, colour, depth)
-
 
 def enlarged(attended: Float[Tensor, "item channel h8 w8"]) -> Float[Tensor, "item channel h4 w4"]:
     """Return the residual of attention at the resolution of the features."""
     return F.interpolate(attended, scale_factor=2.0, mode="nearest")
-
-
-def _cell_positions(like: Tensor, height: int, width: int) -> Float[Tensor, "height width 2"]:
-    """Return the normalised image position (u, v) of the centre of each cell."""
-    v, u = torch.meshgrid(
-        (torch.arange(height, device=like.device, dtype=like.dtype) + 0.5) / height,
-        (torch.arange(width, device=like.device, dtype=like.dtype) + 0.5) / width,
-        indexing="ij",
-    )
-    return torch.stack((u, v), dim=-1)
-
-
-def _offset_uv(offset: Tensor, height: int, width: int) -> Tensor:
-    """Convert raw offsets to normalised image units, bounded by `LARGEST_OFFSET_CELLS` cells."""
-    # `new_tensor` would make constants of the sizes in an exported graph.
-    size = [torch.scalar_tensor(side, dtype=offset.dtype, device=offset.device) for side in (width, height)]
-    return LARGEST_OFFSET_CELLS * torch.tanh(offset) / torch.stack(size)

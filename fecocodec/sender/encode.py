@@ -20,7 +20,8 @@ from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_l
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import Scene, prepare_scene
-from fecocodec.sender.scene_encoder import Optimise, SceneEncoder, Stage, not_optimised
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import Optimise, Stage, not_optimised
 from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 
 OnWarning = Callable[[str], None]  # (sentence)

@@ -10,7 +10,7 @@ from fecocodec.coding.rate import estimate_latents, rounding, straight_through
 from fecocodec.coding.symbol_choice import no_price, price_of_bits
 from fecocodec.config import PAPER
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.scene_encoder import LatentCoder, StageInputs
+from fecocodec.sender.stages import LatentCoder, StageInputs
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ from fecocodec.layers.blocks import RateCondition, direct_gradients
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate, step_size, steps_of_first
-from fecocodec.sender.scene_encoder import LatentCoder, Optimise, SceneEncoder, StageInputs
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import LatentCoder, OnFraction, Optimise, StageInputs
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 
@@ -39,12 +40,11 @@ def optimiser(
 
     estimate: differentiable coder, (y, inputs) -> y_hat and bits.
     """
-    config = config.at(lambda_q)
     num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
 
-    def optimise(y: Tensor, inputs: StageInputs) -> Tensor:
+    def optimise(y: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
-        return optimise_latents(encoder, config, estimate, inputs, y, steps)
+        return optimise_latents(encoder, config, estimate, inputs, y, steps, on_fraction)
 
     return optimise
 
@@ -56,10 +56,12 @@ def optimise_latents(
     inputs: StageInputs,
     y: Float[Tensor, "view latent h8 w8"],
     num_steps: int,
+    on_fraction: OnFraction = lambda _fraction: None,
 ) -> Float[Tensor, "view latent h8 w8"]:
     """Return y of one stage after `num_steps` steps of gradient descent on D + price * R.
 
     D is the distortion of the context views, rendered after this stage. R is the rate that `estimate` returns.
+    on_fraction: called before each step.
     """
     if num_steps == 0:
         return y
@@ -73,15 +75,17 @@ def optimise_latents(
     if num_steps > config.max_steps_unheld:
         held = hold_views_between(encoder, gaussians_of(estimate(y, inputs).y_hat))
 
+    num_evaluated = 0
+
     def objective(y: Tensor) -> Tensor:
+        nonlocal num_evaluated
+        on_fraction(num_evaluated / num_steps)
+        num_evaluated += 1
         estimated = estimate(y, inputs)
         distortion = _distortion(encoder, config, gaussians_of(estimated.y_hat), held)
         return distortion + price * estimated.bits.sum()
 
-    first_length = step_size(config, inputs.condition)
-    if config.momentum:
-        return descend_with_momentum(y, objective, num_steps, first_length, config.momentum)
-    return descend(y, objective, num_steps, first_length)
+    return descend(y, objective, num_steps, step_size(config, inputs.condition))
 
 
 def descend(
@@ -104,32 +108,6 @@ def descend(
             longest /= 2
         y = best_y - longest * (1.0 - number / (num_steps + 1)) * direction
     return y
-
-
-def descend_with_momentum(
-    start: Float[Tensor, "view latent h8 w8"],
-    objective: Objective,
-    num_steps: int,
-    first_length: float,
-    momentum: float,
-) -> Float[Tensor, "view latent h8 w8"]:
-    """Run `num_steps` steps along a running sum of normalised gradients. Their RMS length decreases linearly to zero.
-
-    first_length: RMS of the first step, in units of y. momentum: share of the sum that each step keeps. Single steps
-    may increase the objective, but a result that is worse than `start` is replaced by `start`. The descent ends early
-    where the gradient is zero or not finite.
-    """
-    y, direction, first_value = start.detach(), torch.zeros_like(start), float("inf")
-    for number in range(num_steps):
-        value, gradient = _value_and_gradient(objective, y)
-        length = gradient.square().mean().sqrt()
-        if not (torch.isfinite(length) and float(length) > 0.0):
-            break
-        first_value = value if number == 0 else first_value
-        direction = momentum * direction + gradient / length
-        y = y - first_length * (1.0 - number / (num_steps + 1)) * direction / direction.square().mean().sqrt()
-    with torch.no_grad():
-        return y if float(objective(y)) < first_value else start.detach()
 
 
 @torch.no_grad()

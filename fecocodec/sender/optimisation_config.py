@@ -28,9 +28,7 @@ class OptimisationConfig:
     held_weight, max_steps_unheld: with more steps than max_steps_unheld, changes of the renderings between the context
     views are penalised with this weight, because many steps overfit the context views.
 
-    momentum: share of the earlier directions that each step keeps. With 0, each step is checked and undone if it fails.
     max_views_of_direct_gradients: with more views, gradients also pass through the residual branches of the predictor.
-    at_low_lambda: a bound and the configuration that replaces this one for quantised lambdas under it.
     ssim_stride: stride of the SSIM windows, see `metrics.ssim`. distortion: D of the objective.
     """
 
@@ -45,9 +43,7 @@ class OptimisationConfig:
     price_exponent: float = 0.6
     held_weight: float = 0.5
     max_steps_unheld: int = 6
-    momentum: float = 0.0
     max_views_of_direct_gradients: int = 4
-    at_low_lambda: "tuple[int, OptimisationConfig] | None" = None
     ssim_stride: int = 3
     distortion: Distortion = LogDistortion()  # noqa: RUF009 - frozen
 
@@ -59,32 +55,13 @@ class OptimisationConfig:
         return num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
 
     def with_steps(self, num_steps: int) -> "OptimisationConfig":
-        """Return a copy with exactly `num_steps` steps, for all scenes of up to `max_pixels` and every lambda."""
-        return replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=(), at_low_lambda=None)
-
-    def at(self, lambda_q: int) -> "OptimisationConfig":
-        """Return the configuration that applies at a quantised lambda of the last stage."""
-        if self.at_low_lambda is None or lambda_q >= self.at_low_lambda[0]:
-            return self
-        return self.at_low_lambda[1]
+        """Return a copy with exactly `num_steps` steps, for all scenes of up to `max_pixels`."""
+        return replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=())
 
 
 DEFAULT = OptimisationConfig()
 FAST = DEFAULT.with_steps(0)
-# Used below lambda 4e-4 (944 as quantised lambda), chosen on training scenes (docs/experiments.md). At larger lambda
-# many steps fit the context views at the expense of views between them.
-BEST_AT_LOW_LAMBDA = replace(
-    DEFAULT,
-    num_steps=40,
-    num_steps_large=16,
-    extra_step_below=(),
-    step_size=0.24,
-    step_size_unscaled=0.11,
-    rate_weight=4.0,
-    momentum=0.7,
-    max_views_of_direct_gradients=0,
-)
-BEST = replace(DEFAULT, num_steps=16, num_steps_large=4, extra_step_below=(), at_low_lambda=(944, BEST_AT_LOW_LAMBDA))
+BEST = replace(DEFAULT, num_steps=16, num_steps_large=4, extra_step_below=())
 EFFORTS = {"fast": FAST, "default": DEFAULT, "best": BEST}
 
 

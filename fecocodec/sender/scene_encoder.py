@@ -4,10 +4,8 @@ Used by encoding, rate control, training, the entropy phase, ablations and the u
 coder of the latents (bytes, additive noise, none) and in the optimisation of the latents before coding.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from functools import cached_property, partial
+from typing import Any
 
 import torch
 from einops import rearrange
@@ -18,66 +16,21 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.predictor import Prediction
-from fecocodec.rendering.rasterizer import Rendering, render
+from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.extractors.adapter import ConditionedAdapter
 from fecocodec.sender.matched_depth import depth_feedback
 from fecocodec.sender.model import NO_CONTEXT, NO_FEEDBACK
 from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
-
-
-@dataclass(frozen=True)
-class StageInputs:
-    """Information available to sender and receiver before stage k; item = (batch view).
-
-    stage: 1 or 2, the stage that networks are conditioned on. is_last: whether no stage follows. lambda_q: quantised
-    lambda of this stage. state: S_{k-1}; its spatial size is 1x1 if it is the same at every position. y_hat: coded
-    latent of stage k - 1, None in stage 1.
-    """
-
-    stage: int
-    is_last: bool
-    lambda_q: Int[Tensor, " item"]
-    condition: RateCondition
-    state: Float[Tensor, "item channel _ _"]
-    y_hat: Float[Tensor, "item latent h8 w8"] | None
-
-
-@runtime_checkable
-class CodedLatent(Protocol):
-    """Latent after coding. Coders add further fields, such as bytes or estimated bits."""
-
-    @property
-    def y_hat(self) -> Float[Tensor, "item latent h8 w8"]: ...
-
-
-Coded = TypeVar("Coded", bound=CodedLatent)
-LatentCoder = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Coded]
-Optimise = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Float[Tensor, "item latent h8 w8"]]
-
-
-@dataclass(frozen=True)
-class StageRendering:
-    """Prediction after a stage, and its rendering of each scene, context views first."""
-
-    prediction: Prediction
-    scenes: tuple[Rendering, ...]
-
-
-@dataclass(frozen=True)
-class Stage(Generic[Coded]):
-    """Result of stage k. y: latent before coding. state: S_k. feedback: rendering of stage k - 1, None in stage 1."""
-
-    inputs: StageInputs
-    y: Float[Tensor, "item latent h8 w8"]
-    coded: Coded
-    state: Float[Tensor, "item channel h4 w4"]
-    feedback: StageRendering | None
-
-
-def not_optimised(y: Tensor, inputs: StageInputs) -> Tensor:
-    """Return the output of the analysis transform unchanged: no optimisation."""
-    return y
+from fecocodec.sender.stages import (
+    Coded,
+    LatentCoder,
+    Optimise,
+    Stage,
+    StageInputs,
+    StageRendering,
+    not_optimised,
+)
 
 
 class SceneEncoder:
@@ -135,7 +88,8 @@ class SceneEncoder:
         """Run the stages and return their results.
 
         lambda_q: quantised lambda of the last stage of each scene. num_stages: streams hold at most two; later stages
-        repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs) -> optimised y.
+        repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs, on_fraction) ->
+        optimised y.
         """
         on_progress("matching views", 0.0)
         state, y_hat = self.initial_state, None  # S0
@@ -143,20 +97,22 @@ class SceneEncoder:
         offset = stage_1_offset(self.codec.receiver.config)
         lambdas = stage_lambdas(lambda_q.to(self.images.device), num_stages, offset)
         for number, lambda_q_k in enumerate(lambdas, start=1):
-            done = 0.1 + 0.9 * (number - 1) / num_stages
+            begin, end = _progress_of(number, num_stages)
             kind, lambda_q_of_item = min(number, 2), lambda_q_k.repeat_interleave(self.num_views)
             condition = self.codec.receiver.condition(lambda_q_of_item, kind)
             rendering = None
             if stages:
-                on_progress("rendering feedback", done)
+                on_progress("rendering feedback", begin)
                 rendering = self.render(stages[-1])  # I1_hat, of G1 = P(S1)
                 features = self.feedback(rendering, condition)  # F2 = E_fb(I, I1_hat)
             else:
                 features = self.features_at(condition)  # F1 = E_mv(I)
             inputs = StageInputs(kind, number == num_stages, lambda_q_of_item, condition, state, y_hat)
-            on_progress(f"optimising stage {number}", done + 0.1 / num_stages)
-            y = optimise(self.analyse(features, inputs), inputs)  # y_k = g_a(F_k, S_{k-1})
-            on_progress(f"coding stage {number}", done + 0.8 / num_stages)
+            task = f"optimising stage {number}"
+            on_progress(task, begin)
+            y = self.analyse(features, inputs)  # y_k = g_a(F_k, S_{k-1})
+            y = optimise(y, inputs, partial(_report_part, on_progress, task, begin, end))
+            on_progress(f"coding stage {number}", end)
             coded = code(y, inputs)
             y_hat, state = coded.y_hat, self.update(inputs, coded.y_hat)  # S_k = U(S_{k-1}, g_s(y_k_hat))
             stages.append(Stage(inputs, y, coded, state, rendering))
@@ -215,3 +171,17 @@ class SceneEncoder:
         errors = depth_feedback(self.matching.depth, disparity)
         features: Tensor = self.codec.sender.feedback(images, rendered, errors, condition)
         return features
+
+
+def _progress_of(number: int, num_stages: int) -> tuple[float, float]:
+    """Return the fractions of all work before and after the optimisation of a stage.
+
+    The last stage has twice as many steps as each earlier one, see `steps_of_first`.
+    """
+    before, own = number - 1, 2 if number == num_stages else 1
+    return 0.1 + 0.9 * before / (num_stages + 1), 0.1 + 0.9 * (before + own) / (num_stages + 1)
+
+
+def _report_part(on_progress: OnProgress, task: str, begin: float, end: float, fraction: float) -> None:
+    """Report a fraction of a part of the work, which extends from `begin` to `end`."""
+    on_progress(task, begin + (end - begin) * fraction)

@@ -1,12 +1,11 @@
 """Shapes of batches: numbers of scenes and views and image size, at about equal cost per batch."""
 
-import math
 from dataclasses import dataclass
 
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE, SIDE_MULTIPLE
+from fecocodec.training.batch_limits import check_sizes, check_view_shares
 
 
 @dataclass(frozen=True)
@@ -40,15 +39,8 @@ class BatchShapes:
     def __post_init__(self) -> None:
         if not self.view_shares or not self.sizes or self.num_scenes < 1 or self.num_target < 1:
             raise InputError("A batch has no scenes, no views, no targets or no size; give at least one of each.")
-        for count, share in self.view_shares:
-            if not 1 <= count <= MAX_VIEWS or not 0 < share < math.inf:
-                raise InputError(
-                    f"{count} context views with share {share:g} cannot be trained; "
-                    f"give 1 to {MAX_VIEWS} views and positive shares."
-                )
-        for height, width in self.sizes:
-            _check_side(height)
-            _check_side(width)
+        check_view_shares(self.view_shares)
+        check_sizes(self.sizes)
         for count, _ in self.view_shares:
             if not self._sizes_for(count):
                 raise InputError(
@@ -85,11 +77,3 @@ class BatchShapes:
 
     def _scenes_of(self, num_context: int, size: tuple[int, int]) -> int:
         return self.most_pixels // ((num_context + self.num_target) * size[0] * size[1])
-
-
-def _check_side(side: int) -> None:
-    if side % SIDE_MULTIPLE or not MIN_SIDE <= side <= MAX_SIDE:
-        raise InputError(
-            f"A training image side of {side} pixels cannot be used; "
-            f"choose a multiple of {SIDE_MULTIPLE} from {MIN_SIDE} to {MAX_SIDE}."
-        )

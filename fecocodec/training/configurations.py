@@ -25,6 +25,7 @@ class Configuration:
     shapes: of the batches of each process. lambda_range: least and largest lambda; log(lambda) is uniform between them.
     precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
     `fine_tuning`). distortion: D of the loss.
+    perceptual_weight: of ST-LPIPS beside D. More of it gives sharper pictures of lower PSNR (docs/experiments.md).
     background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
     alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimiser: parameters of the optimiser.
@@ -45,6 +46,7 @@ class Configuration:
     sender: CodecConfig = field(default_factory=SenderConfig)
     frozen: tuple[str, ...] = ()
     distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
+    perceptual_weight: float = 0.0
     background: Background = "black"
     kept_batches: int = 0
     alone_every: int = 8

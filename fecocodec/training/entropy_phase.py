@@ -24,9 +24,9 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
-from fecocodec.training.loop import Trainer
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
+from fecocodec.training.trainer import Trainer
 
 LAMBDAS_OF_A_SCENE = 2  # matching, the slowest part, is shared by them
 SCENES_OF_A_STEP = 2

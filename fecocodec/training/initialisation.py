@@ -11,8 +11,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.predictor import PER_CELL, RAW
+from fecocodec.receiver.predictor import PER_CELL
 from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
 

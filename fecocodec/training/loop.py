@@ -1,340 +1,50 @@
-"""The training loop: optimisation steps, averaged weights, log, checkpoints."""
+"""The training loop: optimisation steps, log, checkpoints, validation and pictures."""
 
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import Any
 
-import torch
-from torch import Tensor, nn
-
-from fecocodec.errors import ModelError
 from fecocodec.formats.atomic import make_folder
-from fecocodec.layers.memory_format import to_channels_last
-from fecocodec.receiver.model import Receiver
-from fecocodec.sender.extractors.compact import CompactExtractor
-from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
-from fecocodec.sender.model import Sender
-from fecocodec.sender.precision import run_in_bfloat16
-from fecocodec.training.batch import Batch, Extracted
-from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
-from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.fine_tuning import freeze, load_extractor, load_fitting_weights, load_model_weights
-from fecocodec.training.initialisation import start_as_block_transform
-from fecocodec.training.kept_batches import KeptBatches
-from fecocodec.training.log import append_lines, append_row, mean_of_rows, remove_rows_after
-from fecocodec.training.loss import loss_of
-from fecocodec.training.optimisation import build_optimiser, clipped_step
-from fecocodec.training.paper_objective import code_with_additive_noise, paper_loss, run_paper_stages
-from fecocodec.training.prefetch import BatchesByStep, batches_from, shape_at
-from fecocodec.training.processes import (
-    broadcast_from_first,
-    gather_states,
-    is_first,
-    num_processes,
-    process_rank,
-)
-from fecocodec.training.sample_grids import draw_fixed_scenes, sample_grid, write_sample_grid
-from fecocodec.training.samples import Sample
-from fecocodec.training.training_pass import Coding, bypass_coding, code_with_noise, extract, run_stages
-from fecocodec.training.validation import (
-    draw_validation_scenes,
-    means_of,
-    validate,
-    validation_codec,
-    weights_replaced,
-)
+from fecocodec.training.log import append_row, mean_of_rows
+from fecocodec.training.processes import broadcast_from_first, is_first
+from fecocodec.training.run_monitor import RunMonitor
+from fecocodec.training.trainer import Trainer
 
 
-@dataclass(frozen=True)
-class RunSettings:
-    """Settings of a training run.
+def train(trainer: Trainer) -> Iterator[dict[str, float]]:
+    """Train until the schedule or the time limit ends; yields a log row every `log_every` steps and at the end.
 
-    max_minutes: save and stop after this time; None for no limit. device: where the networks run, `cpu` or `cuda:N`;
-    batches are drawn on the CPU. num_workers: processes that draw batches ahead; with 0 the training process does.
-    validate_every, keep_every: steps between validations, and between checkpoints that are kept, with a number.
-    validation_scenes: number of held-out scenes.
+    A row holds means over its steps. Skipped batches are counted in the column `skipped` and excluded from means.
+    Raises OutputError if files cannot be written.
     """
-
-    folder: Path
-    configuration: Configuration
-    max_minutes: float | None
-    seed: int = 0
-    device: str = "cpu"
-    log_every: int = 50
-    save_every_minutes: float = 5.0
-    samples_every_minutes: float = 15.0
-    num_workers: int = 0
-    validate_every: int = 5_000
-    validation_scenes: int = 8
-    keep_every: int = 25_000
-
-
-class Trainer:
-    """Sender and receiver with optimiser, averaged weights and random generator. Checkpoint: `folder/last.pt`."""
-
-    def __init__(self, settings: RunSettings, sources: Sources, sender: Sender | None = None) -> None:
-        """sender: replaces the sender of the configuration, for example by one with an external extractor."""
-        self.settings, self.sources = settings, sources
-        configuration = settings.configuration
-        torch.manual_seed(settings.seed)  # every process starts from the same weights
-        self.receiver = Receiver(configuration.receiver)
-        self.sender = sender or Sender(configuration.sender, configuration.receiver)
-        if isinstance(self.sender.extractor, CompactExtractor):
-            start_as_block_transform(self.sender, self.receiver)
-        self.networks = nn.ModuleDict({"receiver": self.receiver, "sender": self.sender})
-        to_channels_last(self.networks, settings.device)
-        if configuration.precision == "bfloat16":
-            run_in_bfloat16(self.networks, settings.device)
-        self._begin_average()
-        freeze(self.sender, self.receiver, configuration.frozen)
-        self.optimiser = build_optimiser(self.networks, configuration.optimiser)
-        self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
-        torch.manual_seed(settings.seed * 1000 + process_rank())  # from here on each has its own noise
-        self.step, self.num_skipped, self.num_bad_scenes, self.seed = 0, 0, 0, settings.seed
-        self._ahead: Iterator[Batch] | None = None
-        self._validation_scenes: tuple[Sample, ...] = ()
-        self.kept = KeptBatches(configuration.kept_batches, configuration.lambda_q_range)
-        self._fixed_scenes: list[Batch] = []
-
-    @property
-    def checkpoint(self) -> Path:
-        """The file that `run` saves and `resume` reads."""
-        return self.settings.folder / "last.pt"
-
-    @property
-    def log(self) -> Path:
-        """The CSV file to which `run` appends rows."""
-        return self.settings.folder / "log.csv"
-
-    def start_from(self, model: Path) -> None:
-        """Load the weights of a model's folder, except an extractor of another kind; see `load_model_weights`."""
-        load_model_weights(self.sender, self.receiver, model)
-        self._begin_average()
-
-    def start_variant_from(self, model: Path, anew: tuple[str, ...] = ()) -> tuple[str, ...]:
-        """Load those weights of a model's folder that fit, and return the others; see `load_fitting_weights`."""
-        missing = load_fitting_weights(self.sender, self.receiver, model, anew)
-        self._begin_average()
-        return missing
-
-    def start_extractor_from(self, source: Path) -> LoadReport:
-        """Load the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
-        report = load_extractor(self.sender, source)
-        self._begin_average()
-        return report
-
-    def _begin_average(self) -> None:
-        self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
-
-    def resume(self, path: Path) -> None:
-        """Restore a checkpoint exactly. Raises ModelError if networks or number of processes differ."""
-        saved = load_checkpoint(path)
-        try:
-            generator, noise = (saved[name][process_rank()] for name in ("generators", "global_generators"))
-            self.networks.load_state_dict(saved["networks"])
-            self.optimiser.load_state_dict(saved["optimiser"])
-            for name, value in self.average.items():
-                value.copy_(saved["average"][name])  # in place: the averaged weights stay on their device
-            self.step, self.num_skipped = saved["step"], saved["num_skipped"]
-            self.num_bad_scenes = saved.get("num_bad_scenes", 0)
-            self.seed = saved.get("seed", self.seed)  # older checkpoints have none
-        except (KeyError, IndexError, RuntimeError, ValueError) as error:
-            raise ModelError(
-                f"{path}: not a checkpoint of these networks with so many processes ({type(error).__name__}); "
-                "train with as many processes as before, or in another folder."
-            ) from error
-        self.generator.set_state(generator)
-        torch.set_rng_state(noise)
-        if self._is_on_cuda and "cuda_generators" in saved:
-            torch.cuda.set_rng_state(saved["cuda_generators"][process_rank()], self.settings.device)
-        if is_first():
-            remove_rows_after(self.log, self.step)
-
-    def save(self, path: Path) -> None:
-        """Write everything that `resume` needs. Every process must call this; the first one writes."""
-        contents: dict[str, Any] = {
-            "networks": self.networks.state_dict(),
-            "average": self.average,
-            "optimiser": self.optimiser.state_dict(),
-            "step": self.step,
-            "num_skipped": self.num_skipped,
-            "num_bad_scenes": self.num_bad_scenes,
-            "seed": self.seed,
-            "generators": gather_states(self.generator.get_state()),
-            "global_generators": gather_states(torch.get_rng_state()),
-        }
-        if self._is_on_cuda:
-            contents["cuda_generators"] = gather_states(torch.cuda.get_rng_state(self.settings.device))
-        if is_first():
-            save_checkpoint(path, contents)
-
-    @property
-    def _is_on_cuda(self) -> bool:
-        return self.settings.device != "cpu"
-
-    def train_step(self) -> dict[str, float]:
-        """Draw a batch, take one step and return the parts of the loss. Non-finite gradients skip the step."""
-        schedule = self.settings.configuration.schedule
-        batch, extracted, num_stages = self._draw_batch()
-        self._report_skipped(batch)
-        loss, parts = self._loss(batch, extracted, num_stages)
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
-        if math.isfinite(norm):
-            self._update_average()
-        else:
-            self.num_skipped += 1
-        self.step += 1
-        return parts | {"loss": float(loss.detach()), "gradient": norm}
-
-    def _loss(self, batch: Batch, extracted: Extracted | None, num_stages: int) -> tuple[Tensor, dict[str, float]]:
-        """Run the stages and return the loss and its parts."""
-        configuration, coding = self.settings.configuration, self._coding
-        if configuration.is_paper:
-            stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages, extracted)
-            return paper_loss(batch, stages, configuration.distortion)
-        weight = configuration.schedule.disparity_weight_at(self.step)
-        outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, num_stages, extracted, weight)
-        background = self._draw_background(batch)
-        return loss_of(batch, outcomes, matched, weight, configuration.distortion, background)
-
-    def _report_skipped(self, batch: Batch) -> None:
-        """Count the scenes that could not be used, and write why, one line each, to `bad_scenes_RANK.txt`."""
-        self.num_bad_scenes += len(batch.skipped)
-        if batch.skipped:
-            make_folder(self.settings.folder)
-            append_lines(self.settings.folder / f"bad_scenes_{process_rank()}.txt", batch.skipped)
-
-    def _draw_batch(self) -> tuple[Batch, Extracted | None, int]:
-        """Draw a batch, its kept features (if any) and its number of stages.
-
-        One of `alone_every` steps has one stage, because files may have one stage.
-        """
-        configuration = self.settings.configuration
-        shape = shape_at(configuration, self.seed, self.step)
-        share = configuration.schedule.photograph_share_at(self.step)
-        num_stages = self._num_stages
-        if self.settings.num_workers:
-            return next(self._batches_ahead()).to(self.settings.device), None, num_stages
-
-        def draw() -> Batch:
-            sources = self.sources.at_step(self.step, process_rank(), num_processes())
-            batch = draw_batch(sources, self.generator, shape, share, configuration.lambda_q_range)
-            return batch.to(self.settings.device)
-
-        if not configuration.kept_batches:
-            return draw(), None, num_stages
-        batch, extracted = self.kept.take(shape, self.generator, draw, partial(extract, self.sender, self.receiver))
-        return batch, extracted, num_stages
-
-    def _draw_background(self, batch: Batch) -> Tensor | None:
-        """Return a colour per scene for the loss, None for black."""
-        if self.settings.configuration.background == "black":
-            return None
-        return torch.rand(len(batch.images), 3, generator=self.generator).to(batch.images)
-
-    def _batches_ahead(self) -> Iterator[Batch]:
-        """Return the batches from the present step on; workers start at the first call."""
-        if self._ahead is None:
-            settings, rank = self.settings, process_rank()
-            dataset = BatchesByStep(self.sources, settings.configuration, self.seed, rank, num_processes())
-            self._ahead = batches_from(dataset, self.step, settings.num_workers, settings.device)
-        return self._ahead
-
-    @property
-    def _num_stages(self) -> int:
-        """Number of stages of the present step."""
-        configuration = self.settings.configuration
-        every = configuration.alone_every
-        if self.step < configuration.schedule.one_stage_until or (every and self.step % every == every - 1):
-            return 1
-        return configuration.receiver.num_stages
-
-    @property
-    def _coding(self) -> Coding:
-        configuration = self.settings.configuration
-        if self.step < configuration.schedule.bypass_until:
-            return bypass_coding
-        code = code_with_additive_noise if configuration.is_paper else code_with_noise
-        return code(self.receiver, self.sender)
-
-    @torch.no_grad()
-    def _update_average(self) -> None:
-        largest = self.settings.configuration.optimiser.average_decay
-        decay = min(largest, (1 + self.step) / (10 + self.step))
-        torch._foreach_lerp_(list(self.average.values()), list(self.networks.state_dict().values()), 1.0 - decay)
-
-    def run(self) -> Iterator[dict[str, float]]:
-        """Train until the schedule or the time limit ends; yields a log row every `log_every` steps and at the end.
-
-        A row holds means over its steps. Skipped batches are counted in the column `skipped` and excluded from means.
-        Raises OutputError if files cannot be written.
-        """
-        settings = self.settings
-        make_folder(settings.folder / "samples")
-        start = saved = time.monotonic()
-        drawn = -math.inf
-        window: list[dict[str, float]] = []
-        while self.step < settings.configuration.schedule.num_steps:
-            parts = self.train_step()
-            if math.isfinite(parts["gradient"]):
-                window.append(parts)
-            now = time.monotonic()
-            is_over = broadcast_from_first(now - start > 60 * (settings.max_minutes or math.inf))
-            if is_first() and now - drawn > 60 * settings.samples_every_minutes:
-                self.draw_samples()
-                drawn = now
-            is_last = self.step == settings.configuration.schedule.num_steps
-            validated = self._validate() if self.step % settings.validate_every == 0 or is_last else {}
-            if self.step % settings.log_every == 0 or is_over or is_last or validated:
-                row = mean_of_rows(window) | self._counts((now - start) / 60) | validated
-                window = []
-                if is_first():
-                    append_row(self.log, row)
-                    yield row
-            is_due = broadcast_from_first(now - saved > 60 * settings.save_every_minutes)
-            if is_due or is_over:
-                self.save(self.checkpoint)
-                saved = now
-            if self.step % settings.keep_every == 0:
-                self.save(settings.folder / f"step_{self.step:07}.pt")
-            if is_over:
-                return
-        self.save(self.checkpoint)
-
-    def _counts(self, minutes: float) -> dict[str, float]:
-        counts = {"step": self.step, "skipped": self.num_skipped, "bad_scenes": self.num_bad_scenes}
-        return {name: float(count) for name, count in counts.items()} | {"minutes": minutes}
-
-    def _validate(self) -> dict[str, float]:
-        """Measure the held-out scenes in the first process, if there are any; returns columns of the log."""
-        configuration = self.settings.configuration
-        if self.sources.validation is None or not is_first():
-            return {}
-        if not self._validation_scenes:
-            shape = configuration.shapes.usual
-            self._validation_scenes = draw_validation_scenes(
-                self.sources.validation, shape, self.settings.validation_scenes
-            )
-        with weights_replaced(self.networks, self.average):
-            rows = validate(validation_codec(self.networks), self._validation_scenes, configuration.lambda_q_range)
-        path = self.settings.folder / "validation.txt"
-        append_lines(path, tuple(f"step {self.step}  {row}" for row in rows))
-        return means_of(rows)
-
-    def draw_samples(self) -> Path:
-        """Render the fixed scenes with the current networks, write the image and return its path."""
-        settings = self.settings
-        if not self._fixed_scenes:
-            scenes = draw_fixed_scenes(self.sources, settings.configuration.shapes.usual.size)
-            self._fixed_scenes = [scene.to(settings.device) for scene in scenes]
-        is_single = self.step < settings.configuration.schedule.one_stage_until
-        num_stages = 1 if is_single else settings.configuration.receiver.num_stages
-        grid = sample_grid(self.sender, self.receiver, self._fixed_scenes, self._coding, num_stages)
-        return write_sample_grid(settings.folder, self.step, grid)
+    settings, monitor = trainer.settings, RunMonitor(trainer)
+    make_folder(settings.folder / "samples")
+    start = saved = time.monotonic()
+    drawn = -math.inf
+    window: list[dict[str, float]] = []
+    while trainer.step < settings.configuration.schedule.num_steps:
+        parts = trainer.train_step()
+        if math.isfinite(parts["gradient"]):
+            window.append(parts)
+        now = time.monotonic()
+        is_over = broadcast_from_first(now - start > 60 * (settings.max_minutes or math.inf))
+        if is_first() and now - drawn > 60 * settings.samples_every_minutes:
+            monitor.draw_samples()
+            drawn = now
+        is_last = trainer.step == settings.configuration.schedule.num_steps
+        validated = monitor.validate() if trainer.step % settings.validate_every == 0 or is_last else {}
+        if trainer.step % settings.log_every == 0 or is_over or is_last or validated:
+            row = mean_of_rows(window) | trainer.counts | {"minutes": (now - start) / 60} | validated
+            window = []
+            if is_first():
+                append_row(trainer.log, row)
+                yield row
+        is_due = broadcast_from_first(now - saved > 60 * settings.save_every_minutes)
+        if is_due or is_over:
+            trainer.save(trainer.checkpoint)
+            saved = now
+        if trainer.step % settings.keep_every == 0:
+            trainer.save(settings.folder / f"step_{trainer.step:07}.pt")
+        if is_over:
+            return
+    trainer.save(trainer.checkpoint)

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from fecocodec.container.lambda_quantisation import LAMBDA_MIN, STEPS_PER_E
 from fecocodec.geometry.depth import relative_disparity_from_depth
+from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.rendering.rasterizer import Rendering
 from fecocodec.sender.distortion import Distortion, MseDistortion
 from fecocodec.training.batch import Batch, MatchedDisparity, StageOutcome
@@ -33,14 +34,15 @@ def loss_of(
     disparity_weight: float,
     distortion: Distortion = MseDistortion(),  # noqa: B008 - frozen
     background: Float[Tensor, "batch 3"] | None = None,
+    perceptual_weight: float = 0.0,
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
     """Return the loss and its parts for the log.
 
     The loss is the sum over stages of D + lambda R (paper, training strategy), with lambda of the stage, plus L1 losses
     on relative disparity. D: weighted mean of `distortion` over views, rendered over `background`, an sRGB colour per
-    scene, black by default. R: bits per context pixel. Disparity is supervised where depth is known or cross-view
-    consistent. The gradient of R has the weight ENTROPY_PRICE, which `code_with_noise` rescales to lambda for all
-    networks except the entropy model.
+    scene, black by default. D of the last stage also has `perceptual_weight` times ST-LPIPS. R: bits per context pixel.
+    Disparity is supervised where depth is known or cross-view consistent. The gradient of R has the weight
+    ENTROPY_PRICE, which `code_with_noise` rescales to lambda for all networks except the entropy model.
     """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
     truth = _best_known_disparity(batch, matched)
@@ -56,6 +58,9 @@ def loss_of(
         priced = ENTROPY_PRICE * (rate - rate.detach()) + lambda_of(outcome.lambda_q) * rate.detach()
         total = total + (distortion(rendered, images).mean(dim=0) * weight).mean() + priced.mean()
         total = total + disparity_weight * DISPARITY_WEIGHT * disparity
+        if perceptual_weight and stage == len(outcomes):
+            parts["perceptual"] = perceptual_distance(rendered, images, batch.num_context, weight)
+            total = total + perceptual_weight * parts["perceptual"]
         parts |= {
             f"mse{stage}": squared[batch.num_context :].mean(),
             f"mse_context{stage}": squared[: batch.num_context].mean(),
@@ -63,6 +68,22 @@ def loss_of(
             f"disparity{stage}": disparity,
         }
     return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def perceptual_distance(
+    rendered: Float[Tensor, "batch view 3 h w"],
+    images: Float[Tensor, "batch view 3 h w"],
+    num_context: int,
+    weights: Float[Tensor, " view"],
+) -> Float[Tensor, ""]:
+    """Estimate the weighted mean of ST-LPIPS over all views from one context and one target view, drawn at random.
+
+    ST-LPIPS of all views would take about as long as the rest of a training step.
+    """
+    num_views = images.shape[1]
+    chosen = [int(torch.randint(num_context, ())), int(torch.randint(num_context, num_views, ()))]
+    shares = weights.new_tensor([num_context, num_views - num_context]) / num_views
+    return (shares * weights[chosen] * st_lpips(rendered[:, chosen], images[:, chosen]).mean(dim=0)).sum()
 
 
 def _over_background(

@@ -12,7 +12,7 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.sender.distortion import Distortion
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
-from fecocodec.sender.scene_encoder import Stage, StageInputs, StageRendering
+from fecocodec.sender.stages import Stage, StageInputs, StageRendering
 from fecocodec.training.batch import Batch, Extracted
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.training_pass import BatchEncoder, Coding

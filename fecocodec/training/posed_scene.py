@@ -11,7 +11,8 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.formats.images import read_image, read_image_size
+from fecocodec.formats.image_headers import read_image_size
+from fecocodec.formats.images import read_image
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import require_numbers
 from fecocodec.formats.transforms_json import read_transforms_json

@@ -14,8 +14,9 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
-from fecocodec.sender.scene_encoder import LatentCoder, SceneEncoder, Stage, StageInputs, StageRendering
+from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
+from fecocodec.sender.stages import LatentCoder, Stage, StageInputs, StageRendering
 from fecocodec.training.batch import Batch, Extracted, MatchedDisparity, StageOutcome
 from fecocodec.training.loss import ENTROPY_PRICE, MIN_CONSISTENCY, lambda_of
 

@@ -56,6 +56,11 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
         lambda folder: (folder / "view_1.png").unlink(),
         FRAME + ": there is no image {folder}/view_1.png; put it there or leave this view out by --views.",
     ),
+    "cameras without images": (
+        lambda folder: [(folder / f"view_{view}.png").unlink() for view in (1, 2, 3)],
+        FRAME + ": there is no image {folder}/view_1.png, and of 4 images 3 are missing in all; put them there or "
+        "choose others by --views.",
+    ),
     "unreadable image": (
         lambda folder: (folder / "view_1.png").write_text("no image"),
         "{folder}/view_1.png: the image is damaged, cut short or not PNG, JPEG or WebP (...",

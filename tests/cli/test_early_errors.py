@@ -1,5 +1,6 @@
 """Cheap errors come before any large library is loaded; input that cannot be read exits with 1, wrong usage with 2."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ from fecocodec.formats import viewer_files
 
 NO_TORCH = """
 import sys
-sys.modules["torch"] = None  # importing it fails
+sys.modules["torch"] = sys.modules["onnxruntime"] = None  # importing them fails
 from fecosplat_cli.main import run
 sys.exit(run(sys.argv[1:]))
 """
@@ -37,10 +38,39 @@ sys.exit(run(sys.argv[1:]))
         ),
         (("encode", ".", "-o", "a.fcs", "--model", "no"), "no: there is no such folder; name the folder of a model."),
         (("info", "missing"), "missing: there is no such file; check the path."),
+        (("decode", "text.fcs", "-o", "a.ply"), "text.fcs: signature at byte 0: found 68 65 6c 6c 6f"),
+        (("decode", "scene.fcs", "-o", "a.ply", "--max-pixels", "9"), "scene.fcs: the views have 229376 pixels in all"),
+        (("decode", "scene.fcs", "-o", "a.ply"), "scene.fcs: the stream needs the receiver weights with model id"),
+        (("encode", "empty", "-o", "a.fcs"), "empty: no cameras found; add a transforms.json"),
+        (("encode", "one", "-o", "a.fcs"), "one: one photograph without cameras, but cameras are estimated from two"),
+        (("encode", "text.fcs", "-o", "a.fcs"), "text.fcs: not a camera file; give the folder that holds images"),
+        (("encode", "broken", "-o", "a.fcs"), "broken/transforms.json, line 1, column 2: broken JSON"),
+        (
+            ("encode", "absent", "-o", "a.fcs"),
+            "absent/transforms.json, frame 0 (0.png): there is no image absent/0.png",
+        ),
+        (("encode", "absent", "-o", "a.fcs", "--views", "spread:9"), "absent: 9 views asked for, but the folder has 3"),
+        (("train", "text.fcs"), "text.fcs: this is not a folder; choose another output path."),
+        (("train", "run", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),
+        (("train", "run", "--side", "3"), "A training image side of 3 pixels cannot be used"),
+        (("train", "run", "--views", "77"), "77 context views with share 1 cannot be trained"),
+        (("train", "run", "--lambda-range", "7", "8"), "lambda is 7"),
+        (("train", "run", "--photographs", "missing"), "missing: there is no such file or folder; check the path."),
+        (("eval", "one", "--index", "text.fcs", "-o", "out"), "text.fcs, line 1, column 1: broken JSON"),
+        (("stress", "one", "--index", "text.fcs", "-o", "out"), "text.fcs, line 1, column 1: broken JSON"),
     ],
 )
-def test_without_torch(arguments: tuple[str, ...], sentence: str, tmp_path: Path) -> None:
+def test_without_torch(arguments: tuple[str, ...], sentence: str, tmp_path: Path, stream_bytes: bytes) -> None:
     (tmp_path / "in.fcs").write_bytes(b"")
+    (tmp_path / "text.fcs").write_text("hello")
+    (tmp_path / "scene.fcs").write_bytes(stream_bytes)
+    for name in ("empty", "one", "broken", "absent"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "one" / "a.png").write_bytes(b"")
+    (tmp_path / "broken" / "transforms.json").write_text("{")
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    frames = [{"file_path": f"{number}.png", "transform_matrix": pose} for number in range(3)]
+    (tmp_path / "absent" / "transforms.json").write_text(json.dumps({"fl_x": 90, "frames": frames}))
     command = [sys.executable, "-c", NO_TORCH, *arguments]
     result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert (result.returncode, result.stdout) == (1, "")

@@ -1,9 +1,12 @@
 """What `encode` prints about size and quality."""
 
+from pathlib import Path
+
 import pytest
 from fecosplat_cli.encoding_report import quality_fields, say_result
 
 from fecocodec.container import inspect
+from fecocodec.errors import InputError
 from fecocodec.sender.decoded_quality import DecodedQuality
 
 QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
@@ -24,3 +27,22 @@ def test_the_same_as_json(stream_bytes: bytes) -> None:
     assert fields["context_psnr"] == 25.0
     assert [stage["context_psnr"] for stage in fields["stage_results"]] == [21.0, 25.0]
     assert fields["context_views"] == [{"name": "a.png", "psnr": 25.5}, {"name": "b.png", "psnr": 24.5}]
+
+
+def test_warnings_come_before_the_work(
+    fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those from headers of images come first, then those from pixels; both before the encoder starts."""
+
+    def stop(*_arguments: object, **_options: object) -> bytes:
+        raise InputError("the encoder was started.")
+
+    monkeypatch.setattr("fecocodec.encode", stop)
+    result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", "0", "--size", "64x96")
+    assert (result.code, result.out) == (1, "")
+    assert result.err.splitlines() == [
+        "warning: the crop to 64x96 leaves 44% of view_0.png (96x64); choose a --size of the photographs' shape to "
+        "keep more.",
+        "warning: one view has no parallax, so its depth is unreliable; add a view from another position.",
+        f"fecosplat: {photographs}: the encoder was started.",
+    ]

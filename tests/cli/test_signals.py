@@ -1,5 +1,6 @@
 """Signals end a command with one line and no part of a file, however early they come."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -40,6 +41,21 @@ def write(arguments=None):
 command.run = write
 command.main()
 """
+# Sends the signal to itself while cameras are estimated: when pycolmap is loaded and photographs are to be matched.
+WHILE_ESTIMATING = """
+import os, sys
+import fecocodec.formats.pose_estimation as estimation
+from fecosplat_cli.main import main
+
+number, match = int(sys.argv.pop(1)), estimation._match
+
+def interrupted(*arguments):
+    os.kill(os.getpid(), number)
+    match(*arguments)
+
+estimation._match = interrupted
+main()
+"""
 LINES = {
     signal.SIGINT: "fecosplat: interrupted\n",
     signal.SIGTERM: "fecosplat: terminated\n",
@@ -65,6 +81,19 @@ def test_a_signal_while_writing_leaves_no_part_of_a_file(number: signal.Signals,
     child.send_signal(number)
     _, err = child.communicate(timeout=20)
     assert (child.returncode, err) == (128 + number, LINES[number])
+    assert list(output.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", LINES)
+def test_a_signal_while_cameras_are_estimated_is_one_line(number: signal.Signals, output: Path) -> None:
+    """pycolmap installs a handler of its own for SIGTERM, which prints a stack."""
+    pytest.importorskip("pycolmap")
+    photographs = Path(__file__).parents[2] / "examples" / "motorcycle" / "images"
+    arguments = ["encode", photographs, "-o", output / "a.fcs", "--save-cameras", output / "cameras.json"]
+    command = [sys.executable, "-c", WHILE_ESTIMATING, str(int(number)), *arguments]
+    environment = os.environ | {"TMPDIR": str(output)}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, preexec_fn=heed_all)
+    assert (result.returncode, result.stdout, result.stderr) == (128 + number, "", LINES[number])
     assert list(output.iterdir()) == []
 
 

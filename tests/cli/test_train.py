@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from fecosplat_cli.train import _overridden, command
+from fecosplat_cli.train import command
+from fecosplat_cli.train_options import overridden
 
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration
 from tests.cli.conftest import CommandLine
@@ -16,7 +17,7 @@ def parsed(*arguments: str) -> Configuration:
     known = {option.name for option in command.params}
     assert set(values) <= known
     others = ("folder", "name", "photographs", "textures", "max_minutes", "seed", "start", "model", "device")
-    return _overridden(CONFIGURATIONS[name], {key: value for key, value in values.items() if key not in others})
+    return overridden(CONFIGURATIONS[name], {key: value for key, value in values.items() if key not in others})
 
 
 def test_without_options_a_configuration_is_taken_as_it_is() -> None:

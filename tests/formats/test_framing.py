@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from fecocodec.formats.framing import crop_and_resize
 from fecocodec.formats.lens import Lens
+from fecocodec.formats.resampling import crop_and_resize
 
 
 @pytest.mark.parametrize(

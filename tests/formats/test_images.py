@@ -11,7 +11,8 @@ import torch
 from PIL import Image
 
 from fecocodec.errors import InputError, OutputError
-from fecocodec.formats.images import decode_image, read_image, read_image_and_alpha, read_image_size, write_image
+from fecocodec.formats.image_headers import read_image_size
+from fecocodec.formats.images import decode_image, read_image, read_image_and_alpha, write_image
 
 HEIGHT, WIDTH = 40, 56
 

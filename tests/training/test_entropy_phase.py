@@ -15,10 +15,11 @@ from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources
 from fecocodec.training.entropy_phase import EntropyPhase, SceneLatents, draw_latents, latents_of, train_entropy_model
 from fecocodec.training.export import export_model
-from fecocodec.training.loop import RunSettings, Trainer
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

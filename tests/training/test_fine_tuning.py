@@ -18,10 +18,11 @@ from fecocodec.training.chunk_scenes import ChunkScenes
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources
 from fecocodec.training.export import export_model
-from fecocodec.training.loop import RunSettings, Trainer
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.trainer import Trainer
 from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL, example_views
 

@@ -14,11 +14,13 @@ from fecocodec.training.batch_shapes import BatchShape, BatchShapes
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.kept_batches import KeptBatches
-from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.loop import train
 from fecocodec.training.loss import loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import extract, run_stages
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -41,7 +43,7 @@ def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> N
     losses = []
     for known in (extracted, None):
         torch.manual_seed(2)  # of the noise in place of rounding
-        outcomes, matched = run_stages(it.sender, it.receiver, batch, it._coding, 2, known)
+        outcomes, matched = run_stages(it.sender, it.receiver, batch, it.coding, 2, known)
         losses.append(loss_of(batch, outcomes, matched, 1.0)[0].detach())
     torch.testing.assert_close(*losses)
 
@@ -58,7 +60,7 @@ def test_the_papers_method_has_the_same_loss_with_kept_features(tmp_path: Path) 
     losses = []
     for known in (extract(trainer.sender, trainer.receiver, batch), None):
         torch.manual_seed(2)
-        loss, parts = trainer._loss(batch, known, 3)
+        loss, parts = trainer._loss(batch, known)
         losses.append(loss.detach())
     torch.testing.assert_close(*losses)
     assert {"bpp1", "bpp2", "bpp3"} <= parts.keys()
@@ -96,7 +98,7 @@ def test_a_batch_is_used_again_with_another_lambda_until_newer_ones_replace_it(i
 
 def test_a_run_with_kept_batches_trains_all_but_the_extractor(it: Trainer, tmp_path: Path) -> None:
     before = {name: value.clone() for name, value in it.networks.state_dict().items()}
-    list(it.run())
+    list(train(it))
     moved = {name for name, value in it.networks.state_dict().items() if not torch.equal(value, before[name])}
     assert any(name.startswith("receiver.") for name in moved) and any("analysis" in name for name in moved)
     assert not any(name.startswith("sender.extractor.") for name in moved)

@@ -12,7 +12,7 @@ import torch.distributed as dist
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import ModelError, OutputError
 from fecocodec.sender.codec import load_codec
-from fecocodec.training import loop
+from fecocodec.training import trainer as trainer_module
 from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
@@ -20,10 +20,12 @@ from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources
 from fecocodec.training.export import export_model
 from fecocodec.training.log import append_row, mean_of_rows, remove_rows_after
-from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.loop import train
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.trainer import Trainer
 from tests.example_scenes import MODEL
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -46,7 +48,7 @@ def weights_of(it: Trainer) -> list[torch.Tensor]:
 def finished(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
     """Four steps in one go."""
     it = trainer(tmp_path_factory.mktemp("finished") / "run")
-    it.rows = list(it.run())  # type: ignore[attr-defined]
+    it.rows = list(train(it))  # type: ignore[attr-defined]
     return it
 
 
@@ -63,7 +65,7 @@ def test_a_run_logs_finite_losses_and_leaves_one_whole_checkpoint(finished: Trai
 def test_a_run_shorter_than_a_row_of_the_log_leaves_one(tmp_path: Path) -> None:
     it = trainer(tmp_path, num_steps=1)
     it.settings = replace(it.settings, log_every=50)
-    assert [row["step"] for row in it.run()] == [1.0]
+    assert [row["step"] for row in train(it)] == [1.0]
     assert len(it.log.read_text().splitlines()) == 2
 
 
@@ -74,7 +76,7 @@ def test_two_and_two_steps_are_four(finished: Trainer, tmp_path: Path) -> None:
     first.save(tmp_path / "middle.pt")
     second = trainer(tmp_path, seed=7)  # nothing of its own start may remain
     second.resume(tmp_path / "middle.pt")
-    assert len(list(second.run())) == 1
+    assert len(list(train(second))) == 1
     assert second.step == 4
     for resumed, whole in zip(weights_of(second), weights_of(finished), strict=True):
         assert torch.equal(resumed, whole)
@@ -175,21 +177,21 @@ def test_a_resumed_run_replaces_the_rows_it_takes_again(tmp_path: Path) -> None:
 def test_a_run_that_is_out_of_time_logs_saves_and_stops(tmp_path: Path) -> None:
     it = trainer(tmp_path)
     it.settings = replace(it.settings, max_minutes=1e-9, log_every=1000)
-    assert [row["step"] for row in it.run()] == [1.0]
+    assert [row["step"] for row in train(it)] == [1.0]
     assert load_checkpoint(it.checkpoint)["step"] == 1
     assert len(it.log.read_text().splitlines()) == 2
 
 
 def test_a_skipped_batch_is_counted_and_spoils_no_mean(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     it = trainer(tmp_path)
-    real = loop.loss_of
+    real = trainer_module.loss_of
 
     def broken_once(batch: Batch, *others: Any) -> tuple[torch.Tensor, dict[str, float]]:
         loss, parts = real(batch, *others)
         return (loss * float("nan"), parts | {"mse1": float("nan")}) if it.step == 2 else (loss, parts)
 
-    monkeypatch.setattr(loop, "loss_of", broken_once)
-    rows = list(it.run())
+    monkeypatch.setattr(trainer_module, "loss_of", broken_once)
+    rows = list(train(it))
     assert [row["skipped"] for row in rows] == [0.0, 1.0]
     assert all(math.isfinite(value) for value in rows[1].values())
     assert all(bool(value.isfinite().all()) for value in it.networks.state_dict().values())

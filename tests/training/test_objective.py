@@ -12,14 +12,15 @@ from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.model import Receiver
+from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
-from fecocodec.sender.scene_encoder import StageInputs
+from fecocodec.sender.stages import StageInputs
 from fecocodec.training.batch import Batch, MatchedDisparity
 from fecocodec.training.batch_shapes import BatchShape
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of
+from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of, perceptual_distance
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.training_pass import bypass_coding, code_with_noise, run_stages, with_targets
@@ -163,3 +164,15 @@ def test_transparent_pixels_show_the_background_of_the_loss(networks: nn.ModuleD
     assert error(None) == 0.0
     assert error(torch.tensor([[1.0, 1.0, 1.0]])) == pytest.approx(0.25**2)
     assert error(torch.tensor([[1.0, 0.0, 0.0]])) == pytest.approx(0.25**2 / 3)
+
+
+def test_the_perceptual_distance_weights_context_and_target_views_by_number_and_weight() -> None:
+    images = torch.rand(1, 5, 3, 32, 32, generator=torch.Generator().manual_seed(4))
+    rendered = images.clone()
+    rendered[:, 2:] = rendered[:, 2:].roll(16, dims=-1)
+    images[:, 3:], rendered[:, 3:] = images[:, 2:3], rendered[:, 2:3]  # three equal targets; context views are exact
+    weights = torch.tensor([0.5, 0.5, 2.0, 2.0, 2.0])
+    expected = 3 / 5 * 2.0 * float(st_lpips(rendered[:, 2], images[:, 2]))
+    assert (
+        float(perceptual_distance(rendered, images, 2, weights)) == pytest.approx(expected, rel=1e-4) and expected > 0
+    )

@@ -20,13 +20,16 @@ from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.chunk_scenes import LANES, SAMPLES_OF_A_VISIT, ChunkScenes
 from fecocodec.training.configurations import Configuration, configuration_named
 from fecocodec.training.dataset import Sources
-from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.loop import train
 from fecocodec.training.prefetch import BatchesByStep, batches_from
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.run_monitor import RunMonitor
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.samples import Sample
 from fecocodec.training.schedule import Schedule
 from fecocodec.training.sources import open_sources
+from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import bypass_coding, run_stages
 from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, choose_farthest_frames
 from tests.chunk_files import record, write_chunks, write_wall_chunks
@@ -118,7 +121,7 @@ def test_target_views_are_not_matched_for_a_loss_of_weight_zero(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     it = trainer_on(tmp_path / "run", Sources(ProceduralWorld(pattern_textures(13)), ChunkScenes(_chunks(tmp_path))))
-    batch, _, _ = it._draw_batch()
+    batch, _ = it.draw_batch()
 
     def refuse(*_: object) -> None:
         raise AssertionError("target views were matched")
@@ -158,9 +161,9 @@ def test_skipped_scenes_are_logged(tmp_path: Path) -> None:
     source = ChunkScenes(_partly_damaged(tmp_path / "chunks"))
     it = trainer_on(tmp_path / "run", Sources(ProceduralWorld(pattern_textures(13)), source))
     while not it.num_bad_scenes:
-        it._report_skipped(it._draw_batch()[0])
+        it._report_skipped(it.draw_batch()[0])
     lines = (tmp_path / "run" / "bad_scenes_0.txt").read_text().splitlines()
-    assert len(lines) == it.num_bad_scenes and it._counts(0.0)["bad_scenes"] == len(lines)
+    assert len(lines) == it.num_bad_scenes and it.counts["bad_scenes"] == len(lines)
 
 
 def test_a_data_set_without_a_usable_scene_ends_the_run(tmp_path: Path) -> None:
@@ -214,10 +217,11 @@ def test_held_out_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> No
     settings.folder.mkdir()
     it = Trainer(settings, sources)
     weights = [value.clone() for value in it.networks.parameters()]
-    first = it._validate()
+    monitor = RunMonitor(it)
+    first = monitor.validate()
     assert all(torch.equal(a, b) for a, b in zip(weights, it.networks.parameters(), strict=True))
-    assert first == it._validate() and first["val_bpp"] > 0 and first["val_psnr"] > 3 and first["val_st_lpips"] > 0
-    rows = list(it.run())
+    assert first == monitor.validate() and first["val_bpp"] > 0 and first["val_psnr"] > 3 and first["val_st_lpips"] > 0
+    rows = list(train(it))
     assert [row["step"] for row in rows] == [2.0] and {"val_psnr", "val_st_lpips", "val_bpp"} <= rows[0].keys()
     assert {path.name for path in (tmp_path / "run").glob("*.pt")} == {
         "last.pt", "step_0000001.pt", "step_0000002.pt",

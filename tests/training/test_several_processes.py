@@ -17,12 +17,14 @@ from fecocodec.training.batch_shapes import BatchShape, BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.loop import RunSettings, Trainer
+from fecocodec.training.loop import train
 from fecocodec.training.loss import loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.processes import average_gradients, joined_processes, process_rank
+from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.schedule import Schedule
+from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import run_stages
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -131,14 +133,14 @@ def test_ten_and_ten_steps_are_twenty(tmp_path: Path) -> None:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # sums of gradients must not depend on the number of threads
     whole = trainer(tmp_path / "whole")
-    assert [row["step"] for row in whole.run()] == [5.0, 10.0, 15.0, 20.0]
+    assert [row["step"] for row in train(whole)] == [5.0, 10.0, 15.0, 20.0]
     first = trainer(tmp_path / "halves")
     for _ in range(10):
         first.train_step()
     first.save(first.checkpoint)
     second = trainer(tmp_path / "halves", seed=7)  # nothing of its own start may remain
     second.resume(second.checkpoint)
-    assert [row["step"] for row in second.run()] == [15.0, 20.0]
+    assert [row["step"] for row in train(second)] == [15.0, 20.0]
     torch.set_num_threads(threads)
     states = zip(second.networks.state_dict().values(), whole.networks.state_dict().values(), strict=True)
     assert all(torch.equal(resumed, at_once) for resumed, at_once in states)

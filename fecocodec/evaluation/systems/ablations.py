@@ -20,7 +20,8 @@ from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import assemble, encode_with, write_stages
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
-from fecocodec.sender.scene_encoder import SceneEncoder, StageInputs, StageRendering
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import StageInputs, StageRendering
 
 
 class WithoutContext(SceneEncoder):

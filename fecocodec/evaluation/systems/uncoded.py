@@ -13,7 +13,8 @@ from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
-from fecocodec.sender.scene_encoder import SceneEncoder, StageInputs
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import StageInputs
 
 FINEST_LAMBDA_Q = 0
 

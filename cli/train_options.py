@@ -1,0 +1,136 @@
+"""Options of `fecosplat train` that override a training configuration."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import reduce
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fecocodec.container import quantise_lambda
+from fecocodec.training.batch_limits import check_sizes, check_view_shares
+
+from .options import parse_size
+
+if TYPE_CHECKING:
+    from fecocodec.training.configurations import Configuration
+
+_SHAPE_FIELDS = ("num_scenes", "view_shares", "num_target", "sizes")
+_SCHEDULE_FIELDS = (
+    "num_steps", "one_stage_until", "bypass_until", "learning_rate", "photograph_share", "disparity_weight",
+)  # fmt: skip
+
+
+def _parse_views(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[tuple[int, float], ...] | None:
+    """Parse `2` or `2:0.8,4:0.2` to pairs of a number of context views and its probability."""
+    if value is None:
+        return None
+    if not re.fullmatch(r"\d{1,3}(:\d*\.?\d+)?(,\d{1,3}(:\d*\.?\d+)?)*", value):
+        raise click.BadParameter(f"{value!r} is neither a number of views nor COUNT:SHARE,COUNT:SHARE...", ctx, param)
+    entries = [entry.partition(":") for entry in value.split(",")]
+    return tuple((int(count), float(share or 1)) for count, _, share in entries)
+
+
+def _parse_sizes(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> tuple[Any, ...] | None:
+    return tuple(parse_size(ctx, param, value) for value in values) or None
+
+
+_OPTIONS = (
+    click.option("--steps", "num_steps", type=int, help="Number of training steps."),
+    click.option(
+        "--one-stage-steps", "one_stage_until", type=int, help="Number of first steps that train stage 1 only."
+    ),
+    click.option(
+        "--bypass-steps", "bypass_until", type=int, help="Number of first steps without rate term and quantisation."
+    ),
+    click.option(
+        "--scenes",
+        "num_scenes",
+        type=int,
+        help="Batch size: scenes per step and process, for the first --views and --size.",
+    ),
+    click.option(
+        "--views",
+        "view_shares",
+        callback=_parse_views,
+        help="Number of context views: 2, or probabilities such as 2:0.8,4:0.2.",
+    ),
+    click.option("--targets", "num_target", type=int, help="Number of target views per scene."),
+    click.option(
+        "--size",
+        "sizes",
+        multiple=True,
+        callback=_parse_sizes,
+        metavar="WxH",
+        help="Image size in pixels. Repeat the option for several sizes.",
+    ),
+    click.option(
+        "--side", type=int, help="Square image size: --side 128 is --size 128x128. Small sizes need --views 2."
+    ),
+    click.option("--learning-rate", type=float, help="Peak learning rate."),
+    click.option("--lambda-range", type=float, nargs=2, help="Smallest and largest lambda."),
+    click.option(
+        "--photograph-share", type=float, nargs=2, help="Fraction of photographs, at the first and last step."
+    ),
+    click.option(
+        "--depth-weight",
+        "disparity_weight",
+        type=float,
+        nargs=2,
+        help="Weight of the depth loss, at first and last step.",
+    ),
+    click.option(
+        "--perceptual-weight",
+        type=click.FloatRange(min=0),
+        help="Weight of ST-LPIPS in the loss, for sharper pictures of lower PSNR.",
+    ),
+    click.option(
+        "--precision", type=click.Choice(["float32", "bfloat16"]), help="Number type of convolutions and attention."
+    ),
+    click.option(
+        "--freeze",
+        "frozen",
+        multiple=True,
+        type=click.Choice(["receiver", "extractor"]),
+        help="Do not train this part. Repeat the option for both.",
+    ),
+    click.option(
+        "--keep",
+        "kept_batches",
+        type=click.IntRange(min=0),
+        metavar="BATCHES",
+        help="Keep so many batches per process in memory with the features of a frozen extractor, for shorter steps.",
+    ),
+)
+
+
+def check_values(overrides: dict[str, Any]) -> None:
+    """Raise InputError for values that no configuration can take. Torch is not loaded."""
+    check_view_shares(overrides["view_shares"] or ())
+    check_sizes(overrides["sizes"] or ())
+    check_sizes([(overrides["side"],) * 2] if overrides["side"] is not None else ())
+    for lmbda in overrides["lambda_range"] or ():
+        quantise_lambda(lmbda)  # raises for a value outside the range
+
+
+def configuration_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options that `overridden` takes. Those that are not given are None."""
+    return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
+
+
+def overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":
+    """Return the configuration with the given options in place of its own values."""
+    given = {name: value for name, value in overrides.items() if value is not None}
+    if "side" in given:
+        given["sizes"] = ((given["side"], given["side"]),)
+    shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
+    schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
+    others: dict[str, Any] = {
+        name: given[name]
+        for name in ("lambda_range", "precision", "perceptual_weight", "frozen", "kept_batches")
+        if name in given
+    }
+    if configuration.is_paper and "lambda_range" in given:
+        others["receiver"] = replace(configuration.receiver, lambda_range=given["lambda_range"])
+    return replace(configuration, shapes=shapes, schedule=schedule, **others)

@@ -1,0 +1,67 @@
+"""Inputs and results of a coding stage, and the two functions that a pass over the stages is given."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar, runtime_checkable
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from fecocodec.layers.blocks import RateCondition
+from fecocodec.receiver.predictor import Prediction
+from fecocodec.rendering.rasterizer import Rendering
+
+
+@dataclass(frozen=True)
+class StageInputs:
+    """Information available to sender and receiver before stage k; item = (batch view).
+
+    stage: 1 or 2, the stage that networks are conditioned on. is_last: whether no stage follows. lambda_q: quantised
+    lambda of this stage. state: S_{k-1}; its spatial size is 1x1 if it is the same at every position. y_hat: coded
+    latent of stage k - 1, None in stage 1.
+    """
+
+    stage: int
+    is_last: bool
+    lambda_q: Int[Tensor, " item"]
+    condition: RateCondition
+    state: Float[Tensor, "item channel _ _"]
+    y_hat: Float[Tensor, "item latent h8 w8"] | None
+
+
+@runtime_checkable
+class CodedLatent(Protocol):
+    """Latent after coding. Coders add further fields, such as bytes or estimated bits."""
+
+    @property
+    def y_hat(self) -> Float[Tensor, "item latent h8 w8"]: ...
+
+
+Coded = TypeVar("Coded", bound=CodedLatent)
+LatentCoder = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Coded]
+OnFraction = Callable[[float], None]  # (fraction done)
+Optimise = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs, OnFraction], Float[Tensor, "item latent h8 w8"]]
+
+
+@dataclass(frozen=True)
+class StageRendering:
+    """Prediction after a stage, and its rendering of each scene, context views first."""
+
+    prediction: Prediction
+    scenes: tuple[Rendering, ...]
+
+
+@dataclass(frozen=True)
+class Stage(Generic[Coded]):
+    """Result of stage k. y: latent before coding. state: S_k. feedback: rendering of stage k - 1, None in stage 1."""
+
+    inputs: StageInputs
+    y: Float[Tensor, "item latent h8 w8"]
+    coded: Coded
+    state: Float[Tensor, "item channel h4 w4"]
+    feedback: StageRendering | None
+
+
+def not_optimised(y: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
+    """Return the output of the analysis transform unchanged: no optimisation."""
+    return y

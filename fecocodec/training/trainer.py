@@ -1,0 +1,211 @@
+"""The trainer: networks, optimiser, averaged weights, and one optimisation step."""
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from fecocodec.errors import ModelError
+from fecocodec.formats.atomic import make_folder
+from fecocodec.layers.memory_format import to_channels_last
+from fecocodec.receiver.model import Receiver
+from fecocodec.sender.extractors.compact import CompactExtractor
+from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
+from fecocodec.sender.model import Sender
+from fecocodec.sender.precision import run_in_bfloat16
+from fecocodec.training.batch import Batch, Extracted
+from fecocodec.training.batch_source import BatchSource
+from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
+from fecocodec.training.dataset import Sources
+from fecocodec.training.fine_tuning import freeze, load_extractor, load_fitting_weights, load_model_weights
+from fecocodec.training.initialisation import start_as_block_transform
+from fecocodec.training.kept_batches import KeptBatches
+from fecocodec.training.log import append_lines, remove_rows_after
+from fecocodec.training.loss import loss_of
+from fecocodec.training.optimisation import build_optimiser, clipped_step
+from fecocodec.training.paper_objective import code_with_additive_noise, paper_loss, run_paper_stages
+from fecocodec.training.processes import gather_states, is_first, process_rank
+from fecocodec.training.run_settings import RunSettings
+from fecocodec.training.training_pass import Coding, bypass_coding, code_with_noise, extract, run_stages
+
+
+class Trainer:
+    """Sender and receiver with optimiser, averaged weights and random generator. Checkpoint: `folder/last.pt`."""
+
+    def __init__(self, settings: RunSettings, sources: Sources, sender: Sender | None = None) -> None:
+        """sender: replaces the sender of the configuration, for example by one with an external extractor."""
+        self.settings, self.sources = settings, sources
+        configuration = settings.configuration
+        torch.manual_seed(settings.seed)  # every process starts from the same weights
+        self.receiver = Receiver(configuration.receiver)
+        self.sender = sender or Sender(configuration.sender, configuration.receiver)
+        if isinstance(self.sender.extractor, CompactExtractor):
+            start_as_block_transform(self.sender, self.receiver)
+        self.networks = nn.ModuleDict({"receiver": self.receiver, "sender": self.sender})
+        to_channels_last(self.networks, settings.device)
+        if configuration.precision == "bfloat16":
+            run_in_bfloat16(self.networks, settings.device)
+        self._begin_average()
+        freeze(self.sender, self.receiver, configuration.frozen)
+        self.optimiser = build_optimiser(self.networks, configuration.optimiser)
+        self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
+        torch.manual_seed(settings.seed * 1000 + process_rank())  # from here on each has its own noise
+        self.step, self.num_skipped, self.num_bad_scenes, self.seed = 0, 0, 0, settings.seed
+        self._batches = BatchSource(sources, settings, self.generator)
+
+    @property
+    def checkpoint(self) -> Path:
+        """The file that `run` saves and `resume` reads."""
+        return self.settings.folder / "last.pt"
+
+    @property
+    def log(self) -> Path:
+        """The CSV file to which `run` appends rows."""
+        return self.settings.folder / "log.csv"
+
+    def start_from(self, model: Path) -> None:
+        """Load the weights of a model's folder, except an extractor of another kind; see `load_model_weights`."""
+        load_model_weights(self.sender, self.receiver, model)
+        self._begin_average()
+
+    def start_variant_from(self, model: Path, anew: tuple[str, ...] = ()) -> tuple[str, ...]:
+        """Load those weights of a model's folder that fit, and return the others; see `load_fitting_weights`."""
+        missing = load_fitting_weights(self.sender, self.receiver, model, anew)
+        self._begin_average()
+        return missing
+
+    def start_extractor_from(self, source: Path) -> LoadReport:
+        """Load the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
+        report = load_extractor(self.sender, source)
+        self._begin_average()
+        return report
+
+    def _begin_average(self) -> None:
+        self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
+
+    def resume(self, path: Path) -> None:
+        """Restore a checkpoint exactly. Raises ModelError if networks or number of processes differ."""
+        saved = load_checkpoint(path)
+        try:
+            generator, noise = (saved[name][process_rank()] for name in ("generators", "global_generators"))
+            self.networks.load_state_dict(saved["networks"])
+            self.optimiser.load_state_dict(saved["optimiser"])
+            for name, value in self.average.items():
+                value.copy_(saved["average"][name])  # in place: the averaged weights stay on their device
+            self.step, self.num_skipped = saved["step"], saved["num_skipped"]
+            self.num_bad_scenes = saved.get("num_bad_scenes", 0)
+            self.seed = saved.get("seed", self.seed)  # older checkpoints have none
+        except (KeyError, IndexError, RuntimeError, ValueError) as error:
+            raise ModelError(
+                f"{path}: not a checkpoint of these networks with so many processes ({type(error).__name__}); "
+                "train with as many processes as before, or in another folder."
+            ) from error
+        self.generator.set_state(generator)
+        torch.set_rng_state(noise)
+        if self._is_on_cuda and "cuda_generators" in saved:
+            torch.cuda.set_rng_state(saved["cuda_generators"][process_rank()], self.settings.device)
+        if is_first():
+            remove_rows_after(self.log, self.step)
+
+    def save(self, path: Path) -> None:
+        """Write everything that `resume` needs. Every process must call this; the first one writes."""
+        contents: dict[str, Any] = {
+            "networks": self.networks.state_dict(),
+            "average": self.average,
+            "optimiser": self.optimiser.state_dict(),
+            "step": self.step,
+            "num_skipped": self.num_skipped,
+            "num_bad_scenes": self.num_bad_scenes,
+            "seed": self.seed,
+            "generators": gather_states(self.generator.get_state()),
+            "global_generators": gather_states(torch.get_rng_state()),
+        }
+        if self._is_on_cuda:
+            contents["cuda_generators"] = gather_states(torch.cuda.get_rng_state(self.settings.device))
+        if is_first():
+            save_checkpoint(path, contents)
+
+    @property
+    def counts(self) -> dict[str, float]:
+        """Columns of the log: steps taken, steps skipped, scenes that could not be used."""
+        counts = {"step": self.step, "skipped": self.num_skipped, "bad_scenes": self.num_bad_scenes}
+        return {name: float(count) for name, count in counts.items()}
+
+    @property
+    def _is_on_cuda(self) -> bool:
+        return self.settings.device != "cpu"
+
+    def train_step(self) -> dict[str, float]:
+        """Draw a batch, take one step and return the parts of the loss. Non-finite gradients skip the step."""
+        schedule = self.settings.configuration.schedule
+        batch, extracted = self.draw_batch()
+        self._report_skipped(batch)
+        loss, parts = self._loss(batch, extracted)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
+        if math.isfinite(norm):
+            self._update_average()
+        else:
+            self.num_skipped += 1
+        self.step += 1
+        return parts | {"loss": float(loss.detach()), "gradient": norm}
+
+    def draw_batch(self) -> tuple[Batch, Extracted | None]:
+        """Return the batch of the present step, and its kept features if there are any."""
+        return self._batches.at(self.step, self.seed, partial(extract, self.sender, self.receiver))
+
+    def take_batches_from(self, kept: KeptBatches) -> None:
+        """Train on these kept batches, for example those of another run."""
+        self._batches.kept = kept
+
+    def _loss(self, batch: Batch, extracted: Extracted | None) -> tuple[Tensor, dict[str, float]]:
+        """Run the stages and return the loss and its parts."""
+        configuration, coding, num_stages = self.settings.configuration, self.coding, self.num_stages
+        if configuration.is_paper:
+            stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages, extracted)
+            return paper_loss(batch, stages, configuration.distortion)
+        weight = configuration.schedule.disparity_weight_at(self.step)
+        outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, num_stages, extracted, weight)
+        background, perceptual = self._draw_background(batch), configuration.perceptual_weight
+        return loss_of(batch, outcomes, matched, weight, configuration.distortion, background, perceptual)
+
+    def _report_skipped(self, batch: Batch) -> None:
+        """Count the scenes that could not be used, and write why, one line each, to `bad_scenes_RANK.txt`."""
+        self.num_bad_scenes += len(batch.skipped)
+        if batch.skipped:
+            make_folder(self.settings.folder)
+            append_lines(self.settings.folder / f"bad_scenes_{process_rank()}.txt", batch.skipped)
+
+    def _draw_background(self, batch: Batch) -> Tensor | None:
+        """Return a colour per scene for the loss, None for black."""
+        if self.settings.configuration.background == "black":
+            return None
+        return torch.rand(len(batch.images), 3, generator=self.generator).to(batch.images)
+
+    @property
+    def num_stages(self) -> int:
+        """Number of stages of the present step: one in one of `alone_every` steps, because files may have one stage."""
+        configuration = self.settings.configuration
+        every = configuration.alone_every
+        if self.step < configuration.schedule.one_stage_until or (every and self.step % every == every - 1):
+            return 1
+        return configuration.receiver.num_stages
+
+    @property
+    def coding(self) -> Coding:
+        """How latents are coded at the present step."""
+        configuration = self.settings.configuration
+        if self.step < configuration.schedule.bypass_until:
+            return bypass_coding
+        code = code_with_additive_noise if configuration.is_paper else code_with_noise
+        return code(self.receiver, self.sender)
+
+    @torch.no_grad()
+    def _update_average(self) -> None:
+        largest = self.settings.configuration.optimiser.average_decay
+        decay = min(largest, (1 + self.step) / (10 + self.step))
+        torch._foreach_lerp_(list(self.average.values()), list(self.networks.state_dict().values()), 1.0 - decay)

@@ -1,0 +1,124 @@
+"""Valid streams that no sender makes: random latents, and cameras anywhere within their bounds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from random import Random
+
+import torch
+
+from fecocodec.coding.payload import encode_latents
+from fecocodec.container import Header, PackedCameras, Stream, write_stream
+from fecocodec.container.camera_validation import (
+    MAX_COORDINATE,
+    MAX_DEPTH_RATIO,
+    MAX_DISTANCE,
+    MAX_FOCAL,
+    MAX_NEAR,
+    MAX_PRINCIPAL_POINT,
+    MIN_DEPTH_RATIO,
+    MIN_FOCAL,
+    MIN_NEAR,
+    check_cameras,
+)
+from fecocodec.container.coverage import coverage_grid
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
+from fecocodec.errors import BitstreamError
+from fecocodec.receiver.model import Receiver
+
+LATENT, HYPER = 8, 32  # pixels per latent and per hyper-latent
+SIZES = ((64, 64), (64, 96), (96, 64))
+NOISE = (0.0, 0.1, 1.0, 10.0, 300.0)  # standard deviation of the latents
+
+
+@dataclass(frozen=True)
+class CodedLatents:
+    """Payloads of valid streams, with the header that describes them."""
+
+    header: Header
+    payloads: tuple[bytes, ...]
+
+
+@torch.no_grad()
+def code_random_latents(random: Random, receiver: Receiver, model_id: bytes) -> CodedLatents:
+    """Code Gaussian noise as the latents of one to three small views, in one or two stages."""
+    generator = torch.Generator().manual_seed(int(random.random() * 2**31))
+    views, (height, width), noise = random.randint(1, 3), random.choice(SIZES), random.choice(NOISE)
+    num_stages = random.randint(1, 2)
+    excess = random.randint(0, 255) if num_stages == 2 else 0
+    header = Header(model_id, views, height, width, random.randint(0, LAMBDA_Q_MAX), (bytes(8),) * num_stages, excess)
+    payloads, digests, context = [], [], None
+    for stage in range(1, num_stages + 1):
+        y, z = (
+            noise * torch.randn(views, channels, height // step, width // step, generator=generator)
+            for channels, step in ((receiver.config.latent_channels, LATENT), (receiver.config.hyper_channels, HYPER))
+        )
+        payload, coded = encode_latents(receiver.prior, y, z, header.lambda_q_of_stage(stage), stage, context)
+        payloads.append(payload)
+        digests.append(coded.digest())
+        context = coded.y_hat
+    header = Header(model_id, views, height, width, header.lambda_q, tuple(digests), excess)
+    return CodedLatents(header, tuple(payloads))
+
+
+def forged_stream(random: Random, latents: Sequence[CodedLatents]) -> bytes:
+    """Return a stream of one of the coded latents with random cameras and, in one of four, random coverage."""
+    coded = latents[int(random.random() * len(latents))]
+    views, rows, columns = coverage_grid(coded.header)
+    num_bytes = views * rows * columns // 8
+    coverage = random.randbytes(num_bytes) if random.random() < 0.25 else None
+    cameras = valid_cameras(random, views)
+    return write_stream(Stream(coded.header, cameras, coded.payloads, coverage=coverage))
+
+
+def valid_cameras(random: Random, num_views: int) -> PackedCameras:
+    while True:
+        cameras = random_cameras(random, num_views)
+        try:
+            check_cameras(cameras, "cameras")
+        except BitstreamError:  # a few are just outside a bound, because they were rounded to float32
+            continue
+        return cameras
+
+
+def random_cameras(random: Random, num_views: int) -> PackedCameras:
+    """Return cameras whose values are spread over the orders of magnitude that the format allows."""
+    near = float32(spread(random, MIN_NEAR, MAX_NEAR) if random.random() < 0.5 else 1.0)
+    far = float32(near * spread(random, MIN_DEPTH_RATIO, MAX_DEPTH_RATIO))
+    distance = near * spread(random, 2.0**-20, MAX_DISTANCE)
+    centre = [random.uniform(-1.0, 1.0) * spread(random, near, MAX_COORDINATE) for _ in range(3)]
+    centre = centre if random.random() < 0.2 else [0.0] * 3
+    poses = tuple(random_pose(random, centre, distance) for _ in range(num_views))
+    lenses = tuple(random_lens(random) for _ in range(num_views))
+    return PackedCameras(poses, lenses if random.random() < 0.5 else lenses[:1] * num_views, near, far)
+
+
+def random_pose(random: Random, centre: Sequence[float], distance: float) -> tuple[float, ...]:
+    """Return the first three rows of camera-to-world, row-major."""
+    w, x, y, z = (random.gauss(0.0, 1.0) for _ in range(4))
+    if random.random() < 0.5:
+        w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    scale = 2.0 / (w * w + x * x + y * y + z * z)
+    rows = (
+        (1.0 - scale * (y * y + z * z), scale * (x * y - z * w), scale * (x * z + y * w)),
+        (scale * (x * y + z * w), 1.0 - scale * (x * x + z * z), scale * (y * z - x * w)),
+        (scale * (x * z - y * w), scale * (y * z + x * w), 1.0 - scale * (x * x + y * y)),
+    )
+    moved = [value + distance * random.choice((-1.0, 0.0, random.uniform(-1.0, 1.0), 1.0)) for value in centre]
+    return tuple(float32(value) for row, t in zip(rows, moved, strict=True) for value in (*row, t))
+
+
+def random_lens(random: Random) -> tuple[float, float, float, float]:
+    focal = spread(random, MIN_FOCAL, MAX_FOCAL)
+    other = focal if random.random() < 0.5 else spread(random, MIN_FOCAL, MAX_FOCAL)
+    centres = (0.5 if random.random() < 0.5 else random.uniform(-1, 1) * MAX_PRINCIPAL_POINT for _ in range(2))
+    return (float32(focal), float32(other), *(float32(value) for value in centres))  # type: ignore[return-value]
+
+
+def spread(random: Random, lowest: float, highest: float) -> float:
+    """Return a value between two positive bounds: one of them, or one that is uniform in the logarithm."""
+    share = random.choice((0.0, 1.0, random.random(), random.random()))
+    return float(min(max(lowest * (highest / lowest) ** share, lowest), highest))
+
+
+def float32(value: float) -> float:
+    return float(torch.tensor(value, dtype=torch.float32))
