@@ -109,7 +109,7 @@ def compare(context: list[PosedPhotograph], posed: PosedFolder) -> tuple[str, ..
 
 
 def stored_poses(context: list[PosedPhotograph], posed: PosedFolder) -> np.ndarray:
-    by_name = {f"{photograph.path.name}.png": photograph.camera_to_world for photograph in context}
+    by_name = {photograph.path.name: photograph.camera_to_world for photograph in context}
     return np.stack([by_name[camera.name] for camera in posed.reconstruction.cameras])
 
 

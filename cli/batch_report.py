@@ -30,7 +30,13 @@ def run_and_report(scenes: Sequence[BatchScene], work: "Work", options: BatchOpt
     outcomes: list[Outcome] = []
     with engine_of(options) as engine, progress_bar() as on_progress:
         results = run_batch(
-            scenes, options.output, work, engine, overwrite=options.overwrite, retry_failed=options.retry_failed
+            scenes,
+            options.output,
+            work,
+            engine,
+            overwrite=options.overwrite,
+            retry_failed=options.retry_failed,
+            phrase=in_options,
         )
         on_progress(f"0 of {len(scenes)} scenes", 0.0)
         begin = monotonic()
@@ -64,7 +70,7 @@ def summary_name(shard: tuple[int, int] | None) -> str:
 def _report(outcomes: "Sequence[Outcome]", seconds: float, summary: str, options: BatchOptions) -> None:
     failures = [outcome for outcome in outcomes if outcome.status == "failed"]
     for failure in failures[:LISTED_FAILURES]:
-        warn(printable(f"{failure.scene} failed: {in_options(failure.error or '')}"))
+        warn(printable(f"{failure.scene} failed: {failure.error or ''}"))
     if len(failures) > LISTED_FAILURES:
         warn(f"{len(failures) - LISTED_FAILURES} more scenes failed; {summary} lists them")
     if failures and not options.retry_failed:

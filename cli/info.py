@@ -14,6 +14,13 @@ from .options import FILE_PATH, json_option
 from .output import print_columns, print_fields, print_json
 from .terminal import printable
 
+_CONTENTS = {
+    "cameras": "of the coded views",
+    "coverage": "cells of the views that are not transparent",
+    "B1": "stage 1: a coarse version of the scene",
+    "B2": "stage 2: corrections to stage 1",
+    "metadata": "title, author, licence and date",
+}
 GIB_OF_PROGRAM, GIB_PER_MEGAPIXEL = 0.4, 0.25  # memory of `decode`: linear fit to 0.1 to 16 megapixels
 
 
@@ -112,8 +119,12 @@ def print_summary(summary: StreamSummary) -> None:
         ]
     )
     click.echo()
-    rows = [(f"{s.offset}", s.name, f"{s.total_bytes}", "" if s.is_intact else "damaged") for s in summary.sections]
-    print_columns([("at byte", "section", "bytes", ""), ("0", "header", f"{summary.header_bytes}", ""), *rows])
+    rows = [
+        (f"{s.offset}", s.name, f"{s.total_bytes}", _CONTENTS.get(s.name, "") if s.is_intact else "damaged")
+        for s in summary.sections
+    ]
+    header_row = ("0", "header", f"{summary.header_bytes}", "model, sizes, lambda")
+    print_columns([("at byte", "section", "bytes", ""), header_row, *rows])
 
 
 def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
@@ -123,8 +134,9 @@ def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
 
 
 def _lambda(header: Header) -> str:
-    lmbda = f"{header.lambda_of_stage(2):.4g}"
-    return f"{lmbda}, of stage 1 {header.lambda_of_stage(1):.4g}" if header.first_stage_excess else lmbda
+    """Return lambda with its meaning. Stage 1 is coded at a larger lambda, to fewer bytes, because stage 2 follows."""
+    text = f"{header.lambda_of_stage(2):.4g} (weight of the rate: a larger one gives a smaller, coarser file"
+    return f"{text}; stage 1 has {header.lambda_of_stage(1):.4g})" if header.first_stage_excess else f"{text})"
 
 
 def decoding_gib(header: Header) -> float:

@@ -10,7 +10,7 @@ from .verbosity import Verbosity, verbosity
 
 OnProgress = Callable[[str, float], None]
 
-SECONDS_BETWEEN_LINES = 30.0
+SECONDS_BETWEEN_LINES = 20.0  # of a log; longer work also gets a line as soon as its time is known
 
 
 @contextmanager
@@ -33,30 +33,71 @@ def progress_bar() -> Iterator[OnProgress]:
     columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=1.0)
-        yield lambda step, fraction: bar.update(task, description=step, completed=fraction)
+        time_left = TimeLeft()
+
+        def show(step: str, fraction: float) -> None:
+            left = time_left.after(step, fraction)
+            bar.update(task, description=step if left is None else f"{step}, {in_words(left)}", completed=fraction)
+
+        yield show
+
+
+class TimeLeft:
+    """Time left, estimated from the time of the current step: other steps take other times per fraction."""
+
+    def __init__(self) -> None:
+        self._step, self._start, self._pace = "", (0.0, 0.0), 0.0
+
+    def after(self, step: str, fraction: float) -> float | None:
+        """Return the seconds left once `fraction` of all work is done; None before any step reported twice."""
+        now = monotonic()
+        if step != self._step:
+            self._step, self._start = step, (now, fraction)
+        elif fraction > self._start[1]:
+            self._pace = (now - self._start[0]) / (fraction - self._start[1])
+        return self._pace * (1 - fraction) or None
+
+
+def in_words(seconds_left: float) -> str:
+    """Return a rounded time, such as `about 70 s left`."""
+    if seconds_left < 90:
+        return f"about {max(1, round(seconds_left, -1 if seconds_left > 15 else 0)):.0f} s left"
+    return f"about {seconds_left / 60:.0f} min left"
 
 
 def _lines() -> OnProgress:
-    """Return a callback that prints at most one line every SECONDS_BETWEEN_LINES, and none for shorter work."""
-    last = monotonic()
+    """Return a callback that prints a line every SECONDS_BETWEEN_LINES, none for shorter work.
+
+    The first line is printed earlier, when the estimate of the time left exceeds SECONDS_BETWEEN_LINES.
+    """
+    last, time_left, is_first = monotonic(), TimeLeft(), True
 
     def report(step: str, fraction: float) -> None:
-        nonlocal last
-        if monotonic() - last >= SECONDS_BETWEEN_LINES:
-            last = monotonic()
-            say(f"{step}: {100 * fraction:.0f}% done")
+        nonlocal last, is_first
+        left = time_left.after(step, fraction)
+        is_long = is_first and left is not None and left >= SECONDS_BETWEEN_LINES
+        if is_long or monotonic() - last >= SECONDS_BETWEEN_LINES:
+            last, is_first = monotonic(), False
+            say(f"{step}: {100 * fraction:.0f}% done" + ("" if left is None else f", {in_words(left)}"))
 
     return report
 
 
 def _each_step() -> OnProgress:
-    """Return a callback that prints each step when it starts, with the seconds since the work started."""
-    start, last = monotonic(), ""
+    """Return a callback that prints each step when it starts, with the seconds since the work started.
+
+    A long step is followed by the estimate of the time left, once it is known.
+    """
+    start, last, time_left, is_estimated = monotonic(), "", TimeLeft(), False
 
     def report(step: str, fraction: float) -> None:
-        nonlocal last
+        nonlocal last, is_estimated
+        left = time_left.after(step, fraction)
         if step != last:
-            last = step
+            last, is_estimated = step, False
             say(f"{monotonic() - start:8.2f} s  {100 * fraction:3.0f}%  {step}")
+        elif left is not None and left >= SECONDS_BETWEEN_LINES and not is_estimated:
+            is_estimated = True
+            say(f"{monotonic() - start:8.2f} s  {100 * fraction:3.0f}%  {in_words(left)}")
 
     return report

@@ -24,7 +24,7 @@ def rate_control_options(function: Function) -> Function:
             "--target-psnr",
             type=click.FloatRange(min=0.0, min_open=True),
             metavar="DB",
-            help="Choose lambda automatically: the smallest file whose decoded context views have at least this PSNR.",
+            help="Choose lambda automatically: the smallest file with at least this PSNR of the decoded views.",
         ),
     )
     for option in reversed(options):

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -57,6 +57,14 @@ def scene_source(
             photographs = Path(stack.enter_context(TemporaryDirectory(prefix="fecosplat-")))
             write_sharp_frames(views, photographs, num_frames or DEFAULT_FRAMES)
         posed = stack.enter_context(posed_folder(photographs, name=str(views)))
+        notes = list(posed.notes)
         if cameras_file is not None:
+            if is_video(views):  # its frames are temporary files
+                beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)
+                posed = replace(posed, photographs=beside)
+                notes.append(
+                    f"{cameras_file}: the frames of the video are not saved; to encode from this file, extract them "
+                    f"beside it ({beside[0].name} is the frame with this number, from 0)."
+                )
             posed.save_cameras(cameras_file, overwrite=overwrite)
-        yield SceneSource(posed.path, posed.notes)
+        yield SceneSource(posed.path, tuple(notes))

@@ -1,7 +1,7 @@
 """Run a batch: hand its scenes to an engine, and return how each of them ended."""
 
 import secrets
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -35,16 +35,20 @@ def run_batch(
     *,
     overwrite: bool = False,
     retry_failed: bool = False,
+    phrase: Callable[[str], str] = str,
 ) -> Iterator[Outcome]:
     """Yield the outcome of each scene as it ends. The outputs are `output/NAME.SUFFIX`, each with a sidecar.
 
     Scenes whose sidecar and output match are skipped, failures are yielded and do not stop the rest. engine: None for
     this process. overwrite: redo all scenes, and replace files without a sidecar. retry_failed: redo scenes that failed
-    before with the same input and options. Raises OutputError if the folder cannot be created, before any work.
+    before with the same input and options. phrase: applied to each warning and error before it is recorded, for example
+    to name options instead of arguments; it is pickled.
+
+    Raises OutputError if the folder cannot be created, before any work.
     """
     folder = Path(output).absolute()
     make_folder(folder)
-    task = SceneTask(work, folder, secrets.token_hex(8), overwrite, retry_failed)
+    task = SceneTask(work, folder, secrets.token_hex(8), overwrite, retry_failed, phrase)
     return (engine or ThisProcess()).outcomes(task, scenes)
 
 

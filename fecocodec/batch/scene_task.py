@@ -1,6 +1,7 @@
 """The work on one scene of a batch: skip it, or make its output and sidecar, or record its failure."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -46,7 +47,8 @@ class SceneTask:
     """Work on the scenes of one run.
 
     folder: of the outputs. run_id: unique id of the run. is_forced: redo scenes whose sidecar matches and replace files
-    without a sidecar. retries_failed: redo scenes that failed before with the same input and options.
+    without a sidecar. retries_failed: redo scenes that failed before with the same input and options. phrase: applied
+    to each warning and error before it is recorded; pickled with the task.
     """
 
     work: Work
@@ -54,6 +56,7 @@ class SceneTask:
     run_id: str
     is_forced: bool = False
     retries_failed: bool = False
+    phrase: Callable[[str], str] = str
 
     def run(self, scene: BatchScene) -> Outcome:
         """Work on one scene. Errors are recorded in its sidecar and in the result, not raised."""
@@ -128,7 +131,7 @@ class _Attempt:
             num_bytes=len(result.data),
             sha256=sha256,
             details=result.details,
-            warnings=result.warnings,
+            warnings=tuple(self.task.phrase(sentence) for sentence in result.warnings),
         )
         write_sidecar(self.output, record)
         with write_atomically(self.output, overwrite=True) as temporary:
@@ -138,7 +141,9 @@ class _Attempt:
     def fail(self, error: Exception, seconds: float) -> Outcome:
         """Record a failure. An earlier output stays and stays known as one of the batch."""
         is_expected = isinstance(error, FecoError)
-        sentence = str(error) if is_expected else f"{self.scene.path}: {type(error).__name__}: {error}"
+        sentence = (
+            self.task.phrase(str(error)) if is_expected else f"{self.scene.path}: {type(error).__name__}: {error}"
+        )
         record = replace(
             self._record("failed", seconds),
             sha256=None if self.earlier is None else self.earlier.sha256,

@@ -24,6 +24,10 @@ _FOCAL_RANGE = (0.3, 3.0)  # longer image sides; a lens of 11 to 108 mm on 35 mm
 _PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more features in small photographs
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.
 _ATTEMPTS = ((8.0, 60, 24), (4.0, 40, 18), (2.0, 25, 14), (1.0, 20, 12))
+# Share of the verified matches that a reconstruction has to explain, else looser attempts follow.
+_ENOUGH_EXPLAINED = 0.5
+_OTHER_FOCAL = 4 / 3  # initial focal length of the second estimate, relative to the first
+_LEAST_BASELINE = 0.3  # of the longest one; directions of shorter ones are not compared
 # Pixels; scale of the Cauchy loss of the last bundle adjustment. With squared errors, the outliers of up to 4 pixels
 # that the reconstruction keeps move the focal length by some percent.
 _LOSS_SCALE_PX = 0.5
@@ -60,17 +64,20 @@ class Reconstruction:
     """Registered cameras in the order of their names, and the quality of the reconstruction.
 
     reprojection_error_px: mean over observations. angle: median angle in degrees between the rays of a point.
-    matches: number of verified matches of each pair of photographs (names in order).
+    matches: number of verified matches of each pair of photographs (names in order). difference: of the rotations and
+    directions between cameras, in degrees, from a second estimate that starts from another focal length; see
+    `pose_difference`. It is None if the second estimate lacks a camera.
     """
 
     cameras: tuple[EstimatedCamera, ...]
     reprojection_error_px: float
     angle: float
     matches: dict[tuple[str, str], int]
+    difference: tuple[float, float] | None
 
 
 def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_threads: int = -1) -> Reconstruction:
-    """Reconstruct the photographs in `folder` (PNG). workspace: an empty folder for the database.
+    """Reconstruct the photographs in `folder`. workspace: an empty folder for the database.
 
     num_threads: of features and matching, -1 for all cores; the cameras do not depend on it. Raises InputError if
     pycolmap is missing; the result has no cameras if no pair of photographs can be reconstructed.
@@ -80,23 +87,83 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     pycolmap.Database.open(database).close()  # creates it
     _extract(pycolmap, database, folder, groups, num_threads)
     _match(pycolmap, database, num_threads)
-    count = sum(len(group.names) for group in groups)
-    best = None
-    for number, attempt in enumerate(_ATTEMPTS):
-        output = workspace / f"attempt{number}"
-        output.mkdir()
-        options = _mapping_options(pycolmap, attempt, count)
-        models = pycolmap.incremental_mapping(database, folder, output, options)
-        for model in models.values():
-            if _is_plausible(model) and (best is None or model.num_reg_images() > best.num_reg_images()):
-                best = model
-        if best is not None and best.num_reg_images() == count:
-            break
     matches = _verified_matches(pycolmap, database)
+    count = sum(len(group.names) for group in groups)
+    best = map_photographs(pycolmap, database, folder, workspace / "first", _ATTEMPTS, matches, count)
     if best is None:
-        return Reconstruction((), 0.0, 0.0, matches)
+        return Reconstruction((), 0.0, 0.0, matches, None)
     refined = refine(pycolmap, best, count)
-    return Reconstruction(_cameras(refined), refined.compute_mean_reprojection_error(), _median_angle(refined), matches)
+    cameras = _cameras(refined)
+    _change_focal_lengths(pycolmap, database)
+    second = map_photographs(pycolmap, database, folder, workspace / "second", _ATTEMPTS[-1:], matches, count)
+    difference = None if second is None else pose_difference(cameras, _cameras(refine(pycolmap, second, count)))
+    error, angle = refined.compute_mean_reprojection_error(), _median_angle(refined)
+    return Reconstruction(cameras, error, angle, matches, difference)
+
+
+def pose_difference(
+    first: tuple[EstimatedCamera, ...], second: tuple[EstimatedCamera, ...]
+) -> tuple[float, float] | None:
+    """Return the largest differences of the rotation and direction between two cameras, over all pairs, in degrees.
+
+    Directions between cameras that are close to each other are ignored, as they are uncertain. None if a camera of
+    the first estimate is missing in the second.
+    """
+    poses = {camera.name: camera.camera_to_world for camera in second}
+    if any(camera.name not in poses for camera in first):
+        return None
+    pairs = [(one, other) for index, one in enumerate(first) for other in first[:index]]
+    known = [np.linalg.inv(one.camera_to_world) @ other.camera_to_world for one, other in pairs]
+    found = [np.linalg.inv(poses[one.name]) @ poses[other.name] for one, other in pairs]
+    rotation = max(_angle_of(a[:3, :3].T @ b[:3, :3]) for a, b in zip(known, found, strict=True))
+    longest = max(np.linalg.norm(pose[:3, 3]) for pose in known)
+    direction = max(
+        _angle_between(a[:3, 3], b[:3, 3])
+        for a, b in zip(known, found, strict=True)
+        if np.linalg.norm(a[:3, 3]) > _LEAST_BASELINE * longest
+    )
+    return rotation, direction
+
+
+def _angle_of(rotation: Float[np.ndarray, "3 3"]) -> float:
+    return float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
+
+
+def _angle_between(first: Float[np.ndarray, " 3"], second: Float[np.ndarray, " 3"]) -> float:
+    cosine = first @ second / max(1e-12, float(np.linalg.norm(first) * np.linalg.norm(second)))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def map_photographs(
+    pycolmap: Any,
+    database: Path,
+    folder: Path,
+    workspace: Path,
+    attempts: tuple[tuple[float, int, int], ...],
+    matches: dict[tuple[str, str], int],
+    count: int,
+) -> Any:
+    """Return the reconstruction with the most photographs, then with the most explained matches; None without one."""
+    best, most = None, (0, 0.0)
+    for number, attempt in enumerate(attempts):
+        output = workspace / str(number)
+        output.mkdir(parents=True)
+        options = _mapping_options(pycolmap, attempt, count)
+        for model in pycolmap.incremental_mapping(database, folder, output, options).values():
+            extent = model.num_reg_images(), _explained_share(model, matches)
+            if _is_plausible(model) and extent > most:
+                best, most = model, extent
+        if most[0] == count and most[1] >= _ENOUGH_EXPLAINED:
+            break
+    return best
+
+
+def _change_focal_lengths(pycolmap: Any, database: Path) -> None:
+    """Multiply the initial focal lengths by _OTHER_FOCAL."""
+    with pycolmap.Database.open(database) as opened:
+        for camera in opened.read_all_cameras():
+            camera.params = np.array([_OTHER_FOCAL * camera.params[0], *camera.params[1:]])
+            opened.update_camera(camera)
 
 
 def _pycolmap() -> Any:
@@ -211,6 +278,12 @@ def _is_plausible(model: Any) -> bool:
     """Return whether all focal lengths are within _FOCAL_RANGE; bundle adjustment can leave it."""
     ratios = [camera.params[0] / max(camera.width, camera.height) for camera in model.cameras.values()]
     return all(_FOCAL_RANGE[0] <= ratio <= _FOCAL_RANGE[1] for ratio in ratios)
+
+
+def _explained_share(model: Any, matches: dict[tuple[str, str], int]) -> float:
+    """Return the number of pairs of observations of one point, per verified match. Guided matches can exceed 1."""
+    lengths = [point.track.length() for point in model.points3D.values()]
+    return sum(length * (length - 1) / 2 for length in lengths) / max(1, sum(matches.values()))
 
 
 def _verified_matches(pycolmap: Any, database: Path) -> dict[tuple[str, str], int]:

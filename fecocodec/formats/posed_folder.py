@@ -14,13 +14,15 @@ import numpy as np
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import write_atomically
 from fecocodec.formats.pose_estimation import LEAST_ANGLE, EstimatedCamera, ImageGroup, Reconstruction, reconstruct
-from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, copy_name, find_photographs, upright_copies
+from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, find_photographs, upright_copies
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 
 _FEW_MATCHES = 30  # of a pair; named in messages
 # Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
 _DEPTH_MARGIN = 1.3
-_FOCAL_CHANGE = 1.5  # larger changes of the focal length are reported
+# Limits of a warning, chosen on training scenes (docs/inputs.md): change of the focal length, and differences of a
+# second estimate in degrees.
+_FOCAL_CHANGE, _ROTATION_DIFFERENCE, _DIRECTION_DIFFERENCE = 1.5, 1.5, 5.0
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
 
@@ -35,12 +37,12 @@ class PosedFolder:
     notes: tuple[str, ...]
 
     def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
-        """Write the estimated cameras as `transforms.json` that refers to the photographs. Raises OutputError."""
-        names = {copy_name(photograph): photograph for photograph in self.photographs}
-        files = [
-            os.path.relpath(names[camera.name].resolve(), path.resolve().parent)
-            for camera in self.reconstruction.cameras
-        ]
+        """Write the estimated cameras as `transforms.json`, with paths of the photographs relative to its folder.
+
+        Raises OutputError if the file cannot be written.
+        """
+        photographs = {photograph.name: photograph for photograph in self.photographs}
+        files = [_relative_path(photographs[camera.name], path.parent) for camera in self.reconstruction.cameras]
         with write_atomically(path, overwrite=overwrite) as temporary:
             temporary.write_text(json.dumps(_transforms(self.reconstruction, files), indent=2) + "\n", "utf-8")
 
@@ -64,7 +66,7 @@ def posed_folder(folder: Path, num_threads: int = -1, name: str = "") -> Iterato
         _require_cameras(name or str(folder), photographs, reconstruction)
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
-        notes += [*_notes(photographs, reconstruction, groups), *_reliability_warnings(reconstruction, groups)]
+        notes += [*_notes(photographs, reconstruction, groups), *reliability_warnings(reconstruction, groups)]
         yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes))
 
 
@@ -86,7 +88,7 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
 def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
     """Raise InputError if the reconstruction is not usable."""
     if len(found.cameras) < 2:
-        weak = _weak_pairs([copy_name(path) for path in photographs], found)
+        weak = _weak_pairs([path.name for path in photographs], found)
         raise InputError(f"{name}: no camera poses can be estimated ({weak}); {_REMEDY}.")
     if found.angle < LEAST_ANGLE:
         raise InputError(
@@ -99,11 +101,7 @@ def _weak_pairs(names: list[str], found: Reconstruction) -> str:
     """Describe the pairs with the fewest matches."""
     pairs = [(first, second) for index, first in enumerate(sorted(names)) for second in sorted(names)[index + 1 :]]
     weakest = sorted((found.matches.get(pair, 0), pair) for pair in pairs)
-    few = [
-        f"{first.removesuffix('.png')} and {second.removesuffix('.png')}: {count} matches"
-        for count, (first, second) in weakest
-        if count < _FEW_MATCHES
-    ]
+    few = [f"{first} and {second}: {count} matches" for count, (first, second) in weakest if count < _FEW_MATCHES]
     if not few:
         return "the matches do not determine camera positions, as if the camera only turned"
     more = f" and {len(few) - 3} more pairs" if len(few) > 3 else ""
@@ -124,8 +122,8 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     ]
     registered = {camera.name for camera in cameras}
     for path in photographs:
-        if (name := copy_name(path)) not in registered:
-            counts = [count for pair, count in found.matches.items() if name in pair]
+        if path.name not in registered:
+            counts = [count for pair, count in found.matches.items() if path.name in pair]
             notes.append(
                 f"{path.name} is left out: at most {max(counts, default=0)} matches with another photograph; "
                 "take it again with more overlap."
@@ -133,22 +131,39 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     return notes
 
 
-def _reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
-    """Return warnings about cameras that may be wrong although the reprojection error is small."""
-    warnings = []
+def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
+    """Return a warning if the cameras may be wrong, else nothing; their reprojection error is small in any case."""
+    reasons = []
     first = found.cameras[0]
     start = next(group.focal_px for group in groups if first.name in group.names)
     if not 1 / _FOCAL_CHANGE < first.lens.fx / start < _FOCAL_CHANGE:
-        warnings.append(
-            f"warning: the estimated focal length is {first.lens.fx / start:.2f} times the initial one; add "
-            "photographs unless the lens is a wide or a long one."
+        reasons.append(f"the estimated focal length is {first.lens.fx / start:.2f} times the initial one")
+    if found.difference is None:
+        reasons.append("a second estimate from another initial focal length does not find all of them")
+    elif found.difference[0] > _ROTATION_DIFFERENCE or found.difference[1] > _DIRECTION_DIFFERENCE:
+        reasons.append(
+            "a second estimate from another initial focal length differs by up to "
+            f"{found.difference[0]:.1f} degrees in rotation and {found.difference[1]:.0f} degrees in direction"
         )
-    if len(found.cameras) == 2:
-        warnings.append(
-            "warning: cameras from two photographs can be wrong where most points lie on one plane; add a third "
-            "photograph."
-        )
-    return warnings
+    if not reasons:
+        return []
+    return [
+        f"warning: the cameras may be wrong: {' and '.join(reasons)}; add photographs between these, so that more of "
+        "each is seen in three or more, keep the EXIF data with the focal length, or give known cameras."
+    ]
+
+
+def _relative_path(file: Path, folder: Path) -> str:
+    """Return the path of `file` relative to `folder`; an absolute path if they are on different drives.
+
+    Symbolic links of folders are resolved, because `..` leads out of the folder that a link points to. A link to the
+    file itself is kept, because its name may differ.
+    """
+    resolved = file.parent.resolve() / file.name
+    try:
+        return Path(os.path.relpath(resolved, folder.resolve())).as_posix()
+    except ValueError:
+        return resolved.as_posix()
 
 
 def _transforms(found: Reconstruction, files: list[str]) -> dict[str, Any]:

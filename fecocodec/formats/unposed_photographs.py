@@ -29,8 +29,9 @@ def find_photographs(folder: Path) -> list[Path]:
 
 
 def upright_copies(photographs: list[Path], target: Path) -> list[ImageGroup]:
-    """Write an upright PNG of every photograph to `target`, under its name plus `.png`, with sides of at most 1600.
+    """Write an upright copy of every photograph to `target`, under its own name, with sides of at most 1600 pixels.
 
+    Copies hold PNG data whatever their suffix; readers recognise the format by the content.
     Returns groups of photographs of one size and focal length. Raises InputError for a photograph that cannot be read,
     or two that are equal.
     """
@@ -42,16 +43,12 @@ def upright_copies(photographs: list[Path], target: Path) -> list[ImageGroup]:
         if (same := name_of_pixels.get(pixels)) is not None:
             raise InputError(f"{path}: this is the same picture as {same}; remove one of the two.")
         name_of_pixels[pixels] = path.name
-        image.save(target / copy_name(path), compress_level=1)
-        members[image.size, focal].append(copy_name(path))
+        image.save(target / path.name, format="PNG", compress_level=1)
+        members[image.size, focal].append(path.name)
     return [
         ImageGroup(tuple(names), (focal or FOCAL_PRIOR) * max(size), focal is not None)
         for (size, focal), names in members.items()
     ]
-
-
-def copy_name(path: Path) -> str:
-    return f"{path.name}.png"
 
 
 def _upright(path: Path) -> tuple[Image.Image, float | None]:

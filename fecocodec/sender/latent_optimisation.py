@@ -20,7 +20,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate, step_size, steps_of_first
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import LatentCoder, Optimise, StageInputs
+from fecocodec.sender.stages import LatentCoder, OnFraction, Optimise, StageInputs
 
 Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
 
@@ -42,9 +42,9 @@ def optimiser(
     """
     num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
 
-    def optimise(y: Tensor, inputs: StageInputs) -> Tensor:
+    def optimise(y: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
-        return optimise_latents(encoder, config, estimate, inputs, y, steps)
+        return optimise_latents(encoder, config, estimate, inputs, y, steps, on_fraction)
 
     return optimise
 
@@ -56,10 +56,12 @@ def optimise_latents(
     inputs: StageInputs,
     y: Float[Tensor, "view latent h8 w8"],
     num_steps: int,
+    on_fraction: OnFraction = lambda _fraction: None,
 ) -> Float[Tensor, "view latent h8 w8"]:
     """Return y of one stage after `num_steps` steps of gradient descent on D + price * R.
 
     D is the distortion of the context views, rendered after this stage. R is the rate that `estimate` returns.
+    on_fraction: called before each step.
     """
     if num_steps == 0:
         return y
@@ -73,7 +75,12 @@ def optimise_latents(
     if num_steps > config.max_steps_unheld:
         held = hold_views_between(encoder, gaussians_of(estimate(y, inputs).y_hat))
 
+    num_evaluated = 0
+
     def objective(y: Tensor) -> Tensor:
+        nonlocal num_evaluated
+        on_fraction(num_evaluated / num_steps)
+        num_evaluated += 1
         estimated = estimate(y, inputs)
         distortion = _distortion(encoder, config, gaussians_of(estimated.y_hat), held)
         return distortion + price * estimated.bits.sum()

@@ -4,7 +4,7 @@ Used by encoding, rate control, training, the entropy phase, ablations and the u
 coder of the latents (bytes, additive noise, none) and in the optimisation of the latents before coding.
 """
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import torch
@@ -88,7 +88,8 @@ class SceneEncoder:
         """Run the stages and return their results.
 
         lambda_q: quantised lambda of the last stage of each scene. num_stages: streams hold at most two; later stages
-        repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs) -> optimised y.
+        repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs, on_fraction) ->
+        optimised y.
         """
         on_progress("matching views", 0.0)
         state, y_hat = self.initial_state, None  # S0
@@ -96,20 +97,22 @@ class SceneEncoder:
         offset = stage_1_offset(self.codec.receiver.config)
         lambdas = stage_lambdas(lambda_q.to(self.images.device), num_stages, offset)
         for number, lambda_q_k in enumerate(lambdas, start=1):
-            done = 0.1 + 0.9 * (number - 1) / num_stages
+            begin, end = _progress_of(number, num_stages)
             kind, lambda_q_of_item = min(number, 2), lambda_q_k.repeat_interleave(self.num_views)
             condition = self.codec.receiver.condition(lambda_q_of_item, kind)
             rendering = None
             if stages:
-                on_progress("rendering feedback", done)
+                on_progress("rendering feedback", begin)
                 rendering = self.render(stages[-1])  # I1_hat, of G1 = P(S1)
                 features = self.feedback(rendering, condition)  # F2 = E_fb(I, I1_hat)
             else:
                 features = self.features_at(condition)  # F1 = E_mv(I)
             inputs = StageInputs(kind, number == num_stages, lambda_q_of_item, condition, state, y_hat)
-            on_progress(f"optimising stage {number}", done + 0.1 / num_stages)
-            y = optimise(self.analyse(features, inputs), inputs)  # y_k = g_a(F_k, S_{k-1})
-            on_progress(f"coding stage {number}", done + 0.8 / num_stages)
+            task = f"optimising stage {number}"
+            on_progress(task, begin)
+            y = self.analyse(features, inputs)  # y_k = g_a(F_k, S_{k-1})
+            y = optimise(y, inputs, partial(_report_part, on_progress, task, begin, end))
+            on_progress(f"coding stage {number}", end)
             coded = code(y, inputs)
             y_hat, state = coded.y_hat, self.update(inputs, coded.y_hat)  # S_k = U(S_{k-1}, g_s(y_k_hat))
             stages.append(Stage(inputs, y, coded, state, rendering))
@@ -168,3 +171,17 @@ class SceneEncoder:
         errors = depth_feedback(self.matching.depth, disparity)
         features: Tensor = self.codec.sender.feedback(images, rendered, errors, condition)
         return features
+
+
+def _progress_of(number: int, num_stages: int) -> tuple[float, float]:
+    """Return the fractions of all work before and after the optimisation of a stage.
+
+    The last stage has twice as many steps as each earlier one, see `steps_of_first`.
+    """
+    before, own = number - 1, 2 if number == num_stages else 1
+    return 0.1 + 0.9 * before / (num_stages + 1), 0.1 + 0.9 * (before + own) / (num_stages + 1)
+
+
+def _report_part(on_progress: OnProgress, task: str, begin: float, end: float, fraction: float) -> None:
+    """Report a fraction of a part of the work, which extends from `begin` to `end`."""
+    on_progress(task, begin + (end - begin) * fraction)

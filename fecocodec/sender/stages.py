@@ -39,7 +39,8 @@ class CodedLatent(Protocol):
 
 Coded = TypeVar("Coded", bound=CodedLatent)
 LatentCoder = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Coded]
-Optimise = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Float[Tensor, "item latent h8 w8"]]
+OnFraction = Callable[[float], None]  # (fraction done)
+Optimise = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs, OnFraction], Float[Tensor, "item latent h8 w8"]]
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,6 @@ class Stage(Generic[Coded]):
     feedback: StageRendering | None
 
 
-def not_optimised(y: Tensor, inputs: StageInputs) -> Tensor:
+def not_optimised(y: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
     """Return the output of the analysis transform unchanged: no optimisation."""
     return y

@@ -59,6 +59,14 @@ def test_a_second_run_skips_and_the_summary_says_so(fecosplat, networks, scenes:
     assert "1 done, 0 skipped, 1 failed" in fecosplat(*arguments, "--lambda", "1e-2").err
 
 
+def test_summary_and_sidecar_name_options_as_the_terminal_does(fecosplat, networks, scenes: Path, output: Path) -> None:
+    result = fecosplat("batch", "encode", scenes, "-o", output, "--shard", "2/2", "--views", "0,9")
+    sentence = f"{scenes / 'wall'}: there is no view 9; give indices from 0 to 3 in --views."
+    assert result.err.startswith(f"wall failed: {sentence}\n")
+    assert (output / "summary.2-of-2.tsv").read_text().splitlines()[1].endswith(f"\t{sentence}")
+    assert json.loads((output / "wall.fcs.json").read_text())["error"] == sentence
+
+
 def test_shards_have_their_own_scenes(fecosplat, networks, scenes: Path, output: Path) -> None:
     assert fecosplat("batch", "encode", scenes, "-o", output, "--shard", "2/2", *FAST).code == 0
     names = sorted(path.name for path in output.iterdir())

@@ -31,11 +31,12 @@ def test_text_shows_size_and_sections(fecosplat, stream_file: Path, stream_bytes
     result = fecosplat("info", stream_file)
     assert result.code == 0
     assert "2 of 448x256" in result.out
-    assert "0.001, of stage 1 0.0059" in result.out
+    assert "0.001 (weight of the rate: a larger one gives a smaller, coarser file; stage 1 has 0.005986)" in result.out
     assert f"{len(stream_bytes)} bytes" in result.out
     rows = result.out.split("at byte")[1].splitlines()[1:]
     assert sum(int(row.split()[2]) for row in rows) == len(stream_bytes), "the column of bytes is all of the file"
     assert [line.split()[1] for line in result.out.splitlines()[-4:]] == ["header", "cameras", "B1", "B2"]
+    assert result.out.endswith("  stage 2: corrections to stage 1\n")
 
 
 def test_damaged_section_is_described_and_fails(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:

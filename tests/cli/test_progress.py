@@ -30,3 +30,43 @@ def test_a_terminal_shows_the_step(monkeypatch: pytest.MonkeyPatch, capsys: pyte
 def test_a_log_file_stays_empty(capsys: pytest.CaptureFixture[str]) -> None:
     work()
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Set the time of the progress by writing to the only element of this list."""
+    now = [0.0]
+    monkeypatch.setattr("fecosplat_cli.progress.monotonic", lambda: now[0])
+    return now
+
+
+def optimise(clock: list[float], seconds_per_step: float, num_steps: int) -> None:
+    """Report a slow start, then steps of equal length that make up nine tenths of the bar."""
+    with progress_bar() as on_progress:
+        on_progress("matching views", 0.0)
+        clock[0] += 15
+        for number in range(num_steps):
+            on_progress("optimising", 0.1 + 0.9 * number / num_steps)
+            clock[0] += seconds_per_step
+
+
+def test_long_work_prints_the_time_left_after_its_first_step(clock, capsys: pytest.CaptureFixture[str]) -> None:
+    optimise(clock, 2.0, 36)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "optimising: 12% done, about 70 s left"
+    assert lines[1:] == ["optimising: 38% done, about 50 s left", "optimising: 62% done, about 30 s left",
+                         "optimising: 88% done, about 10 s left"]  # fmt: skip
+
+
+def test_short_work_prints_nothing(clock, capsys: pytest.CaptureFixture[str]) -> None:
+    optimise(clock, 0.1, 36)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_terminal_shows_the_time_left(clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setattr(sys, "stderr", terminal)
+    optimise(clock, 2.0, 36)
+    assert "about" in terminal.getvalue() and "s left" in terminal.getvalue()

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from fecocodec.container import inspect
 from fecocodec.formats.image_headers import read_image_size
@@ -43,6 +44,54 @@ def test_photographs_without_cameras_are_encoded_previewed_and_decoded(fecosplat
         first = json.loads(coded.read_text())["frames"][0]["transform_matrix"]
         assert first[0] == pytest.approx([1, 0, 0, 0], abs=1e-6)
         assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_saved_cameras_encode_to_the_same_bytes_from_another_folder(fecosplat, unposed, tmp_path, monkeypatch) -> None:
+    """The photographs are links in a linked folder; the paths are relative to the folder of the camera file."""
+    pytest.importorskip("pycolmap")
+    store, other = tmp_path / "store", tmp_path / "far" / "away"
+    unposed.rename(store)
+    other.mkdir(parents=True)
+    (tmp_path / "real").mkdir()
+    for index, photograph in enumerate(sorted(store.iterdir())):
+        (tmp_path / "real" / f"{index}.png").symlink_to(photograph)
+    (tmp_path / "photos").symlink_to(tmp_path / "real")
+    monkeypatch.chdir(tmp_path)
+    cameras = Path("far/away/transforms.json")
+    assert fecosplat("encode", "photos", "-o", "a.fcs", *FAST, "--save-cameras", cameras).code == 0
+    files = [frame["file_path"] for frame in json.loads(cameras.read_text())["frames"]]
+    assert files == ["../../real/0.png", "../../real/1.png"]
+
+    monkeypatch.chdir(other)
+    for number, source in enumerate((tmp_path / "far" / "away", Path("transforms.json"), Path())):
+        output = tmp_path / f"again{number}.fcs"
+        result = fecosplat("encode", source, "-o", output, *FAST)
+        assert result.code == 0, result.err
+        assert output.read_bytes() == (tmp_path / "a.fcs").read_bytes()
+
+
+def test_saved_cameras_of_a_video_name_no_temporary_files(fecosplat, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    video, cameras = tmp_path / "clip.mkv", tmp_path / "cameras.json"
+    write_clip(video)
+    result = fecosplat("encode", video, "-o", tmp_path / "a.fcs", *FAST, "--frames", "2", "--save-cameras", cameras)
+    assert result.code == 0, result.err
+    assert "the frames of the video are not saved" in result.err
+    files = [frame["file_path"] for frame in json.loads(cameras.read_text())["frames"]]
+    assert files == ["frame000000.png", "frame000001.png"]
+
+
+def write_clip(path: Path) -> None:
+    """Write the two photographs of the example as a lossless video of two frames."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=1)
+        images = [Image.open(file).convert("RGB") for file in sorted((EXAMPLE / "images").iterdir())]
+        stream.width, stream.height = images[0].size
+        stream.pix_fmt = "bgr0"
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_image(image)))
+        container.mux(stream.encode())
 
 
 def test_save_cameras_is_for_photographs_without_cameras(fecosplat, tmp_path: Path) -> None:

@@ -10,9 +10,18 @@ from PIL import Image
 from scipy.ndimage import map_coordinates
 
 from fecocodec.errors import InputError
+from fecocodec.formats import pose_estimation
 from fecocodec.formats.camera_files import has_cameras
-from fecocodec.formats.pose_estimation import ImageGroup, reconstruct, refine
-from fecocodec.formats.posed_folder import posed_folder
+from fecocodec.formats.lens import Lens
+from fecocodec.formats.pose_estimation import (
+    EstimatedCamera,
+    ImageGroup,
+    Reconstruction,
+    pose_difference,
+    reconstruct,
+    refine,
+)
+from fecocodec.formats.posed_folder import posed_folder, reliability_warnings
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.formats.transforms_json import read_transforms_json
 
@@ -88,7 +97,7 @@ def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
     with posed_folder(tmp_path / "photos", num_threads=1) as posed:
         views = read_views(posed.path)
     assert views.image_size == (image.height, image.width)
-    assert set(views.names) == {f"{first.name}.png", "turned.jpg.png"}
+    assert set(views.names) == {first.name, "turned.jpg"}
 
 
 def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
@@ -176,3 +185,70 @@ def test_outliers_of_some_pixels_do_not_move_the_focal_length():
             point.xy = point.xy + 3 * offset / np.linalg.norm(offset)
     focal = refine(pycolmap, model, 4).cameras[1].params[0]
     assert abs(focal / 1280 - 1) < 5e-4
+
+
+def cameras_at(*positions: tuple[float, float, float], turn: float = 0.0) -> tuple[EstimatedCamera, ...]:
+    """Cameras named 0, 1, ... with one orientation; the last one is turned about the vertical axis, in degrees."""
+    lens = Lens(384, 288, 288.0, 288.0, 192.0, 144.0)
+    cameras = []
+    for index, position in enumerate(positions):
+        angle = np.radians(turn if index == len(positions) - 1 else 0.0)
+        pose = np.eye(4)
+        pose[:3, 3] = position
+        pose[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
+        cameras.append(EstimatedCamera(str(index), lens, pose, np.ones(1)))
+    return tuple(cameras)
+
+
+def test_the_difference_of_two_estimates_ignores_unit_of_length_and_short_baselines():
+    first = cameras_at((0, 0, 0), (1, 0, 0), (1.01, 0, 0))
+    assert pose_difference(first, cameras_at((0, 0, 0), (3, 0, 0), (3, 0.03, 0))) == pytest.approx((0, 0.57), abs=0.01)
+    assert pose_difference(first, cameras_at((0, 0, 0), (3, 0, 0), (3.03, 0, 0), turn=2.5)) == pytest.approx((2.5, 2.5))
+    rotation, direction = pose_difference(first, cameras_at((0, 0, 0), (-1, 0, 0), (-1.01, 0, 0)))
+    assert (rotation, direction) == pytest.approx((0, 180))
+    assert pose_difference(first, cameras_at((0, 0, 0), (1, 0, 0))) is None
+
+
+@pytest.mark.parametrize(
+    ("difference", "focal_px", "reasons"),
+    [
+        ((1.4, 4.9), 288.0, ()),
+        ((1.6, 3.0), 288.0, ("differs by up to 1.6 degrees in rotation and 3 degrees in direction",)),
+        ((0.1, 6.0), 288.0, ("differs by up to 0.1 degrees in rotation and 6 degrees in direction",)),
+        (None, 288.0, ("does not find all of them",)),
+        ((0.1, 0.1), 180.0, ("focal length is 1.60 times the initial one",)),
+        (None, 180.0, ("focal length is 1.60 times the initial one and a second estimate", "not find all")),
+    ],
+)
+def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons: tuple[str, ...]):
+    found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, difference)
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), focal_px, is_known=False)])
+    assert len(warnings) == (1 if reasons else 0)
+    for warning in warnings:
+        assert warning.startswith("warning: the cameras may be wrong: ") and warning.endswith(".")
+        assert all(reason in warning for reason in reasons)
+
+
+class Model:
+    """A reconstruction of four photographs with points of two observations each."""
+
+    def __init__(self, num_points: int) -> None:
+        track = type("Track", (), {"length": lambda self: 2})()
+        self.points3D = {index: type("Point", (), {"track": track})() for index in range(num_points)}
+        self.cameras: dict[int, object] = {}
+
+    def num_reg_images(self) -> int:
+        return 4
+
+
+def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monkeypatch):
+    """A reconstruction of all photographs from few of their matches is usually wrong."""
+    models = iter([{0: Model(6)}, {}, {0: Model(66)}, {0: Model(90)}])
+    mapper = type("Mapper", (), {"incremental_mapping": lambda *_arguments: next(models)})
+    monkeypatch.setattr(pose_estimation, "_mapping_options", lambda *_arguments: None)
+    attempts = ((8.0, 60, 24),) * 4
+    best = pose_estimation.map_photographs(
+        mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, {("0", "1"): 100}, 4
+    )
+    assert len(best.points3D) == 66
+    assert len(list(models)) == 1
