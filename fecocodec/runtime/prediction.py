@@ -64,7 +64,8 @@ def predict(graphs: Graphs, last: LastState, cameras: SceneCameras) -> Predictio
     )
     maps = {"positions": positions, "colours": colours}
     violation = _free_space_violation(graphs, maps | {"surfaces": surfaces}, poses)
-    return Prediction(positions, colours, opacities * (1 - violation), scales, rotations)
+    opacities = np.minimum(opacities * (1 - violation), np.float32(1))  # the sigmoid of onnxruntime can be 1 + 2^-23
+    return Prediction(positions, colours, opacities, scales, rotations)
 
 
 def poses_of(cameras: SceneCameras) -> Arrays:

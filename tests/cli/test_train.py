@@ -52,9 +52,11 @@ def test_options_override_the_configuration_and_nothing_else() -> None:
         (["--depth-weight", "nan", "1"], "give two numbers of 0 or more."),
         (["--lambda-range", "1e-3", "1e-4"], "The range of lambda goes from 0.001 down; give the smaller end first."),
         (["--lambda-range", "1e-9", "1e-4"], "lambda is 1e-09, outside the range of the codec"),
-        (["--photographs", "nowhere"], "nowhere: no scene folders with transforms.json"),
-        (["--textures", "nowhere"], "nowhere"),
-        (["--from", "nowhere"], "the weights cannot be read"),
+        (["--photographs", "nowhere"], "nowhere: there is no such file or folder"),
+        (["--photographs", str(Path(__file__).parent)], "cli: no scene folders with transforms.json"),
+        (["--textures", "nowhere"], "nowhere: there is no such file or folder"),
+        (["--from", "nowhere"], "nowhere: there is no such file or folder"),
+        (["--from", str(Path(__file__).parent)], "the weights cannot be read"),
         (["--device", "cuda:7"], "device cuda:7 was asked for"),
     ],
 )
@@ -83,6 +85,4 @@ def test_a_folder_that_is_a_file_is_one_sentence(fecosplat: CommandLine, tmp_pat
     path.write_text("not a folder")
     result = fecosplat("train", path, "--max-minutes", "0.001")
     assert (result.code, result.out) == (1, "")
-    assert result.err == (
-        f"fecosplat: {path}/samples: the folder cannot be made (Not a directory); choose another output path.\n"
-    )
+    assert result.err == f"fecosplat: {path}: this is not a folder; choose another output path.\n"

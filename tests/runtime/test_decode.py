@@ -1,7 +1,9 @@
 """The receiver without torch emits the Gaussians of the receiver with torch, within the tolerances of FORMAT.md."""
 
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -19,7 +21,7 @@ from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.state import State
 from fecocodec.runtime.decode import decode
 from fecocodec.runtime.emission import EmissionConfig, emit
-from fecocodec.runtime.graphs import graphs_of
+from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import SceneCameras
 from tests.vectors.chosen_symbols import cells_covered
@@ -75,6 +77,20 @@ def test_uncovered_cells_have_no_gaussians() -> None:
     found, expected = decode(data), decode_with_torch(data)
     assert found.gaussians.count == pytest.approx(expected.gaussians.count, abs=2)
     assert found.gaussians.count < 0.5 * decode(SCENE).gaussians.count
+
+
+def test_opacities_do_not_exceed_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sigmoid of onnxruntime can be the next number after 1, which no file of Gaussians may hold."""
+    run = Graphs.run
+
+    def rounded_up(graphs: Graphs, name: str, **inputs: Any) -> list[np.ndarray]:
+        outputs = run(graphs, name, **inputs)
+        if name == "attributes":
+            outputs[3] = np.full_like(outputs[3], np.nextafter(np.float32(1), np.float32(2)))
+        return outputs
+
+    monkeypatch.setattr(Graphs, "run", rounded_up)
+    assert decode(SCENE, has_background=False).gaussians.opacities.max() == 1
 
 
 def cameras_in_a_row(num_views: int) -> Cameras:
