@@ -131,9 +131,8 @@ def command(
     _require_device(device, scene)
     num_frames = None if path_name is None else frames or DEFAULT_FRAMES
     given = None if cameras_path is None else read_given_cameras(cameras_path, views, size)
-    names = names_of(given, scene, data, num_frames)
     is_preview = output is not None and video is None and given is None and path_name is None and is_image_file(output)
-    names = names[:1] if is_preview else names
+    names = names_of(given, scene, data, num_frames)[: 1 if is_preview else None]
     files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
     from fecocodec import decode, read_ply
