@@ -63,8 +63,6 @@ class Configuration:
             raise InputError(
                 "Features can be kept only while the extractor is frozen; add it to `frozen`, or keep none."
             )
-        if self.kept_batches and self.is_paper:
-            raise InputError("The paper's method keeps no features; leave out `kept_batches`.")
 
     @property
     def is_paper(self) -> bool:

@@ -8,11 +8,13 @@ colours and depths of the Gaussians. All other weights start at random and add t
 import math
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.predictor import PER_CELL
+from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
 
 PIXELS = 48  # of a 4x4 cell: (colour, row, column), as pixel unshuffle orders them
@@ -48,7 +50,11 @@ def _start_sender(sender: Sender) -> None:
     _set_zero(extractor.up_middle[0], 4 * CELL_CHANNELS)
     _set_only(extractor.output, _identity(CELL_CHANNELS))
 
-    _set_only(feedback.input, [(c, PIXELS + c, 0.5) for c in range(PIXELS)])
+    if isinstance(feedback, PictureFeedbackExtractor):  # half of 4 (I - I1_hat), of inputs 2 I - 1 and 2 I1_hat - 1
+        entries = [entry for c in range(PIXELS) for entry in ((c, c, 1.0), (c, PIXELS + c, -1.0))]
+    else:
+        entries = [(c, PIXELS + c, 0.5) for c in range(PIXELS)]
+    _set_only(feedback.input, entries)
     _set_zero(feedback.input, CELL_CHANNELS, first=PIXELS)
     for block in feedback.blocks:
         _set_identity(block, CELL_CHANNELS)
@@ -84,21 +90,28 @@ def _start_receiver(receiver: Receiver) -> None:
     predictor.depth_head.weight *= 0.1
     predictor.depth_head.weight[0, COLOURS, 1, 1] = DEPTH_SLOPE
     predictor.depth_head.get_parameter("bias").zero_()
-    _start_head(predictor.head[0], predictor.head[2])
+    _start_head(predictor.head[0], predictor.head[2], receiver.config.gaussians_per_side)
 
 
-def _start_head(first: nn.Module, last: nn.Module) -> None:
-    """Transmit colours through the GELU unchanged, because gelu(x) - gelu(-x) = x."""
+def _start_head(first: nn.Module, last: nn.Module, per_side: int) -> None:
+    """Transmit colours through the GELU unchanged, because gelu(x) - gelu(-x) = x.
+
+    per_side: rows and columns of a cell's Gaussians. Other numbers than two get the four colours averaged or repeated.
+    """
     _set_only(first, [entry for c in range(COLOURS) for entry in ((c, c, 1.0), (COLOURS + c, c, -1.0))])
+    num = per_side**2
     order = list(RAW)
-    offset = {name: PER_CELL * sum(RAW[n] for n in order[: order.index(name)]) for name in order}
+    offset = {name: num * sum(RAW[n] for n in order[: order.index(name)]) for name in order}
     weight, bias = last.get_parameter("weight"), last.get_parameter("bias")
-    for c in range(COLOURS):
-        weight[offset["colour"] + c, : 2 * COLOURS] = 0.0
-        weight[offset["colour"] + c, c] = COLOUR_SLOPE
-        weight[offset["colour"] + c, COLOURS + c] = -COLOUR_SLOPE
+    resampling = F.interpolate(torch.eye(PER_CELL).view(PER_CELL, 1, 2, 2), (per_side, per_side), mode="area")
+    slopes = COLOUR_SLOPE * resampling.flatten(1).T  # [Gaussian, colour of the cell]
+    for colour in range(3):
+        rows = slice(offset["colour"] + num * colour, offset["colour"] + num * (colour + 1))
+        weight[rows, : 2 * COLOURS] = 0.0
+        for sign, begin in ((1.0, PER_CELL * colour), (-1.0, COLOURS + PER_CELL * colour)):
+            weight[rows, begin : begin + PER_CELL, 0, 0] = sign * slopes
     for name, value in (("opacity", OPACITY), ("scale", LOG_SCALE)):
-        bias[offset[name] : offset[name] + PER_CELL * RAW[name]] = value
+        bias[offset[name] : offset[name] + num * RAW[name]] = value
 
 
 def forward_transform() -> Tensor:

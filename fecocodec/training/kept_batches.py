@@ -28,13 +28,22 @@ class KeptBatch:
 class KeptBatches:
     """A buffer of batches of one process, by shape; a batch leaves when `limit` newer ones have come."""
 
-    def __init__(self, limit: int, lambda_q_range: tuple[int, int]) -> None:
-        """lambda_q_range: lambda of a kept batch is drawn anew at each use, log-uniform, both ends included."""
-        self.limit, self.lambda_q_range = limit, lambda_q_range
+    def __init__(self, limit: int, lambda_q_range: tuple[int, int], fresh_share: float = FRESH_SHARE) -> None:
+        """lambda_q_range: lambda of a kept batch is drawn anew at each use, log-uniform, both ends included.
+
+        fresh_share: share of the calls of `take` that draw a new batch although there is a kept one.
+        """
+        self.limit, self.lambda_q_range, self.fresh_share = limit, lambda_q_range, fresh_share
         self._kept: deque[KeptBatch] = deque(maxlen=limit)
 
     def __len__(self) -> int:
         return len(self._kept)
+
+    def add(self, shape: BatchShape, batch: Batch, extracted: Extracted) -> KeptBatch:
+        """Keep a batch with its features."""
+        kept = KeptBatch(shape, replace(batch, images=batch.images.half()), extracted.half())
+        self._kept.append(kept)
+        return kept
 
     def take(
         self,
@@ -48,10 +57,9 @@ class KeptBatches:
         draw: draws a batch of this shape. extract: computes its features.
         """
         candidates = [kept for kept in self._kept if kept.shape == shape]
-        if not candidates or float(torch.rand((), generator=generator)) < FRESH_SHARE:
+        if not candidates or float(torch.rand((), generator=generator)) < self.fresh_share:
             batch = draw()
-            chosen = KeptBatch(shape, replace(batch, images=batch.images.half()), extract(batch).half())
-            self._kept.append(chosen)
+            chosen = self.add(shape, batch, extract(batch))
         else:
             chosen = candidates[int(torch.randint(len(candidates), (), generator=generator))]
         lowest, highest = self.lambda_q_range

@@ -13,7 +13,7 @@ from fecocodec.sender.distortion import Distortion
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
 from fecocodec.sender.stages import Stage, StageInputs, StageRendering
-from fecocodec.training.batch import Batch
+from fecocodec.training.batch import Batch, Extracted
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.training_pass import BatchEncoder, Coding
 
@@ -48,10 +48,15 @@ def code_with_additive_noise(receiver: Receiver, sender: Sender) -> Coding:
 
 
 def run_paper_stages(
-    sender: Sender, receiver: Receiver, batch: Batch, coding: Coding, num_stages: int
+    sender: Sender,
+    receiver: Receiver,
+    batch: Batch,
+    coding: Coding,
+    num_stages: int,
+    extracted: Extracted | None = None,
 ) -> list[RatedStage]:
-    """Code, decode and render a batch; returns the results per stage."""
-    encoder = PaperBatchEncoder(sender, receiver, batch)
+    """Code, decode and render a batch; returns the results per stage. extracted: see `BatchEncoder`."""
+    encoder = PaperBatchEncoder(sender, receiver, batch, extracted)
     num_pixels = encoder.num_pixels / len(batch.images)
     stages = encoder.run(batch.lambda_q, num_stages, coding)
     renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None] + [encoder.render(stages[-1])]

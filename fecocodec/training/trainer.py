@@ -20,8 +20,9 @@ from fecocodec.training.batch import Batch, Extracted
 from fecocodec.training.batch_source import BatchSource
 from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
 from fecocodec.training.dataset import Sources
-from fecocodec.training.fine_tuning import freeze, load_extractor, load_model_weights
+from fecocodec.training.fine_tuning import freeze, load_extractor, load_fitting_weights, load_model_weights
 from fecocodec.training.initialisation import start_as_block_transform
+from fecocodec.training.kept_batches import KeptBatches
 from fecocodec.training.log import append_lines, remove_rows_after
 from fecocodec.training.loss import loss_of
 from fecocodec.training.optimisation import build_optimiser, clipped_step
@@ -69,6 +70,12 @@ class Trainer:
         """Load the weights of a model's folder, except an extractor of another kind; see `load_model_weights`."""
         load_model_weights(self.sender, self.receiver, model)
         self._begin_average()
+
+    def start_variant_from(self, model: Path, anew: tuple[str, ...] = ()) -> tuple[str, ...]:
+        """Load those weights of a model's folder that fit, and return the others; see `load_fitting_weights`."""
+        missing = load_fitting_weights(self.sender, self.receiver, model, anew)
+        self._begin_average()
+        return missing
 
     def start_extractor_from(self, source: Path) -> LoadReport:
         """Load the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
@@ -151,11 +158,15 @@ class Trainer:
         """Return the batch of the present step, and its kept features if there are any."""
         return self._batches.at(self.step, self.seed, partial(extract, self.sender, self.receiver))
 
+    def take_batches_from(self, kept: KeptBatches) -> None:
+        """Train on these kept batches, for example those of another run."""
+        self._batches.kept = kept
+
     def _loss(self, batch: Batch, extracted: Extracted | None) -> tuple[Tensor, dict[str, float]]:
         """Run the stages and return the loss and its parts."""
         configuration, coding, num_stages = self.settings.configuration, self.coding, self.num_stages
         if configuration.is_paper:
-            stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages)
+            stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages, extracted)
             return paper_loss(batch, stages, configuration.distortion)
         weight = configuration.schedule.disparity_weight_at(self.step)
         outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, num_stages, extracted, weight)

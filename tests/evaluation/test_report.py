@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.records import Measurement
@@ -14,6 +15,7 @@ from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
 from fecocodec.evaluation.report.complexity_section import complexity_section
 from fecocodec.evaluation.report.page import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
+from fecocodec.evaluation.report.png import write_panels
 from fecocodec.evaluation.report.results import ResultFile
 from fecocodec.evaluation.report.scaling_section import scaling_section
 from fecocodec.evaluation.report.section import table
@@ -149,3 +151,11 @@ def test_results_are_of_one_set_of_weights_and_survive_a_cut(tmp_path: Path) -> 
     path.write_text("[1]\n{}\n")
     with pytest.raises(InputError, match=r"r\.jsonl: not results of this version"):
         ResultFile(path, "new")
+
+
+def test_panels_are_drawn_beside_each_other(tmp_path: Path) -> None:
+    curve = Series("full", (Mark(0.1, 20.0, "lambda 0.01"), Mark(1.0, 22.0, "lambda 0.001")))
+    charts = [Chart("panel", f"panel {number}", "bits", "dB", (curve,), has_log_x=True) for number in range(3)]
+    write_panels(charts, tmp_path / "panels.png")
+    with Image.open(tmp_path / "panels.png") as picture:
+        assert picture.size == (1200, 380)

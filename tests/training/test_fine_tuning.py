@@ -8,7 +8,7 @@ import torch
 
 import fecocodec
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
-from fecocodec.config import CodecConfig, PaperSenderConfig, SenderConfig
+from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.sender.codec import load_codec
@@ -120,3 +120,21 @@ def test_a_paper_sender_is_not_taken_for_a_compact_one(random_weights: Path, tmp
     )
     with pytest.raises(ModelError, match="its extractor 'unknown' is not known to this version"):
         load_codec(tmp_path, "cpu")
+
+
+def test_a_variant_takes_the_weights_that_fit(sources: Sources, random_weights: Path, tmp_path: Path) -> None:
+    """Another number of Gaussians and the feedback of the paper have layers of other shapes; one more starts anew."""
+    it = trainer(tmp_path / "run", sources, SenderConfig())
+    paper = ReceiverConfig(method=PAPER, gaussians_per_side=4)
+    variant = Trainer(replace(it.settings, configuration=replace(it.settings.configuration, receiver=paper)), sources)
+    before = {name: value.clone() for name, value in variant.networks.state_dict().items()}
+    it.start_from(random_weights / MODEL)
+    started = variant.start_variant_from(random_weights / MODEL, ("receiver.predictor.depth_head",))
+    layers = ("receiver.predictor.depth_head", "receiver.predictor.head.2")
+    assert set(started) == {"sender.feedback.input.weight", *(f"{layer}.{part}" for layer in layers for part in (
+        "weight", "bias",
+    ))}  # fmt: skip
+    usual = it.networks.state_dict()
+    for name, value in variant.networks.state_dict().items():
+        assert torch.equal(value, before[name] if name in started else usual[name])
+        assert torch.equal(value, variant.average[name])

@@ -4,7 +4,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.config import PAPER, ReceiverConfig, SenderConfig
 from fecocodec.geometry.gaussians import SH_DEGREE_0
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.extractors.compact import Matching
@@ -12,6 +12,7 @@ from fecocodec.sender.model import Sender
 from fecocodec.training.initialisation import (
     CELL_CHANNELS,
     COLOURS,
+    PIXELS,
     forward_transform,
     inverse_transform,
     start_as_block_transform,
@@ -48,9 +49,26 @@ def test_inverse_of_forward_gives_half_resolution_colours_and_disparity() -> Non
     assert (colours - F.avg_pool2d(picture, 2)).abs().mean() < 0.02
 
 
-@torch.no_grad()
+def paper_networks(per_side: int) -> tuple[Sender, Receiver]:
+    torch.manual_seed(0)
+    receiver = Receiver(ReceiverConfig(method=PAPER, gaussians_per_side=per_side)).eval()
+    sender = Sender(SenderConfig(), receiver.config).eval()
+    start_as_block_transform(sender, receiver)
+    return sender, receiver
+
+
 def test_gaussians_have_the_photographs_colours(networks: tuple[Sender, Receiver]) -> None:
-    sender, receiver = networks
+    assert colour_error(*networks, side=32) < 0.04
+
+
+@pytest.mark.parametrize("per_side", [1, 2, 4])
+def test_gaussians_of_other_resolutions_have_these_colours(per_side: int) -> None:
+    assert colour_error(*paper_networks(per_side), side=16 * per_side) < 0.04
+
+
+@torch.no_grad()
+def colour_error(sender: Sender, receiver: Receiver, side: int) -> float:
+    """Mean difference of the colours of side x side Gaussians from those of the picture, of half its resolution."""
     views = example_views(num_views=1)
     picture = (smooth_picture() + 1) / 2
     cells = torch.zeros(1, receiver.config.state_channels, 16, 16)
@@ -59,9 +77,17 @@ def test_gaussians_have_the_photographs_colours(networks: tuple[Sender, Receiver
     state = receiver.update.start(1, 16, 16)
     y_hat = sender.analysis(cells, state, condition).round()
     prediction = receiver.predict(receiver.next_state(state, y_hat, condition), views.cameras.as_batch(), condition)
-    colours = 0.5 + SH_DEGREE_0 * prediction.gaussians.scene(0).harmonics.view(1, 32, 32, 3).permute(0, 3, 1, 2)
-    error = (colours - F.avg_pool2d(picture, 2)).abs().mean()
-    assert error < 0.04
+    harmonics = prediction.gaussians.scene(0).harmonics.view(1, side, side, 3).permute(0, 3, 1, 2)
+    expected = F.interpolate(F.avg_pool2d(picture, 2), size=(side, side), mode="area")
+    return float((0.5 + SH_DEGREE_0 * harmonics - expected).abs().mean())
+
+
+@torch.no_grad()
+def test_the_papers_feedback_begins_with_the_errors_of_the_rendering() -> None:
+    sender, receiver = paper_networks(2)
+    images, renderings = torch.rand(2, 1, 3, 32, 32, generator=torch.Generator().manual_seed(2))
+    features = sender.feedback(images, renderings, torch.zeros(1, 2, 8, 8), receiver.condition(LAMBDA_Q, 2))
+    torch.testing.assert_close(features[:, :PIXELS], 2 * F.pixel_unshuffle(images - renderings, 4))
 
 
 @torch.no_grad()

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 import torch
 
+from fecocodec.config import SenderConfig
 from fecocodec.errors import InputError
 from fecocodec.training.batch_shapes import BatchShape, BatchShapes
-from fecocodec.training.configurations import CONFIGURATIONS, Configuration
+from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
 from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.kept_batches import KeptBatches
 from fecocodec.training.loop import train
@@ -45,6 +46,40 @@ def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> N
         outcomes, matched = run_stages(it.sender, it.receiver, batch, it.coding, 2, known)
         losses.append(loss_of(batch, outcomes, matched, 1.0)[0].detach())
     torch.testing.assert_close(*losses)
+
+
+def test_the_papers_method_has_the_same_loss_with_kept_features(tmp_path: Path) -> None:
+    paper = configuration_named("ablate-iterations-3")
+    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
+    configuration = replace(
+        paper, shapes=shapes, sender=SenderConfig(), precision="float32", frozen=("extractor",), kept_batches=2
+    )
+    sources = Sources(ProceduralWorld(pattern_textures(13)), None)
+    trainer = Trainer(RunSettings(tmp_path, configuration, 5.0), sources)
+    batch = draw_batch(sources, torch.Generator().manual_seed(1), SHAPE, 0.0)
+    losses = []
+    for known in (extract(trainer.sender, trainer.receiver, batch), None):
+        torch.manual_seed(2)
+        loss, parts = trainer._loss(batch, known)
+        losses.append(loss.detach())
+    torch.testing.assert_close(*losses)
+    assert {"bpp1", "bpp2", "bpp3"} <= parts.keys()
+
+
+def test_batches_that_were_added_are_taken_in_an_order_that_the_generator_alone_decides(it: Trainer) -> None:
+    def draw():
+        raise AssertionError("with a fresh share of 0, a kept batch is taken")
+
+    orders = []
+    for _ in range(2):
+        kept, generator = KeptBatches(3, (0, 1768), fresh_share=0.0), torch.Generator().manual_seed(5)
+        for seed in range(3):
+            batch = draw_batch(it.sources, torch.Generator().manual_seed(seed), SHAPE, 0.0)
+            kept.add(SHAPE, batch, extract(it.sender, it.receiver, batch))
+        taken = [kept.take(SHAPE, generator, draw, partial(extract, it.sender, it.receiver))[0] for _ in range(12)]
+        orders.append([(float(one.images.sum()), int(one.lambda_q)) for one in taken])
+    assert orders[0] == orders[1]
+    assert len({picture for picture, _ in orders[0]}) == 3
 
 
 def test_a_batch_is_used_again_with_another_lambda_until_newer_ones_replace_it(it: Trainer) -> None:

@@ -1,5 +1,6 @@
-"""Draw a chart as a PNG file with matplotlib."""
+"""Draw charts as PNG files with matplotlib."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,15 +8,34 @@ from fecocodec.evaluation.extras import require_extra
 from fecocodec.evaluation.report.charts import Chart
 from fecocodec.formats.atomic import write_atomically
 
-SIZE_INCHES, DPI = (7.6, 4.6), 100
+SIZE_INCHES, PANEL_INCHES, DPI = (7.6, 4.6), (4.0, 3.8), 100  # of a chart, of one of several charts
 MARKERS = "osD^vP*Xhp<>d8"
 
 
 def write_png(chart: Chart, path: Path) -> None:
     """Write or replace the file. Raises InputError if matplotlib is not installed, OutputError if writing fails."""
-    figure = require_extra("matplotlib.figure", "drawing charts").Figure(SIZE_INCHES, DPI, layout="constrained")
+    figure = _figure(SIZE_INCHES)
     axes = figure.subplots()
     _draw(chart, axes)
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    _save(figure, path)
+
+
+def write_panels(charts: Sequence[Chart], path: Path) -> None:
+    """Draw charts beside each other, with one scale of y. Writes and raises as `write_png` does."""
+    figure = _figure((PANEL_INCHES[0] * len(charts), PANEL_INCHES[1]))
+    for chart, axes in zip(charts, figure.subplots(1, len(charts), sharey=True, squeeze=False)[0], strict=True):
+        _draw(chart, axes)
+        axes.legend(fontsize=8)
+        axes.label_outer()
+    _save(figure, path)
+
+
+def _figure(size: tuple[float, float]) -> Any:
+    return require_extra("matplotlib.figure", "drawing charts").Figure(size, DPI, layout="constrained")
+
+
+def _save(figure: Any, path: Path) -> None:
     with write_atomically(path, overwrite=True) as temporary:
         figure.savefig(temporary, format="png")
 
@@ -44,4 +64,3 @@ def _draw(chart: Chart, axes: Any) -> None:
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(ticker.NullFormatter())
     axes.grid(visible=True, linewidth=0.3)
-    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.01, 1.0))
