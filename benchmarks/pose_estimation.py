@@ -5,11 +5,12 @@
 For each entry of the evaluation index, cameras of the context photographs are estimated. Reported are the number of
 registered photographs, the median errors of rotations and directions between pairs of cameras in degrees, the mean
 error of the camera centres after alignment by a similarity (relative to their spread), the ratio of the focal lengths,
-and the reprojection error. With --psnr, the first NUMBER entries are also encoded with stored and with estimated
-cameras. The last column is then, in dB, the PSNR of the target views with stored cameras, and what estimated cameras
-lose: at the target views with the estimated lens, at the target views with the stored lens, and at the context views.
-Poses of target views are carried over by the similarity. All photographs have the same lens, so a user of estimated
-cameras renders with the estimated lens; with the stored one, an error of the focal length is a zoom of the rendering.
+the reprojection error, the differences of the second estimate in degrees, and whether a warning is printed. With
+--psnr, the first NUMBER entries are also encoded with stored and with estimated cameras. The last column is then, in
+dB, the PSNR of the target views with stored cameras, and what estimated cameras lose: at the target views with the
+estimated lens, at the target views with the stored lens, and at the context views. Poses of target views are carried
+over by the similarity. All photographs have the same lens, so a user of estimated cameras renders with the estimated
+lens; with the stored one, an error of the focal length is a zoom of the rendering.
 """
 
 import shutil
@@ -33,7 +34,10 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.rendering.metrics import psnr
 
-COLUMNS = ("entry", "views", "registered", "rotation_deg", "direction_deg", "centre", "focal", "px", "seconds", "psnr")
+COLUMNS = (
+    "entry", "views", "registered", "rotation_deg", "direction_deg", "centre", "focal", "px", "second_rotation_deg",
+    "second_direction_deg", "warned", "seconds", "psnr",
+)  # fmt: skip
 
 
 @click.command()
@@ -74,7 +78,7 @@ def measure(data: Path, entry: IndexEntry, side: int | None) -> tuple[str, ...]:
                 entry.name,
                 str(len(context)),
                 "0",
-                *[""] * 5,
+                *[""] * 8,
                 f"{time.perf_counter() - start:.1f}",
                 str(error)[-60:],
             )
@@ -82,7 +86,7 @@ def measure(data: Path, entry: IndexEntry, side: int | None) -> tuple[str, ...]:
 
 
 def compare(context: list[PosedPhotograph], posed: PosedFolder) -> tuple[str, ...]:
-    """Return the registered count, errors of rotations and directions in degrees, centres and focal length."""
+    """Return the columns from `registered` to `warned`."""
     cameras = posed.reconstruction.cameras
     truth = stored_poses(context, posed)
     found = np.stack([camera.camera_to_world for camera in cameras])
@@ -105,6 +109,8 @@ def compare(context: list[PosedPhotograph], posed: PosedFolder) -> tuple[str, ..
         f"{error:.3f}",
         f"{lens.fx / known_lens.fx:.3f}",
         f"{posed.reconstruction.reprojection_error_px:.2f}",
+        *(f"{degrees:.1f}" for degrees in posed.reconstruction.difference or (float("nan"), float("nan"))),
+        "yes" if any(note.startswith("warning: ") for note in posed.notes) else "no",
     )
 
 
