@@ -13,7 +13,8 @@ import numpy as np
 
 from fecocodec.errors import InputError
 from fecocodec.formats.atomic import write_atomically
-from fecocodec.formats.pose_estimation import LEAST_ANGLE, EstimatedCamera, ImageGroup, Reconstruction, reconstruct
+from fecocodec.formats.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
+from fecocodec.formats.pose_estimation import LEAST_ANGLE, reconstruct
 from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, find_photographs, upright_copies
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 

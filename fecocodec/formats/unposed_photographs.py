@@ -7,9 +7,9 @@ import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
 from fecocodec.errors import InputError
+from fecocodec.formats.estimated_cameras import ImageGroup
 from fecocodec.formats.image_headers import IMAGE_SUFFIXES
 from fecocodec.formats.pillow_images import decode_with_pillow, unreadable
-from fecocodec.formats.pose_estimation import ImageGroup
 
 MAX_PHOTOGRAPHS = 60
 MAX_SIDE_PX = 1600  # of the copies from which features are extracted

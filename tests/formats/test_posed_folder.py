@@ -10,18 +10,13 @@ from PIL import Image
 from scipy.ndimage import map_coordinates
 
 from fecocodec.errors import InputError
-from fecocodec.formats import pose_estimation
+from fecocodec.formats import pycolmap_steps
 from fecocodec.formats.camera_files import has_cameras
+from fecocodec.formats.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction, pose_difference
 from fecocodec.formats.lens import Lens
-from fecocodec.formats.pose_estimation import (
-    EstimatedCamera,
-    ImageGroup,
-    Reconstruction,
-    pose_difference,
-    reconstruct,
-    refine,
-)
+from fecocodec.formats.pose_estimation import reconstruct
 from fecocodec.formats.posed_folder import posed_folder, reliability_warnings
+from fecocodec.formats.pycolmap_steps import refine
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.formats.transforms_json import read_transforms_json
 
@@ -245,9 +240,9 @@ def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monke
     """A reconstruction of all photographs from few of their matches is usually wrong."""
     models = iter([{0: Model(6)}, {}, {0: Model(66)}, {0: Model(90)}])
     mapper = type("Mapper", (), {"incremental_mapping": lambda *_arguments: next(models)})
-    monkeypatch.setattr(pose_estimation, "_mapping_options", lambda *_arguments: None)
+    monkeypatch.setattr(pycolmap_steps, "_mapping_options", lambda *_arguments: None)
     attempts = ((8.0, 60, 24),) * 4
-    best = pose_estimation.map_photographs(
+    best = pycolmap_steps.map_photographs(
         mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, {("0", "1"): 100}, 4
     )
     assert len(best.points3D) == 66
