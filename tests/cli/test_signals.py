@@ -47,13 +47,13 @@ import os, sys
 import fecocodec.formats.pose_estimation as estimation
 from fecosplat_cli.main import main
 
-number, match = int(sys.argv.pop(1)), estimation._match
+number, match = int(sys.argv.pop(1)), estimation.match_features
 
 def interrupted(*arguments):
     os.kill(os.getpid(), number)
     match(*arguments)
 
-estimation._match = interrupted
+estimation.match_features = interrupted
 main()
 """
 LINES = {
