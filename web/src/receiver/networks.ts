@@ -152,7 +152,8 @@ function predictionOf(maps: Tensors, violation: Float32Array, harmonics: Float32
       means: channelsLast(floatsOf(maps.positions), maps.opacities.dims[0]),
       scales: floatsOf(maps.scales),
       rotations: floatsOf(maps.rotations),
-      opacities: opacities.map((opacity, index) => opacity * (1 - violation[index])),
+      // The sigmoid of onnxruntime can be the next float32 after 1.
+      opacities: opacities.map((opacity, index) => Math.min(1, opacity * (1 - violation[index]))),
       harmonics: harmonics ?? plain,
     },
   };
