@@ -58,12 +58,12 @@ class Trainer:
 
     @property
     def checkpoint(self) -> Path:
-        """The file that `run` saves and `resume` reads."""
+        """The file that `loop.train` saves and `resume` reads."""
         return self.settings.folder / "last.pt"
 
     @property
     def log(self) -> Path:
-        """The CSV file to which `run` appends rows."""
+        """The CSV file to which `loop.train` appends rows."""
         return self.settings.folder / "log.csv"
 
     def start_from(self, model: Path) -> None:
