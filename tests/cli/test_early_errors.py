@@ -151,12 +151,14 @@ def test_missing_packages_are_reported_before_any_work(
 def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from fecosplat_cli.progress import progress_bar
 
-    seconds = iter((0.0, 10.0, 31.0, 31.0, 40.0, 62.0, 62.0))
-    monkeypatch.setattr("fecosplat_cli.progress.monotonic", lambda: next(seconds))
+    now = [0.0]
+    monkeypatch.setattr("fecosplat_cli.progress.monotonic", lambda: now[0])
     with progress_bar() as on_progress:
-        for tenth in range(1, 5):
+        for tenth, seconds in enumerate((10.0, 31.0, 40.0, 62.0), start=1):
+            now[0] = seconds
             on_progress("refining", tenth / 10)
-    assert capsys.readouterr() == ("", "refining: 20% done\nrefining: 40% done\n")
+    lines = "refining: 20% done, about 3 min left\nrefining: 40% done, about 2 min left\n"
+    assert capsys.readouterr() == ("", lines)
 
 
 def test_more_threads_than_any_machine_has(fecosplat, stream_file: Path, output: Path) -> None:

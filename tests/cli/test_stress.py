@@ -22,7 +22,7 @@ def test_the_table_is_written_and_broken_rules_are_named(
     monkeypatch.setattr(stress_run, "read_pairs", lambda *_arguments: {})
     monkeypatch.setattr(stress_run, "run_suite", verdicts)
     model, output, index = random_weights / MODEL, tmp_path / "out", tmp_path / "i.json"
-    index.touch()
+    index.write_text("{}")
     result = fecosplat("stress", tmp_path, "--index", index, "-o", output, "--model", model)
     assert result.code == 1 and "1 of 2 cases hold" in result.err
     assert "wall: black: the sender gave no warning" in result.err
