@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -96,7 +97,7 @@ def test_a_file_without_permission_is_no_wrong_usage(
 def test_a_page_that_was_not_built_is_reported_before_the_file_is_read(
     fecosplat, tmp_path: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(viewer_files.scene_page, "__defaults__", (tmp_path,))
+    monkeypatch.setattr(viewer_files, "scene_page", partial(viewer_files.scene_page, tmp_path))
     monkeypatch.chdir(tmp_path)
     result = fecosplat(*arguments)
     assert result.code == 1
