@@ -12,6 +12,8 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
+from fecocodec.sender.latent_coding import EstimatedLatent
+from fecocodec.sender.stages import StageInputs
 from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShape, BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint
@@ -46,8 +48,8 @@ def batch_of(it: Trainer, rank: int) -> Batch:
 def backward(it: Trainer, batch: Batch) -> None:
     """Gradients of one pass whose coding has neither noise nor rounding, so that nothing depends on who computes it."""
 
-    def code(y: Tensor, lambda_q: Tensor, stage: int, context: Tensor | None) -> tuple[Tensor, Tensor]:
-        return y, y.abs().flatten(1).sum(dim=1)
+    def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
+        return EstimatedLatent(y, y.abs().flatten(1).sum(dim=1))
 
     outcomes, matched = run_stages(it.sender, it.receiver, batch, code, 2)
     loss_of(batch, outcomes, matched, 1.0)[0].backward()
