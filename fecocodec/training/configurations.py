@@ -59,9 +59,10 @@ class Configuration:
             raise InputError(
                 f"The range of lambda goes from {self.lambda_range[0]:g} down; give the smaller end first."
             )
-        if self.kept_batches and "extractor" not in self.frozen:
+        if self.kept_batches and not {"extractor", "matching"} & set(self.frozen):
             raise InputError(
-                "Features can be kept only while the extractor is frozen; add it to `frozen`, or keep none."
+                "Features can be kept only while the extractor or its matching is frozen; add one of them to `frozen`, "
+                "or keep none."
             )
 
     @property

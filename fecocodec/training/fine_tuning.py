@@ -13,12 +13,13 @@ from fecocodec.errors import InputError, ModelError
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.adapted import adopt_codec
+from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 
-FREEZABLE = ("receiver", "extractor")
+FREEZABLE = ("receiver", "extractor", "matching")
 
 
 def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
@@ -80,9 +81,18 @@ def load_extractor(sender: Sender, source: Path) -> LoadReport:
 
 
 def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
-    """Exclude these parts from training: "receiver", "extractor". Raises InputError for any other name."""
-    parts: dict[str, nn.Module] = {"receiver": receiver, "extractor": sender.extractor}
+    """Exclude these parts from training: "receiver", "extractor", "matching" (all but fusion of the compact extractor).
+
+    Raises InputError for any other name, and for "matching" with another extractor.
+    """
+    matching = sender.extractor.before_fusion if isinstance(sender.extractor, CompactExtractor) else ()
+    parts: dict[str, tuple[nn.Module | nn.Parameter, ...]] = {
+        "receiver": (receiver,),
+        "extractor": (sender.extractor,),
+        "matching": matching,
+    }
     for name in names:
-        if name not in parts:
+        if not parts.get(name):
             raise InputError(f"There is no part '{name}' to freeze; choose from {', '.join(FREEZABLE)}.")
-        parts[name].requires_grad_(False)
+        for part in parts[name]:
+            part.requires_grad_(False)

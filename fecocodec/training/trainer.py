@@ -156,7 +156,8 @@ class Trainer:
 
     def draw_batch(self) -> tuple[Batch, Extracted | None]:
         """Return the batch of the present step, and its kept features if there are any."""
-        return self._batches.at(self.step, self.seed, partial(extract, self.sender, self.receiver))
+        is_fused = "extractor" in self.settings.configuration.frozen
+        return self._batches.at(self.step, self.seed, partial(extract, self.sender, self.receiver, is_fused))
 
     def take_batches_from(self, kept: KeptBatches) -> None:
         """Train on these kept batches, for example those of another run."""

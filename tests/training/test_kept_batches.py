@@ -39,7 +39,7 @@ def it(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
 
 def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> None:
     batch = draw_batch(it.sources, torch.Generator().manual_seed(1), SHAPE, 0.0)
-    extracted = extract(it.sender, it.receiver, batch)
+    extracted = extract(it.sender, it.receiver, True, batch)
     losses = []
     for known in (extracted, None):
         torch.manual_seed(2)  # of the noise in place of rounding
@@ -75,7 +75,7 @@ def test_batches_that_were_added_are_taken_in_an_order_that_the_generator_alone_
         kept, generator = KeptBatches(3, (0, 1768), fresh_share=0.0), torch.Generator().manual_seed(5)
         for seed in range(3):
             batch = draw_batch(it.sources, torch.Generator().manual_seed(seed), SHAPE, 0.0)
-            kept.add(SHAPE, batch, extract(it.sender, it.receiver, batch))
+            kept.add(SHAPE, batch, extract(it.sender, it.receiver, True, batch))
         taken = [kept.take(SHAPE, generator, draw, partial(extract, it.sender, it.receiver))[0] for _ in range(12)]
         orders.append([(float(one.images.sum()), int(one.lambda_q)) for one in taken])
     assert orders[0] == orders[1]

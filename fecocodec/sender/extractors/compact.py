@@ -80,6 +80,12 @@ class CompactExtractor(nn.Module):
         self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
         self.output = PointwiseConv2d(fine, channels)
 
+    @property
+    def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
+        """All parts whose results `fuse` takes."""
+        parts = (self.stem, self.down_stem, self.cross_view, self.up_attended, self.matching_head, self.log_temperature)
+        return parts if self.completion is None else (*parts, self.completion)
+
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
     ) -> Float[Tensor, "item channel h4 w4"]:

@@ -23,9 +23,9 @@ def normalised(images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 3 h w
 class LayerScale(nn.Module):
     """Learned factor for each channel."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int, start: float) -> None:
         super().__init__()
-        self.gamma = nn.Parameter(torch.full((CHANNELS,), 1e-5))
+        self.gamma = nn.Parameter(torch.full((channels,), start))
 
     def forward(self, x: Float[Tensor, "*batch channel"]) -> Float[Tensor, "*batch channel"]:
         return x * self.gamma
@@ -34,12 +34,13 @@ class LayerScale(nn.Module):
 class Attention(nn.Module):
     """Self-attention over all tokens of a view."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int, num_heads: int) -> None:
         super().__init__()
-        self.qkv, self.proj = nn.Linear(CHANNELS, 3 * CHANNELS), nn.Linear(CHANNELS, CHANNELS)
+        self.num_heads = num_heads
+        self.qkv, self.proj = nn.Linear(channels, 3 * channels), nn.Linear(channels, channels)
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
-        query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, n=_NUM_HEADS)
+        query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, n=self.num_heads)
         attended = F.scaled_dot_product_attention(query, key, value)
         return self.proj(rearrange(attended, "i n t c -> i t (n c)"))
 
@@ -47,9 +48,9 @@ class Attention(nn.Module):
 class Mlp(nn.Module):
     """Linear -> GELU -> linear."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int, hidden: int) -> None:
         super().__init__()
-        self.fc1, self.fc2 = nn.Linear(CHANNELS, _HIDDEN), nn.Linear(_HIDDEN, CHANNELS)
+        self.fc1, self.fc2 = nn.Linear(channels, hidden), nn.Linear(hidden, channels)
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
         return self.fc2(F.gelu(self.fc1(x)))
@@ -58,11 +59,14 @@ class Mlp(nn.Module):
 class Block(nn.Module):
     """Pre-norm attention and MLP, each with LayerScale and a residual connection."""
 
-    def __init__(self) -> None:
+    def __init__(
+        self, channels: int = CHANNELS, num_heads: int = _NUM_HEADS, hidden: int = _HIDDEN, first_scale: float = 1e-5
+    ) -> None:
+        """hidden: width of the MLP. first_scale: of LayerScale, before training."""
         super().__init__()
-        self.norm1, self.norm2 = nn.LayerNorm(CHANNELS, _EPSILON), nn.LayerNorm(CHANNELS, _EPSILON)
-        self.attn, self.mlp = Attention(), Mlp()
-        self.ls1, self.ls2 = LayerScale(), LayerScale()
+        self.norm1, self.norm2 = nn.LayerNorm(channels, _EPSILON), nn.LayerNorm(channels, _EPSILON)
+        self.attn, self.mlp = Attention(channels, num_heads), Mlp(channels, hidden)
+        self.ls1, self.ls2 = LayerScale(channels, first_scale), LayerScale(channels, first_scale)
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
         x = x + self.ls1(self.attn(self.norm1(x)))
