@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 import torch.nn.functional as F
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
@@ -99,37 +99,57 @@ class CompactExtractor(nn.Module):
         of the images is added: correlation of pixel windows is less distinctive than learned features, but localises
         more precisely.
         """
-        photographs = _flat(images)
-        colours, sources = F.avg_pool2d(photographs, 4), nearest_views(cameras, self.config.num_source_views)
+        sources = nearest_views(cameras, self.config.num_source_views)
+        appearance, cost = self._scores(images, cameras, sources)
+        maps = self._aggregated(cost, images, cameras, sources)
+        return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps, self._completed(images, maps))
+
+    def matched_maps(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, num_sources: int
+    ) -> MatchedMaps:
+        """Return what matching each view against its `num_sources` nearest other views finds out."""
+        sources = nearest_views(cameras, num_sources)
+        return self._aggregated(self._scores(images, cameras, sources)[1], images, cameras, sources)
+
+    def _scores(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
+    ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
+        """Return appearance features, and the matching score of each depth candidate."""
         agreement = _flat(photo_consistency(images, cameras, sources, self.config.num_candidates))
-        appearance, cost = self._match_level(images, cameras)
+        appearance, cost = self._match_level(images, cameras, sources)
         cost = cost * self.log_temperature[0].exp()
         for log_temperature in self.log_temperature[1:PYRAMID_LEVELS]:
             images = rearrange(F.avg_pool2d(_flat(images), 2), "(b v) c h w -> b v c h w", b=len(images))
-            coarse = self._match_level(images, cameras)[1] * log_temperature.exp()
+            coarse = self._match_level(images, cameras, sources)[1] * log_temperature.exp()
             cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
-        cost = cost + agreement * self.log_temperature[PYRAMID_LEVELS].exp()
-        probability = (SHARPNESS * aggregate_costs(cost.detach(), colours)).softmax(dim=1)
-        disparity = _expectation(probability)
-        consistency = cross_view_consistency(
-            rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources
-        )
-        maps = _matched_maps(photographs, probability, disparity, _flat(consistency[:, :, None]))
-        return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps, self.complete(photographs, maps))
+        return appearance, cost + agreement * self.log_temperature[PYRAMID_LEVELS].exp()
 
-    def complete(self, photographs: Float[Tensor, "item 3 h w"], maps: MatchedMaps) -> Float[Tensor, "item 1 h4 w4"]:
-        """Return relative disparity in [0, 1] of all pixels."""
+    def _aggregated(
+        self,
+        cost: Float[Tensor, "item candidate h4 w4"],
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        sources: Int[Tensor, "batch view count"],
+    ) -> MatchedMaps:
+        photographs = _flat(images)
+        probability = (SHARPNESS * aggregate_costs(cost.detach(), F.avg_pool2d(photographs, 4))).softmax(dim=1)
+        disparity = _expectation(probability)
+        of_views = rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images))
+        consistency = _flat(cross_view_consistency(of_views, cameras, sources)[:, :, None])
+        extrapolated = extrapolate_planes(disparity, consistency, photographs)
+        return MatchedMaps(disparity, consistency, probability.amax(dim=1, keepdim=True), extrapolated)
+
+    def _completed(self, images: Float[Tensor, "batch view 3 h w"], maps: MatchedMaps) -> Float[Tensor, "item 1 h4 w4"]:
         if self.completion is None:
             return maps.blended
-        return self.completion(maps, photographs, dinov2_features(photographs))
+        return self.completion(maps, _flat(images), dinov2_features(_flat(images)))
 
     def _match_level(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
     ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
         """Return appearance features, and correlations in [-1, 1], at one level of the pyramid."""
         batch, views = images.shape[:2]
         appearance = self.stem(_flat(images) * 2.0 - 1.0)
-        sources = nearest_views(cameras, self.config.num_source_views)
         attended = rearrange(self.down_stem(appearance), "(b v) c h w -> b v c h w", v=views)
         for layer in self.cross_view:
             attended = layer(attended, sources)
@@ -155,17 +175,6 @@ class CompactExtractor(nn.Module):
 
 def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
     return rearrange(x, "b v c h w -> (b v) c h w")
-
-
-def _matched_maps(
-    photographs: Float[Tensor, "item 3 h w"],
-    probability: Float[Tensor, "item candidate h4 w4"],
-    disparity: Float[Tensor, "item 1 h4 w4"],
-    consistency: Float[Tensor, "item 1 h4 w4"],
-) -> MatchedMaps:
-    """probability: of the depth candidates, after aggregation."""
-    confidence = probability.amax(dim=1, keepdim=True)
-    return MatchedMaps(disparity, consistency, confidence, extrapolate_planes(disparity, consistency, photographs))
 
 
 def _expectation(probability: Float[Tensor, "item candidate h w"]) -> Float[Tensor, "item 1 h w"]:
