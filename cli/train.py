@@ -31,8 +31,8 @@ Examples:
 @click.argument("folder", metavar="FOLDER", type=FILE_PATH)
 @click.option(
     "--config", "name", default="compact", show_default=True, metavar="NAME",
-    help="Training configuration: compact, paper-re10k, paper-dl3dv, or a variant such as ablate-no-feedback "
-    "(docs/paper_profile.md). Options below without a default override it.",
+    help="Training configuration: compact, compact-monocular, paper-re10k, paper-dl3dv, or a variant such as "
+    "ablate-no-feedback (docs/paper_profile.md). Options below without a default override it.",
 )  # fmt: skip
 @click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes, each with a transforms.json.")
 @click.option(

@@ -102,5 +102,5 @@ def completion_loss(completion: DepthCompletion, scene: CompletionScene) -> tupl
 def _completion_of(trainer: Trainer) -> DepthCompletion:
     extractor = trainer.sender.extractor
     if not isinstance(extractor, CompactExtractor) or extractor.completion is None:
-        raise InputError("This sender has no depth completion to train; choose the configuration compact.")
+        raise InputError("This sender has no depth completion to train; choose the configuration compact-monocular.")
     return extractor.completion

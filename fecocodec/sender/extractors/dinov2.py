@@ -56,6 +56,11 @@ def serialise_dinov2(network: VisionTransformer) -> bytes:
 
 def load_dinov2(path: Path = FILE) -> VisionTransformer:
     """Return the network of a file of 8-bit weights, frozen. Raises ModelError if the file is missing or damaged."""
+    if not path.is_file():
+        raise ModelError(
+            f"{path}: DINOv2's weights are not here; packages leave them out, so take this file from the repository, "
+            "or make it by benchmarks/quantise_dinov2.py."
+        )
     tensors = dict(_dequantised(read_stored_tensors(path), path))
     network = VisionTransformer()
     load_into(network, tensors, path)
