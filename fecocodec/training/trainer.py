@@ -127,6 +127,7 @@ class Trainer:
         if self._is_on_cuda:
             contents["cuda_generators"] = gather_states(torch.cuda.get_rng_state(self.settings.device))
         if is_first():
+            make_folder(path.parent)
             save_checkpoint(path, contents)
 
     @property

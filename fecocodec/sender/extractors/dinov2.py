@@ -13,10 +13,9 @@ from pathlib import Path
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int8
-from safetensors.torch import save
 from torch import Tensor
 
-from fecocodec.checkpoint import SHIPPED, load_into, read_stored_tensors
+from fecocodec.checkpoint import SHIPPED, load_into, read_stored_tensors, serialise_tensors
 from fecocodec.errors import ModelError
 from fecocodec.sender.extractors.vision_transformer import CHANNELS, PATCH, VisionTransformer, normalised
 
@@ -51,7 +50,7 @@ def serialise_dinov2(network: VisionTransformer) -> bytes:
             stored[name] = tensor.half().contiguous()
             continue
         stored[name], stored[name + _SCALE] = _quantised(tensor)
-    return save(stored)
+    return serialise_tensors(stored)
 
 
 def load_dinov2(path: Path = FILE) -> VisionTransformer:
