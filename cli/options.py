@@ -18,6 +18,18 @@ Function = TypeVar("Function", bound=Callable[..., object])
 FILE_PATH = click.Path(readable=False, path_type=Path)
 
 
+class _InputFile(click.ParamType):
+    """The path of an input file; `-` is standard input."""
+
+    name = "path"
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        return Path("/dev/stdin") if str(value) == "-" else Path(value)
+
+
+STREAM_PATH = _InputFile()
+
+
 def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
     """Parse WIDTHxHEIGHT to `(height, width)` in pixels, the order that the library uses."""
     if value is None:
