@@ -10,7 +10,7 @@ from fecocodec.errors import BitstreamError
 
 from .error_context import error_context
 from .metadata_options import FIELDS
-from .options import STREAM_PATH, json_option
+from .options import json_option, stream_path
 from .output import print_columns, print_fields, print_json
 from .terminal import printable
 
@@ -33,7 +33,7 @@ Examples:
   fecosplat info scene.fcs --json
   fecosplat info --parameters paper""",
 )
-@click.argument("stream", metavar="[FILE.fcs]", required=False, type=STREAM_PATH)
+@click.argument("stream", metavar="[FILE.fcs]", required=False, type=stream_path)
 @click.option(
     "--parameters",
     "profile",

@@ -18,16 +18,9 @@ Function = TypeVar("Function", bound=Callable[..., object])
 FILE_PATH = click.Path(readable=False, path_type=Path)
 
 
-class _InputFile(click.ParamType):
-    """The path of an input file; `-` is standard input."""
-
-    name = "path"
-
-    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        return Path("/dev/stdin") if str(value) == "-" else Path(value)
-
-
-STREAM_PATH = _InputFile()
+def stream_path(value: str) -> Path:
+    """Return the path of a .fcs file to read; `-` is standard input."""
+    return Path("/dev/stdin") if value == "-" else Path(value)
 
 
 def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
