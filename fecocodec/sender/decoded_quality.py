@@ -63,7 +63,7 @@ def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[s
     worst = quality.worst_view
     return (
         f"{found} (worst {names[worst]}, {quality.psnr_of_view[worst]:.1f} dB), and images between them will be worse; "
-        "choose fewer `views`, which are closer together, or use a smaller lambda or more `effort`.",
+        "choose fewer `views`, which are closer together, or use more `effort`.",
     )
 
 
