@@ -1,8 +1,8 @@
 """Overlap of the context views after matching, and warnings about views that do not fit the others.
 
 The limits were chosen on scenes that weights are trained on: of pairs with overlap, 15% or more of the pixels are
-confirmed; of pairs whose second photograph was replaced by that of another scene, fewer than 2%. Views from opposite
-sides of an object reached 3.2% (tt_truck), views of one room 5.6% or more.
+confirmed; of pairs whose second photograph was replaced by that of another scene, fewer than 2%. Views of two
+sides of an object that the cameras put at one place reached 3.2% (tt_truck), views of one room 5.6% or more.
 """
 
 import math
@@ -92,8 +92,8 @@ def overlap_warnings(overlap: ViewOverlap, names: tuple[str, ...]) -> tuple[str,
     parts = _parts(mutual[fitting][:, fitting], [name for name, fits in zip(names, fitting, strict=True) if fits])
     if len(parts) > 1:
         warnings.append(
-            f"the views fall into {len(parts)} parts that hardly confirm each other: {'; '.join(parts)}; choose "
-            "`views` that connect them, or encode each part to a file of its own."
+            f"the views fall into {len(parts)} parts that hardly confirm each other: {'; '.join(parts)}; check "
+            "their cameras, choose `views` that connect the parts, or encode each part to a file of its own."
         )
     return tuple(warnings)
 

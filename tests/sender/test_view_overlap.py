@@ -58,7 +58,7 @@ def test_one_view_has_no_overlap_to_warn_of() -> None:
 
 
 def test_parts_that_do_not_confirm_each_other_are_listed() -> None:
-    """Two sides of an object: each view is confirmed by its neighbour, but no view connects the sides."""
+    """Two sides of an object: each view is confirmed by its neighbour, but none connects the sides."""
     confirmed = torch.zeros(5, 5)
     for first, second, share in ((0, 1, 0.5), (2, 3, 0.2), (1, 2, 0.03), (0, 4, 0.01)):
         confirmed[first, second] = share
@@ -69,7 +69,8 @@ def test_parts_that_do_not_confirm_each_other_are_listed() -> None:
         "the views fall into 2 parts that hardly confirm each other: a.png, b.png",
     ]
     assert warnings[1].endswith(
-        "; c.png, d.png; choose `views` that connect them, or encode each part to a file of its own."
+        "; c.png, d.png; check their cameras, choose `views` that connect the parts, or encode each part to a file of "
+        "its own."
     )
     confirmed[1, 2] = 0.05
     assert len(overlap_warnings(ViewOverlap(torch.full((5, 5), 0.5), confirmed), names)) == 1
