@@ -22,7 +22,7 @@ from statistics import mean
 import numpy as np
 import torch
 
-from fecocodec import check_input
+from fecocodec import DecodedQuality, check_input, quality_warnings
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
 from fecocodec.formats.camera_files import read_cameras
@@ -106,6 +106,7 @@ def measure(codec: Codec, folder: Path, selection: str, short_side: int, lmbda: 
         rendered = render(decode_with(codec.receiver, data).gaussians, views.cameras, views.image_size).color
     quality = psnr(rendered.clamp(0, 1), views.images).tolist()
     of_context, of_target = quality[: len(chosen)], quality[len(chosen) :]
+    warnings += quality_warnings(DecodedQuality(tuple(of_context)), context.names)
     of_each = ", ".join(f"{index}: {value:.1f}" for index, value in zip(targets, of_target, strict=True))
     for sentence in warnings:
         print(f"# {sentence}")

@@ -12,7 +12,6 @@ import torch
 import torch.nn.functional as F
 from einops import rearrange
 from jaxtyping import Bool, Float
-from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
@@ -100,10 +99,10 @@ def overlap_warnings(overlap: ViewOverlap, names: tuple[str, ...]) -> tuple[str,
 
 def _parts(confirmed: Float[Tensor, "view view"], names: list[str]) -> list[str]:
     """Return the names of the views of each connected part. Two views are connected from LEAST_LINK on."""
-    if not names:
-        return []
-    count, part_of = connected_components(confirmed.numpy() >= LEAST_LINK, directed=False)
-    return [", ".join(name for name, own in zip(names, part_of, strict=True) if own == part) for part in range(count)]
+    links = (confirmed >= LEAST_LINK).float() + torch.eye(len(names))
+    is_reached = torch.linalg.matrix_power(links, len(names)) > 0
+    parts = dict.fromkeys(tuple(row) for row in is_reached.tolist())
+    return [", ".join(name for name, is_own in zip(names, part, strict=True) if is_own) for part in parts]
 
 
 def _looks_alike(
