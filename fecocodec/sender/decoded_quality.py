@@ -16,8 +16,8 @@ from fecocodec.sender.codec import load_codec
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite
-# Mean PSNR in dB, below which `quality_warnings` calls the views poor. On seven training captures, photographs between
-# the coded views had 16.0 to 20.6 dB where the coded views were below it, and 22 dB or more else (docs/inputs.md).
+# Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between
+# the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/inputs.md).
 LEAST_PSNR = 22.0
 
 
