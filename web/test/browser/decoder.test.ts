@@ -5,7 +5,7 @@ import { existsSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser } from "playwright-core";
-import { atStage, launch, open, RESULTS, settled, TIMEOUT, waitForScene } from "./chromium";
+import { atStage, launch, open, RESULTS, saveThumbnails, settled, TIMEOUT, waitForScene } from "./chromium";
 import { serve, type StaticServer } from "./static-server";
 
 const ROOT = join(process.cwd(), "..");
@@ -57,6 +57,7 @@ test("a scene is decoded, shown and downloaded", needsPage, async () => {
   assert.equal(download.suggestedFilename(), "scene-compact-2.ply");
   await download.saveAs(join(RESULTS, "scene.ply"));
   writeFileSync(join(RESULTS, "facts.txt"), await page.innerText("#status"));
+  await saveThumbnails(page, 2, "thumbnail");
   assert.deepEqual(problems, []);
   await page.close();
 });
@@ -70,12 +71,13 @@ test("the scene of stage 1 is drawn before stage 2 is decoded", needsPage, async
   await page.close();
 });
 
-for (const count of [1, 3, 8]) {
+for (const count of [1, 3, 8, 16]) {
   test(`a file of ${count} view(s) is decoded`, needsPage, async () => {
     const { page, problems } = await open(browser, `${server.url}/page/index.html?file=/views/views-${count}.fcs`, 400, 300);
     await page.waitForSelector("body[data-done]", { timeout: TIMEOUT });
     const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
     await download.saveAs(join(RESULTS, `views-${count}.ply`));
+    if (count === 8) await saveThumbnails(page, count, `views-${count}-thumbnail`);
     assert.deepEqual(problems, []);
     await page.close();
   });
