@@ -1,9 +1,9 @@
 """Compare what the browser tests left in web/build/browser with the Python receiver. Run by `make web-test`.
 
 `pageN.png` are screenshots of the self-contained page at the coded cameras, `page-thumbnailN.png` its thumbnails.
-If the page that decodes was built, `cameraN.png` are its screenshots, `thumbnailN.png` its thumbnails, `preview1.png` is
-its picture after stage 1, `scene.ply` its download, and `views-N.ply` are its downloads for the scenes of
-`make_scenes.py`.
+If the page that decodes was built, `cameraN.png` are its screenshots, `thumbnailN.png` its thumbnails,
+`preview1.png` is its picture after stage 1, `scene.ply` its download, and `views-N.ply` are its downloads for the
+scenes of `make_scenes.py`.
 """
 
 from dataclasses import replace
