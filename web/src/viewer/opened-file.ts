@@ -78,7 +78,7 @@ export class OpenedFile {
     const seconds = ((performance.now() - this.opened) / 1000).toFixed(2);
     showStatus(`${this.name}: stage ${stage} of ${this.summary?.stages}, ${count.toLocaleString("en")} Gaussians, ${seconds} s`);
     document.body.dataset.stage = String(stage);
-    element("download").hidden = false;
+    element("downloads").hidden = false;
   }
 
   private finish(): void {

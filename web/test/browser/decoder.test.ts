@@ -1,7 +1,7 @@
 /** The decoder, and the page that decodes, in headless Chromium. */
 
 import assert from "node:assert/strict";
-import { existsSync, writeFileSync } from "node:fs";
+import { existsSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser } from "playwright-core";
@@ -56,6 +56,9 @@ test("a scene is decoded, shown and downloaded", needsPage, async () => {
   const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
   assert.equal(download.suggestedFilename(), "scene-compact-2.ply");
   await download.saveAs(join(RESULTS, "scene.ply"));
+  const [spz] = await Promise.all([page.waitForEvent("download"), page.click("#download-spz")]);
+  assert.equal(spz.suggestedFilename(), "scene-compact-2.spz");
+  await spz.saveAs(join(RESULTS, "scene.spz"));
   writeFileSync(join(RESULTS, "facts.txt"), await page.innerText("#status"));
   await saveThumbnails(page, 2, "thumbnail");
   assert.deepEqual(problems, []);
@@ -82,6 +85,22 @@ for (const count of [1, 3, 8, 16]) {
     await page.close();
   });
 }
+
+test("a file that is dropped or chosen is decoded", needsPage, async () => {
+  const { page, problems } = await open(browser, `${server.url}/page/index.html`, 192, 128);
+  const content = readFileSync(join(RESULTS, "scenes", "views-1.fcs"));
+  await page.setInputFiles("#file", { name: "chosen.fcs", mimeType: "application/octet-stream", buffer: content });
+  await page.waitForSelector("body[data-done]", { timeout: TIMEOUT });
+  const dropped = await page.evaluateHandle((bytes) => {
+    const transfer = new DataTransfer();
+    transfer.items.add(new File([new Uint8Array(bytes)], "dropped.fcs"));
+    return transfer;
+  }, [...content]);
+  await page.dispatchEvent("#canvas", "drop", { dataTransfer: dropped });
+  await page.waitForFunction(() => /^dropped\.fcs: stage 2/.test(document.getElementById("status")!.textContent!));
+  assert.deepEqual(problems, []);
+  await page.close();
+});
 
 test("files on other hosts are not loaded", needsPage, async () => {
   const { page } = await open(browser, `${server.url}/page/index.html?file=http://127.0.0.1:9/a.fcs`, 800, 600);
