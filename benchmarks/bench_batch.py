@@ -57,9 +57,8 @@ def main() -> None:
         print("\t".join(cells), flush=True)
         rates.append(float(cells[HEAD.index("scenes/min")]))
     for num_workers, rate in zip(arguments.workers[1:], rates[1:], strict=True):
-        print(
-            f"{num_workers} workers encode {rate / rates[0]:.2f} times as many scenes a minute as {arguments.workers[0]}"
-        )
+        ratio = rate / rates[0]
+        print(f"{num_workers} workers encode {ratio:.2f} times as many scenes a minute as {arguments.workers[0]}")
 
 
 def measure(scenes: tuple[BatchScene, ...], work: EncodeScene, num_workers: int) -> tuple[str, ...]:
