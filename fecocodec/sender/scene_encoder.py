@@ -108,9 +108,9 @@ class SceneEncoder:
             else:
                 features = self.features_at(condition)  # F1 = E_mv(I)
             inputs = StageInputs(kind, number == num_stages, lambda_q_of_item, condition, state, y_hat)
-            task = f"optimising stage {number}"
-            on_progress(task, begin)
+            on_progress(f"analysing stage {number}", begin)
             y = self.analyse(features, inputs)  # y_k = g_a(F_k, S_{k-1})
+            task = f"optimising stage {number}"  # reported by optimisation steps, if there are any
             y = optimise(y, inputs, partial(_report_part, on_progress, task, begin, end))
             on_progress(f"coding stage {number}", end)
             coded = code(y, inputs)
