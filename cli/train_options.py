@@ -92,15 +92,15 @@ _OPTIONS = (
         "--freeze",
         "frozen",
         multiple=True,
-        type=click.Choice(["receiver", "extractor"]),
-        help="Do not train this part. Repeat the option for both.",
+        type=click.Choice(["receiver", "extractor", "matching"]),
+        help="Do not train this part. matching: all of the extractor except the fusion of its features. Repeatable.",
     ),
     click.option(
         "--keep",
         "kept_batches",
         type=click.IntRange(min=0),
         metavar="BATCHES",
-        help="Keep so many batches per process in memory with the features of a frozen extractor, for shorter steps.",
+        help="Keep so many batches per process in memory with the results of the frozen extractor or matching.",
     ),
 )
 

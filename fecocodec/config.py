@@ -47,6 +47,9 @@ class ReceiverConfig:
     view_dependence_ridge: float = 0.1  # ridge, as the difference of unit directions that halves the slope
     hiding_lag: float = 0.1  # logarithm of the ratio of depths at half occlusion: 10% behind the surface
     hiding_lag_width: float = 0.05
+    # Fading of duplicates with three or more views (`receiver/duplicates.py`).
+    duplicate_lead: float = field(default=0.15, metadata=OPTIONAL)  # logarithm of the ratio of depths that gives 1/e
+    duplicate_width: float = field(default=0.05, metadata=OPTIONAL)  # of the transition, in log of the ratio of sizes
     # Method: "paper" switches off what this codec adds to the paper (docs/paper_profile.md).
     method: str = field(default=COMPACT, metadata=OPTIONAL)
     gaussians_per_side: int = field(default=2, metadata=OPTIONAL)  # of a cell of the 1/4 grid: 1, 2 or 4
@@ -79,6 +82,7 @@ class SenderConfig(CodecConfig):
     fusion_channels: tuple[int, int, int] = (128, 192, 256)  # at 1/4, 1/8, 1/16
     attention_channels: int = 128
     num_source_views: int = 2  # nearest other views against which a view is matched
+    is_monocular: bool = field(default=False, metadata=OPTIONAL)  # depth is completed with DINOv2
 
 
 @dataclass(frozen=True)

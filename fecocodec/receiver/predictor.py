@@ -22,6 +22,7 @@ from fecocodec.layers.blocks import (
     upsample,
 )
 from fecocodec.receiver.attributes import RAW, Attributes, activate
+from fecocodec.receiver.duplicates import kept_share
 from fecocodec.receiver.free_space import free_space_violation
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
@@ -94,8 +95,10 @@ class Predictor(nn.Module):
         found = self.attributes(features, attended, relative, cameras)
         if self.config.method == PAPER:
             return Prediction(found.gaussians(found.opacity), relative)
-        violation = free_space_violation(found.means, found.depth, found.colour, found.opacity, cameras, self.config)
-        return Prediction(found.gaussians(found.opacity * (1.0 - violation)), relative)
+        maps = (found.means, found.depth, found.colour, found.opacity)
+        opacity = found.opacity * (1.0 - free_space_violation(*maps, cameras, self.config))
+        kept = kept_share(*maps, opacity, cameras, self.config)
+        return Prediction(found.gaussians(opacity * kept), relative)
 
     def attributes(
         self,

@@ -62,9 +62,10 @@ def predict(graphs: Graphs, last: LastState, cameras: SceneCameras) -> Predictio
     positions, scales, rotations, opacities, colours, surfaces = graphs.run(
         "attributes", features=features, attended=attended, relative=relative, **poses, **far
     )
-    maps = {"positions": positions, "colours": colours}
-    violation = _free_space_violation(graphs, maps | {"surfaces": surfaces}, poses)
+    maps = {"positions": positions, "colours": colours, "surfaces": surfaces}
+    violation = _free_space_violation(graphs, maps, poses)
     opacities = np.minimum(opacities * (1 - violation), np.float32(1))  # the sigmoid of onnxruntime can be 1 + 2^-23
+    opacities = opacities * _kept_share(graphs, {"positions": positions, "surfaces": surfaces}, opacities, poses)
     return Prediction(positions, colours, opacities, scales, rotations)
 
 
@@ -111,3 +112,14 @@ def _free_space_violation(graphs: Graphs, maps: Arrays, poses: Arrays) -> Float3
         of_step = maps | poses | {"confirmed": confirmed, "share": share, "violation": violation}
         (violation,) = graphs.run("free_space", shift=shift, **of_step)
     return violation
+
+
+def _kept_share(
+    graphs: Graphs, maps: Arrays, opacities: Float32[np.ndarray, "view h2 w2"], poses: Arrays
+) -> Float32[np.ndarray, "view h2 w2"]:
+    """Return the share of its opacity that each Gaussian keeps beside finer ones. maps: positions and surfaces."""
+    kept = np.ones_like(opacities)
+    if len(kept) > 2:
+        for shift in range(1, len(kept)):
+            (kept,) = graphs.run("duplicates", shift=shift, **maps, opacities=opacities, **poses, kept=kept)
+    return kept

@@ -45,22 +45,23 @@ class MatchedDisparity:
 
 @dataclass(frozen=True)
 class Extracted:
-    """What the extractor computes for a batch; constant while the extractor is frozen.
+    """What the frozen parts of the extractor compute for a batch.
 
-    matching: its result at the context views. features: F1. matched: disparity for the loss.
+    matching: its result at the context views. features: F1, None while the fusion of the extractor is trained. matched:
+    disparity for the loss.
     """
 
     matching: Any
-    features: Float[Tensor, "item channel h4 w4"]
+    features: Float[Tensor, "item channel h4 w4"] | None
     matched: MatchedDisparity
 
     def half(self) -> "Extracted":
         """The same with features in half precision."""
-        return replace(self, features=self.features.half())
+        return self if self.features is None else replace(self, features=self.features.half())
 
     def float(self) -> "Extracted":
         """The same with features in single precision."""
-        return replace(self, features=self.features.float())
+        return self if self.features is None else replace(self, features=self.features.float())
 
 
 @dataclass(frozen=True)

@@ -59,9 +59,10 @@ class Configuration:
             raise InputError(
                 f"The range of lambda goes from {self.lambda_range[0]:g} down; give the smaller end first."
             )
-        if self.kept_batches and "extractor" not in self.frozen:
+        if self.kept_batches and not {"extractor", "matching"} & set(self.frozen):
             raise InputError(
-                "Features can be kept only while the extractor is frozen; add it to `frozen`, or keep none."
+                "Features can be kept only while the extractor or its matching is frozen; add one of them to `frozen`, "
+                "or keep none."
             )
 
     @property
@@ -117,18 +118,22 @@ def _ablation(**changes: object) -> Configuration:
     return replace(_PAPER_RE10K, schedule=schedule, receiver=receiver, sender=sender)  # type: ignore[arg-type]
 
 
+_COMPACT = Configuration(
+    shapes=BatchShapes(
+        num_scenes=2,
+        view_shares=((2, 0.66), (3, 0.08), (4, 0.15), (6, 0.04), (8, 0.07)),
+        num_target=2,
+        sizes=((128, 128), (96, 160), (160, 96), (96, 128), (160, 160), (128, 192)),
+    ),
+    schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
+    distortion=LogDistortion(),
+)
+
 CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
     {
-        "compact": Configuration(
-            shapes=BatchShapes(
-                num_scenes=2,
-                view_shares=((2, 0.66), (3, 0.08), (4, 0.15), (6, 0.04), (8, 0.07)),
-                num_target=2,
-                sizes=((128, 128), (96, 160), (160, 96), (96, 128), (160, 160), (128, 192)),
-            ),
-            schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
-            distortion=LogDistortion(),
-        ),
+        "compact": _COMPACT,
+        # With depth completion from DINOv2's features (`--completion-steps`).
+        "compact-monocular": replace(_COMPACT, sender=SenderConfig(is_monocular=True)),
         # Our method with the paper's extractor, for the receivers of compact models.
         "compact-re10k": Configuration(
             shapes=_PAPER_RE10K.shapes,

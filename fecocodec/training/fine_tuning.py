@@ -6,33 +6,40 @@ trained with it decode with the same receiver.
 
 from pathlib import Path
 
-from torch import nn
+from torch import Tensor, nn
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into
 from fecocodec.errors import InputError, ModelError
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.adapted import adopt_codec
+from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 
-FREEZABLE = ("receiver", "extractor")
+COMPLETION = "extractor.completion."
+FREEZABLE = ("receiver", "extractor", "matching")
 
 
 def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
     """Copy the weights of a model's folder, except those of an extractor of another kind.
 
+    A sender with depth completion keeps the initial weights of it if the model has none.
     Raises ModelError if the model is missing or has other sizes.
     """
     released, model_id = load_receiver(model / RECEIVER_FILE)
     trained = load_sender(model / SENDER_FILE, released.config, model_id)
     load_into(receiver, released.state_dict(), model)
     if trained.config.extractor == sender.config.extractor:
-        load_into(sender, trained.state_dict(), model)
+        load_into(sender, _of_completion(sender) | dict(trained.state_dict()), model)
     else:
         adopt_codec(sender, trained)
+
+
+def _of_completion(sender: Sender) -> dict[str, Tensor]:
+    return {name: value for name, value in sender.state_dict().items() if name.startswith(COMPLETION)}
 
 
 def load_fitting_weights(
@@ -80,9 +87,18 @@ def load_extractor(sender: Sender, source: Path) -> LoadReport:
 
 
 def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
-    """Exclude these parts from training: "receiver", "extractor". Raises InputError for any other name."""
-    parts: dict[str, nn.Module] = {"receiver": receiver, "extractor": sender.extractor}
+    """Exclude these parts from training: "receiver", "extractor", "matching" (all but fusion of the compact extractor).
+
+    Raises InputError for any other name, and for "matching" with another extractor.
+    """
+    matching = sender.extractor.before_fusion if isinstance(sender.extractor, CompactExtractor) else ()
+    parts: dict[str, tuple[nn.Module | nn.Parameter, ...]] = {
+        "receiver": (receiver,),
+        "extractor": (sender.extractor,),
+        "matching": matching,
+    }
     for name in names:
-        if name not in parts:
+        if not parts.get(name):
             raise InputError(f"There is no part '{name}' to freeze; choose from {', '.join(FREEZABLE)}.")
-        parts[name].requires_grad_(False)
+        for part in parts[name]:
+            part.requires_grad_(False)

@@ -48,7 +48,7 @@ class Trainer:
         to_channels_last(self.networks, settings.device)
         if configuration.precision == "bfloat16":
             run_in_bfloat16(self.networks, settings.device)
-        self._begin_average()
+        self.begin_average()
         freeze(self.sender, self.receiver, configuration.frozen)
         self.optimiser = build_optimiser(self.networks, configuration.optimiser)
         self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
@@ -69,21 +69,22 @@ class Trainer:
     def start_from(self, model: Path) -> None:
         """Load the weights of a model's folder, except an extractor of another kind; see `load_model_weights`."""
         load_model_weights(self.sender, self.receiver, model)
-        self._begin_average()
+        self.begin_average()
 
     def start_variant_from(self, model: Path, anew: tuple[str, ...] = ()) -> tuple[str, ...]:
         """Load those weights of a model's folder that fit, and return the others; see `load_fitting_weights`."""
         missing = load_fitting_weights(self.sender, self.receiver, model, anew)
-        self._begin_average()
+        self.begin_average()
         return missing
 
     def start_extractor_from(self, source: Path) -> LoadReport:
         """Load the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
         report = load_extractor(self.sender, source)
-        self._begin_average()
+        self.begin_average()
         return report
 
-    def _begin_average(self) -> None:
+    def begin_average(self) -> None:
+        """Start the averaged weights anew, at the present weights."""
         self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
 
     def resume(self, path: Path) -> None:
@@ -126,6 +127,7 @@ class Trainer:
         if self._is_on_cuda:
             contents["cuda_generators"] = gather_states(torch.cuda.get_rng_state(self.settings.device))
         if is_first():
+            make_folder(path.parent)
             save_checkpoint(path, contents)
 
     @property
@@ -156,7 +158,8 @@ class Trainer:
 
     def draw_batch(self) -> tuple[Batch, Extracted | None]:
         """Return the batch of the present step, and its kept features if there are any."""
-        return self._batches.at(self.step, self.seed, partial(extract, self.sender, self.receiver))
+        is_fused = "extractor" in self.settings.configuration.frozen
+        return self._batches.at(self.step, self.seed, partial(extract, self.sender, self.receiver, is_fused))
 
     def take_batches_from(self, kept: KeptBatches) -> None:
         """Train on these kept batches, for example those of another run."""

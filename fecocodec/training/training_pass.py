@@ -54,7 +54,7 @@ class BatchEncoder(SceneEncoder):
     """Scene encoder for a training batch. It also renders target views; colours do not depend on the direction."""
 
     def __init__(self, sender: Sender, receiver: Receiver, batch: Batch, extracted: Extracted | None = None) -> None:
-        """extracted: what the extractor computes, None to compute it here."""
+        """extracted: what frozen parts of the extractor compute, None to compute it here."""
         context = list(range(batch.num_context))
         super().__init__(Codec(sender, receiver, b""), batch.images[:, context], batch.cameras.select(context))
         self.batch, self.extracted = batch, extracted
@@ -65,7 +65,9 @@ class BatchEncoder(SceneEncoder):
 
     @cached_property
     def features(self) -> Float[Tensor, "item channel h4 w4"]:
-        return super().features if self.extracted is None else self.extracted.features
+        if self.extracted is None or self.extracted.features is None:
+            return super().features
+        return self.extracted.features
 
     @property
     def matched(self) -> MatchedDisparity:
@@ -102,10 +104,10 @@ class BatchEncoder(SceneEncoder):
 
 
 @torch.no_grad()
-def extract(sender: Sender, receiver: Receiver, batch: Batch) -> Extracted:
-    """Compute what a frozen extractor gives for a batch."""
+def extract(sender: Sender, receiver: Receiver, is_fused: bool, batch: Batch) -> Extracted:
+    """Compute what the frozen parts of an extractor give for a batch. is_fused: whether its fusion is frozen too."""
     encoder = BatchEncoder(sender, receiver, batch)
-    return Extracted(encoder.matching, encoder.features, encoder.matched)
+    return Extracted(encoder.matching, encoder.features if is_fused else None, encoder.matched)
 
 
 def run_stages(

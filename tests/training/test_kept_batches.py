@@ -39,7 +39,7 @@ def it(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
 
 def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> None:
     batch = draw_batch(it.sources, torch.Generator().manual_seed(1), SHAPE, 0.0)
-    extracted = extract(it.sender, it.receiver, batch)
+    extracted = extract(it.sender, it.receiver, True, batch)
     losses = []
     for known in (extracted, None):
         torch.manual_seed(2)  # of the noise in place of rounding
@@ -58,7 +58,7 @@ def test_the_papers_method_has_the_same_loss_with_kept_features(tmp_path: Path) 
     trainer = Trainer(RunSettings(tmp_path, configuration, 5.0), sources)
     batch = draw_batch(sources, torch.Generator().manual_seed(1), SHAPE, 0.0)
     losses = []
-    for known in (extract(trainer.sender, trainer.receiver, batch), None):
+    for known in (extract(trainer.sender, trainer.receiver, True, batch), None):
         torch.manual_seed(2)
         loss, parts = trainer._loss(batch, known)
         losses.append(loss.detach())
@@ -75,8 +75,10 @@ def test_batches_that_were_added_are_taken_in_an_order_that_the_generator_alone_
         kept, generator = KeptBatches(3, (0, 1768), fresh_share=0.0), torch.Generator().manual_seed(5)
         for seed in range(3):
             batch = draw_batch(it.sources, torch.Generator().manual_seed(seed), SHAPE, 0.0)
-            kept.add(SHAPE, batch, extract(it.sender, it.receiver, batch))
-        taken = [kept.take(SHAPE, generator, draw, partial(extract, it.sender, it.receiver))[0] for _ in range(12)]
+            kept.add(SHAPE, batch, extract(it.sender, it.receiver, True, batch))
+        taken = [
+            kept.take(SHAPE, generator, draw, partial(extract, it.sender, it.receiver, True))[0] for _ in range(12)
+        ]
         orders.append([(float(one.images.sum()), int(one.lambda_q)) for one in taken])
     assert orders[0] == orders[1]
     assert len({picture for picture, _ in orders[0]}) == 3
@@ -89,7 +91,7 @@ def test_a_batch_is_used_again_with_another_lambda_until_newer_ones_replace_it(i
         drawn.append(draw_batch(it.sources, generator, SHAPE, 0.0))
         return drawn[-1]
 
-    taken = [kept.take(SHAPE, generator, draw, partial(extract, it.sender, it.receiver))[0] for _ in range(24)]
+    taken = [kept.take(SHAPE, generator, draw, partial(extract, it.sender, it.receiver, True))[0] for _ in range(24)]
     assert len(kept) == 2 < len(drawn) < len(taken)
     again = [one for one, next_one in pairwise(taken) if torch.equal(one.images, next_one.images)]
     assert again and len({int(one.lambda_q) for one in taken}) > len(drawn)
@@ -104,6 +106,20 @@ def test_a_run_with_kept_batches_trains_all_but_the_extractor(it: Trainer, tmp_p
     assert not any(name.startswith("sender.extractor.") for name in moved)
 
 
+def test_kept_results_of_matching_train_the_fusion_alone_of_the_extractor(it: Trainer, tmp_path: Path) -> None:
+    configuration = replace(it.settings.configuration, frozen=("matching",))
+    trainer = Trainer(RunSettings(tmp_path / "run", configuration, 5.0), it.sources)
+    before = {name: value.clone() for name, value in trainer.networks.state_dict().items()}
+    extracted = trainer.draw_batch()[1]
+    assert extracted is not None and extracted.features is None
+    list(train(trainer))
+    now = trainer.networks.state_dict()
+    moved = {name for name, value in before.items() if not torch.equal(now[name], value)}
+    of_extractor = {name.split(".")[2] for name in moved if name.startswith("sender.extractor.")}
+    assert {"input", "fine_in", "coarse", "output"} <= of_extractor
+    assert not of_extractor & {"stem", "down_stem", "cross_view", "up_attended", "matching_head", "log_temperature"}
+
+
 def test_features_of_an_extractor_that_is_trained_cannot_be_kept() -> None:
-    with pytest.raises(InputError, match=r"only while the extractor is frozen; add it to `frozen`"):
+    with pytest.raises(InputError, match=r"only while the extractor or its matching is frozen; add one of them"):
         replace(CONFIGURATIONS["compact"], kept_batches=10)

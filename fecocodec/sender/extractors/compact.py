@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 import torch.nn.functional as F
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
@@ -13,6 +13,8 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
+from fecocodec.sender.extractors.depth_completion import DepthCompletion, MatchedMaps
+from fecocodec.sender.extractors.dinov2 import dinov2_features
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
 from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
@@ -29,29 +31,28 @@ class Matching:
     """Result of matching the views, before fusion; item = (batch view), all at 1/4 resolution.
 
     cost: matching score of each depth candidate, higher is better. relative_disparity: expectation over the softmax of
-    `cost`, in [0, 1]; differentiable, for the depth loss of training. aggregated_disparity, confidence: expectation and
-    largest probability after aggregation, without gradient. consistency: cross-view consistency of the aggregated
-    disparity, in [0, 1].
+    `cost`, in [0, 1]; differentiable, for the depth loss of training. maps: results of the aggregation, without
+    gradient. completed_disparity: the aggregated disparity where it is consistent, an estimate elsewhere.
     """
 
     appearance: Float[Tensor, "item stem h4 w4"]
     cost: Float[Tensor, "item candidate h4 w4"]
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
-    consistency: Float[Tensor, "item 1 h4 w4"]
-    aggregated_disparity: Float[Tensor, "item 1 h4 w4"]
-    confidence: Float[Tensor, "item 1 h4 w4"]
+    maps: MatchedMaps
+    completed_disparity: Float[Tensor, "item 1 h4 w4"]
 
     @property
     def depth(self) -> MatchedDepth:
         """Depth for the feedback of stage 2."""
-        return MatchedDepth(self.aggregated_disparity, self.consistency)
+        return MatchedDepth(self.maps.disparity, self.maps.consistency)
 
 
 class CompactExtractor(nn.Module):
     """images -> CNN (1/4) -> cross-view attention (1/8) -> plane sweep -> aggregation -> U-Net (1/4 to 1/16) -> F1.
 
     All steps before the aggregation run on an image pyramid of three levels. The U-Net also takes the pixels (pixel
-    unshuffle 4), because the latent must carry colour as well as geometry.
+    unshuffle 4), because the latent must carry colour as well as geometry. Where no other view confirms a depth, planes
+    of confirmed neighbours are continued; with `config.is_monocular`, a network with features of DINOv2 corrects them.
     """
 
     def __init__(self, config: SenderConfig, channels: int) -> None:
@@ -70,6 +71,7 @@ class CompactExtractor(nn.Module):
         self.up_attended = upsample(config.attention_channels, stem)
         self.matching_head = nn.Conv2d(stem, config.matching_channels, 3, padding=1)
         self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURES))
+        self.completion = DepthCompletion() if config.is_monocular else None
         self.input = PointwiseConv2d(2 * stem + config.num_candidates + 3 + 48, fine)
         self.fine_in, self.fine_out = PlainBlock2d(fine, fine), PlainBlock2d(fine, fine)
         self.middle_in, self.middle_out = PlainBlock2d(middle, middle), PlainBlock2d(middle, middle)
@@ -77,6 +79,12 @@ class CompactExtractor(nn.Module):
         self.down_fine, self.down_middle = downsample(fine, middle), downsample(middle, coarse)
         self.up_coarse, self.up_middle = upsample(coarse, middle), upsample(middle, fine)
         self.output = PointwiseConv2d(fine, channels)
+
+    @property
+    def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
+        """All parts whose results `fuse` takes."""
+        parts = (self.stem, self.down_stem, self.cross_view, self.up_attended, self.matching_head, self.log_temperature)
+        return parts if self.completion is None else (*parts, self.completion)
 
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
@@ -91,32 +99,57 @@ class CompactExtractor(nn.Module):
         of the images is added: correlation of pixel windows is less distinctive than learned features, but localises
         more precisely.
         """
-        colours, sources = F.avg_pool2d(_flat(images), 4), nearest_views(cameras, self.config.num_source_views)
-        photographs = _flat(photo_consistency(images, cameras, sources, self.config.num_candidates))
-        appearance, cost = self._match_level(images, cameras)
+        sources = nearest_views(cameras, self.config.num_source_views)
+        appearance, cost = self._scores(images, cameras, sources)
+        maps = self._aggregated(cost, images, cameras, sources)
+        return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps, self._completed(images, maps))
+
+    def matched_maps(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, num_sources: int
+    ) -> MatchedMaps:
+        """Return what matching each view against its `num_sources` nearest other views finds out."""
+        sources = nearest_views(cameras, num_sources)
+        return self._aggregated(self._scores(images, cameras, sources)[1], images, cameras, sources)
+
+    def _scores(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
+    ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
+        """Return appearance features, and the matching score of each depth candidate."""
+        agreement = _flat(photo_consistency(images, cameras, sources, self.config.num_candidates))
+        appearance, cost = self._match_level(images, cameras, sources)
         cost = cost * self.log_temperature[0].exp()
         for log_temperature in self.log_temperature[1:PYRAMID_LEVELS]:
             images = rearrange(F.avg_pool2d(_flat(images), 2), "(b v) c h w -> b v c h w", b=len(images))
-            coarse = self._match_level(images, cameras)[1] * log_temperature.exp()
+            coarse = self._match_level(images, cameras, sources)[1] * log_temperature.exp()
             cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
-        cost = cost + photographs * self.log_temperature[PYRAMID_LEVELS].exp()
-        probability = (SHARPNESS * aggregate_costs(cost.detach(), colours)).softmax(dim=1)
+        return appearance, cost + agreement * self.log_temperature[PYRAMID_LEVELS].exp()
+
+    def _aggregated(
+        self,
+        cost: Float[Tensor, "item candidate h4 w4"],
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        sources: Int[Tensor, "batch view count"],
+    ) -> MatchedMaps:
+        photographs = _flat(images)
+        probability = (SHARPNESS * aggregate_costs(cost.detach(), F.avg_pool2d(photographs, 4))).softmax(dim=1)
         disparity = _expectation(probability)
-        consistency = cross_view_consistency(
-            rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images)), cameras, sources
-        )
-        confidence = probability.amax(dim=1, keepdim=True)
-        return Matching(
-            appearance, cost, _expectation(cost.softmax(dim=1)), _flat(consistency[:, :, None]), disparity, confidence
-        )
+        of_views = rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images))
+        consistency = _flat(cross_view_consistency(of_views, cameras, sources)[:, :, None])
+        extrapolated = extrapolate_planes(disparity, consistency, photographs)
+        return MatchedMaps(disparity, consistency, probability.amax(dim=1, keepdim=True), extrapolated)
+
+    def _completed(self, images: Float[Tensor, "batch view 3 h w"], maps: MatchedMaps) -> Float[Tensor, "item 1 h4 w4"]:
+        if self.completion is None:
+            return maps.blended
+        return self.completion(maps, _flat(images), dinov2_features(_flat(images)))
 
     def _match_level(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
     ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
         """Return appearance features, and correlations in [-1, 1], at one level of the pyramid."""
         batch, views = images.shape[:2]
         appearance = self.stem(_flat(images) * 2.0 - 1.0)
-        sources = nearest_views(cameras, self.config.num_source_views)
         attended = rearrange(self.down_stem(appearance), "(b v) c h w -> b v c h w", v=views)
         for layer in self.cross_view:
             attended = layer(attended, sources)
@@ -131,9 +164,8 @@ class CompactExtractor(nn.Module):
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1: the U-Net applied to appearance, matching results and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
-        extrapolated = extrapolate_planes(matching.aggregated_disparity, matching.consistency, _flat(images))
-        disparity = 2.0 * torch.lerp(extrapolated, matching.aggregated_disparity, matching.consistency) - 1.0
-        inputs = (matching.appearance, matching.cost / 8.0, matching.consistency, disparity, matching.confidence)
+        maps, disparity = matching.maps, 2.0 * matching.completed_disparity - 1.0
+        inputs = (matching.appearance, matching.cost / 8.0, maps.consistency, disparity, maps.confidence)
         fine = self.fine_in(self.input(torch.cat((*inputs, pixels), dim=1)))
         middle = self.middle_in(self.down_fine(fine))
         coarse = self.coarse(self.down_middle(middle))

@@ -69,7 +69,8 @@ def _attribute_graphs(receiver: Receiver) -> dict[str, Graph]:
 def _step_graphs(receiver: Receiver) -> dict[str, Graph]:
     config, shift = receiver.config, {"shift": _SCALAR}
     confirmed, violation = {"confirmed": _floats(f"views {_GRID}")}, {"violation": _floats(f"views {_GRID}")}
-    share = {"share": _floats("views")}
+    share, opacities = {"share": _floats("views")}, {"opacities": _floats(f"views {_GRID}")}
+    kept = {"kept": _floats(f"views {_GRID}")}
     slope = shift | _MAPS | _POSES | _EQUATIONS
     return {
         "confirm": Graph(
@@ -81,6 +82,11 @@ def _step_graphs(receiver: Receiver) -> dict[str, Graph]:
             prediction.FreeSpaceGraph(config),
             shift | _MAPS | _SURFACES | confirmed | share | _POSES | violation,
             ("violation_after",),
+        ),
+        "duplicates": Graph(
+            prediction.DuplicatesGraph(config),
+            shift | {"positions": _MAPS["positions"]} | _SURFACES | opacities | _POSES | kept,
+            ("kept_after",),
         ),
         "slope": Graph(prediction.SlopeGraph(config), slope, ("matrix_after", "right_after")),
         "harmonics": Graph(

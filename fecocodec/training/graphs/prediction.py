@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.confirmation import confirmation_by
+from fecocodec.receiver.duplicates import kept_beside
 from fecocodec.receiver.free_space import surfaces_of, violation_at, with_confirmation
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.near_bound import near_bound_violation_at
@@ -150,6 +151,23 @@ class FreeSpaceGraph(_StepGraph):
         with_confirmed = with_confirmation(surfaces, confirmed)
         found = violation_at(shift, positions, colours, with_confirmed, confirmed, share, cameras, self.config)
         return torch.maximum(violation, found)
+
+
+class DuplicatesGraph(_StepGraph):
+    """Step over other views -> share of the opacity that Gaussians keep beside finer ones; for three or more views."""
+
+    def forward(
+        self,
+        shift: Tensor,
+        positions: Tensor,
+        surfaces: Tensor,
+        opacities: Tensor,
+        extrinsics: Tensor,
+        intrinsics: Tensor,
+        kept: Tensor,
+    ) -> Tensor:
+        cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
+        return kept * kept_beside(shift, positions, surfaces, opacities, cameras, self.config)
 
 
 class SlopeGraph(_StepGraph):

@@ -64,7 +64,8 @@ export class Networks {
     mark();
     const maps = { ...(await this.graphs.run("attributes", { ...found, attended })), ...poses };
     mark();
-    const prediction = predictionOf(maps, await this.violation(maps), await this.fittedHarmonics(maps));
+    const opacities = await this.opacities(maps, await this.violation(maps));
+    const prediction = predictionOf(maps, opacities, await this.fittedHarmonics(maps));
     mark();
     const [points, search, attention, attributes, views] = marks.slice(1).map((time, at) => time - marks[at]);
     return { prediction, times: { points, neighbours: search, attention, attributes, views } };
@@ -107,6 +108,21 @@ export class Networks {
     return floatsOf(step.violation);
   }
 
+  /** Return opacities after the free-space check, faded where another view shows the same surface more finely. */
+  private async opacities(maps: Tensors, violation: Float32Array): Promise<Float32Array> {
+    const [views, height, width] = maps.opacities.dims;
+    // The sigmoid of onnxruntime can be the next float32 after 1.
+    const checked = floatsOf(maps.opacities).map((opacity, at) => Math.min(1, opacity * (1 - violation[at])));
+    if (views < 3) return checked;
+    let kept = floats(new Float32Array(checked.length).fill(1), [views, height, width]);
+    for (let shift = 1; shift < views; shift++) {
+      const inputs = { ...maps, opacities: floats(checked, [views, height, width]), kept, shift: scalar(shift) };
+      kept = (await this.graphs.run("duplicates", inputs)).kept_after as typeof kept;
+    }
+    const shares = floatsOf(kept);
+    return checked.map((opacity, at) => opacity * shares[at]);
+  }
+
   /** Return harmonics of degree 1, fitted to the colours of other views; null for one view. */
   private async fittedHarmonics(maps: Tensors): Promise<Float32Array | null> {
     const [views, height, width] = maps.opacities.dims;
@@ -140,10 +156,9 @@ function meansOfViews(values: Float32Array, views: number) {
   });
 }
 
-function predictionOf(maps: Tensors, violation: Float32Array, harmonics: Float32Array | null): Prediction {
+function predictionOf(maps: Tensors, opacities: Float32Array, harmonics: Float32Array | null): Prediction {
   const colours = channelsLast(floatsOf(maps.colours), maps.opacities.dims[0]);
   const plain = colours.map((colour) => Math.fround(colour - 0.5) / SH_DEGREE_0);
-  const opacities = floatsOf(maps.opacities);
   return {
     plain,
     gaussians: {
@@ -152,8 +167,7 @@ function predictionOf(maps: Tensors, violation: Float32Array, harmonics: Float32
       means: channelsLast(floatsOf(maps.positions), maps.opacities.dims[0]),
       scales: floatsOf(maps.scales),
       rotations: floatsOf(maps.rotations),
-      // The sigmoid of onnxruntime can be the next float32 after 1.
-      opacities: opacities.map((opacity, index) => Math.min(1, opacity * (1 - violation[index]))),
+      opacities,
       harmonics: harmonics ?? plain,
     },
   };

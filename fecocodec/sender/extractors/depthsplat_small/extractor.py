@@ -20,8 +20,7 @@ from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
     public_positions,
     source_views,
 )
-from fecocodec.sender.extractors.depthsplat_small.monocular import CHANNELS as MONOCULAR_CHANNELS
-from fecocodec.sender.extractors.depthsplat_small.monocular import VisionTransformer, monocular_features
+from fecocodec.sender.extractors.depthsplat_small.monocular import monocular_features
 from fecocodec.sender.extractors.depthsplat_small.transformer import MultiViewTransformer, ScoreMasks
 from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, CrossViewUNet
 from fecocodec.sender.extractors.depthsplat_small.windows import (
@@ -29,13 +28,14 @@ from fecocodec.sender.extractors.depthsplat_small.windows import (
     masks_of_sources,
     public_masks_of_sources,
 )
+from fecocodec.sender.extractors.vision_transformer import CHANNELS as MONOCULAR_CHANNELS
+from fecocodec.sender.extractors.vision_transformer import VisionTransformer, normalised
 from fecocodec.sender.matched_depth import MatchedDepth
 
 SIDE_MULTIPLE = 16  # pixels
 _LENS_TOLERANCE = 2e-3  # largest difference of normalised intrinsics between views with the public geometry
 _POSITIONS: dict[str, Positions] = {"public": public_positions, "exact": exact_positions}
 _MASKS_OF_SOURCES = {"public": public_masks_of_sources, "exact": masks_of_sources}
-_MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet's
 
 
 @dataclass(frozen=True)
@@ -118,13 +118,13 @@ class DepthSplatSmall(nn.Module):
         if images.shape[-2] % SIDE_MULTIPLE or images.shape[-1] % SIDE_MULTIPLE:
             raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of 16.")
         views = images.shape[1]
-        normalised = (_flat(images) - _colour(_MEAN, images)) / _colour(_DEVIATION, images)
-        appearance = self.backbone(normalised)
+        pictures = normalised(_flat(images))
+        appearance = self.backbone(pictures)
         multi_view = self._multi_view(rearrange(appearance, "(b v) c h w -> b v c h w", v=views), cameras)
         cost = self._cost(multi_view, cameras)
         share = torch.linspace(0.0, 1.0, NUM_CANDIDATES, device=images.device)
         expected = torch.einsum("idhw,d->ihw", cost.float().softmax(dim=1), share)[:, None]
-        monocular = monocular_features(self.pretrained, normalised)
+        monocular = monocular_features(self.pretrained, pictures)
         disparity = rearrange(expected, "(b v) 1 h w -> b v h w", v=views)
         consistency = cross_view_consistency(disparity, cameras, source_views(cameras))
         return Evidence(cost, appearance, _flat(multi_view), monocular, expected, _flat(consistency[:, :, None]), views)
@@ -161,10 +161,6 @@ def _resize(x: Float[Tensor, "item channel _ _"], size: tuple[int, int]) -> Floa
     if x.shape[-2:] == size:
         return x
     return F.interpolate(x, size, mode="bilinear", align_corners=False)
-
-
-def _colour(values: tuple[float, float, float], like: Tensor) -> Float[Tensor, "3 1 1"]:
-    return like.new_tensor(values)[:, None, None]
 
 
 def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:

@@ -1,110 +1,10 @@
-"""The monocular branch: the ViT-S/14 of DINOv2 as used by Depth Anything V2, without the mask token."""
+"""The monocular branch: features of DINOv2's ViT-S/14, as Depth Anything V2 uses it, at 1/4 resolution."""
 
-import torch
 import torch.nn.functional as F
-from einops import rearrange
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
-CHANNELS = 384
-_DEPTH, _NUM_HEADS, _HIDDEN = 12, 6, 1536
-_PATCH = 14  # pixels
-_TRAINED_SIDE = 37  # side of the trained position embedding, in patches
-_OFFSET = 0.1  # added to the number of patches when the embedding is resized, as in DINOv2
-_EPSILON = 1e-6
-
-
-class LayerScale(nn.Module):
-    """Learned factor for each channel."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.gamma = nn.Parameter(torch.full((CHANNELS,), 1e-5))
-
-    def forward(self, x: Float[Tensor, "*batch channel"]) -> Float[Tensor, "*batch channel"]:
-        return x * self.gamma
-
-
-class Attention(nn.Module):
-    """Self-attention over all tokens of a view."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.qkv, self.proj = nn.Linear(CHANNELS, 3 * CHANNELS), nn.Linear(CHANNELS, CHANNELS)
-
-    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
-        query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, n=_NUM_HEADS)
-        attended = F.scaled_dot_product_attention(query, key, value)
-        return self.proj(rearrange(attended, "i n t c -> i t (n c)"))
-
-
-class Mlp(nn.Module):
-    """Linear -> GELU -> linear."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.fc1, self.fc2 = nn.Linear(CHANNELS, _HIDDEN), nn.Linear(_HIDDEN, CHANNELS)
-
-    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
-        return self.fc2(F.gelu(self.fc1(x)))
-
-
-class Block(nn.Module):
-    """Pre-norm attention and MLP, each with LayerScale and a residual connection."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.norm1, self.norm2 = nn.LayerNorm(CHANNELS, _EPSILON), nn.LayerNorm(CHANNELS, _EPSILON)
-        self.attn, self.mlp = Attention(), Mlp()
-        self.ls1, self.ls2 = LayerScale(), LayerScale()
-
-    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
-        x = x + self.ls1(self.attn(self.norm1(x)))
-        return x + self.ls2(self.mlp(self.norm2(x)))
-
-
-class PatchEmbedding(nn.Module):
-    """Map each patch of 14x14 pixels to a token."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.proj = nn.Conv2d(3, CHANNELS, _PATCH, stride=_PATCH)
-
-    def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
-        return self.proj(images)
-
-
-class VisionTransformer(nn.Module):
-    """image -> patch tokens + position embedding -> twelve blocks -> norm -> feature map with one vector per patch."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.patch_embed = PatchEmbedding()
-        self.cls_token = nn.Parameter(torch.zeros(1, 1, CHANNELS))
-        self.pos_embed = nn.Parameter(torch.zeros(1, 1 + _TRAINED_SIDE**2, CHANNELS))
-        self.blocks = nn.ModuleList(Block() for _ in range(_DEPTH))
-        self.norm = nn.LayerNorm(CHANNELS, _EPSILON)
-        nn.init.trunc_normal_(self.pos_embed, std=0.02)
-        nn.init.normal_(self.cls_token, std=1e-6)
-
-    def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
-        """images: normalised by the ImageNet mean and standard deviation; sides multiples of 14."""
-        patches = self.patch_embed(images)
-        rows, columns = patches.shape[-2:]
-        tokens = rearrange(patches + self._positions(rows, columns), "i c h w -> i (h w) c")
-        first = (self.cls_token + self.pos_embed[:, :1]).expand(len(images), -1, -1)
-        tokens = torch.cat((first, tokens), dim=1)
-        for block in self.blocks:
-            tokens = block(tokens)
-        return rearrange(self.norm(tokens)[:, 1:], "i (h w) c -> i c h w", h=rows)
-
-    def _positions(self, rows: int, columns: int) -> Float[Tensor, "1 channel rows columns"]:
-        """Return the position embedding, resized from 37x37 patches."""
-        trained = rearrange(self.pos_embed[:, 1:], "1 (h w) c -> 1 c h w", h=_TRAINED_SIDE)
-        if rows == columns == _TRAINED_SIDE:
-            return trained
-        scale = ((rows + _OFFSET) / _TRAINED_SIDE, (columns + _OFFSET) / _TRAINED_SIDE)
-        return F.interpolate(trained, scale_factor=scale, mode="bicubic", align_corners=False)
+from fecocodec.sender.extractors.vision_transformer import PATCH, VisionTransformer
 
 
 def monocular_features(
@@ -116,7 +16,7 @@ def monocular_features(
     are resized to 1/8, then to 1/4 resolution.
     """
     h, w = images.shape[-2:]
-    whole = _resize(images, (h // _PATCH * _PATCH, w // _PATCH * _PATCH))
+    whole = _resize(images, (h // PATCH * PATCH, w // PATCH * PATCH))
     return _resize(_resize(network(whole), (h // 8, w // 8)), (h // 4, w // 4))
 
 
