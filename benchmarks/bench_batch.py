@@ -6,7 +6,7 @@ ROOT holds scene folders. Each scene is encoded from two views (`spread:2`) with
 loaded before the clock starts. One line per number of workers is printed: scenes a minute; time and CPU time of the
 workers per scene; share of the workers' time outside the work on scenes; CPU time of this process, which runs client
 and scheduler, per scene; peak memory of the largest worker and of this process; time per scene of a second run, which
-skips all; and bytes of files and sidecars.
+skips all; and bytes of files and sidecars. The last lines compare the numbers of workers.
 """
 
 import argparse
@@ -51,8 +51,14 @@ def main() -> None:
     scenes = scene_folders(arguments.root)[: arguments.scenes]
     work = EncodeScene(views=Spread(2), size=(arguments.size, arguments.size), effort=arguments.effort)
     print("\t".join((*HEAD, "skip ms/scene", "bytes/scene", "sidecar bytes")))
+    rates = []
     for num_workers in arguments.workers:
-        print("\t".join(measure(scenes, work, num_workers)), flush=True)
+        cells = measure(scenes, work, num_workers)
+        print("\t".join(cells), flush=True)
+        rates.append(float(cells[HEAD.index("scenes/min")]))
+    for num_workers, rate in zip(arguments.workers[1:], rates[1:], strict=True):
+        ratio = rate / rates[0]
+        print(f"{num_workers} workers encode {ratio:.2f} times as many scenes a minute as {arguments.workers[0]}")
 
 
 def measure(scenes: tuple[BatchScene, ...], work: EncodeScene, num_workers: int) -> tuple[str, ...]:

@@ -238,6 +238,17 @@ def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path)
     assert decode(data, model=random_weights / MODEL, max_pixels=8192).stages == 2
 
 
+@pytest.mark.parametrize(("effort", "is_optimised"), [("fast", False), ("default", True)])
+def test_optimisation_is_reported_where_there_is_some(
+    views: Views, random_weights: Path, effort: str, is_optimised: bool
+) -> None:
+    tasks: list[str] = []
+    model = random_weights / MODEL
+    encode(views, model=model, effort=effort, on_progress=lambda task, _share: tasks.append(task))
+    assert ("optimising stage 2" in tasks) == is_optimised
+    assert "coding stage 2" in tasks
+
+
 def test_progress_moves_forward(views: Views, random_weights: Path) -> None:
     fractions: list[float] = []
     data = encode(views, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share))

@@ -19,7 +19,8 @@ def html_page_bytes(gaussians: OutputGaussians, cameras: CameraArrays, name: str
 
     Raises OutputError, which begins with `place`, if SPZ cannot hold the Gaussians, or if the viewer was not built.
     """
-    scene = {"name": name, "count": gaussians.count, "cameras": _cameras(cameras)}
+    height, width = cameras.image_size
+    scene = {"name": name, "count": gaussians.count, "width": width, "height": height, "cameras": _cameras(cameras)}
     parts = {
         b"/*SCENE*/": json.dumps(scene).replace("<", "\\u003c").encode("ascii"),
         b"/*GAUSSIANS*/": base64.b64encode(spz_bytes(gaussians, place, 3)),

@@ -118,6 +118,6 @@ def camera_to_world_points(
     cameras: Cameras, points: Float[Tensor, "*batch view height width 3"]
 ) -> Float[Tensor, "*batch view height width 3"]:
     """Transform points from the frame of their camera to the world frame."""
-    rotation = cameras.extrinsics[..., None, None, :3, :3]
-    translation = cameras.extrinsics[..., None, None, :3, 3]
-    return (rotation @ points[..., None])[..., 0] + translation
+    rotation, translation = cameras.extrinsics[..., :3, :3], cameras.extrinsics[..., None, :3, 3]
+    world = points.flatten(-3, -2) @ rotation.transpose(-1, -2) + translation
+    return world.view_as(points)

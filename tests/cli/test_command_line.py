@@ -28,6 +28,17 @@ def test_module_runs_like_the_script() -> None:
     assert result.stdout == f"fecosplat {fecocodec.__version__}\n"
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"), [("enc", "encode"), ("encode --eff", "--effort"), ("view --no", "--no-browser")]
+)
+def test_the_shell_completes_commands_and_options(words: str, expected: str) -> None:
+    """words: after the name of the program; the last one is to be completed."""
+    place = {"COMP_WORDS": f"fecosplat {words}", "COMP_CWORD": str(len(words.split()))}
+    environment = os.environ | place | {"_FECOSPLAT_COMPLETE": "bash_complete"}
+    result = subprocess.run([CONSOLE_SCRIPT], capture_output=True, text=True, check=True, env=environment)
+    assert result.stdout.splitlines() == [f"plain,{expected}"]
+
+
 def test_help_lists_every_command(fecosplat) -> None:
     result = fecosplat("--help")
     assert result.code == 0

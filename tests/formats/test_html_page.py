@@ -29,6 +29,7 @@ def test_the_page_holds_the_scene() -> None:
     scene = json.loads(content_of(page, "scene"))
     assert scene["name"] == "</script><b>"
     assert scene["count"] == gaussians.count
+    assert (scene["height"], scene["width"]) == cameras.image_size
     assert [view["centre"] for view in scene["cameras"]["views"]] == cameras.extrinsics[:, :3, 3].tolist()
     assert gzip.decompress(base64.b64decode(content_of(page, "gaussians"))) == gzip.decompress(
         spz_bytes(gaussians, "scene.html", 3)

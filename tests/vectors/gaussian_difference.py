@@ -13,6 +13,7 @@ from torch.nn.functional import normalize
 
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.container import read_stream
+from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
@@ -21,6 +22,7 @@ from tests.vectors.gaussian_samples import nearest_depth
 SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
 MUCH_LESS_ALIKE = 4.0  # ratio of distances above which a row is a different Gaussian, despite rounding errors
 UNKNOWN = 1 << 40  # no shift of indices
+LEFT_OUT = 0.001  # share of Gaussians that may be on a threshold, such as the border of another view's image
 MOST_FAINT = 16  # Gaussians that only one machine emits, in addition to the difference of the counts
 
 
@@ -28,9 +30,11 @@ MOST_FAINT = 16  # Gaussians that only one machine emits, in addition to the dif
 class Difference:
     """Root mean square and peak of differences.
 
-    position: distance between centres, divided by the distance to the nearest camera. colour: in the directions of the
-    context cameras, in [0, 1]. opacity: in [0, 1]. scale: of natural logarithms. unmatched: share of Gaussians that
-    only one machine emits. render_psnr: in dB, minimum over the context views.
+    With R, the distance of the centre from the farthest camera in units of near, and at least 1: position is the
+    distance between centres in units of near, divided by R^2; scale is the difference of natural logarithms, divided
+    by R. colour: in the directions of the context cameras, in [0, 1]. opacity: in [0, 1]. Of colour and opacity,
+    `LEFT_OUT` of the Gaussians, those with the greatest differences, are left out. unmatched: share of Gaussians that
+    only one machine emits. render_psnr: in dB, minimum over the context views, with the centres of `one` in both.
     """
 
     position_rms: float
@@ -79,11 +83,13 @@ def difference(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 
 def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
     """Compare subsets of Gaussians, without rendering; render_psnr is infinite."""
     first, second = matched(data, one, other)
-    depth = nearest_depth(data, first)
-    position = (first[:, :3].double() - second[:, :3].double()).norm(dim=1) / depth
-    colour = (_colours(data, first) - _colours(data, second)).abs()
-    opacity = (first[:, 10] - second[:, 10]).abs()
-    scale = (first[:, 3:6].log() - second[:, 3:6].log()).abs()
+    cameras = unpack(read_stream(data).cameras)
+    near = cameras.near.double()
+    reach = (torch.cdist(first[:, :3].double(), _centres(cameras)).amax(dim=1) / near).clamp_min(1.0)
+    position = (first[:, :3].double() - second[:, :3].double()).norm(dim=1) / near / reach.square()
+    colour = _without_largest((_colours(cameras, first) - _colours(cameras, second)).abs().flatten(1))
+    opacity = _without_largest((first[:, 10:11] - second[:, 10:11]).abs())
+    scale = (first[:, 3:6].log() - second[:, 3:6].log()).abs() / reach[:, None]
     parts = [statistic for values in (position, colour, opacity, scale) for statistic in (_rms(values), _peak(values))]
     unmatched = 1.0 - 2.0 * len(first) / (len(one) + len(other))
     return Difference(*parts, unmatched=unmatched, render_psnr=math.inf)
@@ -92,7 +98,15 @@ def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tens
 def matched(
     data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]
 ) -> tuple[Float[Tensor, "k 23"], Float[Tensor, "k 23"]]:
-    """Return the pairs of rows of the same Gaussian: mutually most similar rows at about the same index.
+    """Return the pairs of rows of the same Gaussian."""
+    rows, rows_of_other = pairs(data, one, other)
+    return one[rows], other[rows_of_other]
+
+
+def pairs(
+    data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]
+) -> tuple[Int[Tensor, " k"], Int[Tensor, " k"]]:
+    """Return the indices of the rows of the same Gaussian: mutually most similar rows at about the same index.
 
     Both tables are in the same order, but indices shift, because Gaussians near the opacity threshold may be in one
     table only.
@@ -103,7 +117,7 @@ def matched(
     is_mutual = in_one[in_other] == rows
     shift = _shift_between(torch.where(is_mutual, in_other - rows, UNKNOWN))
     is_paired = shift != UNKNOWN
-    return one[is_paired], other[(rows + shift)[is_paired]]
+    return rows[is_paired], (rows + shift)[is_paired]
 
 
 def _shift_between(shift: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
@@ -133,15 +147,28 @@ def _most_alike(
     return around.gather(1, is_alike.int().argmax(dim=1, keepdim=True))[:, 0]
 
 
-def _colours(data: bytes, rows: Float[Tensor, "n 23"]) -> Float[Tensor, "n view 3"]:
+def _centres(cameras: Cameras) -> Float[Tensor, "view 3"]:
+    return cameras.extrinsics[:, :3, 3].double()
+
+
+def _colours(cameras: Cameras, rows: Float[Tensor, "n 23"]) -> Float[Tensor, "n view 3"]:
     """Return the colour of each Gaussian in the direction of each context camera."""
-    centres = unpack(read_stream(data).cameras).extrinsics[:, :3, 3]
-    x, y, z = normalize(rows[:, None, :3].double() - centres.double(), dim=-1).unbind(dim=-1)
+    x, y, z = normalize(rows[:, None, :3].double() - _centres(cameras), dim=-1).unbind(dim=-1)
     basis = torch.stack((torch.full_like(x, SH_DEGREE_0), -SH_DEGREE_1 * y, SH_DEGREE_1 * z, -SH_DEGREE_1 * x), dim=-1)
     return basis @ rows[:, 11:].double().unflatten(1, (4, 3))
 
 
+def _without_largest(differences: Float[Tensor, "n value"]) -> Float[Tensor, "m value"]:
+    """Leave out the Gaussians on thresholds: `LEFT_OUT` of them, those with the largest difference."""
+    kept = len(differences) - int(LEFT_OUT * len(differences))
+    return differences[differences.amax(dim=1).argsort()[:kept]]
+
+
 def _render_psnr(data: bytes, one: Tensor, other: Tensor) -> float:
+    """Compare renderings with the same centres: rounding decides the order of Gaussians at the same depth."""
+    rows, rows_of_other = pairs(data, one, other)
+    other = other.clone()
+    other[rows_of_other, :3] = one[rows, :3]
     stream = read_stream(data)
     cameras, size = unpack(stream.cameras), (stream.header.height, stream.header.width)
     with torch.no_grad():

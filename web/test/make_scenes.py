@@ -1,4 +1,4 @@
-"""Encode small scenes of one, three and eight views for the browser tests: `python -m web.test.make_scenes FOLDER`."""
+"""Encode small scenes of one to sixteen views for the browser tests: `python -m web.test.make_scenes FOLDER`."""
 
 import sys
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from fecocodec.sender.encode import encode
 from tests.example_scenes import example_views
 
-NUM_VIEWS = (1, 3, 8)
+NUM_VIEWS = (1, 3, 8, 16)
 
 
 def scene_name(num_views: int) -> str:

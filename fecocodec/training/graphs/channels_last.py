@@ -41,11 +41,14 @@ class ExportedUpsample(nn.Sequential):
 def upsampled(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """Return the pixel shuffle by two of a 1x1 convolution. weight: [4 * channels, in]; bias: [4 * channels].
 
-    Outputs of the convolution are sorted by pixel instead of by channel, so that the shuffle copies whole pixels.
+    The convolution is a product of matrices with channels last, which has fewer channels to transpose. Its outputs are
+    sorted by pixel instead of by channel, so that the shuffle copies whole pixels.
     """
-    weight = rearrange(weight, "(c i j) inputs -> (i j c) inputs 1 1", i=2, j=2)
-    x = F.conv2d(x, weight, rearrange(bias, "(c i j) -> (i j c)", i=2, j=2)).permute(0, 2, 3, 1)
-    return rearrange(x, "n h w (i j c) -> n (h i) (w j) c", i=2, j=2).permute(0, 3, 1, 2)
+    weight = rearrange(weight, "(c i j) inputs -> (i j c) inputs", i=2, j=2)
+    bias = rearrange(bias, "(c i j) -> (i j c)", i=2, j=2)
+    n, _, h, w = x.shape
+    pixels = F.linear(x.permute(0, 2, 3, 1).flatten(0, 2), weight, bias)
+    return rearrange(pixels, "(n h w) (i j c) -> n (h i) (w j) c", n=n, h=h, w=w, i=2, j=2).permute(0, 3, 1, 2)
 
 
 def with_exported_blocks(module: Network) -> Network:

@@ -40,7 +40,9 @@ class UpdateGraph(nn.Module):
         synthesis, update = self.receiver.synthesis, self.receiver.update
         coarse = synthesis.coarse(synthesis.input(y_hat / condition.latent_gain), condition)
         of_state, of_features = update.join.weight.chunk(2, dim=1)
-        joined = self._upsampled_and_joined(coarse, of_features[:, :, 0, 0]) + F.conv2d(before, of_state)
+        of_latent, of_before = self._upsampled_and_joined(coarse, of_features[:, :, 0, 0]), F.conv2d(before, of_state)
+        # The sum has channels last, as the layer normalisation that follows.
+        joined = (of_latent.permute(0, 2, 3, 1) + of_before.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
         after: Tensor = update.block(joined, condition)
         return after
 

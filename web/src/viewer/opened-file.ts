@@ -5,6 +5,7 @@ import { fetchModel, type Runtime } from "./assets";
 import type { Reply, Request, Summary } from "./messages";
 import { element, Facts, markCamera, showCameras, showProblem, showStatus } from "./panel";
 import type { SceneView } from "./scene-view";
+import { drawThumbnails } from "./thumbnails";
 
 const PREVIEW_MS = 5000; // a preview that takes longer to draw does not delay the next stage
 
@@ -77,12 +78,15 @@ export class OpenedFile {
     const seconds = ((performance.now() - this.opened) / 1000).toFixed(2);
     showStatus(`${this.name}: stage ${stage} of ${this.summary?.stages}, ${count.toLocaleString("en")} Gaussians, ${seconds} s`);
     document.body.dataset.stage = String(stage);
-    element("download").hidden = false;
+    element("downloads").hidden = false;
   }
 
   private finish(): void {
     document.body.dataset.done = "true";
     this.worker.terminate(); // frees the memory of the networks
+    if (!this.summary || !this.ply) return;
+    const { cameras, width, height } = this.summary;
+    void drawThumbnails(this.view, cameras, width, height);
   }
 
   private readonly fail = (error: unknown): void => {

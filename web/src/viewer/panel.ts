@@ -33,6 +33,15 @@ export function showCameras(count: number, onChoice: (index: number) => void): v
   element("navigation").hidden = false;
 }
 
+/** Show what a coded camera sees in its button. */
+export function addThumbnail(index: number, picture: ImageData): void {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [picture.width, picture.height];
+  canvas.getContext("2d")?.putImageData(picture, 0, 0);
+  canvas.setAttribute("aria-hidden", "true"); // the text of the button names the camera
+  element("cameras").children[index].prepend(canvas);
+}
+
 export function markCamera(index: number): void {
   [...element("cameras").children].forEach((button, at) => button.setAttribute("aria-current", String(at === index)));
 }

@@ -4,16 +4,20 @@ import type { StoredCameras } from "../container/cameras";
 import { connectNavigation } from "./navigation";
 import { element, markCamera, showCameras, showProblem, showStatus } from "./panel";
 import { SceneView } from "./scene-view";
+import { drawThumbnails } from "./thumbnails";
 
 /** Content of the element `scene`. */
 interface EmbeddedScene {
   name: string;
   count: number;
+  /** Size of the coded images in pixels. */
+  width: number;
+  height: number;
   cameras: StoredCameras;
 }
 
 async function show(): Promise<void> {
-  const { name, count, cameras } = JSON.parse(element("scene").textContent ?? "") as EmbeddedScene;
+  const { name, count, width, height, cameras } = JSON.parse(element("scene").textContent ?? "") as EmbeddedScene;
   const gaussians = Uint8Array.from(atob(element("gaussians").textContent ?? ""), (char) => char.charCodeAt(0));
   const view = new SceneView(element<HTMLCanvasElement>("canvas"));
   const goTo = (index: number) => {
@@ -28,6 +32,7 @@ async function show(): Promise<void> {
   await view.setGaussians(gaussians, "spz");
   showStatus(`${name}: ${count.toLocaleString("en")} Gaussians`);
   document.body.dataset.done = "true";
+  await drawThumbnails(view, cameras, width, height);
 }
 
 element("licences").textContent = element("notices").textContent;

@@ -1,20 +1,29 @@
 /** Drawing and navigation of Gaussians. Only this file and coded-camera.ts import three.js, only this one Spark. */
 
 import { SparkControls, SparkRenderer, SplatFileType, SplatMesh } from "@sparkjsdev/spark";
-import { Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer, WebGLRenderTarget } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import type { StoredCamera, StoredCameras } from "../container/cameras";
 import { fit, placeAt } from "./coded-camera";
 
 const DILATION_PX2 = 0.3; // added to both variances of a splat, as in the reference renderer
+const SPLATS = { preBlurAmount: DILATION_PX2, blurAmount: 0, maxStdDev: Math.sqrt(10), sortRadial: false };
 const ORBIT_SPEED = 0.4; // 1 is a full turn for a drag over the height of the window; coded cameras are close together
 
 export type Navigation = "orbit" | "fly";
 
+/** Draws splats. They are blended as sRGB colours in a render target, too, where Spark would blend linear ones. */
+class Splats extends SparkRenderer {
+  override onBeforeRender(...of: Parameters<SparkRenderer["onBeforeRender"]>): void {
+    super.onBeforeRender(...of);
+    this.uniforms.encodeLinear.value = false;
+  }
+}
+
 /** A view of one scene of Gaussians in a canvas. */
 export class SceneView {
   private readonly renderer: WebGLRenderer;
-  private readonly spark: SparkRenderer;
+  private readonly spark: Splats;
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera();
   private orbit: OrbitControls | null = null;
@@ -29,14 +38,7 @@ export class SceneView {
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true });
-    this.spark = new SparkRenderer({
-      renderer: this.renderer,
-      onDirty: () => (this.isStale = true),
-      preBlurAmount: DILATION_PX2,
-      blurAmount: 0,
-      maxStdDev: Math.sqrt(10),
-      sortRadial: false,
-    });
+    this.spark = new Splats({ ...SPLATS, renderer: this.renderer, onDirty: () => (this.isStale = true) });
     this.scene.add(this.spark);
     this.fly = new SparkControls({ canvas });
     new ResizeObserver(() => this.resize()).observe(canvas);
@@ -88,6 +90,42 @@ export class SceneView {
     placeAt(this.camera, coded);
     this.resize();
     this.setNavigation(this.navigation);
+  }
+
+  /** Yield what each coded camera sees. The view stays as it is. Ends early if the Gaussians are replaced. */
+  async *pictures(cameras: StoredCamera[], width: number, height: number): AsyncGenerator<ImageData> {
+    const { mesh } = this;
+    const sorted = new SparkRenderer({ ...SPLATS, renderer: this.renderer, autoUpdate: false }); // in an order of its own
+    const target = new WebGLRenderTarget(width, height);
+    try {
+      for (const coded of cameras) {
+        const camera = new PerspectiveCamera(undefined, undefined, this.camera.near, this.camera.far);
+        placeAt(camera, coded);
+        fit(camera, coded, width, height);
+        camera.updateMatrixWorld();
+        await sorted.update({ scene: this.scene, camera });
+        if (this.mesh !== mesh) return;
+        this.renderer.setRenderTarget(target);
+        sorted.render(this.scene, camera);
+        this.renderer.setRenderTarget(null);
+        yield await this.read(target);
+      }
+    } finally {
+      target.dispose();
+      sorted.dispose();
+    }
+  }
+
+  private async read(target: WebGLRenderTarget): Promise<ImageData> {
+    const { width, height } = target;
+    const upwards = new Uint8Array(4 * width * height); // rows from the bottom to the top
+    await this.renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height, upwards);
+    const image = new ImageData(width, height);
+    for (let row = 0; row < height; row++) {
+      image.data.set(upwards.subarray(4 * width * row, 4 * width * (row + 1)), 4 * width * (height - 1 - row));
+    }
+    for (let alpha = 3; alpha < image.data.length; alpha += 4) image.data[alpha] = 255;
+    return image;
   }
 
   setNavigation(navigation: Navigation): void {

@@ -1,5 +1,6 @@
 /** The viewer page: opens files that are dropped, chosen or named by `?file=`. */
 
+import { spzBytes } from "../formats/spz";
 import { fetchBytes, fetchRuntime } from "./assets";
 import { connectNavigation } from "./navigation";
 import { OpenedFile } from "./opened-file";
@@ -32,13 +33,22 @@ async function openNamed(url: string): Promise<void> {
   }
 }
 
-function download(): void {
-  if (!file?.ply) return;
+function save(bytes: Uint8Array<ArrayBuffer>, name: string): void {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([file.ply]));
-  link.download = `${file.name.replace(/\.fcs$/, "")}.ply`;
+  link.href = URL.createObjectURL(new Blob([bytes]));
+  link.download = name;
   link.click();
   URL.revokeObjectURL(link.href);
+}
+
+async function download(ending: "ply" | "spz"): Promise<void> {
+  if (!file?.ply) return;
+  const { name, ply } = file;
+  try {
+    save(ending === "ply" ? ply : await spzBytes(ply), `${name.replace(/\.fcs$/, "")}.${ending}`);
+  } catch (error) {
+    showProblem(`${name}: ${(error as Error).message}`);
+  }
 }
 
 function setDropping(isDropping: boolean): void {
@@ -58,7 +68,8 @@ window.addEventListener("drop", (event) => {
 element<HTMLInputElement>("file").addEventListener("change", (event) => {
   void openLocal((event.target as HTMLInputElement).files?.[0]);
 });
-element("download").addEventListener("click", download);
+element("download").addEventListener("click", () => void download("ply"));
+element("download-spz").addEventListener("click", () => void download("spz"));
 connectNavigation(view, (index) => file?.goTo(index));
 
 const named = new URLSearchParams(location.search).get("file");

@@ -1,6 +1,6 @@
 /** Headless Chromium for the tests. The variable CHROMIUM has the path of the browser. */
 
-import { mkdirSync } from "node:fs";
+import { mkdirSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { type Browser, chromium, type Page } from "playwright-core";
 
@@ -53,6 +53,13 @@ export async function atStage(page: Page, stage: number): Promise<() => Promise<
   };
 }
 
+/** Wait for the pictures of all coded cameras and write them as NAME1.png, ... */
+export async function saveThumbnails(page: Page, count: number, name: string): Promise<void> {
+  await page.waitForFunction((all) => document.querySelectorAll("#cameras canvas").length === all, count, { timeout: TIMEOUT });
+  const urls = await page.$$eval("#cameras canvas", (found) => found.map((one) => (one as HTMLCanvasElement).toDataURL()));
+  urls.forEach((url, at) => writeFileSync(join(RESULTS, `${name}${at + 1}.png`), Buffer.from(url.split(",")[1], "base64")));
+}
+
 /** Wait until the last scene is set. */
 export async function waitForScene(page: Page): Promise<void> {
   await page.waitForSelector("body[data-done]", { timeout: TIMEOUT });
@@ -70,6 +77,20 @@ export async function settled(page: Page): Promise<Buffer> {
     before = after;
   }
   throw new Error("the picture does not stop changing.");
+}
+
+/** Wait until the canvas stays the same; returns it as a data URL. The panel may cover it. */
+export async function drawn(page: Page): Promise<string> {
+  const deadline = Date.now() + TIMEOUT;
+  const read = () => page.$eval("#canvas", (canvas) => (canvas as HTMLCanvasElement).toDataURL());
+  let before = await read();
+  while (Date.now() < deadline) {
+    await page.waitForTimeout(1500);
+    const after = await read();
+    if (after === before) return after;
+    before = after;
+  }
+  throw new Error("the canvas does not stop changing.");
 }
 
 /** Wait until the picture is no longer the given one. Throws Error if it stays the same for a minute. */

@@ -1,11 +1,11 @@
 /** The decoder, and the page that decodes, in headless Chromium. */
 
 import assert from "node:assert/strict";
-import { existsSync, writeFileSync } from "node:fs";
+import { existsSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser } from "playwright-core";
-import { atStage, launch, open, RESULTS, settled, TIMEOUT, waitForScene } from "./chromium";
+import { atStage, launch, open, RESULTS, saveThumbnails, settled, TIMEOUT, waitForScene } from "./chromium";
 import { serve, type StaticServer } from "./static-server";
 
 const ROOT = join(process.cwd(), "..");
@@ -56,7 +56,11 @@ test("a scene is decoded, shown and downloaded", needsPage, async () => {
   const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
   assert.equal(download.suggestedFilename(), "scene-compact-2.ply");
   await download.saveAs(join(RESULTS, "scene.ply"));
+  const [spz] = await Promise.all([page.waitForEvent("download"), page.click("#download-spz")]);
+  assert.equal(spz.suggestedFilename(), "scene-compact-2.spz");
+  await spz.saveAs(join(RESULTS, "scene.spz"));
   writeFileSync(join(RESULTS, "facts.txt"), await page.innerText("#status"));
+  await saveThumbnails(page, 2, "thumbnail");
   assert.deepEqual(problems, []);
   await page.close();
 });
@@ -70,16 +74,33 @@ test("the scene of stage 1 is drawn before stage 2 is decoded", needsPage, async
   await page.close();
 });
 
-for (const count of [1, 3, 8]) {
+for (const count of [1, 3, 8, 16]) {
   test(`a file of ${count} view(s) is decoded`, needsPage, async () => {
     const { page, problems } = await open(browser, `${server.url}/page/index.html?file=/views/views-${count}.fcs`, 400, 300);
     await page.waitForSelector("body[data-done]", { timeout: TIMEOUT });
     const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
     await download.saveAs(join(RESULTS, `views-${count}.ply`));
+    if (count === 8) await saveThumbnails(page, count, `views-${count}-thumbnail`);
     assert.deepEqual(problems, []);
     await page.close();
   });
 }
+
+test("a file that is dropped or chosen is decoded", needsPage, async () => {
+  const { page, problems } = await open(browser, `${server.url}/page/index.html`, 192, 128);
+  const content = readFileSync(join(RESULTS, "scenes", "views-1.fcs"));
+  await page.setInputFiles("#file", { name: "chosen.fcs", mimeType: "application/octet-stream", buffer: content });
+  await page.waitForSelector("body[data-done]", { timeout: TIMEOUT });
+  const dropped = await page.evaluateHandle((bytes) => {
+    const transfer = new DataTransfer();
+    transfer.items.add(new File([new Uint8Array(bytes)], "dropped.fcs"));
+    return transfer;
+  }, [...content]);
+  await page.dispatchEvent("#canvas", "drop", { dataTransfer: dropped });
+  await page.waitForFunction(() => /^dropped\.fcs: stage 2/.test(document.getElementById("status")!.textContent!));
+  assert.deepEqual(problems, []);
+  await page.close();
+});
 
 test("files on other hosts are not loaded", needsPage, async () => {
   const { page } = await open(browser, `${server.url}/page/index.html?file=http://127.0.0.1:9/a.fcs`, 800, 600);

@@ -5,7 +5,7 @@ import { writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
-import { changed, launch, open, RESULTS, settled, waitForScene } from "./chromium";
+import { changed, drawn, launch, open, RESULTS, saveThumbnails, settled, waitForScene } from "./chromium";
 import { serve } from "./static-server";
 
 const FROM_DISK = `file://${process.cwd()}/${RESULTS}/scene.html`; // of scene-compact-2.fcs, 2 views of 192x128
@@ -80,6 +80,20 @@ test("one finger orbits, two fingers zoom", async () => {
   assert.ok((await press(page, "1")).equals(atCamera));
   await touch(page, [[[86, 64], [66, 64]], [[106, 64], [126, 64]]]);
   assert.ok(!(await settled(page)).equals(atCamera));
+  await page.close();
+});
+
+test("the buttons of the coded cameras show what they see, and the keyboard reaches them", async () => {
+  const { page, problems } = await open(browser, FROM_DISK, 240, 160);
+  await saveThumbnails(page, 2, "page-thumbnail");
+  const start = await drawn(page);
+  await page.click("#cameras button:nth-child(2)");
+  assert.notEqual(await drawn(page), start);
+  await page.keyboard.press("Shift+Tab");
+  assert.equal(await page.evaluate(() => document.activeElement?.textContent), "Camera 1");
+  await page.keyboard.press("Enter");
+  assert.equal(await drawn(page), start);
+  assert.deepEqual(problems, []);
   await page.close();
 });
 
