@@ -11,7 +11,7 @@ from fecocodec.model_files import find_receiver
 
 from .decode_options import decoding_options
 from .error_context import error_context
-from .options import FILE_PATH, json_option
+from .options import FILE_PATH, json_option, stream_path
 from .output import print_json, say, warn
 from .paths import STDOUT, require_ending, require_model
 from .progress import progress_bar
@@ -34,7 +34,7 @@ Examples:
   fecosplat decode scene.fcs -o preview.ply --stages 1
   fecosplat decode damaged.fcs -o rescued.ply --partial""",
 )
-@click.argument("stream", metavar="FILE.fcs", type=FILE_PATH)
+@click.argument("stream", metavar="FILE.fcs", type=stream_path)
 @click.option(
     "-o",
     "--output",
@@ -77,7 +77,7 @@ def command(
     overwrite: bool,
     as_json: bool,
 ) -> int:
-    """Decode FILE.fcs to 3D Gaussians, in the unit of length of the input cameras.
+    """Decode FILE.fcs (- for standard input) to 3D Gaussians, in the unit of length of the input cameras.
 
     The ending of the output selects the format. Viewers such as SuperSplat open all of them.
     """

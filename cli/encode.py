@@ -120,7 +120,7 @@ def command(
         for note in chosen.notes:
             report(note)
 
-        from fecocodec import check_input, encode, encode_to_target, measure_decoded
+        from fecocodec import check_input, encode, encode_to_target, measure_decoded, quality_warnings
         from fecocodec.formats.scene_folder import read_pixels
 
         scene = read_pixels(chosen, near=near, far=far, background=background)
@@ -137,6 +137,8 @@ def command(
     with write_atomically(output, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
     quality = measure_decoded(data, scene, device=device, model=model)
+    for warning in quality_warnings(quality[-1], scene.names):
+        report(warning)
     seconds = round(perf_counter() - start, 3)
     summary = inspect(data)
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:

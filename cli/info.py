@@ -10,7 +10,7 @@ from fecocodec.errors import BitstreamError
 
 from .error_context import error_context
 from .metadata_options import FIELDS
-from .options import FILE_PATH, json_option
+from .options import json_option, stream_path
 from .output import print_columns, print_fields, print_json
 from .terminal import printable
 
@@ -33,7 +33,7 @@ Examples:
   fecosplat info scene.fcs --json
   fecosplat info --parameters paper""",
 )
-@click.argument("stream", metavar="[FILE.fcs]", required=False, type=FILE_PATH)
+@click.argument("stream", metavar="[FILE.fcs]", required=False, type=stream_path)
 @click.option(
     "--parameters",
     "profile",
@@ -44,7 +44,7 @@ Examples:
 )
 @json_option
 def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
-    """Show the views and stages of FILE.fcs, and the size of each section.
+    """Show the views and stages of FILE.fcs (- for standard input), and the size of each section.
 
     A damaged file is described as far as possible; the exit code is then 1.
     """

@@ -18,6 +18,11 @@ Function = TypeVar("Function", bound=Callable[..., object])
 FILE_PATH = click.Path(readable=False, path_type=Path)
 
 
+def stream_path(value: str) -> Path:
+    """Return the path of a .fcs file to read; `-` is standard input."""
+    return Path("/dev/stdin") if value == "-" else Path(value)
+
+
 def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
     """Parse WIDTHxHEIGHT to `(height, width)` in pixels, the order that the library uses."""
     if value is None:

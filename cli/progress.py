@@ -78,7 +78,8 @@ def _lines() -> OnProgress:
         is_long = is_first and left is not None and left >= SECONDS_BETWEEN_LINES
         if is_long or monotonic() - last >= SECONDS_BETWEEN_LINES:
             last, is_first = monotonic(), False
-            say(f"{step}: {100 * fraction:.0f}% done" + ("" if left is None else f", {in_words(left)}"))
+            done = f"{100 * fraction:.0f}% done" if fraction else "started"
+            say(f"{step}: {done}" + ("" if left is None else f", {in_words(left)}"))
 
     return report
 

@@ -21,6 +21,7 @@ from .options import (
     model_option,
     overwrite_option,
     parse_size,
+    stream_path,
     threads_option,
 )
 from .output import print_json, say
@@ -44,7 +45,7 @@ Examples:
   fecosplat render scene.fcs --video orbit.mp4 --path orbit
   fecosplat render scene.fcs --video flight.mp4 --cameras camera_path.json""",
 )
-@click.argument("scene", metavar="FILE", type=FILE_PATH)
+@click.argument("scene", metavar="FILE", type=stream_path)
 @click.option(
     "-o", "--output", type=FILE_PATH,
     help="Output folder, or a .png, .jpg, .webp or .exr file for a single view. Without --cameras and --path it shows "
@@ -106,8 +107,9 @@ def command(
 ) -> None:
     """Render the Gaussians of FILE (.fcs or .ply) to PNG and EXR images, or to a video.
 
-    PNG files contain sRGB colour. EXR files contain linear colour and, in channel Z, the depth along the optical axis
-    in scene units. --cameras must be in the frame and unit of length of the cameras that the scene was encoded with.
+    FILE may be - for a .fcs file from standard input. PNG files contain sRGB colour. EXR files contain
+    linear colour and, in channel Z, the depth along the optical axis in scene units. --cameras must be in the frame and
+    unit of length of the cameras that the scene was encoded with.
     """
     is_ply = scene.suffix.lower() == ".ply"
     if output is None and video is None:

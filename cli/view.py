@@ -8,7 +8,7 @@ import click
 from fecocodec.container import read_stream_file
 
 from .error_context import error_context
-from .options import FILE_PATH, max_pixels_option, model_option, threads_option
+from .options import max_pixels_option, model_option, stream_path, threads_option
 from .output import say
 from .paths import require_model
 from .progress import progress_bar
@@ -25,7 +25,7 @@ Examples:
   fecosplat view scene.fcs --no-browser
   fecosplat view scene.fcs --threads 1""",
 )
-@click.argument("stream", metavar="FILE.fcs", type=FILE_PATH)
+@click.argument("stream", metavar="FILE.fcs", type=stream_path)
 @click.option(
     "--browser/--no-browser",
     "opens_browser",
@@ -37,7 +37,7 @@ Examples:
 @max_pixels_option
 @threads_option
 def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: int) -> None:
-    """Decode FILE.fcs and show the scene in a page.
+    """Decode FILE.fcs (- for standard input) and show the scene in a page.
 
     The page is that of `fecosplat decode FILE.fcs -o scene.html`. It is served on this machine only, on a free port,
     until Ctrl-C ends the command. It loads nothing from other hosts.

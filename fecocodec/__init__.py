@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fecocodec.geometry.views import Views
     from fecocodec.receiver.decode import Decoded, decode
     from fecocodec.rendering.rasterizer import Rendering, render
-    from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded
+    from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded, quality_warnings
     from fecocodec.sender.encode import encode
     from fecocodec.sender.input_warnings import check_input
     from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
@@ -46,6 +46,7 @@ __all__ = [
     "encode",
     "encode_to_target",
     "measure_decoded",
+    "quality_warnings",
     "read_ply",
     "read_views",
     "render",
@@ -71,6 +72,7 @@ _MODULE_OF = {
     "encode": "fecocodec.sender.encode",
     "encode_to_target": "fecocodec.sender.rate_control",
     "measure_decoded": "fecocodec.sender.decoded_quality",
+    "quality_warnings": "fecocodec.sender.decoded_quality",
     "read_ply": "fecocodec.formats.ply",
     "read_views": "fecocodec.formats.scene_folder",
     "render": "fecocodec.rendering.rasterizer",

@@ -22,7 +22,7 @@ from fecocodec.formats.view_selection import Selection, resolve
 from fecocodec.geometry.views import Views
 from fecocodec.model_files import read_bytes
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.decoded_quality import decoded_quality
+from fecocodec.sender.decoded_quality import decoded_quality, quality_warnings
 from fecocodec.sender.encode import check_views, encode_with
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.optimisation_config import config_of_effort
@@ -94,9 +94,9 @@ class EncodeScene:
         details: dict[str, Any] = {"views": list(views.names), "device": self.device}
         details["threads"] = torch.get_num_threads()
         if self.is_measured:
-            details["context_psnr"] = round(
-                decoded_quality(codec.receiver, data, views, self._num_coded(codec)).psnr, 3
-            )
+            quality = decoded_quality(codec.receiver, data, views, self._num_coded(codec))
+            details["context_psnr"] = round(quality.psnr, 3)
+            warnings += quality_warnings(quality, views.names)
         return Result(data, warnings, details)
 
     def _encoded(self, codec: Codec, views: Views, warnings: list[str]) -> bytes:

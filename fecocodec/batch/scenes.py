@@ -1,6 +1,7 @@
 """The scenes of a batch: those in a folder, or those that a manifest names."""
 
 import os
+import stat
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,11 +59,14 @@ def shard_of(scenes: Sequence[BatchScene], number: int, count: int) -> tuple[Bat
 
 
 def _existing(source: Path) -> Path:
+    """Return a path that is a folder or a regular file. Raises InputError."""
     try:
-        os.stat(source)
+        mode = os.stat(source).st_mode
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{source}: cannot be read ({reason}); give a folder of scenes or a manifest.") from error
+    if not stat.S_ISDIR(mode) and not stat.S_ISREG(mode):
+        raise InputError(f"{source}: this is a pipe or a device; give a folder of scenes or a manifest.")
     return source
 
 

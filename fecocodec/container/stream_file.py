@@ -1,19 +1,24 @@
 """Read the bytes of a `.fcs` file with bounded memory."""
 
 import os
+import time
 from pathlib import Path
 
 from fecocodec.container.header_bytes import SIGNATURE
 from fecocodec.container.stream import MAX_STREAM_BYTES
 from fecocodec.errors import InputError
 
+SECONDS_WITHOUT_WRITER = 10.0  # then a named pipe is given up
 _CHUNK = 1 << 20
+_SECONDS_BETWEEN_LOOKS = 0.02
 
 
 def read_stream_file(path: Path) -> bytes:
     """Return the bytes of a file or pipe, or only the first MiB if it does not start with the signature.
 
-    Raises InputError if the file is missing, cannot be read, or is longer than any valid stream.
+    A named pipe is given up if no program writes to it within SECONDS_WITHOUT_WRITER. From then on its writer may take
+    as long as it needs.
+    Raises InputError if the file is missing, cannot be read, is a terminal, or is longer than any valid stream.
     """
     try:
         return _read_bounded(path)
@@ -30,8 +35,12 @@ def _read_bounded(path: Path) -> bytes:
 
     A file with another signature is cut after the first chunk; the stream parser then reports the wrong signature.
     """
-    with path.open("rb") as file:
-        data = bytearray(file.read(_CHUNK))
+    is_named_pipe = Path(os.path.realpath(path)).is_fifo()  # not /dev/stdin of a pipeline: its path has no file
+    with open(path, "rb", opener=_open_at_once if is_named_pipe else None) as file:
+        if file.isatty():
+            raise InputError(f"{path}: is a terminal; give a .fcs file, or a pipe from the program that writes one.")
+        data = bytearray(_first_bytes(file.fileno(), path) if is_named_pipe else b"")
+        data += file.read(_CHUNK - len(data))
         if not data.startswith(SIGNATURE):
             return bytes(data)
         if os.fstat(file.fileno()).st_size <= MAX_STREAM_BYTES:
@@ -43,3 +52,31 @@ def _read_bounded(path: Path) -> bytes:
         f"{path}: it is longer than the {MAX_STREAM_BYTES} bytes that a .fcs file can have; give the file as it was "
         "written by fecosplat encode."
     )
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """Open a named pipe without waiting for a writer."""
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def _first_bytes(pipe: int, path: Path) -> bytes:
+    """Wait for a writer of a pipe that was opened by `_open_at_once`, and return bytes it has written, if any yet.
+
+    Later reads wait for the writer.
+    """
+    end = time.monotonic() + SECONDS_WITHOUT_WRITER
+    first = b""
+    while not first:
+        try:
+            first = os.read(pipe, _CHUNK)
+        except BlockingIOError:  # there is a writer, which has not written yet
+            break
+        if not first and time.monotonic() >= end:
+            raise InputError(
+                f"{path}: no program wrote to this pipe within {SECONDS_WITHOUT_WRITER:g} seconds; start the one "
+                "that does, or give a file."
+            )
+        if not first:
+            time.sleep(_SECONDS_BETWEEN_LOOKS)
+    os.set_blocking(pipe, True)
+    return first

@@ -22,7 +22,7 @@ def read_cameras(path: StrPath) -> PosedPhotographs:
     except (OSError, ValueError) as error:  # ValueError: an invalid file name
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions.") from error
-    if scene is None and path.is_file():
+    if scene is None and not path.is_dir():
         raise InputError(f"{path}: not a camera file; give the folder that holds images and cameras.")
     if scene is None:
         raise InputError(

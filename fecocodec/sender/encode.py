@@ -73,6 +73,7 @@ def encode_with(
     """
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    on_progress("matching views", 0.0)
     warn_of_overlap(encoder, views.names, on_warning)
     return assemble(codec, scene, write_stages(encoder, lambda_q, num_stages, config, on_progress))
 

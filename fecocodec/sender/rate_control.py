@@ -28,6 +28,7 @@ NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS = 3, 3
 NEARBY_LAMBDA_Q = 64  # the curve is nearly linear over this distance, so the fast search ends
 # Gain of the default number of optimisation steps at equal lambda, on training scenes: ln(bytes) and dB.
 SIZE_GAIN, PSNR_GAIN = 0.13, 0.7
+TIME_OF_STEP = 0.5  # time that an optimisation step adds to an encoding, relative to one without optimisation
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Attempt:
         return self.quality.psnr
 
 
-Encoder = Callable[[int, OptimisationConfig], Attempt]
+Encoder = Callable[[int, OptimisationConfig, OnProgress], Attempt]
 
 
 def encode_to_target(
@@ -98,38 +99,76 @@ def encode_to_target_with(
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    on_progress("matching views", 0.0)
     warn_of_overlap(encoder, views.names, on_warning)
 
-    def attempt(lambda_q: int, config: OptimisationConfig) -> Attempt:
-        stages = write_stages(encoder, lambda_q, 2, config)
+    def attempt(lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
+        stages = write_stages(encoder, lambda_q, 2, config, on_progress)
         data = assemble(codec, scene, stages)
         return Attempt(lambda_q, data, decoded_quality(codec.receiver, data, views, len(stages)))
 
-    return search(attempt, target, config, views.names, on_progress).data
+    num_steps = config.steps_of_last(encoder.num_pixels, FIRST_LAMBDA_Q)
+    return search(attempt, target, config, num_steps, views.names, on_progress).data
 
 
 def search(
-    encoder: Encoder, target: Target, config: OptimisationConfig, names: tuple[str, ...], on_progress: OnProgress
+    encoder: Encoder,
+    target: Target,
+    config: OptimisationConfig,
+    num_steps: int,
+    names: tuple[str, ...],
+    on_progress: OnProgress,
 ) -> Attempt:
-    """Return the best of a few encodings that reach the target. names: of the views, for messages.
+    """Return the best of a few encodings that reach the target.
 
+    num_steps: optimisation steps of the last stage, at lambda 1e-3. names: of the views, for messages. on_progress:
+    its fraction assumes NUM_FULL_ENCODINGS, so the work may end earlier.
     Raises InputError if no lambda reaches the target.
     """
     fast: list[Point] = []
     lambda_q = FIRST_LAMBDA_Q
     for number in range(NUM_FAST_ENCODINGS):
-        on_progress("estimating lambda", 0.1 * number)
-        fast.append(_expected(_point(encoder(lambda_q, FAST), target), target, config))
+        report = _reporter(on_progress, f"estimating lambda, try {number + 1}", _part_of_fast(number, num_steps))
+        fast.append(_expected(_point(encoder(lambda_q, FAST, report), target), target, num_steps))
         lambda_q = next_lambda_q(fast)
         if any(abs(point.lambda_q - lambda_q) <= NEARBY_LAMBDA_Q for point in fast):
             break
     full: list[Attempt] = []
     while not _is_done(full, target):
         _require_reachable(full, target, config, names)
-        on_progress(f"coding, attempt {len(full) + 1}", min(0.9, 0.3 + 0.2 * len(full)))
-        full.append(encoder(lambda_q, config))
+        number = len(full)
+        of_most = f" of up to {NUM_FULL_ENCODINGS}" if number < NUM_FULL_ENCODINGS else ""
+        report = _reporter(on_progress, f"attempt {number + 1}{of_most}", _part_of_full(number, num_steps))
+        full.append(encoder(lambda_q, config, report))
         lambda_q = next_lambda_q(fast, [_point(attempt, target) for attempt in full])
     return _best(full, target)
+
+
+def _part_of_fast(number: int, num_steps: int) -> tuple[float, float]:
+    """Return the fractions of all work before and after a fast encoding. number: from 0."""
+    total = NUM_FAST_ENCODINGS + NUM_FULL_ENCODINGS * _time_of_full(num_steps)
+    return number / total, (number + 1) / total
+
+
+def _part_of_full(number: int, num_steps: int) -> tuple[float, float]:
+    """Return the fractions of all work before and after a full encoding. number: from 0.
+
+    From NUM_FULL_ENCODINGS on, each encoding is taken for the last one.
+    """
+    of_each = _time_of_full(num_steps)
+    total = NUM_FAST_ENCODINGS + max(NUM_FULL_ENCODINGS, number + 1) * of_each
+    return (NUM_FAST_ENCODINGS + number * of_each) / total, (NUM_FAST_ENCODINGS + (number + 1) * of_each) / total
+
+
+def _time_of_full(num_steps: int) -> float:
+    """Return the time of a full encoding, relative to a fast one."""
+    return 1.0 + TIME_OF_STEP * num_steps
+
+
+def _reporter(on_progress: OnProgress, task: str, part: tuple[float, float]) -> OnProgress:
+    """Return the callback of one encoding, which is the part of all work between two fractions."""
+    begin, end = part
+    return lambda step, fraction: on_progress(f"{task}, {step}", begin + (end - begin) * fraction)
 
 
 def _is_done(full: Sequence[Attempt], target: Target) -> bool:
@@ -175,9 +214,9 @@ def _point(attempt: Attempt, target: Target) -> Point:
     return Point.of_psnr(attempt.lambda_q, attempt.psnr, target.psnr)
 
 
-def _expected(fast: Point, target: Target, config: OptimisationConfig) -> Point:
+def _expected(fast: Point, target: Target, num_steps: int) -> Point:
     """Return the expected point of the full encoding at the lambda of this fast encoding."""
-    if config.num_steps == 0:
+    if num_steps == 0:
         return fast
     return replace(fast, margin=fast.margin + (SIZE_GAIN if isinstance(target, AtMostKib) else PSNR_GAIN))
 

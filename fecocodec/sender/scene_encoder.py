@@ -91,7 +91,6 @@ class SceneEncoder:
         repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs, on_fraction) ->
         optimised y.
         """
-        on_progress("matching views", 0.0)
         state, y_hat = self.initial_state, None  # S0
         stages: list[Stage[Coded]] = []
         offset = stage_1_offset(self.codec.receiver.config)
@@ -108,10 +107,9 @@ class SceneEncoder:
             else:
                 features = self.features_at(condition)  # F1 = E_mv(I)
             inputs = StageInputs(kind, number == num_stages, lambda_q_of_item, condition, state, y_hat)
-            on_progress(f"analysing stage {number}", begin)
+            on_progress(f"coding stage {number}", begin)
             y = self.analyse(features, inputs)  # y_k = g_a(F_k, S_{k-1})
-            task = f"optimising stage {number}"  # reported by optimisation steps, if there are any
-            y = optimise(y, inputs, partial(_report_part, on_progress, task, begin, end))
+            y = optimise(y, inputs, partial(_report_part, on_progress, f"optimising stage {number}", begin, end))
             on_progress(f"coding stage {number}", end)
             coded = code(y, inputs)
             y_hat, state = coded.y_hat, self.update(inputs, coded.y_hat)  # S_k = U(S_{k-1}, g_s(y_k_hat))

@@ -1,5 +1,6 @@
 """Scenes of folders and manifests, and what is refused."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -72,3 +73,13 @@ def test_a_folder_that_is_a_scene_is_refused(root: Path) -> None:
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"missing: cannot be read \(No such file or directory\); give a folder"):
         scene_folders(tmp_path / "missing")
+
+
+@pytest.mark.parametrize("scenes", [scene_folders, coded_scenes])
+def test_a_pipe_is_refused_without_waiting(tmp_path: Path, scenes) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError) as caught:
+        scenes(tmp_path / "pipe")
+    assert (
+        str(caught.value) == f"{tmp_path / 'pipe'}: this is a pipe or a device; give a folder of scenes or a manifest."
+    )

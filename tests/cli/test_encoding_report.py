@@ -7,7 +7,7 @@ from fecosplat_cli.encoding_report import quality_fields, say_result
 
 from fecocodec.container import inspect
 from fecocodec.errors import InputError
-from fecocodec.sender.decoded_quality import DecodedQuality
+from fecocodec.sender.decoded_quality import DecodedQuality, quality_warnings
 
 QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
 
@@ -46,3 +46,14 @@ def test_warnings_come_before_the_work(
         "warning: one view has no parallax, so its depth is unreliable; add a view from another position.",
         f"fecosplat: {photographs}: the encoder was started.",
     ]
+
+
+def test_poor_views_are_said() -> None:
+    assert quality_warnings(DecodedQuality((25.0, 19.0)), ("a.png", "b.png")) == ()
+    assert quality_warnings(DecodedQuality((23.0, 18.9)), ("a.png", "b.png")) == (
+        "the decoded views are poor, with a PSNR of 20.9 dB (worst b.png, 18.9 dB), and images between them will be "
+        "worse; choose fewer `views`, which are closer together, or use more `effort`.",
+    )
+    assert quality_warnings(DecodedQuality((18.0,)), ("a.png",)) == (
+        "the decoded views are poor, with a PSNR of 18.0 dB; use a smaller lambda or more `effort`.",
+    )

@@ -1,6 +1,7 @@
 """`fecosplat info`."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,6 +10,9 @@ from pathlib import Path
 import pytest
 
 from fecocodec.container import read_stream, with_metadata, write_stream
+from fecocodec.container import stream_file as stream_file_module
+
+CONSOLE_SCRIPT = Path(sys.executable).with_name("fecosplat")
 
 
 def test_json_describes_the_stream(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
@@ -112,3 +116,28 @@ def test_text_shows_title_and_author_with_escaped_control_characters(
 def test_added_metadata_keeps_earlier_entries(stream_bytes: bytes) -> None:
     data = with_metadata(with_metadata(stream_bytes, {"title": "a", "author": "b"}), {"title": "c"})
     assert read_stream(data).metadata == {"title": "c", "author": "b"}
+
+
+def test_standard_input_and_pipes_are_read(stream_file: Path, fecosplat) -> None:
+    """`cat scene.fcs | fecosplat info -`, and process substitution."""
+    described = fecosplat("info", stream_file).out
+    command = f"cat {stream_file} | {CONSOLE_SCRIPT} info - && {CONSOLE_SCRIPT} info <(cat {stream_file})"
+    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout == 2 * described
+
+
+@pytest.mark.parametrize("command", ["info", "view", "decode", "render"])
+def test_a_named_pipe_without_a_writer_does_not_hang(
+    fecosplat, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stream_file_module, "SECONDS_WITHOUT_WRITER", 0.1)
+    os.mkfifo(tmp_path / "pipe.fcs")
+    output = {"info": (), "view": ("--no-browser",), "decode": ("-o", tmp_path / "a.ply"), "render": ("-o", tmp_path)}
+    result = fecosplat(command, tmp_path / "pipe.fcs", *output[command])
+    assert (result.code, result.out) == (1, "")
+    assert result.err == (
+        f"fecosplat: {tmp_path / 'pipe.fcs'}: no program wrote to this pipe within 0.1 seconds; start the one that "
+        "does, or give a file.\n"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe.fcs"]

@@ -70,3 +70,11 @@ def test_a_terminal_shows_the_time_left(clock, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(sys, "stderr", terminal)
     optimise(clock, 2.0, 36)
     assert "about" in terminal.getvalue() and "s left" in terminal.getvalue()
+
+
+def test_a_step_at_the_start_is_not_zero_percent_done(clock, capsys: pytest.CaptureFixture[str]) -> None:
+    """The first line of a log, where loading took longer than the interval between lines."""
+    with progress_bar() as on_progress:
+        clock[0] += 25
+        on_progress("matching views", 0.0)
+    assert capsys.readouterr().err == "matching views: started\n"

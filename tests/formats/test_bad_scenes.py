@@ -372,6 +372,13 @@ def test_an_image_that_is_a_pipe(scene):
     assert message(scene) == f"{scene}/images/001.png: a pipe or a device cannot be read here; give a regular file."
 
 
+def test_a_pipe_is_not_taken_for_a_folder_without_cameras(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    assert message(tmp_path / "pipe") == (
+        f"{tmp_path / 'pipe'}: not a camera file; give the folder that holds images and cameras."
+    )
+
+
 def test_a_camera_file_that_is_too_long(scene):
     with (scene / "transforms.json").open("r+b") as file:
         file.truncate(513 << 20)

@@ -10,7 +10,7 @@ import torch
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_with
+from fecocodec.receiver.decode import OnProgress, decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded
@@ -38,8 +38,10 @@ class Curve:
     def __init__(self, noise: float) -> None:
         self.noise, self.calls = noise, {FAST: 0, DEFAULT: 0}
 
-    def __call__(self, lambda_q: int, config: OptimisationConfig) -> Attempt:
+    def __call__(self, lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
         self.calls[config] += 1
+        on_progress("coding stage 1", 0.1)
+        on_progress("coding stage 2", 1.0)
         wiggle = self.noise * math.sin(1.7 * lambda_q)
         gain = 0.0 if config is FAST else 1.0
         num_bytes = 2000 * math.exp(2.8 - 0.0019 * lambda_q + 3e-7 * lambda_q**2 - 0.07 * gain + wiggle)
@@ -54,7 +56,7 @@ def quiet(_task: str, _fraction: float) -> None: ...
 @pytest.mark.parametrize("kib", [3.0, 5.0, 8.0, 15.0, 25.0])
 def test_a_size_is_hit_within_three_percent(kib: float, noise: float) -> None:
     curve = Curve(noise)
-    found = search(curve, AtMostKib(kib), DEFAULT, NAMES, quiet)
+    found = search(curve, AtMostKib(kib), DEFAULT, DEFAULT.num_steps, NAMES, quiet)
     assert 0.97 * 1024 * kib <= len(found.data) <= 1024 * kib
     assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS and curve.calls[FAST] <= NUM_FAST_ENCODINGS
 
@@ -63,7 +65,7 @@ def test_a_size_is_hit_within_three_percent(kib: float, noise: float) -> None:
 @pytest.mark.parametrize("psnr", [20.0, 24.0, 27.0, 30.0])
 def test_a_quality_is_reached_and_exceeded_by_little(psnr: float, noise: float) -> None:
     curve = Curve(noise)
-    found = search(curve, AtLeastPsnr(psnr), DEFAULT, NAMES, quiet)
+    found = search(curve, AtLeastPsnr(psnr), DEFAULT, DEFAULT.num_steps, NAMES, quiet)
     assert psnr <= found.psnr <= psnr + 0.3
     assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS
 
@@ -73,7 +75,7 @@ def test_a_quality_is_reached_and_exceeded_by_little(psnr: float, noise: float) 
     [(AtMostKib(1000.0), 0), (AtLeastPsnr(5.0), 1768)],
 )
 def test_a_target_that_every_lambda_reaches_gets_the_end_of_the_range(target: Target, lambda_q: int) -> None:
-    assert search(Curve(0.0), target, DEFAULT, NAMES, quiet).lambda_q == lambda_q
+    assert search(Curve(0.0), target, DEFAULT, DEFAULT.num_steps, NAMES, quiet).lambda_q == lambda_q
 
 
 @pytest.mark.parametrize(
@@ -85,7 +87,7 @@ def test_a_target_that_every_lambda_reaches_gets_the_end_of_the_range(target: Ta
 )
 def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        search(Curve(0.0), target, DEFAULT, NAMES, quiet)
+        search(Curve(0.0), target, DEFAULT, DEFAULT.num_steps, NAMES, quiet)
 
 
 @pytest.fixture(scope="module")
@@ -136,4 +138,29 @@ def test_quality_is_measured_after_each_stage_as_decoded(
 def test_the_worst_of_several_views_is_named() -> None:
     curve = Curve(0.0)
     with pytest.raises(InputError, match=r"leave out the worst view, right\.jpg \(\d+\.\d\d dB\)"):
-        search(curve, AtLeastPsnr(99.0), DEFAULT, (*NAMES, "third.jpg"), quiet)
+        search(curve, AtLeastPsnr(99.0), DEFAULT, DEFAULT.num_steps, (*NAMES, "third.jpg"), quiet)
+
+
+@pytest.mark.parametrize("num_steps", [0, 4])
+def test_progress_covers_each_encoding(num_steps: int) -> None:
+    """The steps within an encoding are reported too, so that the time left can be estimated within the first one."""
+    reports: list[tuple[str, float]] = []
+    target = AtMostKib(8.0)
+    search(Curve(0.003), target, DEFAULT, num_steps, NAMES, lambda task, fraction: reports.append((task, fraction)))
+    assert reports[0][0] == "estimating lambda, try 1, coding stage 1"
+    assert "attempt 1 of up to 3, coding stage 2" in [task for task, _ in reports]
+    fractions = [fraction for _, fraction in reports]
+    assert fractions == sorted(fractions) and fractions[0] > 0.0 and fractions[-1] <= 1.0
+    first_of_full = next(fraction for task, fraction in reports if task.startswith("attempt 1"))
+    assert first_of_full == pytest.approx({0: 3.1 / 6, 4: 3.3 / 12}[num_steps])
+
+
+@pytest.mark.parametrize(("config", "is_optimised"), [(FAST, False), (CONFIG, True)])
+def test_an_encoding_reports_its_steps(
+    codec: Codec, views: Views, config: OptimisationConfig, is_optimised: bool
+) -> None:
+    """Matching is reported before it runs, and optimisation only where there is one."""
+    steps: list[str] = []
+    encode_with(codec, views, 1179, config=config, on_progress=lambda task, _fraction: steps.append(task))
+    assert steps[:2] == ["matching views", "coding stage 1"]
+    assert any(step.startswith("optimising") for step in steps) == is_optimised

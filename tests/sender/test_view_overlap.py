@@ -55,3 +55,22 @@ def test_a_view_that_looks_away_is_named_with_its_share(views: Views) -> None:
 
 def test_one_view_has_no_overlap_to_warn_of() -> None:
     assert overlap_warnings(ViewOverlap(torch.zeros(1, 1), torch.zeros(1, 1)), ("a.png",)) == ()
+
+
+def test_parts_that_do_not_confirm_each_other_are_listed() -> None:
+    """Two sides of an object: each view is confirmed by its neighbour, but none connects the sides."""
+    confirmed = torch.zeros(5, 5)
+    for first, second, share in ((0, 1, 0.5), (2, 3, 0.2), (1, 2, 0.03), (0, 4, 0.01)):
+        confirmed[first, second] = share
+    names = ("a.png", "b.png", "c.png", "d.png", "e.png")
+    warnings = overlap_warnings(ViewOverlap(torch.full((5, 5), 0.5), confirmed), names)
+    assert [warning.split(";")[0] for warning in warnings] == [
+        "the depth of only 1.0% of the pixels of e.png is confirmed by another view",
+        "the views fall into 2 parts that hardly confirm each other: a.png, b.png",
+    ]
+    assert warnings[1].endswith(
+        "; c.png, d.png; check their cameras, choose `views` that connect the parts, or encode each part to a file of "
+        "its own."
+    )
+    confirmed[1, 2] = 0.05
+    assert len(overlap_warnings(ViewOverlap(torch.full((5, 5), 0.5), confirmed), names)) == 1
