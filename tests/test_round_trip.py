@@ -246,6 +246,7 @@ def test_optimisation_is_reported_where_there_is_some(
     model = random_weights / MODEL
     encode(views, model=model, effort=effort, on_progress=lambda task, _share: tasks.append(task))
     assert ("optimising stage 2" in tasks) == is_optimised
+    assert "coding stage 2" in tasks
 
 
 def test_progress_moves_forward(views: Views, random_weights: Path) -> None:
