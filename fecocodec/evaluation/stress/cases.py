@@ -68,7 +68,7 @@ def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
         ("OpenGL axes", lambda: perturbations.with_axes(views, (1.0, -1.0, -1.0)), "finite"),
         ("mirrored axes", lambda: perturbations.with_axes(views, (-1.0, 1.0, 1.0)), "refused"),
         ("depth bounds 10 times too wide", lambda: perturbations.with_bounds(views, 0.1, 10.0), "finite"),
-        ("depth bounds 1000 times too wide", lambda: perturbations.with_bounds(views, 1e-3, 1e3), "warned"),
+        ("depth bounds 1000 times too wide", lambda: perturbations.with_bounds(views, 1e-3, 1e3), "refused"),
         ("depth bounds beyond the scene", lambda: perturbations.with_bounds(views, 20.0, 20.0), "finite"),
         ("depth bounds before the scene", lambda: perturbations.with_bounds(views, 0.02, 0.02), "finite"),
         ("near beyond far", lambda: perturbations.with_bounds(views, 1000.0, 1.0), "refused"),
