@@ -54,8 +54,8 @@ class Reconstruction:
     reprojection_error_px: mean over observations. angle: median angle in degrees between the rays of a point.
     matches: number of verified matches of each pair of photographs (names in order). difference: of the rotations and
     directions between cameras, in degrees, from a second estimate that starts from another focal length; see
-    `pose_difference`. It is None if the second estimate lacks a camera. ambiguity: of two registered photographs; None
-    for more.
+    `pose_difference`. It is None if the second estimate lacks a camera, and for two photographs. ambiguity: of two
+    photographs; None for more.
     """
 
     cameras: tuple[EstimatedCamera, ...]

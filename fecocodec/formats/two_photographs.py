@@ -47,6 +47,7 @@ def reconstruct_pair(
         # The Sampson distance is the correction of both points together.
         reprojection_error_px=float(errors[is_point].mean() / np.sqrt(2)) if is_point.any() else 0.0,
         angle=float(np.median(angles[is_point])) if is_point.any() else 0.0,
+        difference=None,  # it is between estimates that only start the fit
         ambiguity=_ambiguity(matches, fit, rest),
     )
 
