@@ -113,6 +113,6 @@ def _advance(graphs: Graphs, header: Header, steps: Steps, before: LastState | N
         values = {f"step_{number}": step[:, group] for number, step in enumerate(steps)}
         return {"state": state[group], "lambda_q": lambda_q, "stage": stage, **values}
 
-    views, _, *grid = state.shape
-    (after,) = run_by_views(graphs, "update", (views, *grid), inputs_of)
+    views, _, height, width = state.shape
+    (after,) = run_by_views(graphs, "update", (views, height, width), inputs_of)
     return LastState(after, lambda_q, stage)

@@ -67,13 +67,13 @@ def _attributes(graphs: Graphs, last: LastState, cameras: SceneCameras) -> list[
     """Return the outputs of the graph `attributes`: attributes before the free-space check, and surfaces of views."""
     poses, far = poses_of(cameras), {"far": np.asarray(cameras.far, np.float32)}
     rate: dict[str, Any] = {"lambda_q": last.lambda_q, "stage": last.stage}
-    views, _, *grid = last.state.shape
+    views, _, height, width = last.state.shape
 
     def run(name: str, shared: dict[str, Any], **maps: np.ndarray) -> list[np.ndarray]:
         def inputs_of(group: slice) -> dict[str, Any]:
             return {key: values[group] for key, values in (maps | poses).items()} | far | shared
 
-        return run_by_views(graphs, name, (views, *grid), inputs_of)
+        return run_by_views(graphs, name, (views, height, width), inputs_of)
 
     features, relative, points, depth, keys_values, queries = run("points", rate, state=last.state)
     of_points = {"points": points, "depth": depth, "keys_values": keys_values, "queries": queries}
