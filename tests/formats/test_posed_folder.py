@@ -15,7 +15,8 @@ from fecocodec.formats.camera_files import has_cameras
 from fecocodec.formats.estimated_cameras import Ambiguity, EstimatedCamera, ImageGroup, Reconstruction, pose_difference
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.pose_estimation import reconstruct
-from fecocodec.formats.posed_folder import posed_folder, reliability_warnings
+from fecocodec.formats.pose_warnings import reliability_warnings
+from fecocodec.formats.posed_folder import posed_folder
 from fecocodec.formats.pycolmap_steps import refine
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.formats.transforms_json import read_transforms_json

@@ -13,7 +13,7 @@ from fecocodec.formats.estimated_cameras import (
     rotation_angle,
 )
 from fecocodec.formats.lens import Lens
-from fecocodec.formats.posed_folder import reliability_warnings
+from fecocodec.formats.pose_warnings import reliability_warnings
 from fecocodec.formats.two_photographs import reconstruct_pair
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 600.0
