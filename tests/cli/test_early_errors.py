@@ -39,7 +39,7 @@ sys.exit(run(sys.argv[1:]))
         ),
         (("encode", ".", "-o", "a.fcs", "--model", "no"), "no: there is no such folder; name the folder of a model."),
         (("info", "missing"), "missing: there is no such file; check the path."),
-        (("decode", "text.fcs", "-o", "a.ply"), "text.fcs: signature at byte 0: found 68 65 6c 6c 6f"),
+        (("decode", "text.fcs", "-o", "a.ply"), "text.fcs: not a .fcs file: its signature at byte 0 is 68 65 6c 6c 6f"),
         (("decode", "scene.fcs", "-o", "a.ply", "--max-pixels", "9"), "scene.fcs: the views have 229376 pixels in all"),
         (("decode", "scene.fcs", "-o", "a.ply"), "scene.fcs: the stream needs the receiver weights with model id"),
         (("encode", "empty", "-o", "a.fcs"), "empty: no cameras found; add a transforms.json"),
