@@ -40,8 +40,8 @@ def offset(data: bytes, name: str) -> int:
 BAD_STREAMS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "not an .fcs": (
         lambda data: b"\x89PNG\r\n\x1a\n" + bytes(100),
-        "not a .fcs file: its signature at byte 0 is 89 50 4e 47 0d 0a 1a 0a instead of 89 46 43 53 0d 0a 1a 0a; give a "
-        "file written by fecosplat encode.",
+        "not a .fcs file: its signature at byte 0 is 89 50 4e 47 0d 0a 1a 0a instead of 89 46 43 53 0d 0a 1a 0a; give "
+        "a file written by fecosplat encode.",
     ),
     "empty": (
         lambda data: b"",

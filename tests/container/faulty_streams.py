@@ -120,13 +120,14 @@ def header_faults(parts: Parts) -> list[Fault]:
 def cut_and_changed_section_faults(parts: Parts) -> list[Fault]:
     good, b1, b2, end = parts.good, parts.b1_offset, parts.b2_offset, parts.end
     last = end - 1
+    cut_payload = f"after {last} bytes, but the section reaches to byte {end}"
     too_long = good[:49] + (2049).to_bytes(4, "little") + good[53:]
     changed_kind = good[:b1] + b"\xa1" + good[b1 + 1 :]
     faults = [
         ("every section head is there", good[:end], "", end, "inside or before the head"),
         ("every section head is there", good[: b1 + 8], "", b1, "inside or before the head"),
         ("length within the limit", too_long, "cameras ", 48, "its length is 2049, at most 2048"),
-        ("the whole payload is there", good[:last], "B2 ", b2, f"after {last} bytes, but the section reaches to byte {end}"),
+        ("the whole payload is there", good[:last], "B2 ", b2, cut_payload),
         ("section CRC-32", changed_kind, "0xa1 ", b1, "CRC-32 is 0x"),
         ("section CRC-32", good[: b2 - 1] + bytes([good[b2 - 1] ^ 1]) + good[b2:], "B1 ", b1, "CRC-32 is 0x"),
         ("section CRC-32", good[:last] + bytes([good[last] ^ 1]) + good[end:], "B2 ", b2, "CRC-32 is 0x"),
