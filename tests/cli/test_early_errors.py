@@ -26,6 +26,11 @@ sys.exit(run(sys.argv[1:]))
         (("encode", ".", "-o", "a.splat"), "a.splat: files of kind .splat are not written here; use .fcs."),
         (("encode", ".", "-o", "no/a.fcs"), "no/a.fcs: the folder no does not exist"),
         (("encode", ".", "-o", "a.fcs", "--lambda", "7"), "lambda is 7"),
+        (
+            ("decode", "missing", "-o", "a.obj"),
+            "a.obj: files of kind .obj are not written here; use .ply or .compressed.ply or .spz or .sog or .glb or "
+            ".html.",
+        ),
         (("decode", "missing", "-o", "a.ply"), "missing: there is no such file; check the path."),
         (("render", "missing", "-o", "out"), "missing: there is no such file; check the path."),
         (("render", "in.fcs", "-o", "out", "--cameras", "missing"), "missing: no such folder"),

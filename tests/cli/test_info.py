@@ -138,7 +138,7 @@ def test_a_named_pipe_without_a_writer_does_not_hang(
     result = fecosplat(command, tmp_path / "pipe.fcs", *output[command])
     assert (result.code, result.out) == (1, "")
     assert result.err == (
-        f"fecosplat: {tmp_path / 'pipe.fcs'}: no program wrote to this pipe within 0.1 seconds; start the one that "
-        "does, or give a file.\n"
+        f"fecosplat: {tmp_path / 'pipe.fcs'}: no program wrote to this pipe within 0.1 seconds; start the "
+        "program that writes to it, or give a file.\n"
     )
     assert [path.name for path in tmp_path.iterdir()] == ["pipe.fcs"]
