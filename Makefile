@@ -17,7 +17,7 @@ MINUTES ?= 60
 TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=2147483647
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report train web web-test check clean
+.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report train web web-test web-bench check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -110,6 +110,10 @@ web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHR
 	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-compact-2.fcs -o web/build/browser/scene.html --overwrite
 	cd web && node --test --test-concurrency 1 build/browser-tests/*.test.mjs
 	$(BIN)/python -m pytest -q web/test/test_results.py tests/cli/test_view.py
+
+web-bench: web ## time the page in Chromium: make web-bench FILE=scene.fcs
+	@test -n "$(FILE)" || { echo "name a file: make web-bench FILE=scene.fcs" >&2; exit 1; }
+	cd web && node build-tests.mjs && node build/browser-tests/page-times.mjs "$(abspath $(FILE))"
 
 check: lint types arch test ## everything a change must pass
 

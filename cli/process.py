@@ -5,17 +5,16 @@ import os
 import sys
 import warnings
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's <malloc.h>
-_LARGEST_MMAP_THRESHOLD = 32 * 2**20  # maximum that glibc accepts
-_NEVER = 2**31 - 1
+_M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # of glibc's <malloc.h>
+_LARGEST_TRIM_THRESHOLD = 2**28  # bytes of free memory that the process keeps
 
 
 def prepare_process() -> None:
     """Tune OpenMP and malloc, and hide Python and NumPy warnings, which are meant for developers.
 
     OpenMP threads of torch spin for milliseconds while they wait and occupy cores that the rasteriser needs; a lower
-    spin count lets them sleep earlier. malloc returns large freed blocks to the operating system, which clears them
-    when they are allocated again; higher thresholds keep them in the process. Settings in the environment take
+    spin count lets them sleep earlier. malloc gives each large block memory of its own, which the system clears at
+    every allocation; without such blocks, freed memory is used again as it is. Settings in the environment take
     precedence, PYTHONWARNINGS included.
     """
     if not sys.warnoptions:
@@ -25,5 +24,5 @@ def prepare_process() -> None:
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:  # glibc
-        mallopt(_M_MMAP_THRESHOLD, _LARGEST_MMAP_THRESHOLD)
-        mallopt(_M_TRIM_THRESHOLD, _NEVER)
+        mallopt(_M_MMAP_MAX, 0)
+        mallopt(_M_TRIM_THRESHOLD, _LARGEST_TRIM_THRESHOLD)

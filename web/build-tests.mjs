@@ -1,4 +1,4 @@
-/** Bundle the tests: test/*.test.ts into build/test, test/browser/*.test.ts and their page into build/browser-tests. */
+/** Bundle the tests: test/*.test.ts into build/test, test/browser/*.test.ts, their page and page-times into build/browser-tests. */
 
 import { build } from "esbuild";
 import { readdirSync, writeFileSync } from "node:fs";
@@ -14,7 +14,7 @@ const forNode = {
 const testsIn = (folder) => readdirSync(folder).filter((name) => name.endsWith(".test.ts")).map((name) => `${folder}/${name}`);
 
 await build({ ...forNode, entryPoints: testsIn("test"), outdir: "build/test" });
-await build({ ...forNode, entryPoints: testsIn("test/browser"), outdir: "build/browser-tests" });
+await build({ ...forNode, entryPoints: [...testsIn("test/browser"), "test/browser/page-times.ts"], outdir: "build/browser-tests" });
 await build({
   entryPoints: ["test/browser/vector-page.ts"],
   outfile: "build/browser-tests/vectors.js",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Float32
 
 from fecocodec.formats.atomic import write_atomically
 from fecocodec.formats.gaussian_arrays import gaussian_arrays
@@ -42,7 +42,7 @@ def ply_bytes(gaussians: Any, place: str) -> bytes:
             "end_header\n",
         )
     )
-    return header.encode("ascii") + columns.astype("<f4").tobytes()
+    return b"".join((header.encode("ascii"), columns.data))
 
 
 def property_names(d_sh: int) -> list[str]:
@@ -52,7 +52,7 @@ def property_names(d_sh: int) -> list[str]:
     return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
 
 
-def _columns(place: str, gaussians: Any) -> Float[np.ndarray, "n property"]:
+def _columns(place: str, gaussians: Any) -> Float32[np.ndarray, "n property"]:
     arrays = gaussian_arrays(gaussians, place)
     columns = (
         arrays.means,
@@ -63,4 +63,4 @@ def _columns(place: str, gaussians: Any) -> Float[np.ndarray, "n property"]:
         arrays.log_scales,
         arrays.rotations,
     )
-    return np.concatenate(columns, axis=1)
+    return np.concatenate(columns, axis=1, dtype="<f4", casting="same_kind")

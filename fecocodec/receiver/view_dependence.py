@@ -23,7 +23,7 @@ from fecocodec.receiver.view_pairs import cameras_of, others, shifts
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations `matrix @ slope = right` of all Gaussians."""
+    """Normal equations `(matrix + ridge^2 I) @ slope = right` of all Gaussians."""
 
     matrix: Float[Tensor, "view 3 3 h w"]
     right: Float[Tensor, "view 3 3 h w"]
@@ -62,7 +62,7 @@ def fitted_harmonics(
         + SH_DEGREE_0 * rearrange(harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0], w=grid[1]).contiguous()
     )
     surfaces = surfaces_of(points, own, cameras)
-    equations = start_of_equations(own, config)
+    equations = start_of_equations(own)
     for shift in shifts(views):
         equations = with_view(shift, equations, points, own, surfaces, cameras, config)
     return harmonics_of(equations, points, own, cameras, config)
@@ -77,11 +77,10 @@ def surfaces_of(
     return torch.cat((own, 1.0 / depth[:, None].clamp_min(SMALLEST_DEPTH)), dim=1)
 
 
-def start_of_equations(own: Float[Tensor, "view 3 h w"], config: ReceiverConfig) -> NormalEquations:
-    """Return the normal equations of the ridge alone."""
-    ridge = config.view_dependence_ridge**2 * torch.eye(3, device=own.device)
-    matrix = ridge[..., None, None] + torch.zeros_like(own)[:, :, None]
-    return NormalEquations(matrix, torch.zeros_like(matrix))
+def start_of_equations(own: Float[Tensor, "view 3 h w"]) -> NormalEquations:
+    """Return the normal equations of no view."""
+    empty = own.new_zeros(len(own), 3, *own.shape[1:])
+    return NormalEquations(empty, empty)
 
 
 def with_view(
@@ -116,7 +115,7 @@ def harmonics_of(
 ) -> Float[Tensor, "n 4 3"]:
     """Return the harmonics of Gaussians, ordered (view, row, column), whose slopes solve the normal equations."""
     direction = _directions(points, cameras.extrinsics[:, :3, 3])
-    slope = config.view_dependence * _solution(equations.matrix, equations.right)
+    slope = config.view_dependence * _solution(equations, config.view_dependence_ridge**2)
     base = (own - 0.5 - (direction[:, :, None] * slope).sum(dim=1)) / SH_DEGREE_0
     x, y, z = (slope / SH_DEGREE_1).unbind(dim=1)
     fitted = torch.stack((base, -y, z, -x), dim=1)
@@ -125,16 +124,15 @@ def harmonics_of(
     return rearrange(torch.where(is_placed[:, None, None], fitted, plain), "v sh rgb h w -> (v h w) sh rgb")
 
 
-def _solution(
-    matrix: Float[Tensor, "view 3 3 h w"], right: Float[Tensor, "view 3 3 h w"]
-) -> Float[Tensor, "view 3 3 h w"]:
-    """Solve matrix X = right for X by Cramer's rule; the matrices are symmetric."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = (row.unbind(dim=1) for row in matrix.unbind(dim=1))
+def _solution(equations: NormalEquations, ridge: float) -> Float[Tensor, "view 3 3 h w"]:
+    """Solve (matrix + ridge I) X = right for X by Cramer's rule; the matrices are symmetric."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = (row.unbind(dim=1) for row in equations.matrix.unbind(dim=1))
+    xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
     of_x = (yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy)
     of_y, of_z = (of_x[1], xx * zz - xz * xz, xy * xz - xx * yz), (of_x[2], xy * xz - xx * yz, xx * yy - xy * xy)
     determinant = xx * of_x[0] + xy * of_x[1] + xz * of_x[2]
     adjugate = torch.stack([torch.stack(row, dim=1) for row in (of_x, of_y, of_z)], dim=1)
-    return (adjugate[:, :, :, None] * right[:, None]).sum(dim=2) / determinant[:, None, None]
+    return (adjugate[:, :, :, None] * equations.right[:, None]).sum(dim=2) / determinant[:, None, None]
 
 
 def _directions(points: Float[Tensor, "view 3 h w"], centres: Float[Tensor, "view 3"]) -> Float[Tensor, "view 3 h w"]:

@@ -16,6 +16,7 @@ from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.latents import Steps, decode_stage
 from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import SceneCameras
+from fecocodec.runtime.view_groups import run_by_views
 
 OnProgress = Callable[[str, float], None]  # (current task, fraction done)
 
@@ -107,6 +108,11 @@ def _advance(graphs: Graphs, header: Header, steps: Steps, before: LastState | N
     else:
         state = before.state
     lambda_q = header.lambda_q_of_stage(stage)
-    values = {f"step_{number}": step for number, step in enumerate(steps)}
-    (after,) = graphs.run("update", state=state, lambda_q=lambda_q, stage=stage, **values)
+
+    def inputs_of(group: slice) -> dict[str, np.ndarray | int]:
+        values = {f"step_{number}": step[:, group] for number, step in enumerate(steps)}
+        return {"state": state[group], "lambda_q": lambda_q, "stage": stage, **values}
+
+    views, _, height, width = state.shape
+    (after,) = run_by_views(graphs, "update", (views, height, width), inputs_of)
     return LastState(after, lambda_q, stage)

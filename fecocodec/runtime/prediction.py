@@ -1,6 +1,7 @@
 """Predict Gaussians from a state: networks, with the neighbour search and loops over pairs of views between them."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, Int32
@@ -10,6 +11,7 @@ from fecocodec.geometry.harmonics import SH_DEGREE_0
 from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.neighbours import nearest_neighbours
 from fecocodec.runtime.scene import SceneCameras
+from fecocodec.runtime.view_groups import run_by_views
 
 POINTS_AT_ONCE = 4096  # points per block of attention, so that gathered keys and values take little memory
 
@@ -53,20 +55,30 @@ class Prediction:
 def predict(graphs: Graphs, last: LastState, cameras: SceneCameras) -> Prediction:
     """Return the Gaussians of a state. cameras: normalised."""
     poses = poses_of(cameras)
-    far = {"far": np.asarray(cameras.far, np.float32)}
-    features, relative, points, depth, keys_values, queries = graphs.run(
-        "points", state=last.state, lambda_q=last.lambda_q, stage=last.stage, **poses, **far
-    )
-    of_points = {"points": points, "depth": depth, "keys_values": keys_values, "queries": queries}
-    attended = _attend(graphs, of_points, poses["extrinsics"])
-    positions, scales, rotations, opacities, colours, surfaces = graphs.run(
-        "attributes", features=features, attended=attended, relative=relative, **poses, **far
-    )
+    positions, scales, rotations, opacities, colours, surfaces = _attributes(graphs, last, cameras)
     maps = {"positions": positions, "colours": colours, "surfaces": surfaces}
     violation = _free_space_violation(graphs, maps, poses)
     opacities = np.minimum(opacities * (1 - violation), np.float32(1))  # the sigmoid of onnxruntime can be 1 + 2^-23
     opacities = opacities * _kept_share(graphs, {"positions": positions, "surfaces": surfaces}, opacities, poses)
     return Prediction(positions, colours, opacities, scales, rotations)
+
+
+def _attributes(graphs: Graphs, last: LastState, cameras: SceneCameras) -> list[np.ndarray]:
+    """Return the outputs of the graph `attributes`: attributes before the free-space check, and surfaces of views."""
+    poses, far = poses_of(cameras), {"far": np.asarray(cameras.far, np.float32)}
+    rate: dict[str, Any] = {"lambda_q": last.lambda_q, "stage": last.stage}
+    views, _, height, width = last.state.shape
+
+    def run(name: str, shared: dict[str, Any], **maps: np.ndarray) -> list[np.ndarray]:
+        def inputs_of(group: slice) -> dict[str, Any]:
+            return {key: values[group] for key, values in (maps | poses).items()} | far | shared
+
+        return run_by_views(graphs, name, (views, height, width), inputs_of)
+
+    features, relative, points, depth, keys_values, queries = run("points", rate, state=last.state)
+    of_points = {"points": points, "depth": depth, "keys_values": keys_values, "queries": queries}
+    attended = _attend(graphs, of_points, poses["extrinsics"])
+    return run("attributes", {}, features=features, attended=attended, relative=relative)
 
 
 def poses_of(cameras: SceneCameras) -> Arrays:

@@ -16,7 +16,7 @@ from fecocodec.receiver.free_space import surfaces_of, violation_at, with_confir
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.near_bound import near_bound_violation_at
 from fecocodec.receiver.predictor import enlarged
-from fecocodec.receiver.view_dependence import NormalEquations, harmonics_of, start_of_equations, with_view
+from fecocodec.receiver.view_dependence import NormalEquations, harmonics_of, with_view
 from fecocodec.receiver.view_dependence import surfaces_of as own_surfaces
 from fecocodec.training.graphs.update import rate_condition
 
@@ -171,7 +171,7 @@ class DuplicatesGraph(_StepGraph):
 
 
 class SlopeGraph(_StepGraph):
-    """Step over other views -> normal equations of the slopes of colours. Shift 1 ignores those before it."""
+    """Step over other views -> normal equations of the slopes of colours. Those before shift 1 are zero."""
 
     def forward(
         self,
@@ -184,10 +184,8 @@ class SlopeGraph(_StepGraph):
         right: Tensor,
     ) -> tuple[Tensor, Tensor]:
         cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
-        start = start_of_equations(colours, self.config)
-        before = NormalEquations(*(torch.where(shift == 1, a, b) for a, b in zip(start, (matrix, right), strict=True)))
         surfaces = own_surfaces(positions, colours, cameras)
-        return with_view(shift, before, positions, colours, surfaces, cameras, self.config)
+        return with_view(shift, NormalEquations(matrix, right), positions, colours, surfaces, cameras, self.config)
 
 
 class HarmonicsGraph(_StepGraph):

@@ -28,6 +28,7 @@ export class Graphs {
     for (const name of GRAPHS) {
       const options: ort.InferenceSession.SessionOptions = {
         executionProviders: ["wasm"],
+        graphOptimizationLevel: "disabled", // optimising takes longer than it saves
         externalData: [{ path: WEIGHTS, data: weights }],
       };
       sessions.set(name, await ort.InferenceSession.create(graphs[name], options));

@@ -9,15 +9,20 @@ export interface Runtime {
   tables: Uint8Array;
 }
 
-/** Start fetching what all models need, before a file is opened. */
+/** Fetch what all models need. */
 export async function fetchRuntime(): Promise<Runtime> {
   const [wasm, tables] = await Promise.all([fetchBytes("ort.wasm"), fetchBytes("symbol_tables.bin")]);
   return { wasm, tables };
 }
 
+/** Fetch the model ids of the page, at least one. */
+export async function fetchModelIds(): Promise<string[]> {
+  return JSON.parse(new TextDecoder().decode(await fetchBytes("models.json"))) as string[];
+}
+
 /** Fetch the files of a model. Throws Refusal if the page does not have it. */
 export async function fetchModel(modelId: string): Promise<ModelFiles> {
-  const known = JSON.parse(new TextDecoder().decode(await fetchBytes("models.json"))) as string[];
+  const known = await fetchModelIds();
   if (!known.includes(modelId)) throw unknownModel(modelId, known);
   const file = (name: string) => fetchBytes(`models/${modelId}/${name}`);
   const [weights, ...graphs] = await Promise.all(["receiver.safetensors", ...GRAPHS.map((name) => `${name}.onnx`)].map(file));

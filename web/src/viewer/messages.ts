@@ -2,7 +2,6 @@
 
 import type { StoredCameras } from "../container/cameras";
 import type { Timing } from "../decoder";
-import type { ModelFiles } from "../receiver/graphs";
 
 /** What the page shows of a stream before it is decoded. */
 export interface Summary {
@@ -20,13 +19,13 @@ export interface Summary {
 }
 
 export type Request =
-  | { kind: "open"; data: Uint8Array }
-  | { kind: "decode"; wasm: Uint8Array; tables: Uint8Array; model: ModelFiles }
+  | { kind: "decode"; data: Uint8Array }
   /** The last stage is on the screen: decode the next one. */
   | { kind: "continue" };
 
 export type Reply =
   | { kind: "summary"; summary: Summary }
+  /** The decoder is loaded. ms: waiting time. */
   | { kind: "ready"; ms: number }
   | { kind: "stage"; stage: number; count: number; ply: Uint8Array<ArrayBuffer>; timings: Timing[] }
   | { kind: "done" }

@@ -1,7 +1,6 @@
 /** One opened file: its decoder worker, and what the page shows of it. */
 
 import { Refusal } from "../container/refusal";
-import { fetchModel, type Runtime } from "./assets";
 import type { Reply, Request, Summary } from "./messages";
 import { element, Facts, markCamera, showCameras, showProblem, showStatus } from "./panel";
 import type { SceneView } from "./scene-view";
@@ -14,21 +13,21 @@ export class OpenedFile {
   /** Bytes of a .ply file of the last decoded stage, null before. */
   ply: Uint8Array<ArrayBuffer> | null = null;
   summary: Summary | null = null;
-  private readonly worker = new Worker("decoder.js");
   private readonly facts = new Facts(element<HTMLTableElement>("facts"));
   private readonly opened = performance.now();
 
+  /** worker: a new decoder worker, which this file then owns. */
   constructor(
     readonly name: string,
     data: Uint8Array,
-    private readonly runtime: Promise<Runtime>,
+    private readonly worker: Worker,
     private readonly view: SceneView,
   ) {
     showProblem("");
     showStatus(`${name}: reading`);
     this.worker.onmessage = ({ data: reply }: MessageEvent<Reply>) => void this.handle(reply).catch(this.fail);
     this.worker.onerror = (event) => this.fail(new Error(event.message || "the decoder could not be started."));
-    this.request({ kind: "open", data });
+    this.request({ kind: "decode", data });
   }
 
   close(): void {
@@ -45,14 +44,14 @@ export class OpenedFile {
   }
 
   private async handle(reply: Reply): Promise<void> {
-    if (reply.kind === "summary") await this.start(reply.summary);
-    else if (reply.kind === "ready") this.facts.addStep("load networks", reply.ms);
+    if (reply.kind === "summary") this.start(reply.summary);
+    else if (reply.kind === "ready") this.startDecoding(reply.ms);
     else if (reply.kind === "stage") await this.show(reply);
     else if (reply.kind === "done") this.finish();
     else this.fail(reply.kind === "refused" ? new Refusal(reply.rule, reply.message) : new Error(reply.message));
   }
 
-  private async start(summary: Summary): Promise<void> {
+  private start(summary: Summary): void {
     this.summary = summary;
     this.facts.addSummary(summary);
     this.view.setCameras(summary.cameras);
@@ -60,12 +59,12 @@ export class OpenedFile {
     markCamera(0);
     if (summary.damage) showProblem(`${this.name}: ${summary.damage}`);
     showStatus(`${this.name}: loading the decoder`);
-    const waiting = performance.now();
-    const [runtime, model] = await Promise.all([this.runtime, fetchModel(summary.modelId)]);
+  }
+
+  private startDecoding(waitedMs: number): void {
     this.facts.heading("Decoder");
-    this.facts.addStep("fetch decoder and model", performance.now() - waiting);
+    this.facts.addStep("wait for decoder and model", waitedMs);
     showStatus(`${this.name}: decoding`);
-    this.request({ kind: "decode", ...runtime, model });
   }
 
   private async show({ stage, count, ply, timings }: Extract<Reply, { kind: "stage" }>): Promise<void> {

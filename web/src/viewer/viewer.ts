@@ -1,22 +1,24 @@
 /** The viewer page: opens files that are dropped, chosen or named by `?file=`. */
 
 import { spzBytes } from "../formats/spz";
-import { fetchBytes, fetchRuntime } from "./assets";
+import { fetchBytes } from "./assets";
 import { connectNavigation } from "./navigation";
 import { OpenedFile } from "./opened-file";
 import { element, showProblem, showStatus } from "./panel";
 import { SceneView } from "./scene-view";
 
+const DECODER = "decoder.js";
+
+let waiting: Worker | null = new Worker(DECODER); // first, as it loads its networks while the view starts
 const view = new SceneView(element<HTMLCanvasElement>("canvas"));
-const runtime = fetchRuntime();
-runtime.catch(() => undefined); // reported when a file needs it
 let file: OpenedFile | null = null;
 
 function open(name: string, data: Uint8Array): void {
   file?.close();
   delete document.body.dataset.done;
   delete document.body.dataset.stage;
-  file = new OpenedFile(name, data, runtime, view);
+  file = new OpenedFile(name, data, waiting ?? new Worker(DECODER), view);
+  waiting = null;
 }
 
 async function openLocal(chosen: File | undefined): Promise<void> {

@@ -16,12 +16,17 @@ export async function launch(): Promise<Browser> {
   });
 }
 
-/** Open a page; returns it with its problems, which include errors, and requests to other hosts than `origin`. */
+/**
+ * Open a page; returns it with its problems, which include errors, and requests to other hosts than that of `url`.
+ *
+ * first: runs in the page before its own scripts.
+ */
 export async function open(
   browser: Browser,
   url: string,
   width: number,
   height: number,
+  first: () => void = () => undefined,
 ): Promise<{ page: Page; problems: string[] }> {
   const page = await browser.newPage({ viewport: { width, height } });
   page.setDefaultTimeout(TIMEOUT);
@@ -34,6 +39,7 @@ export async function open(
     const { protocol, origin } = new URL(request.url());
     if (origin !== new URL(url).origin && !["data:", "blob:"].includes(protocol)) problems.push(request.url());
   });
+  await page.addInitScript(first);
   await page.goto(url);
   return { page, problems };
 }
