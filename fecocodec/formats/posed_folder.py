@@ -122,8 +122,8 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     notes = [
         f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
         f"{found.reprojection_error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
-        f"{len(shared)} {_pairs(len(shared))} with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels for "
-        f"{lens.width}x{lens.height} (started from {focal}); the unit of length is arbitrary."
+        f"{len(shared)} {_pairs(len(shared))} with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
+        f"for {lens.width}x{lens.height} (started from {focal}); the unit of length is arbitrary."
     ]
     registered = {camera.name for camera in cameras}
     for path in photographs:
