@@ -16,9 +16,9 @@ from .main import COMMANDS
 )
 @click.version_option(__version__, prog_name="fecosplat", message="%(prog)s %(version)s")
 def command_line() -> None:
-    """Compress posed photographs of a scene to a small .fcs file, and decode that file to 3D Gaussians.
+    """Compress photographs of a scene to a small .fcs file, and decode that file to 3D Gaussians.
 
     \b
-      fecosplat encode photos/ -o scene.fcs     photographs and cameras -> a file of a few kilobytes
+      fecosplat encode photos/ -o scene.fcs     photographs, cameras given or estimated -> some kilobytes
       fecosplat decode scene.fcs -o scene.ply   the file -> 3D Gaussians for any 3DGS viewer
     """

@@ -1,4 +1,4 @@
-"""`fecosplat encode`: encode a folder of posed photographs to a .fcs file."""
+"""`fecosplat encode`: encode a folder of photographs to a .fcs file."""
 
 from contextlib import ExitStack
 from functools import partial
@@ -29,7 +29,7 @@ from .terminal import printable
 
 @click.command(
     "encode",
-    short_help="Compress a folder of posed photographs to a .fcs file.",
+    short_help="Compress a folder of photographs to a .fcs file.",
     epilog="""\b
 Examples:
   fecosplat encode photos/ -o scene.fcs

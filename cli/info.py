@@ -136,7 +136,9 @@ def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
 def _lambda(header: Header) -> str:
     """Return lambda with its meaning. Stage 1 is coded at a larger lambda, to fewer bytes, because stage 2 follows."""
     text = f"{header.lambda_of_stage(2):.4g} (weight of the rate: a larger one gives a smaller, coarser file"
-    return f"{text}; stage 1 has {header.lambda_of_stage(1):.4g})" if header.first_stage_excess else f"{text})"
+    if not header.first_stage_excess:
+        return f"{text})"
+    return f"{text}; stage 1, which stage 2 corrects, has lambda {header.lambda_of_stage(1):.4g})"
 
 
 def decoding_gib(header: Header) -> float:

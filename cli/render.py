@@ -48,8 +48,8 @@ Examples:
 @click.argument("scene", metavar="FILE", type=stream_path)
 @click.option(
     "-o", "--output", type=FILE_PATH,
-    help="Output folder, or a .png, .jpg, .webp or .exr file for a single view. Without --cameras and --path it shows "
-    "the first coded camera.",
+    help="Output folder, or a .png, .jpg, .webp or .exr file for a single view. Without --cameras and --path, a single "
+    "image shows the view of the first coded camera.",
 )  # fmt: skip
 @click.option("--video", type=FILE_PATH, metavar="FILE.mp4", help="Output video; needs the `video` extra (PyAV).")
 @click.option(
@@ -108,8 +108,8 @@ def command(
     """Render the Gaussians of FILE (.fcs or .ply) to PNG and EXR images, or to a video.
 
     FILE may be - for a .fcs file from standard input. PNG files contain sRGB colour. EXR files contain
-    linear colour and, in channel Z, the depth along the optical axis in scene units. --cameras must be in the frame and
-    unit of length of the cameras that the scene was encoded with.
+    linear colour and, in channel Z, the depth along the optical axis in scene units. The cameras of --cameras must have
+    the coordinate frame and the unit of length of the encoded cameras.
     """
     is_ply = scene.suffix.lower() == ".ply"
     if output is None and video is None:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from fecocodec import Decoded
     from fecocodec.runtime.decode import DecodedScene
 
-GAUSSIAN_ENDINGS = (".ply", ".spz", ".sog", ".glb", ".html")  # .compressed.ply ends in .ply
+GAUSSIAN_ENDINGS = (".ply", ".compressed.ply", ".spz", ".sog", ".glb", ".html")
 Frame = Literal["input", "first-camera"]
 
 

@@ -81,7 +81,7 @@ def _check_signature(data: bytes) -> None:
             "copy it again in binary mode."
         )
     raise BitstreamError(
-        f"signature at byte 0: found {start.hex(' ')}, a .fcs file starts with {SIGNATURE.hex(' ')}; "
+        f"not a .fcs file: its signature at byte 0 is {start.hex(' ')} instead of {SIGNATURE.hex(' ')}; "
         "give a file written by fecosplat encode."
     )
 

@@ -116,8 +116,8 @@ def read_payload(data: bytes, head: SectionHead) -> bytes:
     """Return the payload of a section. Raises BitstreamError if the file ends inside it or its CRC-32 differs."""
     if len(data) < head.end:
         raise BitstreamError(
-            f"{head.place}: the file ends after {len(data)} bytes, the section needs {head.end}; "
-            f"copy or download it again{_fallback(head)}."
+            f"{head.place}: the file ends after {len(data)} bytes, but the section reaches to byte {head.end}; "
+            f"the file is truncated, copy or download it again{_fallback(head)}."
         )
     payload = data[head.payload_offset : head.end]
     found = zlib.crc32(payload, zlib.crc32(data[head.offset : head.offset + _HEAD.size]))

@@ -73,8 +73,8 @@ def _first_bytes(pipe: int, path: Path) -> bytes:
             break
         if not first and time.monotonic() >= end:
             raise InputError(
-                f"{path}: no program wrote to this pipe within {SECONDS_WITHOUT_WRITER:g} seconds; start the one "
-                "that does, or give a file."
+                f"{path}: no program wrote to this pipe within {SECONDS_WITHOUT_WRITER:g} seconds; start the "
+                "program that writes to it, or give a file."
             )
         if not first:
             time.sleep(_SECONDS_BETWEEN_LOOKS)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
-Point = tuple[float, float]  # (rate, quality in dB)
+Point = tuple[float, float]  # (rate, quality); a larger quality is better, in dB for `bd_psnr`
 
 _NUM_SAMPLES = 1001
 

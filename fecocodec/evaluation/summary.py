@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from statistics import fmean, median
 from typing import Any, Protocol, runtime_checkable
 
-from fecocodec.evaluation.bd_rate import Point, bd_psnr, bd_rate
+from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate
 from fecocodec.evaluation.records import Measurement
 
 OURS = "fecosplat"
@@ -38,7 +38,7 @@ class Average:
 
 @runtime_checkable
 class RatedPoint(Protocol):
-    """A point of a rate-distortion curve: an `Average`, or a row measured elsewhere that has both numbers."""
+    """A point of a rate-distortion curve: an `Average`, or a row measured elsewhere. None: not available."""
 
     @property
     def system(self) -> str: ...
@@ -48,15 +48,21 @@ class RatedPoint(Protocol):
     def kib(self) -> float | None: ...
     @property
     def psnr(self) -> float | None: ...
+    @property
+    def st_lpips(self) -> float | None: ...
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """BD metrics of our curve against that of a baseline: rate in percent, PSNR in dB. None: curves do not overlap."""
+    """BD metrics of our curve against that of a baseline. None: the curves do not overlap, or a metric is missing.
+
+    bd_rate: percent, at equal PSNR. bd_psnr: dB. bd_rate_st_lpips: percent, at equal ST-LPIPS.
+    """
 
     baseline: str
     bd_rate: float | None
     bd_psnr: float | None
+    bd_rate_st_lpips: float | None
 
 
 def averages(measurements: Sequence[Measurement]) -> tuple[Average, ...]:
@@ -77,22 +83,25 @@ def compare(rows: Sequence[RatedPoint], ours: str = OURS) -> tuple[Comparison, .
     Variants of one codec are compared at their common settings (values of lambda), because interpolation through
     different numbers of points would add a difference.
     """
-    curves: dict[str, dict[str, Point]] = {}
+    curves: dict[str, dict[str, RatedPoint]] = {}
     for row in rows:
         if row.kib and row.psnr is not None:
-            curves.setdefault(row.system, {})[row.setting] = (row.kib, row.psnr)
+            curves.setdefault(row.system, {})[row.setting] = row
     if ours not in curves:
         return ()
     others = [name for name, curve in curves.items() if name != ours and len(curve) > 1]
     return tuple(_comparison(name, curves[name], curves[ours]) for name in others)
 
 
-def _comparison(name: str, theirs: Mapping[str, Point], ours: Mapping[str, Point]) -> Comparison:
+def _comparison(name: str, theirs: Mapping[str, RatedPoint], ours: Mapping[str, RatedPoint]) -> Comparison:
     shared = theirs.keys() & ours.keys()
     if len(shared) > 1:
         theirs, ours = ({setting: curve[setting] for setting in shared} for curve in (theirs, ours))
-    points = list(theirs.values()), list(ours.values())
-    return Comparison(name, bd_rate(*points), bd_psnr(*points))
+    curves = theirs.values(), ours.values()
+    psnr = [[(row.kib, row.psnr) for row in curve if row.kib and row.psnr is not None] for curve in curves]
+    # A smaller ST-LPIPS is better, and `bd_rate` expects a quality, of which more is better.
+    st_lpips = [[(row.kib, -row.st_lpips) for row in curve if row.kib and row.st_lpips is not None] for curve in curves]
+    return Comparison(name, bd_rate(*psnr), bd_psnr(*psnr), bd_rate(*st_lpips))
 
 
 def _average(found: Sequence[Measurement]) -> Average:

@@ -103,8 +103,12 @@ def _weak_pairs(names: list[str], found: Reconstruction) -> str:
     few = [f"{first} and {second}: {count} matches" for count, (first, second) in weakest if count < _FEW_MATCHES]
     if not few:
         return "the matches do not determine camera positions, as if the camera only turned"
-    more = f" and {len(few) - 3} more pairs" if len(few) > 3 else ""
+    more = f" and {len(few) - 3} more {_pairs(len(few) - 3)}" if len(few) > 3 else ""
     return "; ".join(few[:3]).replace(";", ",") + more
+
+
+def _pairs(count: int) -> str:
+    return "pair" if count == 1 else "pairs"
 
 
 def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
@@ -116,8 +120,8 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     notes = [
         f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
         f"{found.reprojection_error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
-        f"{len(shared)} pairs with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels for "
-        f"{lens.width}x{lens.height} (started from {focal}); the unit of length is arbitrary."
+        f"{len(shared)} {_pairs(len(shared))} with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
+        f"for {lens.width}x{lens.height} (started from {focal}); the unit of length is arbitrary."
     ]
     registered = {camera.name for camera in cameras}
     for path in photographs:

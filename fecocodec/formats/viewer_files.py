@@ -10,11 +10,10 @@ SCENE_PAGE = "scene.html"
 
 def scene_page(folder: Path = FOLDER) -> bytes:
     """Return the page without a scene. Raises OutputError if it was not built."""
-    path = folder / SCENE_PAGE
     try:
-        return path.read_bytes()
+        return (folder / SCENE_PAGE).read_bytes()
     except OSError as error:
         raise OutputError(
-            f"{path}: the viewer page was not built ({error.strerror}); run `make web` in the repository "
-            "(it needs Node.js), then install again."
+            "the viewer page was not built; run `make web` in the clone (needs Node.js 20), then `pip install` again "
+            "unless the installation is editable."
         ) from error

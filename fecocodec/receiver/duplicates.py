@@ -31,8 +31,10 @@ def kept_share(
 
     opacity, opacity_after: before and after the free-space check. Other arguments: see `free_space_violation`.
     """
-    points, colour = (rearrange(x, "b v h w c -> b v c h w").contiguous() for x in (means, colour))
     kept = torch.ones_like(opacity)
+    if not third_view_shifts(cameras.num_views):
+        return kept
+    points, colour = (rearrange(x, "b v h w c -> b v c h w").contiguous() for x in (means, colour))
     for scene, surfaces in enumerate(surfaces_of(depth, colour, opacity)):
         for shift in third_view_shifts(cameras.num_views):
             of_scene = (points[scene], surfaces, opacity_after[scene], cameras.scene(scene))

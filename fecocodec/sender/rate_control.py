@@ -153,7 +153,7 @@ def _part_of_fast(number: int, num_steps: int) -> tuple[float, float]:
 def _part_of_full(number: int, num_steps: int) -> tuple[float, float]:
     """Return the fractions of all work before and after a full encoding. number: from 0.
 
-    From NUM_FULL_ENCODINGS on, each encoding is taken for the last one.
+    Each encoding beyond NUM_FULL_ENCODINGS counts as the last one.
     """
     of_each = _time_of_full(num_steps)
     total = NUM_FAST_ENCODINGS + max(NUM_FULL_ENCODINGS, number + 1) * of_each

@@ -12,6 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
+from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import relative_disparity_from_depth
 from fecocodec.geometry.normalisation import normalise_scene
@@ -86,7 +87,7 @@ def varied(scene: CompletionScene, rng: random.Random) -> CompletionScene:
     return with_hidden_regions(scene, rng) if kind < SINGLE_SHARE + HIDDEN_SHARE else scene
 
 
-def without_matches(scene: CompletionScene, num_candidates: int = 48) -> CompletionScene:
+def without_matches(scene: CompletionScene, num_candidates: int = SenderConfig.num_candidates) -> CompletionScene:
     """Return the scene as matching finds a view alone: all depth candidates are equally likely."""
     half = torch.full_like(scene.truth, 0.5)
     maps = MatchedMaps(half, torch.zeros_like(half), torch.full_like(half, 1.0 / num_candidates), half)

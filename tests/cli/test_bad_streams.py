@@ -40,8 +40,8 @@ def offset(data: bytes, name: str) -> int:
 BAD_STREAMS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "not an .fcs": (
         lambda data: b"\x89PNG\r\n\x1a\n" + bytes(100),
-        "signature at byte 0: found 89 50 4e 47 0d 0a 1a 0a, a .fcs file starts with 89 46 43 53 0d 0a 1a 0a; give a "
-        "file written by fecosplat encode.",
+        "not a .fcs file: its signature at byte 0 is 89 50 4e 47 0d 0a 1a 0a instead of 89 46 43 53 0d 0a 1a 0a; give "
+        "a file written by fecosplat encode.",
     ),
     "empty": (
         lambda data: b"",
@@ -137,7 +137,7 @@ def test_a_file_longer_than_any_stream_is_not_read(
 
 def test_an_endless_device_is_refused_by_its_beginning(fecosplat, output: Path) -> None:
     result = fecosplat("decode", "/dev/zero", "-o", output / "a.ply")
-    assert_refused(result, output, "/dev/zero: signature at byte 0: found 00 00 00 00 00 00 00 00...")
+    assert_refused(result, output, "/dev/zero: not a .fcs file: its signature at byte 0 is 00 00 00 00 00 00 00 00...")
 
 
 def test_a_stream_may_come_through_a_pipe(fecosplat, wall: bytes, output: Path) -> None:

@@ -26,6 +26,11 @@ sys.exit(run(sys.argv[1:]))
         (("encode", ".", "-o", "a.splat"), "a.splat: files of kind .splat are not written here; use .fcs."),
         (("encode", ".", "-o", "no/a.fcs"), "no/a.fcs: the folder no does not exist"),
         (("encode", ".", "-o", "a.fcs", "--lambda", "7"), "lambda is 7"),
+        (
+            ("decode", "missing", "-o", "a.obj"),
+            "a.obj: files of kind .obj are not written here; use .ply or .compressed.ply or .spz or .sog or .glb or "
+            ".html.",
+        ),
         (("decode", "missing", "-o", "a.ply"), "missing: there is no such file; check the path."),
         (("render", "missing", "-o", "out"), "missing: there is no such file; check the path."),
         (("render", "in.fcs", "-o", "out", "--cameras", "missing"), "missing: no such folder"),
@@ -39,7 +44,7 @@ sys.exit(run(sys.argv[1:]))
         ),
         (("encode", ".", "-o", "a.fcs", "--model", "no"), "no: there is no such folder; name the folder of a model."),
         (("info", "missing"), "missing: there is no such file; check the path."),
-        (("decode", "text.fcs", "-o", "a.ply"), "text.fcs: signature at byte 0: found 68 65 6c 6c 6f"),
+        (("decode", "text.fcs", "-o", "a.ply"), "text.fcs: not a .fcs file: its signature at byte 0 is 68 65 6c 6c 6f"),
         (("decode", "scene.fcs", "-o", "a.ply", "--max-pixels", "9"), "scene.fcs: the views have 229376 pixels in all"),
         (("decode", "scene.fcs", "-o", "a.ply"), "scene.fcs: the stream needs the receiver weights with model id"),
         (("encode", "empty", "-o", "a.fcs"), "empty: no photographs and no camera file found; give a folder that"),

@@ -35,7 +35,8 @@ def test_text_shows_size_and_sections(fecosplat, stream_file: Path, stream_bytes
     result = fecosplat("info", stream_file)
     assert result.code == 0
     assert "2 of 448x256" in result.out
-    assert "0.001 (weight of the rate: a larger one gives a smaller, coarser file; stage 1 has 0.005986)" in result.out
+    assert "0.001 (weight of the rate: a larger one gives a smaller, coarser file; " in result.out
+    assert "; stage 1, which stage 2 corrects, has lambda 0.005986)" in result.out
     assert f"{len(stream_bytes)} bytes" in result.out
     rows = result.out.split("at byte")[1].splitlines()[1:]
     assert sum(int(row.split()[2]) for row in rows) == len(stream_bytes), "the column of bytes is all of the file"
@@ -137,7 +138,7 @@ def test_a_named_pipe_without_a_writer_does_not_hang(
     result = fecosplat(command, tmp_path / "pipe.fcs", *output[command])
     assert (result.code, result.out) == (1, "")
     assert result.err == (
-        f"fecosplat: {tmp_path / 'pipe.fcs'}: no program wrote to this pipe within 0.1 seconds; start the one that "
-        "does, or give a file.\n"
+        f"fecosplat: {tmp_path / 'pipe.fcs'}: no program wrote to this pipe within 0.1 seconds; start the "
+        "program that writes to it, or give a file.\n"
     )
     assert [path.name for path in tmp_path.iterdir()] == ["pipe.fcs"]

@@ -65,7 +65,7 @@ def test_other_host_names_are_refused() -> None:
 
 
 def test_a_page_that_was_not_built_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"scene\.html: the viewer page was not built .* run `make web`"):
+    with pytest.raises(OutputError, match=r"^the viewer page was not built; run `make web` .*Node\.js 20"):
         scene_page(tmp_path)
 
 

@@ -81,12 +81,17 @@ class Parts:
 def signature_faults(parts: Parts) -> list[Fault]:
     text_mode = "the signature was not changed by text mode"
     faults = [
-        ("the stream starts with the signature", b"\x89PNG\r\n\x1a\n" + parts.good[8:], "found 89 50 4e 47"),
         (text_mode, parts.good.replace(b"\r\n", b"\n"), "changed as if it were text"),
         (text_mode, parts.good.replace(b"\n", b"\r\n"), "changed as if it were text"),
         (text_mode, b"\x09" + parts.good[1:], "changed as if it were text"),
     ]
-    return [Fault(rule, data, "signature at byte 0", cause) for rule, data, cause in faults]
+    png = Fault(
+        "the stream starts with the signature",
+        b"\x89PNG\r\n\x1a\n" + parts.good[8:],
+        "not a .fcs file: its signature at byte 0 ",
+        "is 89 50 4e 47",
+    )
+    return [png, *(Fault(rule, data, "signature at byte 0", cause) for rule, data, cause in faults)]
 
 
 def header_faults(parts: Parts) -> list[Fault]:
@@ -115,13 +120,14 @@ def header_faults(parts: Parts) -> list[Fault]:
 def cut_and_changed_section_faults(parts: Parts) -> list[Fault]:
     good, b1, b2, end = parts.good, parts.b1_offset, parts.b2_offset, parts.end
     last = end - 1
+    cut_payload = f"after {last} bytes, but the section reaches to byte {end}"
     too_long = good[:49] + (2049).to_bytes(4, "little") + good[53:]
     changed_kind = good[:b1] + b"\xa1" + good[b1 + 1 :]
     faults = [
         ("every section head is there", good[:end], "", end, "inside or before the head"),
         ("every section head is there", good[: b1 + 8], "", b1, "inside or before the head"),
         ("length within the limit", too_long, "cameras ", 48, "its length is 2049, at most 2048"),
-        ("the whole payload is there", good[:last], "B2 ", b2, f"after {last} bytes, the section needs {end}"),
+        ("the whole payload is there", good[:last], "B2 ", b2, cut_payload),
         ("section CRC-32", changed_kind, "0xa1 ", b1, "CRC-32 is 0x"),
         ("section CRC-32", good[: b2 - 1] + bytes([good[b2 - 1] ^ 1]) + good[b2:], "B1 ", b1, "CRC-32 is 0x"),
         ("section CRC-32", good[:last] + bytes([good[last] ^ 1]) + good[end:], "B2 ", b2, "CRC-32 is 0x"),

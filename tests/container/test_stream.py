@@ -110,7 +110,7 @@ def test_a_damaged_second_stage_is_answered_with_the_way_out() -> None:
 def test_what_is_intact_comes_without_the_advice_to_decode_it() -> None:
     damage = read_intact(GOOD[: EXAMPLE.end - 1]).damage
     assert damage is not None and damage.startswith("section B2 at byte")
-    assert damage.endswith("; copy or download it again.")
+    assert damage.endswith("; the file is truncated, copy or download it again.")
 
 
 def test_the_container_needs_neither_torch_nor_numpy() -> None:

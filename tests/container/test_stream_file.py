@@ -29,7 +29,8 @@ def test_a_named_pipe_without_a_writer_is_given_up(pipe: Path, monkeypatch: pyte
     with pytest.raises(InputError) as caught:
         read_stream_file(pipe)
     assert str(caught.value) == (
-        f"{pipe}: no program wrote to this pipe within 0.3 seconds; start the one that does, or give a file."
+        f"{pipe}: no program wrote to this pipe within 0.3 seconds; start the program that writes "
+        "to it, or give a file."
     )
     assert 0.3 <= time.monotonic() - start < 5.0
 

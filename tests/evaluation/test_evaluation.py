@@ -79,6 +79,20 @@ def test_variants_are_compared_at_the_lambdas_they_share() -> None:
     assert comparison.bd_rate == pytest.approx(0.0, abs=1e-9) and comparison.bd_psnr == pytest.approx(0.0, abs=1e-9)
 
 
+def test_bd_rate_by_st_lpips_counts_smaller_values_as_better() -> None:
+    """Ours needs half the bytes at equal PSNR, but twice the bytes at equal ST-LPIPS."""
+    found = [
+        replace(measurement("a", system, f"{step}", factor * 1024 * 2**step, 20.0 + step), st_lpips=worst - 0.1 * step)
+        for system, factor, worst in (("fecosplat", 1, 0.6), ("AVIF", 2, 0.4))
+        for step in range(4)
+    ]
+    (comparison,) = compare(averages(found))
+    assert comparison.bd_rate == pytest.approx(-50.0) and comparison.bd_rate_st_lpips == pytest.approx(100.0)
+    unknown = [replace(m, st_lpips=None) if m.system == "AVIF" else m for m in found]
+    (comparison,) = compare(averages(unknown))
+    assert comparison.bd_rate == pytest.approx(-50.0) and comparison.bd_rate_st_lpips is None
+
+
 def test_a_cut_last_line_is_measured_again(tmp_path: Path) -> None:
     path = tmp_path / RECORDS
     records = RecordFile(path)

@@ -16,7 +16,7 @@ from fecocodec.formats.estimated_cameras import Ambiguity, EstimatedCamera, Imag
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.pose_estimation import reconstruct
 from fecocodec.formats.pose_warnings import reliability_warnings
-from fecocodec.formats.posed_folder import posed_folder
+from fecocodec.formats.posed_folder import _weak_pairs, posed_folder
 from fecocodec.formats.pycolmap_steps import refine
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.formats.transforms_json import read_transforms_json
@@ -267,3 +267,15 @@ def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monke
     )
     assert len(best.points3D) == 66
     assert len(list(models)) == 1
+
+
+@pytest.mark.parametrize(("names", "end"), [("abc", "0 matches"), ("abcd", "and 3 more pairs")])
+def test_pairs_with_few_matches_are_counted(names: str, end: str) -> None:
+    found = Reconstruction((), 0.0, 0.0, {}, None)
+    assert _weak_pairs(list(names), found).endswith(end)
+
+
+def test_one_pair_is_singular() -> None:
+    matches = {pair: 500 for pair in (("a", "b"), ("a", "c"))}
+    found = Reconstruction((), 0.0, 0.0, matches, None)
+    assert _weak_pairs(list("abcd"), found).endswith("b and d: 0 matches and 1 more pair")

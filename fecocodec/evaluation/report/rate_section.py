@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
-from fecocodec.evaluation.summary import OURS, Average, averages, compare
+from fecocodec.evaluation.summary import OURS, Average, Comparison, averages, compare
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
 from fecocodec.evaluation.systems.codec import BEST, FAST
 from fecocodec.evaluation.systems.pruned import PRUNED
@@ -27,8 +27,8 @@ have, rendered from decoded files. All numbers are means over {entries} pairs of
 {chart}
 
 BD-rate and BD-PSNR of our codec, and of *{best}*, against each baseline: difference in bytes at equal PSNR, and in PSNR
-at equal bytes. A dash means that the curves do not overlap, or that the baseline is a single point. Variants of our
-codec are compared at their common lambdas.
+at equal bytes. BD-rate by ST-LPIPS is the difference in bytes at equal ST-LPIPS. A dash means that the curves do not
+overlap, or that the baseline is a single point. Variants of our codec are compared at their common lambdas.
 
 {comparisons}
 
@@ -43,7 +43,7 @@ need other weights or another format; docs/experiments.md contains short trainin
 
 {comparisons}
 """
-HEADS = ("BD-rate, %", "BD-PSNR, dB")
+HEADS = ("BD-rate, %", "BD-PSNR, dB", "BD-rate by ST-LPIPS, %")
 
 
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
@@ -93,9 +93,15 @@ def comparison_table(rows: Sequence[Average], *variants: str) -> str:
     lines = []
     for baseline in dict.fromkeys(name for found in figures.values() for name in found if name not in variants):
         against = [found.get(baseline) for found in figures.values()]
-        cells = [(number(c.bd_rate, 1), number(c.bd_psnr)) if c else ("", "") for c in against]
-        lines.append((baseline, *(cell for pair in cells for cell in pair)))
+        lines.append((baseline, *(cell for found in against for cell in _comparison_cells(found))))
     return table(("against", *heads), lines)
+
+
+def _comparison_cells(found: Comparison | None) -> tuple[str, ...]:
+    """Return the cells under `HEADS`; empty where a variant is compared with itself."""
+    if found is None:
+        return ("",) * len(HEADS)
+    return number(found.bd_rate, 1), number(found.bd_psnr), number(found.bd_rate_st_lpips, 1)
 
 
 def _averages(rows: Sequence[Average]) -> str:

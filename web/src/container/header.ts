@@ -98,7 +98,7 @@ function checkSignature(data: Uint8Array): void {
   }
   throw new Refusal(
     "the stream starts with the signature",
-    `signature at byte 0: found ${hex(start, " ")}, a .fcs file starts with ${hex(SIGNATURE, " ")}; ` +
+    `not a .fcs file: its signature at byte 0 is ${hex(start, " ")} instead of ${hex(SIGNATURE, " ")}; ` +
       "give a file written by fecosplat encode.",
   );
 }

@@ -76,7 +76,8 @@ function readSection(data: Uint8Array, offset: number): Section {
   if (data.length < section.end) {
     throw new Refusal(
       "the whole payload is there",
-      `${place(section)}: the file ends after ${data.length} bytes, the section needs ${section.end}; ${COPY_AGAIN}`,
+      `${place(section)}: the file ends after ${data.length} bytes, but the section reaches to byte ${section.end}; ` +
+        `the file is truncated, ${COPY_AGAIN}`,
     );
   }
   const payload = data.subarray(offset + HEAD_BYTES, section.end);
