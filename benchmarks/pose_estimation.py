@@ -4,13 +4,14 @@
 
 For each entry of the evaluation index, cameras of the context photographs are estimated. Reported are the number of
 registered photographs, the median errors of rotations and directions between pairs of cameras in degrees, the mean
-error of the camera centres after alignment by a similarity (relative to their spread), the ratio of the focal lengths,
-the reprojection error, the differences of the second estimate in degrees, and whether a warning is printed. With
---psnr, the first NUMBER entries are also encoded with stored and with estimated cameras. The last column is then, in
-dB, the PSNR of the target views with stored cameras, and what estimated cameras lose: at the target views with the
-estimated lens, at the target views with the stored lens, and at the context views. Poses of target views are carried
-over by the similarity. All photographs have the same lens, so a user of estimated cameras renders with the estimated
-lens; with the stored one, an error of the focal length is a zoom of the rendering.
+error of the camera centres after alignment by a similarity (relative to their spread), the ratio of the focal
+lengths, the reprojection error, the differences of the second estimate in degrees (nan for two photographs, and if it
+lacks a camera), and whether a warning is printed. With --psnr, the first NUMBER entries are also encoded with stored
+and with estimated cameras. The last column is then, in dB, the PSNR of the target views with stored cameras, and what
+estimated cameras lose: at the target views with the estimated lens, at the target views with the stored lens, and at
+the context views. Poses of target views are carried over by the similarity. All photographs have the same lens, so a
+user of estimated cameras renders with the estimated lens; with the stored one, an error of the focal length is a zoom
+of the rendering.
 """
 
 import shutil

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from fecocodec.errors import InputError
 from fecocodec.formats.colmap import find_colmap_model, read_colmap
+from fecocodec.formats.image_headers import IMAGE_SUFFIXES
 from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.posed_photographs import PosedPhotographs
 from fecocodec.formats.realestate10k import find_realestate10k, read_realestate10k
@@ -19,17 +20,30 @@ def read_cameras(path: StrPath) -> PosedPhotographs:
     path = Path(path)
     try:
         scene = _find_cameras(path)
+        problem = _missing(path) if scene is None else ""
     except (OSError, ValueError) as error:  # ValueError: an invalid file name
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions.") from error
-    if scene is None and not path.is_dir():
-        raise InputError(f"{path}: not a camera file; give the folder that holds images and cameras.")
     if scene is None:
-        raise InputError(
-            f"{path}: no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera "
-            "file."
-        )
+        raise InputError(f"{path}: {problem}")
     return scene
+
+
+def _missing(path: Path) -> str:
+    """Return why an existing path gives no cameras, and what to do."""
+    if not path.is_dir():
+        if path.suffix.lower() in IMAGE_SUFFIXES:
+            return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
+        return "not a camera file; give the folder that holds images and cameras."
+    if not _has_images(path):
+        return "no photographs and no camera file found; give a folder that holds two or more photographs."
+    return "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
+
+
+def _has_images(folder: Path) -> bool:
+    """Return whether the folder or its folder `images` holds a file with the name of an image."""
+    folders = [place for place in (folder, folder / "images") if place.is_dir()]
+    return any(path.suffix.lower() in IMAGE_SUFFIXES for place in folders for path in place.iterdir())
 
 
 def has_cameras(path: StrPath) -> bool:

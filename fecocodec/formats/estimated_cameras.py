@@ -37,13 +37,25 @@ class EstimatedCamera:
 
 
 @dataclass(frozen=True)
+class Ambiguity:
+    """How far the fits of two views that explain the matches nearly as well differ from the best one.
+
+    zooms: smallest and largest focal length, relative to the estimate. direction: of the baseline, in degrees.
+    """
+
+    zooms: tuple[float, float]
+    direction: float
+
+
+@dataclass(frozen=True)
 class Reconstruction:
     """Registered cameras in the order of their names, and the quality of the reconstruction.
 
     reprojection_error_px: mean over observations. angle: median angle in degrees between the rays of a point.
     matches: number of verified matches of each pair of photographs (names in order). difference: of the rotations and
     directions between cameras, in degrees, from a second estimate that starts from another focal length; see
-    `pose_difference`. It is None if the second estimate lacks a camera.
+    `pose_difference`. It is None if the second estimate lacks a camera, and for two photographs. ambiguity: of two
+    photographs; None for more.
     """
 
     cameras: tuple[EstimatedCamera, ...]
@@ -51,6 +63,7 @@ class Reconstruction:
     angle: float
     matches: dict[tuple[str, str], int]
     difference: tuple[float, float] | None
+    ambiguity: Ambiguity | None = None
 
 
 def pose_difference(
@@ -67,21 +80,23 @@ def pose_difference(
     pairs = [(one, other) for index, one in enumerate(first) for other in first[:index]]
     known = [np.linalg.inv(one.camera_to_world) @ other.camera_to_world for one, other in pairs]
     found = [np.linalg.inv(poses[one.name]) @ poses[other.name] for one, other in pairs]
-    rotation = max(_angle_of(a[:3, :3].T @ b[:3, :3]) for a, b in zip(known, found, strict=True))
+    rotation = max(rotation_angle(a[:3, :3].T @ b[:3, :3]) for a, b in zip(known, found, strict=True))
     longest = max(np.linalg.norm(pose[:3, 3]) for pose in known)
     direction = max(
-        _angle_between(a[:3, 3], b[:3, 3])
+        angle_between(a[:3, 3], b[:3, 3])
         for a, b in zip(known, found, strict=True)
         if np.linalg.norm(a[:3, 3]) > _LEAST_BASELINE * longest
     )
     return rotation, direction
 
 
-def _angle_of(rotation: Float[np.ndarray, "3 3"]) -> float:
+def rotation_angle(rotation: Float[np.ndarray, "3 3"]) -> float:
+    """Return the angle of a rotation in degrees."""
     return float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
 
 
-def _angle_between(first: Float[np.ndarray, " 3"], second: Float[np.ndarray, " 3"]) -> float:
+def angle_between(first: Float[np.ndarray, " 3"], second: Float[np.ndarray, " 3"]) -> float:
+    """Return the angle between two vectors in degrees."""
     cosine = first @ second / max(1e-12, float(np.linalg.norm(first) * np.linalg.norm(second)))
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 

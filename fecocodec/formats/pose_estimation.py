@@ -2,7 +2,8 @@
 
 SIFT features, exhaustive matching, incremental reconstruction, and a last bundle adjustment with a robust loss. The
 initialisation is loosened step by step, because few views give few points and small angles. Method: Schönberger and
-Frahm, "Structure-from-Motion Revisited", 2016.
+Frahm, "Structure-from-Motion Revisited", 2016. If two photographs are registered, their cameras are fitted again from
+many starting directions (`two_photographs`).
 """
 
 from pathlib import Path
@@ -14,9 +15,11 @@ from fecocodec.formats.pycolmap_steps import (
     load_pycolmap,
     map_photographs,
     match_features,
+    matched_points,
     refine,
     verified_matches,
 )
+from fecocodec.formats.two_photographs import reconstruct_pair
 
 LEAST_ANGLE = 1.0  # degrees, median angle between the rays of a point; with less, depth is not determined
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.
@@ -44,6 +47,12 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     cameras = cameras_of(refined)
     change_focal_lengths(pycolmap, database, _OTHER_FOCAL)
     second = map_photographs(pycolmap, database, folder, workspace / "second", _ATTEMPTS[-1:], matches, count)
-    difference = None if second is None else pose_difference(cameras, cameras_of(refine(pycolmap, second, count)))
+    others = None if second is None else cameras_of(refine(pycolmap, second, count))
+    difference = None if others is None else pose_difference(cameras, others)
     error, angle = refined.compute_mean_reprojection_error(), median_angle(refined)
-    return Reconstruction(cameras, error, angle, matches, difference)
+    found = Reconstruction(cameras, error, angle, matches, difference)
+    if len(cameras) > 2:
+        return found
+    names = cameras[0].name, cameras[1].name
+    points = matched_points(pycolmap, database, *names)
+    return reconstruct_pair(found, others if difference is not None else None, points, groups)

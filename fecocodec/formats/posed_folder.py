@@ -15,15 +15,13 @@ from fecocodec.errors import InputError
 from fecocodec.formats.atomic import write_atomically
 from fecocodec.formats.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
 from fecocodec.formats.pose_estimation import LEAST_ANGLE, reconstruct
+from fecocodec.formats.pose_warnings import reliability_warnings
 from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, find_photographs, upright_copies
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 
 _FEW_MATCHES = 30  # of a pair; named in messages
 # Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
 _DEPTH_MARGIN = 1.3
-# Limits of a warning, chosen on training scenes (docs/inputs.md): change of the focal length, and differences of a
-# second estimate in degrees.
-_FOCAL_CHANGE, _ROTATION_DIFFERENCE, _DIRECTION_DIFFERENCE = 1.5, 1.5, 5.0
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
 
@@ -134,28 +132,6 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
                 "take it again with more overlap."
             )
     return notes
-
-
-def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
-    """Return a warning if the cameras may be wrong, else nothing; their reprojection error is small in any case."""
-    reasons = []
-    first = found.cameras[0]
-    start = next(group.focal_px for group in groups if first.name in group.names)
-    if not 1 / _FOCAL_CHANGE < first.lens.fx / start < _FOCAL_CHANGE:
-        reasons.append(f"the estimated focal length is {first.lens.fx / start:.2f} times the initial one")
-    if found.difference is None:
-        reasons.append("a second estimate from another initial focal length does not find all of them")
-    elif found.difference[0] > _ROTATION_DIFFERENCE or found.difference[1] > _DIRECTION_DIFFERENCE:
-        reasons.append(
-            "a second estimate from another initial focal length differs by up to "
-            f"{found.difference[0]:.1f} degrees in rotation and {found.difference[1]:.0f} degrees in direction"
-        )
-    if not reasons:
-        return []
-    return [
-        f"warning: the cameras may be wrong: {' and '.join(reasons)}; add photographs between these, so that more of "
-        "each is seen in three or more, keep the EXIF data with the focal length, or give known cameras."
-    ]
 
 
 def _relative_path(file: Path, folder: Path) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from fecocodec.errors import InputError
 from fecocodec.formats.estimated_cameras import ImageGroup
@@ -187,3 +188,14 @@ def verified_matches(pycolmap: Any, database: Path) -> dict[tuple[str, str], int
         pairs = [pycolmap.pair_id_to_image_pair(pair_id) for pair_id in pair_ids]
         named = [sorted((name_of[first], name_of[second])) for first, second in pairs]
     return {(first, second): int(count) for (first, second), count in zip(named, counts, strict=True)}
+
+
+def matched_points(
+    pycolmap: Any, database: Path, first: str, second: str
+) -> tuple[Float[np.ndarray, "match 2"], Float[np.ndarray, "match 2"]]:
+    """Return the points of the verified matches of two photographs in pixels."""
+    with pycolmap.Database.open(database) as opened:
+        ids = {image.name: image.image_id for image in opened.read_all_images()}
+        pairs = np.asarray(opened.read_two_view_geometry(ids[first], ids[second]).inlier_matches).reshape(-1, 2)
+        points = [np.asarray(opened.read_keypoints(ids[name]), np.float64)[:, :2] for name in (first, second)]
+    return points[0][pairs[:, 0]], points[1][pairs[:, 1]]

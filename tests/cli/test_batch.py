@@ -24,7 +24,7 @@ def test_files_equal_those_of_encode_and_decode(fecosplat, networks, scenes: Pat
     coded, single = tmp_path / "coded", tmp_path / "single.fcs"
     result = fecosplat("batch", "encode", scenes, "-o", coded, "--shard", "1/1", *FAST, "--title", "A wall")
     assert (result.code, result.out) == (1, "")
-    assert result.err.startswith(f"empty failed: {scenes / 'empty'}: no cameras found; ")
+    assert result.err.startswith(f"empty failed: {scenes / 'empty'}: no photographs and no camera file found; ")
     assert f"{coded}: 1 done, 0 skipped, 1 failed in " in result.err
     assert fecosplat("encode", scenes / "wall", "-o", single, *FAST, "--title", "A wall").code == 0
     assert (coded / "wall.fcs").read_bytes() == single.read_bytes()

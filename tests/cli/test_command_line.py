@@ -149,7 +149,7 @@ def test_missing_device_is_one_sentence(fecosplat, tmp_path: Path) -> None:
 def test_folder_without_cameras_is_one_sentence(fecosplat, tmp_path: Path) -> None:
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs")
     assert result.code == 1
-    assert result.err.startswith(f"fecosplat: {tmp_path}: no cameras found")
+    assert result.err.startswith(f"fecosplat: {tmp_path}: no photographs and no camera file found")
     assert result.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 

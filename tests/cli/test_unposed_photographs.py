@@ -105,7 +105,7 @@ def test_save_cameras_for_an_empty_folder(fecosplat, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     result = fecosplat("encode", tmp_path / "empty", "-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "c.json")
     assert result.code == 1
-    assert f"{tmp_path / 'empty'}: no cameras found" in result.err
+    assert f"{tmp_path / 'empty'}: no photographs and no camera file found" in result.err
 
 
 def test_frames_is_for_a_video(fecosplat, unposed: Path, tmp_path: Path) -> None:

@@ -64,10 +64,28 @@ def test_no_cameras(tmp_path):
     )
 
 
-def test_a_file_that_is_no_camera_file(tmp_path: Path) -> None:
-    photograph = tmp_path / "left.png"
+def test_no_photographs(tmp_path):
+    (tmp_path / "notes.txt").write_text("no scene")
+    (tmp_path / "images").mkdir()
+    assert message(tmp_path) == (
+        f"{tmp_path}: no photographs and no camera file found; give a folder that holds two or more photographs."
+    )
+    (tmp_path / "images" / "a.exr").write_bytes(b"not looked at")
+    assert "no cameras found" in message(tmp_path)
+
+
+def test_a_photograph_is_not_a_camera_file(tmp_path: Path) -> None:
+    photograph = tmp_path / "left.JPG"
     photograph.write_bytes(b"not looked at")
-    assert message(photograph) == f"{photograph}: not a camera file; give the folder that holds images and cameras."
+    assert message(photograph) == (
+        f"{photograph}: a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
+    )
+
+
+def test_a_file_that_is_no_camera_file(tmp_path: Path) -> None:
+    file = tmp_path / "left.txt"
+    file.write_bytes(b"hello")
+    assert message(file) == f"{file}: not a camera file; give the folder that holds images and cameras."
 
 
 def test_no_frames(scene):

@@ -12,10 +12,11 @@ from scipy.ndimage import map_coordinates
 from fecocodec.errors import InputError
 from fecocodec.formats import pycolmap_steps
 from fecocodec.formats.camera_files import has_cameras
-from fecocodec.formats.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction, pose_difference
+from fecocodec.formats.estimated_cameras import Ambiguity, EstimatedCamera, ImageGroup, Reconstruction, pose_difference
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.pose_estimation import reconstruct
-from fecocodec.formats.posed_folder import _weak_pairs, posed_folder, reliability_warnings
+from fecocodec.formats.pose_warnings import reliability_warnings
+from fecocodec.formats.posed_folder import _weak_pairs, posed_folder
 from fecocodec.formats.pycolmap_steps import refine
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.formats.transforms_json import read_transforms_json
@@ -56,6 +57,7 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
         assert cameras.far > 1.4 * np.percentile(depths, 99)
     assert not posed.path.exists()
     assert len(names) == 2 and "2 of 2" in posed.notes[0]
+    assert "two photographs do not determine their focal length" in posed.notes[1]  # a rectified stereo pair
     truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
     known = np.linalg.inv(truth[0].camera_to_world) @ truth[1].camera_to_world
     found = np.linalg.inv(cameras.extrinsics[0].numpy()) @ cameras.extrinsics[1].numpy()
@@ -222,6 +224,24 @@ def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons
     for warning in warnings:
         assert warning.startswith("warning: the cameras may be wrong: ") and warning.endswith(".")
         assert all(reason in warning for reason in reasons)
+
+
+@pytest.mark.parametrize(
+    ("ambiguity", "reason"),
+    [
+        (Ambiguity((0.8, 1.25), 14.0), None),
+        (Ambiguity((0.7, 1.25), 14.0), "their focal length here (202 to 360 pixels explain the matches equally well)"),
+        (Ambiguity((1.0, 1.0), 16.0), "a camera position that differs by 16 degrees in direction explains the matches"),
+    ],
+)
+def test_what_two_photographs_leave_open_is_warned_of(ambiguity: Ambiguity, reason: str | None):
+    """A second estimate is not compared: None is right for two photographs."""
+    found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, None, ambiguity)
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False)])
+    assert len(warnings) == (0 if reason is None else 1)
+    for warning in warnings:
+        assert warning.count(reason) == 1
+        assert "take a third and a fourth photograph from other positions" in warning
 
 
 class Model:
