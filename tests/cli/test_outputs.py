@@ -24,7 +24,8 @@ def test_decode_refuses_other_endings(fecosplat, stream_file: Path, output: Path
     assert_refused(
         result,
         output,
-        f"{output / name}: files of kind .{name[2:]} are not written here; use .ply or .compressed.ply or .spz or .sog or .glb or .html.",
+        f"{output / name}: files of kind .{name[2:]} are not written here; "
+        "use .ply or .compressed.ply or .spz or .sog or .glb or .html.",
     )
 
 
