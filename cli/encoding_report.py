@@ -36,7 +36,9 @@ def say_result(
         say(f"  stage {stage}: {kib:8.2f} KiB  {after.psnr:6.2f} dB")
     worst, name = min(zip(quality[-1].psnr_of_view, names, strict=True))
     count = len(names)
-    views = "coded view" if count == 1 else f"{count} coded views (worst {worst:.2f} dB, {printable(name)})"
+    size = f"{summary.header.width}x{summary.header.height}"
+    of_worst = f" (worst {worst:.2f} dB, {printable(name)})"
+    views = f"coded view of {size}" if count == 1 else f"{count} coded views of {size}{of_worst}"
     say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the {views} as decoded")
 
 

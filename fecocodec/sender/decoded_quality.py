@@ -59,12 +59,12 @@ def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[s
         return ()
     found = f"the decoded views are poor, with a PSNR of {quality.psnr:.1f} dB"
     if len(names) == 1:
-        return (f"{found}; use a smaller lambda or more `effort`.",)
+        return (f"{found}; use a smaller lambda, a larger `size` or more `effort`.",)
     worst = quality.worst_view
-    return (
-        f"{found} (worst {names[worst]}, {quality.psnr_of_view[worst]:.1f} dB), and images between them will be worse; "
-        "choose fewer `views`, which are closer together, or use more `effort`.",
-    )
+    found += f" (worst {names[worst]}, {quality.psnr_of_view[worst]:.1f} dB), and images between them will be worse"
+    if len(names) == 2:
+        return (f"{found}; use a smaller lambda, a larger `size` or more `effort`, or two views closer together.",)
+    return (f"{found}; choose fewer `views`, which are closer together, or use a smaller lambda or more `effort`.",)
 
 
 @torch.no_grad()
