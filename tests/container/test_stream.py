@@ -120,9 +120,8 @@ def test_the_container_needs_neither_torch_nor_numpy() -> None:
 
 
 def test_a_path_in_place_of_bytes_is_refused() -> None:
-    code = (
-        "from fecocodec.container import read_stages; read_stages('scene.fcs', 'all')"  # without run-time type checks
-    )
+    """In a process of its own, because the run-time type checks of the tests would refuse the argument first."""
+    code = "from fecocodec.container import read_stages; read_stages('scene.fcs', 'all')"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert result.stderr.splitlines()[-1] == (
         "fecocodec.errors.InputError: a stream is bytes, not str; read the file first (`Path.read_bytes`)."
