@@ -5,7 +5,7 @@ import os
 import sys
 import warnings
 
-_M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # of glibc's <malloc.h>
+_M_TRIM_THRESHOLD, _M_MMAP_MAX, _M_ARENA_MAX = -1, -4, -8  # of glibc's <malloc.h>
 _LARGEST_TRIM_THRESHOLD = 2**28  # bytes of free memory that the process keeps
 
 
@@ -13,9 +13,9 @@ def prepare_process() -> None:
     """Tune OpenMP and malloc, and hide Python and NumPy warnings, which are meant for developers.
 
     OpenMP threads of torch spin for milliseconds while they wait and occupy cores that the rasteriser needs; a lower
-    spin count lets them sleep earlier. malloc gives each large block memory of its own, which the system clears at
-    every allocation; without such blocks, freed memory is used again as it is. Settings in the environment take
-    precedence, PYTHONWARNINGS included.
+    spin count lets them sleep earlier. malloc gives each large block and each thread memory of its own, which the
+    system clears at every allocation; without that, all threads use freed memory again as it is. Settings in the
+    environment take precedence, PYTHONWARNINGS included.
     """
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
@@ -25,4 +25,5 @@ def prepare_process() -> None:
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:  # glibc
         mallopt(_M_MMAP_MAX, 0)
+        mallopt(_M_ARENA_MAX, 1)
         mallopt(_M_TRIM_THRESHOLD, _LARGEST_TRIM_THRESHOLD)

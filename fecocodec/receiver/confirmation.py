@@ -9,7 +9,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.sampling import project, sample_at
-from fecocodec.receiver.view_pairs import cameras_of, others, third_view_shifts
+from fecocodec.receiver.view_pairs import other_views
 
 
 @dataclass(frozen=True)
@@ -56,22 +56,20 @@ def confirmation(
     Gaussian (FORMAT.md, section 9.1).
     """
     best = torch.zeros_like(points[:, 0])
-    for shift in third_view_shifts(cameras.num_views):
-        best = torch.maximum(best, confirmation_by(shift, points, colour, surfaces, cameras, config))
+    for index, there in other_views(cameras, fewest=3):
+        best = torch.maximum(best, confirmation_by(points, colour, surfaces.index_select(0, index), there, config))
     return best
 
 
 def confirmation_by(
-    shift: int | Tensor,
     points: Float[Tensor, "view 3 h2 w2"],
     colour: Float[Tensor, "view 3 h2 w2"],
     surfaces: Float[Tensor, "view 4 h4 w4"],
     cameras: Cameras,
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return the confirmation of each Gaussian by the view `shift` positions after its own."""
-    index = others(cameras.num_views, shift, points.device)
-    seen = compare(points, colour, surfaces.index_select(0, index), cameras_of(cameras, index))
+    """Return the confirmation of each Gaussian by another view. surfaces, cameras: of the other views."""
+    seen = compare(points, colour, surfaces, cameras)
     is_alike = 1.0 / (1.0 + (seen.squared_difference / config.free_space_colour).square())
     consistency = torch.exp(-(seen.lead / config.free_space_lead).square()) * is_alike
     return seen.is_seen * consistency

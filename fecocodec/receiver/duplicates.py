@@ -14,7 +14,7 @@ from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.free_space import POOLED, surfaces_of
 from fecocodec.receiver.sampling import project, sample_at
-from fecocodec.receiver.view_pairs import cameras_of, others, third_view_shifts
+from fecocodec.receiver.view_pairs import other_views
 
 
 @torch.no_grad()
@@ -32,33 +32,35 @@ def kept_share(
     opacity, opacity_after: before and after the free-space check. Other arguments: see `free_space_violation`.
     """
     kept = torch.ones_like(opacity)
-    if not third_view_shifts(cameras.num_views):
-        return kept
     points, colour = (rearrange(x, "b v h w c -> b v c h w").contiguous() for x in (means, colour))
     for scene, surfaces in enumerate(surfaces_of(depth, colour, opacity)):
-        for shift in third_view_shifts(cameras.num_views):
-            of_scene = (points[scene], surfaces, opacity_after[scene], cameras.scene(scene))
-            kept[scene] = kept[scene] * kept_beside(shift, *of_scene, config)
+        shown, of_scene = shown_surfaces(surfaces, opacity_after[scene]), cameras.scene(scene)
+        for index, there in other_views(of_scene, fewest=3):
+            beside = kept_beside(points[scene], of_scene, shown.index_select(0, index), there, config)
+            kept[scene] = kept[scene] * beside
     return kept
 
 
+def shown_surfaces(
+    surfaces: Float[Tensor, "view 4 h4 w4"], opacity: Float[Tensor, "view h2 w2"]
+) -> Float[Tensor, "view 2 h4 w4"]:
+    """Return inverse depth and opacity of each view's surface.
+
+    surfaces: of `surfaces_of`. opacity: of Gaussians, after the free-space check.
+    """
+    return torch.cat((surfaces[:, 3:], F.avg_pool2d(opacity[:, None], POOLED)), dim=1)
+
+
 def kept_beside(
-    shift: int | Tensor,
     points: Float[Tensor, "view 3 h2 w2"],
-    surfaces: Float[Tensor, "view 4 h4 w4"],
-    opacity: Float[Tensor, "view h2 w2"],
     cameras: Cameras,
+    shown: Float[Tensor, "view 2 h4 w4"],
+    cameras_there: Cameras,
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return the share that each Gaussian keeps beside the view `shift` positions after its own.
-
-    surfaces: of `surfaces_of`. opacity: after the free-space check.
-    """
-    index = others(cameras.num_views, shift, points.device)
-    cameras_there = cameras_of(cameras, index)
+    """Return the share that each Gaussian keeps beside another view. shown: `shown_surfaces` of the other views."""
     uv, depth, is_seen = project(cameras_there, points)
     own_depth = project(cameras, points)[1]
-    shown = torch.cat((surfaces[:, 3:], F.avg_pool2d(opacity[:, None], POOLED)), dim=1).index_select(0, index)
     inverse_depth, opacity_there = sample_at(shown, uv).unbind(dim=1)
     lead = (inverse_depth * depth).clamp_min(1e-6).log()
     is_on_surface = is_seen * torch.exp(-(lead / config.duplicate_lead).square())

@@ -20,7 +20,7 @@ from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.confirmation import Comparison, compare, confirmation
 from fecocodec.receiver.near_bound import near_bound_violation
-from fecocodec.receiver.view_pairs import cameras_of, others, shifts
+from fecocodec.receiver.view_pairs import other_views
 
 POOLED = 2  # side of the blocks of Gaussians that are averaged to a view's surface
 
@@ -69,9 +69,9 @@ def _violation(
     share = confirmed.mean(dim=(1, 2)) if cameras.num_views > 2 else torch.ones_like(confirmed[:, 0, 0])
     surfaces = with_confirmation(surfaces, confirmed)
     strongest = near_bound_violation(points, cameras, config)
-    for shift in shifts(cameras.num_views):
-        found = violation_at(shift, points, colour, surfaces, confirmed, share, cameras, config)
-        strongest = torch.maximum(strongest, found)
+    for index, there in other_views(cameras):
+        of_others = surfaces.index_select(0, index), share.index_select(0, index), there
+        strongest = torch.maximum(strongest, violation_by(points, colour, confirmed, share, *of_others, config))
     return strongest
 
 
@@ -82,23 +82,23 @@ def with_confirmation(
     return torch.cat((surfaces, F.avg_pool2d(confirmed[:, None], POOLED)), dim=1)
 
 
-def violation_at(
-    shift: int | Tensor,
+def violation_by(
     points: Float[Tensor, "view 3 h2 w2"],
     colour: Float[Tensor, "view 3 h2 w2"],
-    surfaces: Float[Tensor, "view 5 h4 w4"],
     confirmed: Float[Tensor, "view h2 w2"],
     share: Float[Tensor, " view"],
+    surfaces: Float[Tensor, "view 5 h4 w4"],
+    share_there: Float[Tensor, " view"],
     cameras: Cameras,
     config: ReceiverConfig,
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return the violation against the surface of the view `shift` positions after each Gaussian's own.
+    """Return the violation of each Gaussian against the surface of another view.
 
-    surfaces: of `with_confirmation`. share: mean confirmation of each view; 1 for fewer than three views.
+    confirmed: of the Gaussians. share: mean confirmation of their view; 1 for fewer than three views. surfaces,
+    share_there, cameras: of the other views; surfaces of `with_confirmation`.
     """
-    index = others(cameras.num_views, shift, points.device)
-    seen = compare(points, colour, surfaces.index_select(0, index), cameras_of(cameras, index))
-    ratio = (share / share.index_select(0, index).clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
+    seen = compare(points, colour, surfaces, cameras)
+    ratio = (share / share_there.clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
     tolerance = config.free_space_colour * ratio
     protection = config.free_space_protection * confirmed * (1.0 - seen.surface[:, 4])
     return _in_front(seen, tolerance, config) * (1.0 - protection)

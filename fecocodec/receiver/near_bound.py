@@ -11,7 +11,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.sampling import project
-from fecocodec.receiver.view_pairs import cameras_of, others, third_view_shifts
+from fecocodec.receiver.view_pairs import other_views
 
 
 @torch.no_grad()
@@ -23,19 +23,18 @@ def near_bound_violation(
     It is zero for fewer than three views.
     """
     strongest = torch.zeros_like(points[:, 0])
-    for shift in third_view_shifts(cameras.num_views):
-        strongest = torch.maximum(strongest, near_bound_violation_at(shift, points, cameras, config))
+    for _, there in other_views(cameras, fewest=3):
+        strongest = torch.maximum(strongest, near_bound_violation_by(points, there, config))
     return strongest
 
 
-def near_bound_violation_at(
-    shift: int | Tensor, points: Float[Tensor, "view 3 h2 w2"], cameras: Cameras, config: ReceiverConfig
+def near_bound_violation_by(
+    points: Float[Tensor, "view 3 h2 w2"], cameras: Cameras, config: ReceiverConfig
 ) -> Float[Tensor, "view h2 w2"]:
-    """Return the violation of the near bound of the view `shift` positions after each Gaussian's own."""
+    """Return the violation of the near bound of another view. cameras: of the other views."""
     margin = config.near_bound_margin
-    cameras_there = cameras_of(cameras, others(cameras.num_views, shift, points.device))
-    uv, depth, _ = project(cameras_there, points)
-    forward, centre = cameras_there.extrinsics[:, :3, 2], cameras_there.extrinsics[:, :3, 3]
+    uv, depth, _ = project(cameras, points)
+    forward, centre = cameras.extrinsics[:, :3, 2], cameras.extrinsics[:, :3, 3]
     offset = points - centre[..., None, None]
     is_in_front = (offset * forward[..., None, None]).sum(dim=1) > 0
     is_inside = ((uv > -margin) & (uv < 1 + margin)).all(dim=1)

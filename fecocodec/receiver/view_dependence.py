@@ -19,7 +19,7 @@ from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
 from fecocodec.receiver.sampling import SMALLEST_DEPTH, project, sample_at
-from fecocodec.receiver.view_pairs import cameras_of, others, shifts
+from fecocodec.receiver.view_pairs import other_views
 
 
 class NormalEquations(NamedTuple):
@@ -63,8 +63,8 @@ def fitted_harmonics(
     )
     surfaces = surfaces_of(points, own, cameras)
     equations = start_of_equations(own)
-    for shift in shifts(views):
-        equations = with_view(shift, equations, points, own, surfaces, cameras, config)
+    for index, there in other_views(cameras):
+        equations = with_view(equations, points, own, cameras, surfaces.index_select(0, index), there, config)
     return harmonics_of(equations, points, own, cameras, config)
 
 
@@ -84,19 +84,17 @@ def start_of_equations(own: Float[Tensor, "view 3 h w"]) -> NormalEquations:
 
 
 def with_view(
-    shift: int | Tensor,
     equations: NormalEquations,
     points: Float[Tensor, "view 3 h w"],
     own: Float[Tensor, "view 3 h w"],
-    surfaces: Float[Tensor, "view 4 h w"],
     cameras: Cameras,
+    surfaces: Float[Tensor, "view 4 h w"],
+    judges: Cameras,
     config: ReceiverConfig,
 ) -> NormalEquations:
-    """Add the view `shift` positions after each Gaussian's own. surfaces: of `surfaces_of`."""
-    index = others(cameras.num_views, shift, points.device)
-    judges = cameras_of(cameras, index)
+    """Add another view to the equations of each view. surfaces, judges: `surfaces_of`, cameras of the others."""
     uv, depth, is_seen = project(judges, points)
-    there = sample_at(surfaces.index_select(0, index), uv)
+    there = sample_at(surfaces, uv)
     lag = (there[:, 3] * depth).clamp_min(1e-6).log()
     weight = is_seen * torch.sigmoid((config.hiding_lag - lag) / config.hiding_lag_width)
     turn = _directions(points, judges.extrinsics[:, :3, 3]) - _directions(points, cameras.extrinsics[:, :3, 3])

@@ -3,6 +3,8 @@
 A loop over shifts from 1 visits every ordered pair of different views once.
 """
 
+from collections.abc import Iterator
+
 import torch
 from jaxtyping import Int64
 from torch import Tensor
@@ -10,24 +12,13 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 
 
-def others(num_views: int, shift: int | Tensor, device: torch.device) -> Int64[Tensor, " view"]:
-    """Return the index of the view `shift` positions after each view, cyclically."""
-    index = torch.arange(num_views, device=device) + shift
-    return torch.where(index >= num_views, index - num_views, index)
+def other_views(cameras: Cameras, *, fewest: int = 2) -> Iterator[tuple[Int64[Tensor, " view"], Cameras]]:
+    """Yield for every shift the index of each view's other view, and the cameras of these other views.
 
-
-def cameras_of(cameras: Cameras, index: Int64[Tensor, " view"]) -> Cameras:
-    """Return the cameras of these views of one scene."""
-    return Cameras(
-        cameras.extrinsics.index_select(0, index), cameras.intrinsics.index_select(0, index), cameras.near, cameras.far
-    )
-
-
-def shifts(num_views: int) -> range:
-    """Return the shifts that visit all other views of each view."""
-    return range(1, num_views)
-
-
-def third_view_shifts(num_views: int) -> range:
-    """Return the shifts of steps that need three or more views: none for fewer."""
-    return shifts(num_views) if num_views > 2 else range(0)
+    cameras: of one scene. Yields nothing for fewer views than `fewest`.
+    """
+    views = cameras.num_views
+    for shift in range(1, views if views >= fewest else 1):
+        index = (torch.arange(views, device=cameras.extrinsics.device) + shift) % views
+        extrinsics, intrinsics = (x.index_select(0, index) for x in (cameras.extrinsics, cameras.intrinsics))
+        yield index, Cameras(extrinsics, intrinsics, cameras.near, cameras.far)

@@ -1,14 +1,18 @@
 """Exact nearest neighbours of 3D points with NumPy: leaves of a balanced k-d tree, searched leaf by leaf."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from jaxtyping import Float32, Int32, Int64, UInt64
 
-LEAF_SIZE = 64  # largest number of points of a leaf
+LEAF_SIZE = 128  # largest number of points of a leaf
 LARGEST_BLOCK = 1 << 22  # distances that are held at once, so that memory is bounded for any points
 _SLACK = np.float32(1.00001)  # on squared distances, more than the rounding errors of float32
 
 
-def nearest_neighbours(points: Float32[np.ndarray, "n 3"], count: int) -> Int32[np.ndarray, "n count"]:
+def nearest_neighbours(
+    points: Float32[np.ndarray, "n 3"], count: int, num_threads: int = 1
+) -> Int32[np.ndarray, "n count"]:
     """Return the indices of the `count` points nearest to each point, itself included, nearest first.
 
     Points that are not finite count as the origin; of points at equal distance the smaller index is the nearer one.
@@ -20,13 +24,21 @@ def nearest_neighbours(points: Float32[np.ndarray, "n 3"], count: int) -> Int32[
     lowest = np.stack([positions[leaf].min(axis=0) for leaf in leaves])
     highest = np.stack([positions[leaf].max(axis=0) for leaf in leaves])
     found = np.empty((len(points), count), np.int32)
-    for number, leaf in enumerate(leaves):
+
+    def search(number: int) -> None:
+        leaf = leaves[number]
         reach = _reach(positions, leaf, leaves, number, count)
-        gap = np.maximum(lowest - highest[number], lowest[number] - highest).clip(min=0.0)
-        is_near = np.einsum("ni,ni->n", gap, gap) <= reach * _SLACK
-        candidates = np.sort(np.concatenate([leaves[index] for index in np.flatnonzero(is_near)]))
+        box = lowest[number], highest[number]
+        near_leaves = np.flatnonzero(_squared_gaps(lowest, highest, *box) <= reach * _SLACK)
+        inside = np.concatenate([leaves[index] for index in near_leaves])
+        is_near = _squared_gaps(positions[inside], positions[inside], *box) <= reach * _SLACK
+        candidates = np.sort(inside[is_near])
         for rows in np.array_split(leaf, max(1, len(leaf) * len(candidates) // LARGEST_BLOCK + 1)):
             found[rows] = _nearest(positions, rows, candidates, count)
+
+    with ThreadPoolExecutor(num_threads) as pool:
+        for _ in pool.map(search, range(len(leaves))):
+            pass
     return found
 
 
@@ -44,6 +56,17 @@ def _leaves(positions: Float32[np.ndarray, "n 3"]) -> list[Int64[np.ndarray, " _
         order = np.argpartition(inside[:, axis], middle)
         waiting += [members[order[middle:]], members[order[:middle]]]
     return leaves
+
+
+def _squared_gaps(
+    lowest: Float32[np.ndarray, "n 3"],
+    highest: Float32[np.ndarray, "n 3"],
+    low: Float32[np.ndarray, " 3"],
+    high: Float32[np.ndarray, " 3"],
+) -> Float32[np.ndarray, " n"]:
+    """Return the squared distances between boxes and one box, given by their corners; 0 for boxes that overlap."""
+    gaps = np.maximum(lowest - high, low - highest).clip(min=0.0)
+    return np.einsum("ni,ni->n", gaps, gaps)
 
 
 def _reach(

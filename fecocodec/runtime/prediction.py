@@ -12,10 +12,9 @@ from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.neighbours import nearest_neighbours
 from fecocodec.runtime.scene import SceneCameras
 from fecocodec.runtime.view_groups import run_by_views
+from fecocodec.runtime.view_pairs import Arrays, run_over_others, run_over_pairs
 
 POINTS_AT_ONCE = 4096  # points per block of attention, so that gathered keys and values take little memory
-
-Arrays = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -54,12 +53,11 @@ class Prediction:
 
 def predict(graphs: Graphs, last: LastState, cameras: SceneCameras) -> Prediction:
     """Return the Gaussians of a state. cameras: normalised."""
-    poses = poses_of(cameras)
     positions, scales, rotations, opacities, colours, surfaces = _attributes(graphs, last, cameras)
-    maps = {"positions": positions, "colours": colours, "surfaces": surfaces}
-    violation = _free_space_violation(graphs, maps, poses)
+    of_views = {"positions": positions, "colours": colours, "surface": surfaces} | poses_of(cameras)
+    violation = _free_space_violation(graphs, of_views)
     opacities = np.minimum(opacities * (1 - violation), np.float32(1))  # the sigmoid of onnxruntime can be 1 + 2^-23
-    opacities = opacities * _kept_share(graphs, {"positions": positions, "surfaces": surfaces}, opacities, poses)
+    opacities = opacities * _kept_share(graphs, of_views, opacities)
     return Prediction(positions, colours, opacities, scales, rotations)
 
 
@@ -87,12 +85,15 @@ def poses_of(cameras: SceneCameras) -> Arrays:
 
 def fitted_harmonics(graphs: Graphs, prediction: Prediction, cameras: SceneCameras) -> Float32[np.ndarray, "n 4 3"]:
     """Return harmonics of degree 1, fitted to the colours of other views. cameras: normalised, two or more."""
-    maps, poses = prediction.maps(), poses_of(cameras)
-    matrix = right = np.zeros((cameras.num_views, 3, 3, *prediction.grid), np.float32)
-    for shift in range(1, cameras.num_views):
-        matrix, right = graphs.run("slope", shift=shift, **maps, **poses, matrix=matrix, right=right)
-    (harmonics,) = graphs.run("harmonics", **maps, extrinsics=cameras.extrinsics, matrix=matrix, right=right)
-    return harmonics
+    of_views = prediction.maps() | poses_of(cameras)
+    start = dict.fromkeys(("matrix", "right"), np.zeros((3, 3, *prediction.grid), np.float32))
+
+    def fitted(graphs: Graphs, view: int) -> np.ndarray:
+        inputs = {key: of_views[key][view] for key in ("positions", "colours", "extrinsics")}
+        inputs |= run_over_others(graphs, "slope", view, of_views, start)
+        return graphs.run("harmonics", **{key: values[None] for key, values in inputs.items()})[0]
+
+    return np.concatenate(graphs.map(fitted, range(cameras.num_views)))
 
 
 def _attend(
@@ -100,38 +101,39 @@ def _attend(
 ) -> Float32[np.ndarray, "view h8 w8 channel"]:
     """Return the residual of attention of each point to its neighbours, computed in blocks of points."""
     num_neighbours = int(graphs.input_shape("attend", "neighbours")[-1])
-    neighbours = nearest_neighbours(of_points["points"].reshape(-1, 3), num_neighbours)
+    neighbours = nearest_neighbours(of_points["points"].reshape(-1, 3), num_neighbours, graphs.num_threads)
     asking: Int32[np.ndarray, " n"] = np.arange(len(neighbours), dtype=np.int32)
     blocks = [slice(first, first + POINTS_AT_ONCE) for first in range(0, len(asking), POINTS_AT_ONCE)]
-    attended = [
-        graphs.run("attend", asking=asking[block], neighbours=neighbours[block], **of_points, extrinsics=extrinsics)[0]
-        for block in blocks
-    ]
-    return np.concatenate(attended).reshape(*of_points["depth"].shape, -1)
+
+    def attended(graphs: Graphs, block: slice) -> np.ndarray:
+        inputs = {"asking": asking[block], "neighbours": neighbours[block], **of_points, "extrinsics": extrinsics}
+        return graphs.run("attend", **inputs)[0]
+
+    return np.concatenate(graphs.map(attended, blocks)).reshape(*of_points["depth"].shape, -1)
 
 
-def _free_space_violation(graphs: Graphs, maps: Arrays, poses: Arrays) -> Float32[np.ndarray, "view h2 w2"]:
-    """Return the strongest free-space violation of each Gaussian. maps: positions, colours and surfaces."""
-    views, _, *grid = maps["positions"].shape
+def _free_space_violation(graphs: Graphs, of_views: Arrays) -> Float32[np.ndarray, "view h2 w2"]:
+    """Return the strongest free-space violation of each Gaussian. of_views: positions, colours, surface and poses."""
+    views, _, *grid = of_views["positions"].shape
     confirmed = violation = np.zeros((views, *grid), np.float32)
     share = np.ones(views, np.float32)
     if views > 2:
-        for shift in range(1, views):
-            of_step = maps | poses | {"confirmed": confirmed, "violation": violation}
-            confirmed, violation = graphs.run("confirm", shift=shift, **of_step)
+        confirmed, violation = run_over_pairs(
+            graphs, "confirm", of_views, {"confirmed": confirmed, "violation": violation}
+        )
         share = confirmed.mean(axis=(1, 2))
-    for shift in range(1, views):
-        of_step = maps | poses | {"confirmed": confirmed, "share": share, "violation": violation}
-        (violation,) = graphs.run("free_space", shift=shift, **of_step)
-    return violation
+    judged = of_views | {"confirmed": confirmed, "share": share}
+    return run_over_pairs(graphs, "free_space", judged, {"violation": violation})[0]
 
 
 def _kept_share(
-    graphs: Graphs, maps: Arrays, opacities: Float32[np.ndarray, "view h2 w2"], poses: Arrays
+    graphs: Graphs, of_views: Arrays, opacities: Float32[np.ndarray, "view h2 w2"]
 ) -> Float32[np.ndarray, "view h2 w2"]:
-    """Return the share of its opacity that each Gaussian keeps beside finer ones. maps: positions and surfaces."""
+    """Return the share of its opacity that each Gaussian keeps beside finer ones.
+
+    of_views: positions, surface and poses. opacities: after the free-space check.
+    """
     kept = np.ones_like(opacities)
-    if len(kept) > 2:
-        for shift in range(1, len(kept)):
-            (kept,) = graphs.run("duplicates", shift=shift, **maps, opacities=opacities, **poses, kept=kept)
-    return kept
+    if len(kept) < 3:
+        return kept
+    return run_over_pairs(graphs, "duplicates", of_views | {"opacities": opacities}, {"kept": kept})[0]

@@ -23,10 +23,12 @@ from fecocodec.training.graphs.channels_last import with_exported_blocks
 from fecocodec.training.graphs.exact_linear import with_exact_layers
 from fecocodec.training.graphs.linking import link_weights
 from fecocodec.training.graphs.networks import network_graphs
+from fecocodec.training.graphs.sampling import sampled
 from fecocodec.training.graphs.specification import Graph, prior_graphs
 
 OPSET = 20  # the first with GELU
 LARGEST_FOLDED = 1024  # bytes of a tensor that folding of constants may write into a graph
+SUBSTITUTES = {torch.ops.aten.grid_sampler.default: sampled}  # for operators that onnxruntime computes slowly
 GRAPHS = "graphs"  # folder of the graphs, beside the weights
 
 
@@ -70,7 +72,7 @@ def export_graph(name: str, graph: Graph, weights: bytes) -> bytes:
             tuple(of.example() for of in graph.inputs.values()),
             dynamic_shapes=tuple(of.dynamic() for of in graph.inputs.values()),
             strict=False,
-        )
+        ).run_decompositions(SUBSTITUTES)
         program = torch.onnx.export(
             exported,
             dynamo=True,

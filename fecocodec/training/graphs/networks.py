@@ -1,10 +1,11 @@
-"""Names, modules and inputs of the graphs of the networks in floating point, and of the steps over views."""
+"""Names, modules and inputs of the graphs of the networks in floating point, and of the steps over pairs of views."""
 
 import torch
 
+from fecocodec.config import ReceiverConfig
 from fecocodec.receiver.background import DEFAULT_BACKGROUND, cell_centres
 from fecocodec.receiver.model import Receiver
-from fecocodec.training.graphs import prediction
+from fecocodec.training.graphs import pairs, prediction
 from fecocodec.training.graphs.background import BackgroundGraph, HideGraph
 from fecocodec.training.graphs.specification import Graph, GraphInput
 from fecocodec.training.graphs.update import UpdateGraph
@@ -21,13 +22,24 @@ _POSES = {"extrinsics": _floats("views 4 4"), "intrinsics": _floats("views 3 3")
 _CAMERAS = _POSES | {"far": _floats("")}
 _GRID = "16*rows 16*columns"  # of the Gaussians
 _MAPS = {"positions": _floats(f"views 3 {_GRID}"), "colours": _floats(f"views 3 {_GRID}")}
-_SURFACES = {"surfaces": _floats("views 4 8*rows 8*columns")}
-_EQUATIONS = {name: _floats(f"views 3 3 {_GRID}") for name in ("matrix", "right")}
+_OWN = {
+    "positions": _floats(f"3 {_GRID}"),
+    "colours": _floats(f"3 {_GRID}"),
+    "extrinsics": _floats("4 4"),
+    "intrinsics": _floats("3 3"),
+}
+_PAIR_INPUTS = _OWN | {f"{name}_there": of for name, of in _OWN.items()}
+_PAIR_INPUTS |= {
+    name: _floats(_GRID) for name in ("confirmed", "violation", "kept", "confirmed_there", "opacities_there")
+}
+_PAIR_INPUTS |= {name: _floats(f"3 3 {_GRID}") for name in ("matrix", "right")}
+_PAIR_INPUTS |= {"surface_there": _floats("4 8*rows 8*columns"), "share": _floats(""), "share_there": _floats("")}
 
 
 def network_graphs(receiver: Receiver) -> dict[str, Graph]:
     """Return the graphs by name."""
-    return _state_graphs(receiver) | _attribute_graphs(receiver) | _step_graphs(receiver) | _background_graphs()
+    of_views = _state_graphs(receiver) | _attribute_graphs(receiver) | _pair_graphs(receiver.config)
+    return of_views | _harmonics_graph(receiver.config) | _background_graphs()
 
 
 def _state_graphs(receiver: Receiver) -> dict[str, Graph]:
@@ -66,35 +78,43 @@ def _attribute_graphs(receiver: Receiver) -> dict[str, Graph]:
     }
 
 
-def _step_graphs(receiver: Receiver) -> dict[str, Graph]:
-    config, shift = receiver.config, {"shift": _SCALAR}
-    confirmed, violation = {"confirmed": _floats(f"views {_GRID}")}, {"violation": _floats(f"views {_GRID}")}
-    share, opacities = {"share": _floats("views")}, {"opacities": _floats(f"views {_GRID}")}
-    kept = {"kept": _floats(f"views {_GRID}")}
-    slope = shift | _MAPS | _POSES | _EQUATIONS
+def _pair_graphs(config: ReceiverConfig) -> dict[str, Graph]:
+    def inputs(*names: str) -> Inputs:
+        return {name: _PAIR_INPUTS[name] for name in names}
+
+    own, pose = inputs("positions", "colours"), inputs("extrinsics", "intrinsics")
+    pose_there = inputs("extrinsics_there", "intrinsics_there")
     return {
         "confirm": Graph(
-            prediction.ConfirmGraph(config),
-            shift | _MAPS | _SURFACES | _POSES | confirmed | violation,
+            pairs.ConfirmGraph(config),
+            own | inputs("surface_there") | pose_there | inputs("confirmed", "violation"),
             ("confirmed_after", "violation_after"),
         ),
         "free_space": Graph(
-            prediction.FreeSpaceGraph(config),
-            shift | _MAPS | _SURFACES | confirmed | share | _POSES | violation,
+            pairs.FreeSpaceGraph(config),
+            own
+            | inputs("confirmed", "share", "surface_there", "confirmed_there", "share_there")
+            | pose_there
+            | inputs("violation"),
             ("violation_after",),
         ),
         "duplicates": Graph(
-            prediction.DuplicatesGraph(config),
-            shift | {"positions": _MAPS["positions"]} | _SURFACES | opacities | _POSES | kept,
+            pairs.DuplicatesGraph(config),
+            inputs("positions") | pose | inputs("surface_there", "opacities_there") | pose_there | inputs("kept"),
             ("kept_after",),
         ),
-        "slope": Graph(prediction.SlopeGraph(config), slope, ("matrix_after", "right_after")),
-        "harmonics": Graph(
-            prediction.HarmonicsGraph(config),
-            _MAPS | {"extrinsics": _POSES["extrinsics"]} | _EQUATIONS,
-            ("harmonics",),
+        "slope": Graph(
+            pairs.SlopeGraph(config),
+            own | inputs("extrinsics", "positions_there", "colours_there") | pose_there | inputs("matrix", "right"),
+            ("matrix_after", "right_after"),
         ),
     }
+
+
+def _harmonics_graph(config: ReceiverConfig) -> dict[str, Graph]:
+    equations = {name: _floats(f"views 3 3 {_GRID}") for name in ("matrix", "right")}
+    inputs = _MAPS | {"extrinsics": _POSES["extrinsics"]} | equations
+    return {"harmonics": Graph(prediction.HarmonicsGraph(config), inputs, ("harmonics",))}
 
 
 def _background_graphs() -> dict[str, Graph]:

@@ -1,8 +1,4 @@
-"""The Gaussian predictor as graphs: networks, with the neighbour search between them, and steps over other views.
-
-A step over other views takes `shift` and compares every view with the one `shift` positions after it, cyclically. A
-caller runs it for every shift from 1 to views - 1 and passes its results to the next call.
-"""
+"""The Gaussian predictor as graphs: networks, with the neighbour search between them, and the fitted harmonics."""
 
 import torch
 import torch.nn.functional as F
@@ -10,14 +6,10 @@ from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.confirmation import confirmation_by
-from fecocodec.receiver.duplicates import kept_beside
-from fecocodec.receiver.free_space import surfaces_of, violation_at, with_confirmation
+from fecocodec.receiver.free_space import surfaces_of
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.near_bound import near_bound_violation_at
 from fecocodec.receiver.predictor import enlarged
-from fecocodec.receiver.view_dependence import NormalEquations, harmonics_of, with_view
-from fecocodec.receiver.view_dependence import surfaces_of as own_surfaces
+from fecocodec.receiver.view_dependence import NormalEquations, harmonics_of
 from fecocodec.training.graphs.update import rate_condition
 
 
@@ -106,90 +98,12 @@ class AttributesGraph(nn.Module):
         return positions[0], scales, rotations, found.opacity[0], colours[0], surfaces[0]
 
 
-class _StepGraph(nn.Module):
+class HarmonicsGraph(nn.Module):
+    """Normal equations of the slopes -> spherical harmonics of degree 1."""
+
     def __init__(self, config: ReceiverConfig) -> None:
         super().__init__()
         self.config = config
-
-
-class ConfirmGraph(_StepGraph):
-    """Step over other views -> confirmation, and violation of the near bound; for three or more views."""
-
-    def forward(
-        self,
-        shift: Tensor,
-        positions: Tensor,
-        colours: Tensor,
-        surfaces: Tensor,
-        extrinsics: Tensor,
-        intrinsics: Tensor,
-        confirmed: Tensor,
-        violation: Tensor,
-    ) -> tuple[Tensor, Tensor]:
-        cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
-        found = confirmation_by(shift, positions, colours, surfaces, cameras, self.config)
-        too_near = near_bound_violation_at(shift, positions, cameras, self.config)
-        return torch.maximum(confirmed, found), torch.maximum(violation, too_near)
-
-
-class FreeSpaceGraph(_StepGraph):
-    """Step over other views -> violation. share: mean of `confirmed` of each view; 1 for fewer than three views."""
-
-    def forward(
-        self,
-        shift: Tensor,
-        positions: Tensor,
-        colours: Tensor,
-        surfaces: Tensor,
-        confirmed: Tensor,
-        share: Tensor,
-        extrinsics: Tensor,
-        intrinsics: Tensor,
-        violation: Tensor,
-    ) -> Tensor:
-        cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
-        with_confirmed = with_confirmation(surfaces, confirmed)
-        found = violation_at(shift, positions, colours, with_confirmed, confirmed, share, cameras, self.config)
-        return torch.maximum(violation, found)
-
-
-class DuplicatesGraph(_StepGraph):
-    """Step over other views -> share of the opacity that Gaussians keep beside finer ones; for three or more views."""
-
-    def forward(
-        self,
-        shift: Tensor,
-        positions: Tensor,
-        surfaces: Tensor,
-        opacities: Tensor,
-        extrinsics: Tensor,
-        intrinsics: Tensor,
-        kept: Tensor,
-    ) -> Tensor:
-        cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
-        return kept * kept_beside(shift, positions, surfaces, opacities, cameras, self.config)
-
-
-class SlopeGraph(_StepGraph):
-    """Step over other views -> normal equations of the slopes of colours. Those before shift 1 are zero."""
-
-    def forward(
-        self,
-        shift: Tensor,
-        positions: Tensor,
-        colours: Tensor,
-        extrinsics: Tensor,
-        intrinsics: Tensor,
-        matrix: Tensor,
-        right: Tensor,
-    ) -> tuple[Tensor, Tensor]:
-        cameras = normalised(extrinsics, intrinsics, torch.tensor(1.0))
-        surfaces = own_surfaces(positions, colours, cameras)
-        return with_view(shift, NormalEquations(matrix, right), positions, colours, surfaces, cameras, self.config)
-
-
-class HarmonicsGraph(_StepGraph):
-    """Normal equations of the slopes -> spherical harmonics of degree 1."""
 
     def forward(
         self,

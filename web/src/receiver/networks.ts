@@ -4,6 +4,7 @@ import { type Gaussians, SH_DEGREE_0 } from "./gaussians";
 import { floats, floatsOf, Graphs, integers, type ModelFiles, scalar, type Tensors, zeros } from "./graphs";
 import { nearestNeighbours } from "./neighbours";
 import type { NormalisedCameras } from "./normalised-cameras";
+import { runOverPairs } from "./view-pairs";
 
 const POINTS_AT_ONCE = 4096; // points per block of attention, so that gathered keys and values take little memory
 
@@ -62,10 +63,13 @@ export class Networks {
     mark();
     const attended = await this.attend(found, neighbours, count);
     mark();
-    const maps = { ...(await this.graphs.run("attributes", { ...found, attended })), ...poses };
+    const maps = await this.graphs.run("attributes", { ...found, attended });
     mark();
-    const opacities = await this.opacities(maps, await this.violation(maps));
-    const prediction = predictionOf(maps, opacities, await this.fittedHarmonics(maps));
+    const { positions, colours, surfaces } = maps;
+    const { extrinsics, intrinsics } = poses;
+    const ofViews = { positions, colours, surface: surfaces, extrinsics, intrinsics };
+    const opacities = await this.faded(maps.opacities, ofViews);
+    const prediction = predictionOf(maps, opacities, await this.fittedHarmonics(ofViews));
     mark();
     const [points, search, attention, attributes, views] = marks.slice(1).map((time, at) => time - marks[at]);
     return { prediction, times: { points, neighbours: search, attention, attributes, views } };
@@ -88,51 +92,39 @@ export class Networks {
     return floats(attended, [...found.depth.dims, channels]);
   }
 
-  /** Return the strongest free-space violation of each Gaussian. maps: outputs of `attributes`, and the cameras. */
-  private async violation(maps: Tensors): Promise<Float32Array> {
-    const [views, height, width] = maps.opacities.dims;
-    let step = { confirmed: zeros(views, height, width), violation: zeros(views, height, width) };
+  /** Return the strongest free-space violation of each Gaussian. */
+  private async violation(ofViews: Tensors): Promise<Float32Array> {
+    const [views, , height, width] = ofViews.positions.dims;
+    let sums: Tensors = { confirmed: zeros(views, height, width), violation: zeros(views, height, width) };
     let share = new Float32Array(views).fill(1);
     if (views > 2) {
-      for (let shift = 1; shift < views; shift++) {
-        const after = await this.graphs.run("confirm", { ...maps, ...step, shift: scalar(shift) });
-        step = { confirmed: after.confirmed_after, violation: after.violation_after } as typeof step;
-      }
-      share = meansOfViews(floatsOf(step.confirmed), views);
+      sums = await runOverPairs(this.graphs, "confirm", ofViews, sums);
+      share = meansOfViews(floatsOf(sums.confirmed), views);
     }
-    for (let shift = 1; shift < views; shift++) {
-      const inputs = { ...maps, ...step, share: floats(share, [views]), shift: scalar(shift) };
-      const { violation_after } = await this.graphs.run("free_space", inputs);
-      step = { ...step, violation: violation_after } as typeof step;
-    }
-    return floatsOf(step.violation);
+    const judged = { ...ofViews, confirmed: sums.confirmed, share: floats(share, [views]) };
+    const { violation } = await runOverPairs(this.graphs, "free_space", judged, { violation: sums.violation });
+    return floatsOf(violation);
   }
 
   /** Return opacities after the free-space check, faded where another view shows the same surface more finely. */
-  private async opacities(maps: Tensors, violation: Float32Array): Promise<Float32Array> {
-    const [views, height, width] = maps.opacities.dims;
+  private async faded(opacities: Tensors[string], ofViews: Tensors): Promise<Float32Array> {
+    const violation = await this.violation(ofViews);
     // The sigmoid of onnxruntime can be the next float32 after 1.
-    const checked = floatsOf(maps.opacities).map((opacity, at) => Math.min(1, opacity * (1 - violation[at])));
-    if (views < 3) return checked;
-    let kept = floats(new Float32Array(checked.length).fill(1), [views, height, width]);
-    for (let shift = 1; shift < views; shift++) {
-      const inputs = { ...maps, opacities: floats(checked, [views, height, width]), kept, shift: scalar(shift) };
-      kept = (await this.graphs.run("duplicates", inputs)).kept_after as typeof kept;
-    }
-    const shares = floatsOf(kept);
+    const checked = floatsOf(opacities).map((opacity, at) => Math.min(1, opacity * (1 - violation[at])));
+    if (opacities.dims[0] < 3) return checked;
+    const judged = { ...ofViews, opacities: floats(checked, opacities.dims) };
+    const ones = floats(new Float32Array(checked.length).fill(1), opacities.dims);
+    const shares = floatsOf((await runOverPairs(this.graphs, "duplicates", judged, { kept: ones })).kept);
     return checked.map((opacity, at) => opacity * shares[at]);
   }
 
   /** Return harmonics of degree 1, fitted to the colours of other views; null for one view. */
-  private async fittedHarmonics(maps: Tensors): Promise<Float32Array | null> {
-    const [views, height, width] = maps.opacities.dims;
+  private async fittedHarmonics(ofViews: Tensors): Promise<Float32Array | null> {
+    const [views, , height, width] = ofViews.positions.dims;
     if (views === 1) return null;
-    let sums: Tensors = { matrix: zeros(views, 3, 3, height, width), right: zeros(views, 3, 3, height, width) };
-    for (let shift = 1; shift < views; shift++) {
-      const after = await this.graphs.run("slope", { ...maps, ...sums, shift: scalar(shift) });
-      sums = { matrix: after.matrix_after, right: after.right_after };
-    }
-    return floatsOf((await this.graphs.run("harmonics", { ...maps, ...sums })).harmonics);
+    const start = { matrix: zeros(views, 3, 3, height, width), right: zeros(views, 3, 3, height, width) };
+    const equations = await runOverPairs(this.graphs, "slope", ofViews, start);
+    return floatsOf((await this.graphs.run("harmonics", { ...ofViews, ...equations })).harmonics);
   }
 }
 

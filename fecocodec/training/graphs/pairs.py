@@ -1,0 +1,111 @@
+"""Steps over pairs of views as graphs: the Gaussians of one view are compared with another view.
+
+A caller runs a step for every other view, starting with the next one in cyclic order, and passes its results to the
+next call. Inputs named `..._there` are of the other view.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from fecocodec.config import ReceiverConfig
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.receiver.confirmation import confirmation_by
+from fecocodec.receiver.duplicates import kept_beside, shown_surfaces
+from fecocodec.receiver.free_space import violation_by, with_confirmation
+from fecocodec.receiver.near_bound import near_bound_violation_by
+from fecocodec.receiver.view_dependence import NormalEquations, surfaces_of, with_view
+
+
+def _camera(extrinsics: Tensor, intrinsics: Tensor) -> Cameras:
+    """Return one normalised camera, in which near is 1. Its far is not used."""
+    return Cameras(extrinsics[None], intrinsics[None], torch.tensor(1.0), torch.tensor(1.0))
+
+
+class _PairGraph(nn.Module):
+    def __init__(self, config: ReceiverConfig) -> None:
+        super().__init__()
+        self.config = config
+
+
+class ConfirmGraph(_PairGraph):
+    """Another view -> confirmation, and violation of the near bound; for three or more views."""
+
+    def forward(
+        self,
+        positions: Tensor,
+        colours: Tensor,
+        surface_there: Tensor,
+        extrinsics_there: Tensor,
+        intrinsics_there: Tensor,
+        confirmed: Tensor,
+        violation: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        there = _camera(extrinsics_there, intrinsics_there)
+        found = confirmation_by(positions[None], colours[None], surface_there[None], there, self.config)[0]
+        too_near = near_bound_violation_by(positions[None], there, self.config)[0]
+        return torch.maximum(confirmed, found), torch.maximum(violation, too_near)
+
+
+class FreeSpaceGraph(_PairGraph):
+    """Another view -> violation. share: mean confirmation of the view; 1 for fewer than three views."""
+
+    def forward(
+        self,
+        positions: Tensor,
+        colours: Tensor,
+        confirmed: Tensor,
+        share: Tensor,
+        surface_there: Tensor,
+        confirmed_there: Tensor,
+        share_there: Tensor,
+        extrinsics_there: Tensor,
+        intrinsics_there: Tensor,
+        violation: Tensor,
+    ) -> Tensor:
+        there = _camera(extrinsics_there, intrinsics_there)
+        surfaces = with_confirmation(surface_there[None], confirmed_there[None])
+        own = positions[None], colours[None], confirmed[None], share[None]
+        found = violation_by(*own, surfaces, share_there[None], there, self.config)
+        return torch.maximum(violation, found[0])
+
+
+class DuplicatesGraph(_PairGraph):
+    """Another view -> share of their opacity that Gaussians keep beside finer ones; for three or more views."""
+
+    def forward(
+        self,
+        positions: Tensor,
+        extrinsics: Tensor,
+        intrinsics: Tensor,
+        surface_there: Tensor,
+        opacities_there: Tensor,
+        extrinsics_there: Tensor,
+        intrinsics_there: Tensor,
+        kept: Tensor,
+    ) -> Tensor:
+        camera, there = _camera(extrinsics, intrinsics), _camera(extrinsics_there, intrinsics_there)
+        shown = shown_surfaces(surface_there[None], opacities_there[None])
+        return kept * kept_beside(positions[None], camera, shown, there, self.config)[0]
+
+
+class SlopeGraph(_PairGraph):
+    """Another view -> normal equations of the slopes of colours. Those before the first one are zero."""
+
+    def forward(
+        self,
+        positions: Tensor,
+        colours: Tensor,
+        extrinsics: Tensor,
+        positions_there: Tensor,
+        colours_there: Tensor,
+        extrinsics_there: Tensor,
+        intrinsics_there: Tensor,
+        matrix: Tensor,
+        right: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        camera = _camera(extrinsics, extrinsics[:3, :3])  # intrinsics are not used
+        there = _camera(extrinsics_there, intrinsics_there)
+        surfaces = surfaces_of(positions_there[None], colours_there[None], there)
+        before, own = NormalEquations(matrix[None], right[None]), (positions[None], colours[None])
+        after = with_view(before, *own, camera, surfaces, there, self.config)
+        return after.matrix[0], after.right[0]
