@@ -15,10 +15,10 @@ def run_over_others(graphs: Graphs, name: str, view: int, of_views: Arrays, star
     """
     num_views = len(next(iter(of_views.values())))
     names = graphs.input_names(name)
-    own = {key: values[view] for key, values in of_views.items()}
+    own = {key: values[view, ...] for key, values in of_views.items()}  # with ..., also entries are arrays
     results = start
     for other in (*range(view + 1, num_views), *range(view)):
-        inputs = own | {f"{key}_there": values[other] for key, values in of_views.items()} | results
+        inputs = own | {f"{key}_there": values[other, ...] for key, values in of_views.items()} | results
         results = dict(zip(start, graphs.run(name, **{key: inputs[key] for key in names}), strict=True))
     return results
 
@@ -27,7 +27,7 @@ def run_over_pairs(graphs: Graphs, name: str, of_views: Arrays, start: Arrays) -
     """Run a graph once for every pair of views, and return its results. Their first axis is the view, as in `start`."""
 
     def results_of(graphs: Graphs, view: int) -> list[np.ndarray]:
-        before = {key: values[view] for key, values in start.items()}
+        before = {key: values[view, ...] for key, values in start.items()}
         return list(run_over_others(graphs, name, view, of_views, before).values())
 
     results = graphs.map(results_of, range(len(next(iter(start.values())))))
