@@ -1,6 +1,7 @@
 """Run graphs that treat every view alike on a few views at a time, so that their maps stay small and in the cache."""
 
 from collections.abc import Callable
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,43 @@ def run_by_views(
     in the outputs. Groups are run in parallel if every thread can have one, else one after another.
     """
     groups, is_parallel = groups_of_views(grid, graphs.num_threads)
+    outputs = _Outputs(grid[0], axis)
 
-    def run(graphs: Graphs, group: slice) -> list[np.ndarray]:
-        return graphs.run(name, **inputs_of(group))
+    def run(graphs: Graphs, group: slice) -> None:
+        outputs.insert(group, graphs.run(name, **inputs_of(group)))
 
-    results = graphs.map(run, groups) if is_parallel else [run(graphs, group) for group in groups]
-    return results[0] if len(results) == 1 else [np.concatenate(parts, axis) for parts in zip(*results, strict=True)]
+    if is_parallel:
+        graphs.map(run, groups)
+    else:
+        for group in groups:
+            run(graphs, group)
+    return outputs.arrays
+
+
+class _Outputs:
+    """Outputs of all views, into which each thread copies those of its group, so that these are freed soon."""
+
+    def __init__(self, num_views: int, axis: int) -> None:
+        self.arrays: list[np.ndarray] = []
+        self._num_views, self._axis, self._making = num_views, axis, Lock()
+
+    def insert(self, group: slice, parts: list[np.ndarray]) -> None:
+        """Insert the outputs of a group. Their axis of views can have several entries for each view."""
+        if group == slice(0, self._num_views):
+            self.arrays = parts
+            return
+        num_views, before = group.stop - group.start, (slice(None),) * self._axis
+        with self._making:
+            if not self.arrays:
+                self.arrays = [self._empty(part, part.shape[self._axis] // num_views) for part in parts]
+        for whole, part in zip(self.arrays, parts, strict=True):
+            per_view = part.shape[self._axis] // num_views
+            whole[*before, group.start * per_view : group.stop * per_view] = part
+
+    def _empty(self, part: np.ndarray, per_view: int) -> np.ndarray:
+        shape = list(part.shape)
+        shape[self._axis] = self._num_views * per_view
+        return np.empty(shape, part.dtype)
 
 
 def groups_of_views(grid: tuple[int, int, int], num_threads: int) -> tuple[list[slice], bool]:
@@ -38,4 +70,4 @@ def groups_of_views(grid: tuple[int, int, int], num_threads: int) -> tuple[list[
     is_parallel = cells * num_threads <= CELLS_AT_ONCE
     at_once = num_threads if is_parallel else 1
     size = min(max(1, CELLS_AT_ONCE // (at_once * cells)), -(-views // at_once))
-    return [slice(first, first + size) for first in range(0, views, size)], is_parallel
+    return [slice(first, min(first + size, views)) for first in range(0, views, size)], is_parallel
