@@ -115,6 +115,8 @@ def command(
         source = stack.enter_context(scene_source(views_folder, num_frames, cameras_file, overwrite=overwrite))
         for note in source.notes:
             say(printable(note))
+        for warning in source.warnings:
+            report(warning)
         # What cameras and headers of images tell is reported before torch is loaded, and before any pixel is read.
         chosen = choose_photographs(source.path, views=resolve(source.path, views), size=size)
         for note in chosen.notes:

@@ -17,10 +17,14 @@ DEFAULT_FRAMES = 8
 
 @dataclass(frozen=True)
 class SceneSource:
-    """path: a folder with photographs and cameras. notes: how the cameras were estimated, one sentence each."""
+    """path: a folder with photographs and cameras.
+
+    notes: how the cameras were estimated. warnings: why the estimate may be wrong. One sentence each.
+    """
 
     path: Path
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def require_cameras_file(cameras_file: Path | None, views: Path, *, overwrite: bool) -> None:
@@ -67,4 +71,4 @@ def scene_source(
                     f"beside it ({beside[0].name} is the frame with this number, from 0)."
                 )
             posed.save_cameras(cameras_file, overwrite=overwrite)
-        yield SceneSource(posed.path, tuple(notes))
+        yield SceneSource(posed.path, tuple(notes), posed.warnings)

@@ -78,7 +78,7 @@ class EncodeScene:
         """Encode the scene in the folder `path`. Raises FecoError."""
         folder = model_folder(self.model)
         codec = _codec(folder, self.device, _stamps(folder))
-        with _with_cameras(path) as (scene, notes):
+        with _with_cameras(path) as (scene, notes, doubts):
             selected = resolve(scene, self.views)
             views = read_views(
                 scene, views=selected, size=self.size, near=self.near, far=self.far, background=self.background
@@ -86,13 +86,15 @@ class EncodeScene:
             found: list[str] = []
             try:
                 data = self._encoded(codec, views, found)
-                warnings = (*notes, *views.notes, *check_input(views, self.effort), *found)
+                warnings = (*doubts, *views.notes, *check_input(views, self.effort), *found)
             except InputError as error:
                 raise InputError(f"{path}: {error}") from error
         if self.metadata:
             data = with_metadata(data, self.metadata)
         details: dict[str, Any] = {"views": list(views.names), "device": self.device}
         details["threads"] = torch.get_num_threads()
+        if notes:
+            details["notes"] = list(notes)
         if self.is_measured:
             quality = decoded_quality(codec.receiver, data, views, self._num_coded(codec))
             details["context_psnr"] = round(quality.psnr, 3)
@@ -113,13 +115,13 @@ class EncodeScene:
 
 
 @contextmanager
-def _with_cameras(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """Yield a scene folder with cameras, estimated if there are none, and notes about the estimate."""
+def _with_cameras(path: Path) -> Iterator[tuple[Path, tuple[str, ...], tuple[str, ...]]]:
+    """Yield a scene folder with cameras, estimated if there are none, and notes and warnings about the estimate."""
     if has_cameras(path):
-        yield path, ()
+        yield path, (), ()
         return
     with posed_folder(path, torch.get_num_threads(), str(path)) as posed:
-        yield posed.path, posed.notes
+        yield posed.path, posed.notes, posed.warnings
 
 
 def _tagged(value: Any) -> Any:

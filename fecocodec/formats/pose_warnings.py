@@ -26,7 +26,7 @@ def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> lis
         else "take a third and a fourth photograph from other positions"
     )
     return [
-        f"warning: the cameras may be wrong: {' and '.join(reasons)}; {remedy}, keep the EXIF data with the focal "
+        f"the cameras may be wrong: {' and '.join(reasons)}; {remedy}, keep the EXIF data with the focal "
         "length, or give known cameras."
     ]
 

@@ -28,12 +28,16 @@ _REMEDY = "take photographs that overlap by more than half, from different posit
 
 @dataclass(frozen=True)
 class PosedFolder:
-    """A temporary scene folder with estimated cameras. notes: what was done, one sentence each, for the user."""
+    """A temporary scene folder with estimated cameras.
+
+    notes: what was done. warnings: why the cameras may be wrong. Both are one sentence each, for the user.
+    """
 
     path: Path
     photographs: tuple[Path, ...]
     reconstruction: Reconstruction
     notes: tuple[str, ...]
+    warnings: tuple[str, ...]
 
     def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
         """Write the estimated cameras as `transforms.json`, with paths of the photographs relative to its folder.
@@ -65,8 +69,9 @@ def posed_folder(folder: Path, num_threads: int = -1, name: str = "") -> Iterato
         _require_cameras(name or str(folder), photographs, reconstruction)
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
-        notes += [*_notes(photographs, reconstruction, groups), *reliability_warnings(reconstruction, groups)]
-        yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes))
+        notes += _notes(photographs, reconstruction, groups)
+        warnings = reliability_warnings(reconstruction, groups)
+        yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes), tuple(warnings))
 
 
 def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
