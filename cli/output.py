@@ -15,7 +15,7 @@ from .verbosity import Verbosity, verbosity
 # Arguments of the library, which its messages name in backticks, and the options with that meaning.
 _OPTIONS = {
     **{name: f"--{name}" for name in ("views", "size", "near", "far", "background", "overwrite", "effort", "device")},
-    **{name: f"--{name}" for name in ("stages", "photographs", "shard")},
+    **{name: f"--{name}" for name in ("stages", "photographs", "shard", "strict")},
     "max_pixels": "--max-pixels",
     "view_shares": "--views",
     "frozen": "--freeze",

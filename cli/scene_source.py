@@ -39,9 +39,10 @@ def require_cameras_file(cameras_file: Path | None, views: Path, *, overwrite: b
 def scene_source(
     views: Path, num_frames: int | None, cameras_file: Path | None, *, overwrite: bool
 ) -> Iterator[SceneSource]:
-    """Yield a scene folder that exists until the block ends; write estimated cameras to `cameras_file`.
+    """Yield a scene folder that exists until the block ends; then write estimated cameras to `cameras_file`.
 
-    num_frames: number of frames to take from a video. Raises InputError as `posed_folder` and `video_frames` do.
+    Nothing is written if the block raises. num_frames: number of frames to take from a video. Raises InputError as
+    `posed_folder` and `video_frames` do.
     """
     from fecocodec.formats.camera_files import has_cameras, read_cameras
     from fecocodec.formats.posed_folder import posed_folder
@@ -62,13 +63,13 @@ def scene_source(
             write_sharp_frames(views, photographs, num_frames or DEFAULT_FRAMES)
         posed = stack.enter_context(posed_folder(photographs, name=str(views)))
         notes = list(posed.notes)
-        if cameras_file is not None:
-            if is_video(views):  # its frames are temporary files
-                beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)
-                posed = replace(posed, photographs=beside)
-                notes.append(
-                    f"{cameras_file}: the frames of the video are not saved; to encode from this file, extract them "
-                    f"beside it ({beside[0].name} is the frame with this number, from 0)."
-                )
-            posed.save_cameras(cameras_file, overwrite=overwrite)
+        if cameras_file is not None and is_video(views):  # its frames are temporary files
+            beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)
+            posed = replace(posed, photographs=beside)
+            notes.append(
+                f"{cameras_file}: the frames of the video are not saved; to encode from this file, extract them "
+                f"beside it ({beside[0].name} is the frame with this number, from 0)."
+            )
         yield SceneSource(posed.path, tuple(notes), posed.warnings)
+        if cameras_file is not None:
+            posed.save_cameras(cameras_file, overwrite=overwrite)

@@ -51,6 +51,17 @@ def test_measured_files_record_their_psnr(fecosplat, networks, scenes: Path, out
     assert sidecar["details"]["views"] == ["view_0.png", "view_1.png"]
 
 
+def test_strict_fails_scenes_with_warnings(fecosplat, networks, scenes: Path, output: Path) -> None:
+    """The decoded views of untrained networks are poor; a file that was encoded without --strict does not count."""
+    arguments = ("batch", "encode", scenes, "-o", output, "--shard", "2/2", *FAST)
+    assert fecosplat(*arguments).code == 0
+    assert fecosplat(*arguments, "--strict").code == 1
+    sidecar = json.loads((output / "wall.fcs.json").read_text())
+    assert sidecar["error"].startswith(f"{scenes / 'wall'}: ")
+    assert sidecar["error"].endswith(" (--strict makes this warning an error).")
+    assert sidecar["traceback"] is None and sidecar["warnings"] == []
+
+
 def test_a_note_of_estimated_cameras_is_no_warning(fecosplat, networks, tmp_path: Path, output: Path) -> None:
     """The warning about the focal length of a rectified pair is one."""
     pytest.importorskip("pycolmap")

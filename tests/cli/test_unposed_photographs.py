@@ -71,6 +71,16 @@ def test_saved_cameras_encode_to_the_same_bytes_from_another_folder(fecosplat, u
         assert output.read_bytes() == (tmp_path / "a.fcs").read_bytes()
 
 
+def test_strict_refuses_cameras_that_may_be_wrong_and_saves_none(fecosplat, unposed, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    files = ("-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "cameras.json")
+    result = fecosplat("encode", unposed, *files, *FAST, "--strict", "-q")
+    assert result.code == 1
+    assert result.err.startswith(f"fecosplat: {unposed}: the cameras may be wrong: two photographs do not determine")
+    assert result.err.endswith(" (--strict makes this warning an error).\n") and result.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [unposed]
+
+
 def test_saved_cameras_of_a_video_name_no_temporary_files(fecosplat, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     video, cameras = tmp_path / "clip.mkv", tmp_path / "cameras.json"
