@@ -140,11 +140,11 @@ def command(
             data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=report)
         if metadata := metadata_of(title, author, licence, date):
             data = with_metadata(data, metadata)
-        quality = measure_decoded(data, scene, device=device, model=model)
-        for warning in quality_warnings(quality[-1], scene.names):
-            report(warning)
-    with write_atomically(output, overwrite=overwrite) as temporary:
-        temporary.write_bytes(data)
+        with write_atomically(output, overwrite=overwrite) as temporary:
+            temporary.write_bytes(data)
+            quality = measure_decoded(data, scene, device=device, model=model)
+            for warning in quality_warnings(quality[-1], scene.names):
+                report(warning)
     seconds = round(perf_counter() - start, 3)
     summary = inspect(data)
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:
