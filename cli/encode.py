@@ -57,6 +57,13 @@ Examples:
     metavar="FILE.json",
     help="Write the cameras estimated for photographs without cameras, in the layout of nerfstudio (transforms.json).",
 )
+@click.option(
+    "--focal-px",
+    type=float,
+    metavar="NUMBER",
+    help="Known focal length of photographs without cameras, in pixels of the photographs as they are.  [default: "
+    "estimated]",
+)
 @encoding_options
 @json_option
 def command(
@@ -67,6 +74,7 @@ def command(
     target_psnr: float | None,
     num_frames: int | None,
     cameras_file: Path | None,
+    focal_px: float | None,
     views: Selection | None,
     size: tuple[int, int] | None,
     near: float | None,
@@ -116,7 +124,9 @@ def command(
 
     with progress_bar() as on_progress, ExitStack() as stack:
         on_progress("reading views", 0.0)
-        source = stack.enter_context(scene_source(views_folder, num_frames, cameras_file, overwrite=overwrite))
+        source = stack.enter_context(
+            scene_source(views_folder, num_frames, cameras_file, focal_px, overwrite=overwrite)
+        )
         for note in source.notes:
             say(printable(note))
         for warning in source.warnings:

@@ -16,6 +16,7 @@ from .verbosity import Verbosity, verbosity
 _OPTIONS = {
     **{name: f"--{name}" for name in ("views", "size", "near", "far", "background", "overwrite", "effort", "device")},
     **{name: f"--{name}" for name in ("stages", "photographs", "shard", "strict")},
+    "focal_px": "--focal-px",
     "max_pixels": "--max-pixels",
     "view_shares": "--views",
     "frozen": "--freeze",

@@ -37,12 +37,12 @@ def require_cameras_file(cameras_file: Path | None, views: Path, *, overwrite: b
 
 @contextmanager
 def scene_source(
-    views: Path, num_frames: int | None, cameras_file: Path | None, *, overwrite: bool
+    views: Path, num_frames: int | None, cameras_file: Path | None, focal_px: float | None, *, overwrite: bool
 ) -> Iterator[SceneSource]:
     """Yield a scene folder that exists until the block ends; then write estimated cameras to `cameras_file`.
 
-    Nothing is written if the block raises. num_frames: number of frames to take from a video. Raises InputError as
-    `posed_folder` and `video_frames` do.
+    Nothing is written if the block raises. num_frames: number of frames to take from a video. focal_px: as for
+    `posed_folder`. Raises InputError as `posed_folder` and `video_frames` do.
     """
     from fecocodec.formats.camera_files import has_cameras, read_cameras
     from fecocodec.formats.posed_folder import posed_folder
@@ -51,9 +51,10 @@ def scene_source(
     if num_frames is not None and not is_video(views):
         raise click.UsageError("--frames is for a video file.")
     if not is_video(views) and has_cameras(views):
-        if cameras_file is not None:
-            read_cameras(views)  # reports a folder that has neither cameras nor photographs
-            raise click.UsageError("--save-cameras is for photographs without cameras; this folder has cameras.")
+        for option, value in (("--save-cameras", cameras_file), ("--focal-px", focal_px)):
+            if value is not None:
+                read_cameras(views)  # reports a folder that has neither cameras nor photographs
+                raise click.UsageError(f"{option} is for photographs without cameras; this folder has cameras.")
         yield SceneSource(views)
         return
     with ExitStack() as stack:
@@ -61,7 +62,7 @@ def scene_source(
         if is_video(views):
             photographs = Path(stack.enter_context(TemporaryDirectory(prefix="fecosplat-")))
             write_sharp_frames(views, photographs, num_frames or DEFAULT_FRAMES)
-        posed = stack.enter_context(posed_folder(photographs, name=str(views)))
+        posed = stack.enter_context(posed_folder(photographs, name=str(views), focal_px=focal_px))
         notes = list(posed.notes)
         if cameras_file is not None and is_video(views):  # its frames are temporary files
             beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)

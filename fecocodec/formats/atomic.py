@@ -92,9 +92,9 @@ def require_other_file(output: Path, source: Path) -> None:
 def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary path beside `path`; the file written there is renamed to `path` when the block ends.
 
-    Missing folders are created, and removed if the block fails. The temporary name keeps the suffix of `path`, because image libraries select the format by it. If the block fails,
-    the temporary file is removed and `path` does not change. Without `overwrite`, a file that was created at `path` in
-    the meantime is kept.
+    Missing folders are created. The temporary name keeps the suffix of `path`, because image libraries select the
+    format by it. If the block fails, the temporary file and the created folders are removed, and `path` does not
+    change. Without `overwrite`, a file that was created at `path` in the meantime is kept.
     Raises OutputError as `require_writable` does, and if writing fails (disk full, no permission).
     """
     require_writable(path, overwrite=overwrite)

@@ -15,12 +15,14 @@ _LEAST_BASELINE = 0.3  # of the longest one; directions of shorter ones are not 
 class ImageGroup:
     """Photographs of one size, taken to share their lens. focal_px: initial focal length in pixels.
 
-    is_known: whether the focal length comes from EXIF data. It is refined in both cases.
+    is_known: whether the focal length comes from EXIF data. It is refined in both cases. is_fixed: whether the user
+    gave it; it is then not refined.
     """
 
     names: tuple[str, ...]
     focal_px: float
     is_known: bool
+    is_fixed: bool = False
 
 
 @dataclass(frozen=True)

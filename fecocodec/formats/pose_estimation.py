@@ -7,6 +7,7 @@ many starting directions (`two_photographs`).
 """
 
 from pathlib import Path
+from typing import Any
 
 from fecocodec.formats.estimated_cameras import ImageGroup, Reconstruction, cameras_of, median_angle, pose_difference
 from fecocodec.formats.pycolmap_steps import (
@@ -40,14 +41,21 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     match_features(pycolmap, database, num_threads)
     matches = verified_matches(pycolmap, database)
     count = sum(len(group.names) for group in groups)
-    best = map_photographs(pycolmap, database, folder, workspace / "first", _ATTEMPTS, matches, count)
+    is_fixed = any(group.is_fixed for group in groups)
+
+    def mapped(name: str, attempts: tuple[tuple[float, int, int], ...]) -> Any:
+        output = workspace / name
+        return map_photographs(pycolmap, database, folder, output, attempts, matches, count, is_focal_fixed=is_fixed)
+
+    best = mapped("first", _ATTEMPTS)
     if best is None:
         return Reconstruction((), 0.0, 0.0, matches, None)
-    refined = refine(pycolmap, best, count)
+    refined = refine(pycolmap, best, count, is_focal_fixed=is_fixed)
     cameras = cameras_of(refined)
-    change_focal_lengths(pycolmap, database, _OTHER_FOCAL)
-    second = map_photographs(pycolmap, database, folder, workspace / "second", _ATTEMPTS[-1:], matches, count)
-    others = None if second is None else cameras_of(refine(pycolmap, second, count))
+    if not is_fixed:
+        change_focal_lengths(pycolmap, database, _OTHER_FOCAL)
+    second = mapped("second", _ATTEMPTS[-1:])
+    others = None if second is None else cameras_of(refine(pycolmap, second, count, is_focal_fixed=is_fixed))
     difference = None if others is None else pose_difference(cameras, others)
     error, angle = refined.compute_mean_reprojection_error(), median_angle(refined)
     found = Reconstruction(cameras, error, angle, matches, difference)

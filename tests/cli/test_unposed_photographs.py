@@ -112,6 +112,29 @@ def test_save_cameras_is_for_photographs_without_cameras(fecosplat, tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_given_focal_length_is_that_of_the_saved_cameras(fecosplat, unposed: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    cameras = tmp_path / "cameras.json"
+    focal = ("--focal-px", "515.616", "--save-cameras", cameras)
+    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", *FAST, *focal)
+    assert result.code == 0 and "the cameras may be wrong" not in result.err
+    assert [frame["fl_x"] for frame in json.loads(cameras.read_text())["frames"]] == [pytest.approx(515.616)] * 2
+
+
+def test_focal_px_is_for_photographs_without_cameras(fecosplat, tmp_path: Path) -> None:
+    result = fecosplat("encode", EXAMPLE, "-o", tmp_path / "a.fcs", "--focal-px", "515")
+    assert result.code == 2
+    assert "--focal-px is for photographs without cameras; this folder has cameras." in result.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_focal_px_is_not_in_millimetres(fecosplat, unposed: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", "--focal-px", "28")
+    assert result.code == 1
+    assert "give --focal-px in pixels of the photographs, not in millimetres.\n" in result.err
+
+
 def test_save_cameras_for_an_empty_folder(fecosplat, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     result = fecosplat("encode", tmp_path / "empty", "-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "c.json")

@@ -47,6 +47,16 @@ def test_four_photographs_from_different_positions_are_not_warned_of(tmp_path):
         assert posed.warnings == ()
 
 
+def test_a_given_focal_length_is_kept(tmp_path):
+    """It is wrong by a tenth, which the matches of four photographs show."""
+    for number, (turn, x) in enumerate(((24.0, -2.4), (8.0, -0.8), (-8.0, 0.8), (-24.0, 2.0))):
+        draw(tmp_path / f"{number}.png", turn, (x, 0.1 * number, 0.3 * abs(x)))
+    with posed_folder(tmp_path, num_threads=1, focal_px=1.1 * FOCAL) as posed:
+        assert [camera.lens.fx for camera in posed.reconstruction.cameras] == pytest.approx(
+            [1.1 * FOCAL] * 4, rel=1e-12
+        )
+
+
 def test_a_pure_shift_between_two_photographs_is_warned_of(tmp_path):
     for number, x in enumerate((-0.3, 0.3)):
         draw(tmp_path / f"{number}.png", 0.0, (x, 0, 0))
