@@ -57,7 +57,7 @@ class Reconstruction:
     matches: number of verified matches of each pair of photographs (names in order). difference: of the rotations and
     directions between cameras, in degrees, from a second estimate that starts from another focal length; see
     `pose_difference`. It is None if the second estimate lacks a camera, and for two photographs. ambiguity: of two
-    photographs; None for more.
+    photographs; None for more. is_turned: whether the camera only turned; nothing is then estimated.
     """
 
     cameras: tuple[EstimatedCamera, ...]
@@ -66,6 +66,7 @@ class Reconstruction:
     matches: dict[tuple[str, str], int]
     difference: tuple[float, float] | None
     ambiguity: Ambiguity | None = None
+    is_turned: bool = False
 
 
 def pose_difference(

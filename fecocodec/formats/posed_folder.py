@@ -93,6 +93,11 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
 
 def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
     """Raise InputError if the reconstruction is not usable."""
+    if found.is_turned:
+        raise InputError(
+            f"{name}: the photographs seem to be taken from one position (a turn of the camera explains their "
+            "matches), so depth is unknown; move the camera sideways between photographs."
+        )
     if len(found.cameras) < 2:
         weak = _weak_pairs([path.name for path in photographs], found)
         raise InputError(f"{name}: no camera poses can be estimated ({weak}); {_REMEDY}.")

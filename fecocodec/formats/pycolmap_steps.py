@@ -123,16 +123,27 @@ def _size(pycolmap: Any, path: Path) -> tuple[int, int]:
 
 
 def match_features(pycolmap: Any, database: Path, num_threads: int) -> None:
-    """Match all pairs of photographs, and verify the matches by two-view geometry."""
+    """Match all pairs of photographs that are not matched yet, and verify the matches by two-view geometry."""
+    pycolmap.match_exhaustive(database, **_matching_options(pycolmap, num_threads), device=pycolmap.Device.cpu)
+
+
+def match_pair(pycolmap: Any, database: Path, first: str, second: str, pair_list: Path, num_threads: int) -> None:
+    """Match one pair as `match_features` does. pair_list: a file to write."""
+    pair_list.write_text(f"{first} {second}\n", "utf-8")
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = str(pair_list)
+    options = _matching_options(pycolmap, num_threads)
+    pycolmap.match_image_pairs(database, **options, pairing_options=pairing, device=pycolmap.Device.cpu)
+
+
+def _matching_options(pycolmap: Any, num_threads: int) -> dict[str, Any]:
     options = pycolmap.FeatureMatchingOptions()
     options.num_threads = num_threads
     options.use_gpu = False
     options.guided_matching = True
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = _SEED
-    pycolmap.match_exhaustive(
-        database, matching_options=options, verification_options=verification, device=pycolmap.Device.cpu
-    )
+    return {"matching_options": options, "verification_options": verification}
 
 
 def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int, is_focal_fixed: bool) -> Any:

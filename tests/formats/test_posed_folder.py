@@ -198,6 +198,25 @@ def test_two_identical_photographs_are_refused(tmp_path):
     assert "b.png: this is the same picture as a.png" in refusal(tmp_path)
 
 
+@pytest.mark.parametrize("step", [0.0, 4.0])
+def test_a_camera_that_stays_at_one_position_is_refused_before_all_pairs_are_matched(tmp_path, monkeypatch, step):
+    monkeypatch.setattr("fecocodec.formats.pose_estimation.match_features", None)
+    image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
+    for index in range(3):
+        noise = np.random.default_rng(index).normal(0, 2, image.shape)
+        picture = turned(image, step * index, 0.8 * image.shape[1]) + noise
+        Image.fromarray(picture.round().clip(0, 255).astype(np.uint8)).save(tmp_path / f"{index}.png")
+    assert "from one position (a turn of the camera explains their matches), so depth is unknown" in refusal(tmp_path)
+
+
+def test_names_with_spaces_are_matched(tmp_path):
+    """They are not tested for a turn: the list of pairs of pycolmap has no quotes."""
+    for path in copies(tmp_path):
+        path.rename(path.with_name(f"the {path.name}"))
+    with posed_folder(tmp_path, num_threads=1) as posed:
+        assert "2 of 2" in posed.notes[0]
+
+
 def test_a_camera_that_only_turns_is_refused(tmp_path):
     image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
     for index, degrees in enumerate((0, 4, 8)):
