@@ -111,7 +111,7 @@ def compare(context: list[PosedPhotograph], posed: PosedFolder) -> tuple[str, ..
         f"{lens.fx / known_lens.fx:.3f}",
         f"{posed.reconstruction.reprojection_error_px:.2f}",
         *(f"{degrees:.1f}" for degrees in posed.reconstruction.difference or (float("nan"), float("nan"))),
-        "yes" if any(note.startswith("warning: ") for note in posed.notes) else "no",
+        "yes" if posed.warnings else "no",
     )
 
 

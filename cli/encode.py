@@ -9,6 +9,7 @@ from typing import Literal
 import click
 
 from fecocodec.container import inspect, quantise_lambda, with_metadata
+from fecocodec.errors import strict_error
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
 from fecocodec.formats.view_selection import Selection, resolve
 from fecocodec.limits import DEFAULT_MAX_PIXELS
@@ -56,6 +57,13 @@ Examples:
     metavar="FILE.json",
     help="Write the cameras estimated for photographs without cameras, in the layout of nerfstudio (transforms.json).",
 )
+@click.option(
+    "--focal-px",
+    type=float,
+    metavar="NUMBER",
+    help="Known focal length of photographs without cameras, in pixels of the photographs as they are.  [default: "
+    "estimated]",
+)
 @encoding_options
 @json_option
 def command(
@@ -66,6 +74,7 @@ def command(
     target_psnr: float | None,
     num_frames: int | None,
     cameras_file: Path | None,
+    focal_px: float | None,
     views: Selection | None,
     size: tuple[int, int] | None,
     near: float | None,
@@ -73,6 +82,7 @@ def command(
     background: Literal["white", "black"] | None,
     stages: int,
     effort: str,
+    is_strict: bool,
     title: str | None,
     author: str | None,
     licence: str | None,
@@ -107,18 +117,24 @@ def command(
     warnings: list[str] = []
 
     def report(warning: str) -> None:
+        if is_strict:
+            raise strict_error(str(views_folder), warning)
         warnings.append(in_options(warning))
         warn(printable(f"warning: {warnings[-1]}"))
 
     with progress_bar() as on_progress, ExitStack() as stack:
         on_progress("reading views", 0.0)
-        source = stack.enter_context(scene_source(views_folder, num_frames, cameras_file, overwrite=overwrite))
+        source = stack.enter_context(
+            scene_source(views_folder, num_frames, cameras_file, focal_px, overwrite=overwrite)
+        )
         for note in source.notes:
             say(printable(note))
+        for warning in source.warnings:
+            report(warning)
         # What cameras and headers of images tell is reported before torch is loaded, and before any pixel is read.
         chosen = choose_photographs(source.path, views=resolve(source.path, views), size=size)
-        for note in chosen.notes:
-            report(note)
+        for warning in chosen.notes:
+            report(warning)
 
         from fecocodec import check_input, encode, encode_to_target, measure_decoded, quality_warnings
         from fecocodec.formats.scene_folder import read_pixels
@@ -134,11 +150,11 @@ def command(
             data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=report)
         if metadata := metadata_of(title, author, licence, date):
             data = with_metadata(data, metadata)
-    with write_atomically(output, overwrite=overwrite) as temporary:
-        temporary.write_bytes(data)
-    quality = measure_decoded(data, scene, device=device, model=model)
-    for warning in quality_warnings(quality[-1], scene.names):
-        report(warning)
+        with write_atomically(output, overwrite=overwrite) as temporary:
+            temporary.write_bytes(data)
+            quality = measure_decoded(data, scene, device=device, model=model)
+            for warning in quality_warnings(quality[-1], scene.names):
+                report(warning)
     seconds = round(perf_counter() - start, 3)
     summary = inspect(data)
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:

@@ -38,6 +38,12 @@ _OF_VIEWS = (
         "about a quarter of the time and needs about 90% more bytes; best takes about three times as long and needs "
         "about 30% fewer bytes.",
     ),
+    click.option(
+        "--strict",
+        "is_strict",
+        is_flag=True,
+        help="Make every warning an error: the exit code is then 1, and no file is written.",
+    ),
 )
 
 

@@ -2,12 +2,12 @@
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fecocodec.errors import OutputError
-from fecocodec.formats.atomic import make_folder, require_writable
+from fecocodec.formats.atomic import made_folder, require_writable
 
 from .paths import require_ending
 
@@ -70,22 +70,8 @@ def image_writer(files: list[list[Path]], *, overwrite: bool) -> Iterator[Callab
             else:
                 write_image(file, color, overwrite=overwrite)
 
-    with _folder(files[0][0].parent), _all_or_none([file for of_view in files for file in of_view]):
+    with made_folder(files[0][0].parent), _all_or_none([file for of_view in files for file in of_view]):
         yield write
-
-
-@contextmanager
-def _folder(folder: Path) -> Iterator[None]:
-    """Create a folder and its missing parents; remove the created ones if the block raises."""
-    missing = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
-    try:
-        make_folder(folder)
-        yield
-    except BaseException:
-        for path in missing:
-            with suppress(OSError):  # it was not created, or is no longer empty
-                path.rmdir()
-        raise
 
 
 @contextmanager

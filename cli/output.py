@@ -15,7 +15,8 @@ from .verbosity import Verbosity, verbosity
 # Arguments of the library, which its messages name in backticks, and the options with that meaning.
 _OPTIONS = {
     **{name: f"--{name}" for name in ("views", "size", "near", "far", "background", "overwrite", "effort", "device")},
-    **{name: f"--{name}" for name in ("stages", "photographs", "shard")},
+    **{name: f"--{name}" for name in ("stages", "photographs", "shard", "strict")},
+    "focal_px": "--focal-px",
     "max_pixels": "--max-pixels",
     "view_shares": "--views",
     "frozen": "--freeze",

@@ -17,10 +17,14 @@ DEFAULT_FRAMES = 8
 
 @dataclass(frozen=True)
 class SceneSource:
-    """path: a folder with photographs and cameras. notes: how the cameras were estimated, one sentence each."""
+    """path: a folder with photographs and cameras.
+
+    notes: how the cameras were estimated. warnings: why the estimate may be wrong. One sentence each.
+    """
 
     path: Path
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def require_cameras_file(cameras_file: Path | None, views: Path, *, overwrite: bool) -> None:
@@ -33,11 +37,12 @@ def require_cameras_file(cameras_file: Path | None, views: Path, *, overwrite: b
 
 @contextmanager
 def scene_source(
-    views: Path, num_frames: int | None, cameras_file: Path | None, *, overwrite: bool
+    views: Path, num_frames: int | None, cameras_file: Path | None, focal_px: float | None, *, overwrite: bool
 ) -> Iterator[SceneSource]:
-    """Yield a scene folder that exists until the block ends; write estimated cameras to `cameras_file`.
+    """Yield a scene folder that exists until the block ends; then write estimated cameras to `cameras_file`.
 
-    num_frames: number of frames to take from a video. Raises InputError as `posed_folder` and `video_frames` do.
+    Nothing is written if the block raises. num_frames: number of frames to take from a video. focal_px: as for
+    `posed_folder`. Raises InputError as `posed_folder` and `video_frames` do.
     """
     from fecocodec.formats.camera_files import has_cameras, read_cameras
     from fecocodec.formats.posed_folder import posed_folder
@@ -46,9 +51,10 @@ def scene_source(
     if num_frames is not None and not is_video(views):
         raise click.UsageError("--frames is for a video file.")
     if not is_video(views) and has_cameras(views):
-        if cameras_file is not None:
-            read_cameras(views)  # reports a folder that has neither cameras nor photographs
-            raise click.UsageError("--save-cameras is for photographs without cameras; this folder has cameras.")
+        for option, value in (("--save-cameras", cameras_file), ("--focal-px", focal_px)):
+            if value is not None:
+                read_cameras(views)  # reports a folder that has neither cameras nor photographs
+                raise click.UsageError(f"{option} is for photographs without cameras; this folder has cameras.")
         yield SceneSource(views)
         return
     with ExitStack() as stack:
@@ -56,15 +62,15 @@ def scene_source(
         if is_video(views):
             photographs = Path(stack.enter_context(TemporaryDirectory(prefix="fecosplat-")))
             write_sharp_frames(views, photographs, num_frames or DEFAULT_FRAMES)
-        posed = stack.enter_context(posed_folder(photographs, name=str(views)))
+        posed = stack.enter_context(posed_folder(photographs, name=str(views), focal_px=focal_px))
         notes = list(posed.notes)
+        if cameras_file is not None and is_video(views):  # its frames are temporary files
+            beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)
+            posed = replace(posed, photographs=beside)
+            notes.append(
+                f"{cameras_file}: the frames of the video are not saved; to encode from this file, extract them "
+                f"beside it ({beside[0].name} is the frame with this number, from 0)."
+            )
+        yield SceneSource(posed.path, tuple(notes), posed.warnings)
         if cameras_file is not None:
-            if is_video(views):  # its frames are temporary files
-                beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)
-                posed = replace(posed, photographs=beside)
-                notes.append(
-                    f"{cameras_file}: the frames of the video are not saved; to encode from this file, extract them "
-                    f"beside it ({beside[0].name} is the frame with this number, from 0)."
-                )
             posed.save_cameras(cameras_file, overwrite=overwrite)
-        yield SceneSource(posed.path, tuple(notes))

@@ -19,3 +19,12 @@ class ModelError(FecoError):
 
 class OutputError(FecoError):
     """A result cannot be written."""
+
+
+class StrictError(FecoError):
+    """A warning that the option `strict` makes an error, see `strict_error`."""
+
+
+def strict_error(place: str, warning: str) -> StrictError:
+    """Return the error for a warning, which is one sentence. place: file or folder that it is about."""
+    return StrictError(f"{place}: {warning.removesuffix('.')} (`strict` makes this warning an error).")

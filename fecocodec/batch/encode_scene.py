@@ -13,7 +13,7 @@ import torch
 from fecocodec.batch.scene_task import Result
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder, model_id_of
 from fecocodec.container import quantise_lambda, with_metadata
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, strict_error
 from fecocodec.formats.camera_files import has_cameras
 from fecocodec.formats.images import Background
 from fecocodec.formats.posed_folder import posed_folder
@@ -23,7 +23,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.model_files import read_bytes
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import decoded_quality, quality_warnings
-from fecocodec.sender.encode import check_views, encode_with
+from fecocodec.sender.encode import OnWarning, check_views, encode_with
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.optimisation_config import config_of_effort
 from fecocodec.sender.rate_control import Target, encode_to_target_with
@@ -37,7 +37,8 @@ class EncodeScene:
 
     views: as for `read_views`, or `Spread` or `Auto`. target: None encodes at `lmbda`. metadata: stored in every file.
     model: a folder that all processes can read; None for the shipped model. is_measured: decode each file, and record
-    the PSNR of the context views. Other fields are the arguments of `read_views` and `encode`.
+    the PSNR of the context views. is_strict: measure too, and fail at the first warning. Other fields are the arguments
+    of `read_views` and `encode`.
     """
 
     lmbda: float = 1e-3
@@ -53,6 +54,7 @@ class EncodeScene:
     device: str = "cpu"
     model: str | None = None
     is_measured: bool = False
+    is_strict: bool = False
 
     def __post_init__(self) -> None:
         """Raise InputError for a lambda or an effort that no scene can be encoded with."""
@@ -67,7 +69,8 @@ class EncodeScene:
         """Return what changes the files, as JSON. The device is not part of it: its files decode alike."""
         names = ("views", "size", "near", "far", "background", "num_stages", "effort", "metadata")
         rate = {"lambda": self.lmbda} if self.target is None else _tagged(self.target)
-        return {**rate, **{name: _tagged(getattr(self, name)) for name in names}}
+        strict = {"strict": True} if self.is_strict else {}  # files that were encoded without it stay valid
+        return {**rate, **{name: _tagged(getattr(self, name)) for name in names}, **strict}
 
     def weights(self, path: Path) -> dict[str, str]:
         """Return the ids of the weights of receiver and sender. Raises ModelError if a file cannot be read."""
@@ -78,34 +81,44 @@ class EncodeScene:
         """Encode the scene in the folder `path`. Raises FecoError."""
         folder = model_folder(self.model)
         codec = _codec(folder, self.device, _stamps(folder))
-        with _with_cameras(path) as (scene, notes):
+        warnings: list[str] = []
+
+        def report(warning: str) -> None:
+            if self.is_strict:
+                raise strict_error(str(path), warning)
+            warnings.append(warning)
+
+        with _with_cameras(path) as (scene, notes, doubts):
             selected = resolve(scene, self.views)
             views = read_views(
                 scene, views=selected, size=self.size, near=self.near, far=self.far, background=self.background
             )
-            found: list[str] = []
             try:
-                data = self._encoded(codec, views, found)
-                warnings = (*notes, *views.notes, *check_input(views, self.effort), *found)
+                for warning in (*doubts, *views.notes, *check_input(views, self.effort)):
+                    report(warning)
+                data = self._encoded(codec, views, report)
             except InputError as error:
                 raise InputError(f"{path}: {error}") from error
         if self.metadata:
             data = with_metadata(data, self.metadata)
         details: dict[str, Any] = {"views": list(views.names), "device": self.device}
         details["threads"] = torch.get_num_threads()
-        if self.is_measured:
+        if notes:
+            details["notes"] = list(notes)
+        if self.is_measured or self.is_strict:
             quality = decoded_quality(codec.receiver, data, views, self._num_coded(codec))
             details["context_psnr"] = round(quality.psnr, 3)
-            warnings += quality_warnings(quality, views.names)
-        return Result(data, warnings, details)
+            for warning in quality_warnings(quality, views.names):
+                report(warning)
+        return Result(data, tuple(warnings), details)
 
-    def _encoded(self, codec: Codec, views: Views, warnings: list[str]) -> bytes:
+    def _encoded(self, codec: Codec, views: Views, on_warning: OnWarning) -> bytes:
         check_views(views, self.num_stages)
         config = config_of_effort(self.effort)
         if self.target is not None:
-            return encode_to_target_with(codec, views, self.target, config, on_warning=warnings.append)
+            return encode_to_target_with(codec, views, self.target, config, on_warning=on_warning)
         lambda_q = quantise_lambda(self.lmbda)
-        return encode_with(codec, views, lambda_q, self.num_stages, config, on_warning=warnings.append)
+        return encode_with(codec, views, lambda_q, self.num_stages, config, on_warning=on_warning)
 
     def _num_coded(self, codec: Codec) -> int:
         """Return the number of stages in the files; a model that was trained with one codes one."""
@@ -113,13 +126,13 @@ class EncodeScene:
 
 
 @contextmanager
-def _with_cameras(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """Yield a scene folder with cameras, estimated if there are none, and notes about the estimate."""
+def _with_cameras(path: Path) -> Iterator[tuple[Path, tuple[str, ...], tuple[str, ...]]]:
+    """Yield a scene folder with cameras, estimated if there are none, and notes and warnings about the estimate."""
     if has_cameras(path):
-        yield path, ()
+        yield path, (), ()
         return
     with posed_folder(path, torch.get_num_threads(), str(path)) as posed:
-        yield posed.path, posed.notes
+        yield posed.path, posed.notes, posed.warnings
 
 
 def _tagged(value: Any) -> Any:

@@ -23,14 +23,29 @@ def make_folder(folder: Path) -> None:
         ) from error
 
 
-def require_writable(path: Path, *, overwrite: bool) -> None:
-    """Check an output path before any work is done.
+@contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Create a folder and its missing parents; remove the created ones if the block raises. Raises OutputError."""
+    missing = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
+    try:
+        make_folder(folder)
+        yield
+    except BaseException:
+        for path in missing:
+            with suppress(OSError):  # it was not created, or is no longer empty
+                path.rmdir()
+        raise
 
-    Raises OutputError if the folder is missing, the path cannot be a regular file, or it exists and `overwrite` is
+
+def require_writable(path: Path, *, overwrite: bool) -> None:
+    """Check an output path before any work is done. Its folder may be missing, as writing creates it.
+
+    Raises OutputError if the folder cannot be one, the path cannot be a regular file, or it exists and `overwrite` is
     false.
     """
-    if _is_missing(path.parent) or not os.path.isdir(path.parent):
-        raise OutputError(f"{path}: the folder {path.parent} does not exist; create it or choose another output path.")
+    folder = path.parent if not _is_missing(path.parent) else _nearest_existing(path)
+    if not os.path.isdir(folder):
+        raise OutputError(f"{path}: {folder} is not a folder; choose another output path.")
     if _is_missing(path):
         return
     if not os.path.isfile(path):
@@ -49,6 +64,11 @@ def _is_missing(path: Path) -> bool:
         reason = getattr(error, "strerror", None) or str(error)
         raise OutputError(f"{path}: cannot be written ({reason}); choose another output path.") from error
     return False
+
+
+def _nearest_existing(path: Path) -> Path:
+    """Return the nearest of the parents that exists; a symbolic link to nothing does."""
+    return next(parent for parent in path.absolute().parents if os.path.lexists(parent))
 
 
 def _exists(path: Path) -> str:
@@ -72,12 +92,18 @@ def require_other_file(output: Path, source: Path) -> None:
 def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary path beside `path`; the file written there is renamed to `path` when the block ends.
 
-    The temporary name keeps the suffix of `path`, because image libraries select the format by it. If the block fails,
-    the temporary file is removed and `path` does not change. Without `overwrite`, a file that was created at `path` in
-    the meantime is kept.
+    Missing folders are created. The temporary name keeps the suffix of `path`, because image libraries select the
+    format by it. If the block fails, the temporary file and the created folders are removed, and `path` does not
+    change. Without `overwrite`, a file that was created at `path` in the meantime is kept.
     Raises OutputError as `require_writable` does, and if writing fails (disk full, no permission).
     """
     require_writable(path, overwrite=overwrite)
+    with made_folder(path.parent):
+        yield from _written(path, overwrite=overwrite)
+
+
+def _written(path: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Yield a temporary path in an existing folder, as `write_atomically` does."""
     target = path.resolve()  # through a symbolic link, so that the link survives
     temporary = target.with_name(f".{secrets.token_hex(6)}.part{target.suffix}")
     try:

@@ -15,12 +15,14 @@ _LEAST_BASELINE = 0.3  # of the longest one; directions of shorter ones are not 
 class ImageGroup:
     """Photographs of one size, taken to share their lens. focal_px: initial focal length in pixels.
 
-    is_known: whether the focal length comes from EXIF data. It is refined in both cases.
+    is_known: whether the focal length comes from EXIF data. It is refined in both cases. is_fixed: whether the user
+    gave it; it is then not refined.
     """
 
     names: tuple[str, ...]
     focal_px: float
     is_known: bool
+    is_fixed: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Reconstruction:
     matches: number of verified matches of each pair of photographs (names in order). difference: of the rotations and
     directions between cameras, in degrees, from a second estimate that starts from another focal length; see
     `pose_difference`. It is None if the second estimate lacks a camera, and for two photographs. ambiguity: of two
-    photographs; None for more.
+    photographs; None for more. is_turned: whether the camera only turned; nothing is then estimated.
     """
 
     cameras: tuple[EstimatedCamera, ...]
@@ -64,6 +66,7 @@ class Reconstruction:
     matches: dict[tuple[str, str], int]
     difference: tuple[float, float] | None
     ambiguity: Ambiguity | None = None
+    is_turned: bool = False
 
 
 def pose_difference(

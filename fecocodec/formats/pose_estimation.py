@@ -7,18 +7,24 @@ many starting directions (`two_photographs`).
 """
 
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from fecocodec.formats.estimated_cameras import ImageGroup, Reconstruction, cameras_of, median_angle, pose_difference
+from fecocodec.formats.image_headers import read_image_size
 from fecocodec.formats.pycolmap_steps import (
     change_focal_lengths,
     extract_features,
     load_pycolmap,
     map_photographs,
     match_features,
+    match_pair,
     matched_points,
     refine,
     verified_matches,
 )
+from fecocodec.formats.turned_camera import Points, only_turned
 from fecocodec.formats.two_photographs import reconstruct_pair
 
 LEAST_ANGLE = 1.0  # degrees, median angle between the rays of a point; with less, depth is not determined
@@ -37,17 +43,26 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     database = workspace / "database.db"
     pycolmap.Database.open(database).close()  # creates it
     extract_features(pycolmap, database, folder, groups, num_threads)
+    if _is_turned(pycolmap, database, folder, groups, workspace, num_threads):
+        return Reconstruction((), 0.0, 0.0, verified_matches(pycolmap, database), None, is_turned=True)
     match_features(pycolmap, database, num_threads)
     matches = verified_matches(pycolmap, database)
     count = sum(len(group.names) for group in groups)
-    best = map_photographs(pycolmap, database, folder, workspace / "first", _ATTEMPTS, matches, count)
+    is_fixed = any(group.is_fixed for group in groups)
+
+    def mapped(name: str, attempts: tuple[tuple[float, int, int], ...]) -> Any:
+        output = workspace / name
+        return map_photographs(pycolmap, database, folder, output, attempts, matches, count, is_focal_fixed=is_fixed)
+
+    best = mapped("first", _ATTEMPTS)
     if best is None:
         return Reconstruction((), 0.0, 0.0, matches, None)
-    refined = refine(pycolmap, best, count)
+    refined = refine(pycolmap, best, count, is_focal_fixed=is_fixed)
     cameras = cameras_of(refined)
-    change_focal_lengths(pycolmap, database, _OTHER_FOCAL)
-    second = map_photographs(pycolmap, database, folder, workspace / "second", _ATTEMPTS[-1:], matches, count)
-    others = None if second is None else cameras_of(refine(pycolmap, second, count))
+    if not is_fixed:
+        change_focal_lengths(pycolmap, database, _OTHER_FOCAL)
+    second = mapped("second", _ATTEMPTS[-1:])
+    others = None if second is None else cameras_of(refine(pycolmap, second, count, is_focal_fixed=is_fixed))
     difference = None if others is None else pose_difference(cameras, others)
     error, angle = refined.compute_mean_reprojection_error(), median_angle(refined)
     found = Reconstruction(cameras, error, angle, matches, difference)
@@ -56,3 +71,24 @@ def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_thr
     names = cameras[0].name, cameras[1].name
     points = matched_points(pycolmap, database, *names)
     return reconstruct_pair(found, others if difference is not None else None, points, groups)
+
+
+def _is_turned(
+    pycolmap: Any, database: Path, folder: Path, groups: list[ImageGroup], workspace: Path, num_threads: int
+) -> bool:
+    """Return whether the camera only turned between the photographs, before most pairs are matched.
+
+    A list of pairs cannot hold names with spaces; the answer is then no.
+    """
+    names = sorted(name for group in groups for name in group.names)
+    if any(name.split() != [name] or name.startswith("#") for name in names):
+        return False
+
+    def matched(first: str, second: str) -> tuple[Points, Points]:
+        match_pair(pycolmap, database, first, second, workspace / "pair.txt", num_threads)
+        points = matched_points(pycolmap, database, first, second)
+        return points[0] - centre_of[first], points[1] - centre_of[second]
+
+    centre_of = {name: np.array(read_image_size(folder / name)[::-1]) / 2 for name in names}
+    focal_px = {name: group.focal_px for group in groups for name in group.names}
+    return only_turned(names, matched, focal_px)

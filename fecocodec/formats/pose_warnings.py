@@ -12,12 +12,13 @@ _FOCAL_SPAN, _OTHER_DIRECTION = 1.7, 15.0
 def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
     """Return a warning if the cameras may be wrong, else nothing; their reprojection error is small in any case."""
     first = found.cameras[0]
-    change = first.lens.fx / next(group.focal_px for group in groups if first.name in group.names)
+    group = next(group for group in groups if first.name in group.names)
+    change, is_fixed = first.lens.fx / group.focal_px, group.is_fixed
     reasons = [] if found.ambiguity is None else _ambiguities(found.ambiguity, first.lens.fx)
     if not 1 / _FOCAL_CHANGE < change < _FOCAL_CHANGE:
         reasons.append(f"the estimated focal length is {change:.2f} times the initial one")
     if found.ambiguity is None:
-        reasons += _differences(found.difference)
+        reasons += _differences(found.difference, is_fixed=is_fixed)
     if not reasons:
         return []
     remedy = (
@@ -25,10 +26,9 @@ def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> lis
         if found.ambiguity is None
         else "take a third and a fourth photograph from other positions"
     )
-    return [
-        f"warning: the cameras may be wrong: {' and '.join(reasons)}; {remedy}, keep the EXIF data with the focal "
-        "length, or give known cameras."
-    ]
+    if not is_fixed:
+        remedy += ", keep the EXIF data with the focal length"
+    return [f"the cameras may be wrong: {' and '.join(reasons)}; {remedy}, or give known cameras."]
 
 
 def _ambiguities(ambiguity: Ambiguity, focal_px: float) -> list[str]:
@@ -48,13 +48,14 @@ def _ambiguities(ambiguity: Ambiguity, focal_px: float) -> list[str]:
     return reasons
 
 
-def _differences(difference: tuple[float, float] | None) -> list[str]:
-    """Return how a second estimate contradicts the first."""
+def _differences(difference: tuple[float, float] | None, *, is_fixed: bool) -> list[str]:
+    """Return how a second estimate contradicts the first. is_fixed: whether the focal length of both is given."""
+    second = "a second estimate from " + ("another initial pair" if is_fixed else "another initial focal length")
     if difference is None:
-        return ["a second estimate from another initial focal length does not find all of them"]
+        return [f"{second} does not find all of them"]
     if difference[0] <= _ROTATION_DIFFERENCE and difference[1] <= _DIRECTION_DIFFERENCE:
         return []
     return [
-        f"a second estimate from another initial focal length differs by up to {difference[0]:.1f} degrees in rotation "
-        f"and {difference[1]:.0f} degrees in direction"
+        f"{second} differs by up to {difference[0]:.1f} degrees in rotation and {difference[1]:.0f} degrees in "
+        "direction"
     ]

@@ -28,12 +28,16 @@ _REMEDY = "take photographs that overlap by more than half, from different posit
 
 @dataclass(frozen=True)
 class PosedFolder:
-    """A temporary scene folder with estimated cameras. notes: what was done, one sentence each, for the user."""
+    """A temporary scene folder with estimated cameras.
+
+    notes: what was done. warnings: why the cameras may be wrong. Both are one sentence each, for the user.
+    """
 
     path: Path
     photographs: tuple[Path, ...]
     reconstruction: Reconstruction
     notes: tuple[str, ...]
+    warnings: tuple[str, ...]
 
     def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
         """Write the estimated cameras as `transforms.json`, with paths of the photographs relative to its folder.
@@ -47,26 +51,29 @@ class PosedFolder:
 
 
 @contextmanager
-def posed_folder(folder: Path, num_threads: int = -1, name: str = "") -> Iterator[PosedFolder]:
+def posed_folder(
+    folder: Path, num_threads: int = -1, name: str = "", focal_px: float | None = None
+) -> Iterator[PosedFolder]:
     """Estimate cameras and yield a scene folder that exists until the block ends. Photographs in it are upright.
 
     Photographs that cannot be registered are left out, with a note. num_threads: -1 for all cores. name: of the input
-    in messages, by default the folder.
+    in messages, by default the folder. focal_px: known focal length in pixels of the photographs, None to estimate it.
     Raises InputError if fewer than two photographs can be registered, all are taken from one position, or pycolmap is
     missing.
     """
     photographs, notes = _chosen(folder, name or str(folder))
     with TemporaryDirectory(prefix="fecosplat-") as temporary:
         root = Path(temporary)
-        groups = upright_copies(photographs, root)
+        groups = upright_copies(photographs, root, focal_px)
         workspace = root / "colmap"
         workspace.mkdir()
         reconstruction = reconstruct(root, groups, workspace, num_threads)
         _require_cameras(name or str(folder), photographs, reconstruction)
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
-        notes += [*_notes(photographs, reconstruction, groups), *reliability_warnings(reconstruction, groups)]
-        yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes))
+        notes += _notes(photographs, reconstruction, groups)
+        warnings = reliability_warnings(reconstruction, groups)
+        yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes), tuple(warnings))
 
 
 def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
@@ -86,6 +93,11 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
 
 def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
     """Raise InputError if the reconstruction is not usable."""
+    if found.is_turned:
+        raise InputError(
+            f"{name}: the photographs seem to be taken from one position (a turn of the camera explains their "
+            "matches), so depth is unknown; move the camera sideways between photographs."
+        )
     if len(found.cameras) < 2:
         weak = _weak_pairs([path.name for path in photographs], found)
         raise InputError(f"{name}: no camera poses can be estimated ({weak}); {_REMEDY}.")
@@ -114,14 +126,16 @@ def _pairs(count: int) -> str:
 def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
     """Return what was estimated, and which photographs are left out."""
     cameras = found.cameras
-    focal = "EXIF data" if all(group.is_known for group in groups) else "a standard lens"
+    focal = "started from EXIF data" if all(group.is_known for group in groups) else "started from a standard lens"
+    if all(group.is_fixed for group in groups):
+        focal = "as given"
     lens = cameras[0].lens
     shared = [count for count in found.matches.values() if count >= _FEW_MATCHES]
     notes = [
         f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
         f"{found.reprojection_error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
         f"{len(shared)} {_pairs(len(shared))} with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
-        f"for {lens.width}x{lens.height} (started from {focal}); the unit of length is arbitrary."
+        f"for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
     ]
     registered = {camera.name for camera in cameras}
     for path in photographs:

@@ -17,6 +17,7 @@ from fecocodec.formats.estimated_cameras import ImageGroup
 _SEED = 0
 _RADIAL_FROM = 6  # photographs; fewer do not determine the lens distortion
 _FOCAL_RANGE = (0.3, 3.0)  # longer image sides; a lens of 11 to 108 mm on 35 mm film
+_ANY_FOCAL = (0.01, 100.0)  # a given one was checked
 _PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more features in small photographs
 # Share of the verified matches that a reconstruction has to explain, else looser attempts follow.
 _ENOUGH_EXPLAINED = 0.5
@@ -34,16 +35,21 @@ def map_photographs(
     attempts: tuple[tuple[float, int, int], ...],
     matches: dict[tuple[str, str], int],
     count: int,
+    *,
+    is_focal_fixed: bool = False,
 ) -> Any:
-    """Return the reconstruction with the most photographs, then with the most explained matches; None without one."""
+    """Return the reconstruction with the most photographs, then with the most explained matches; None without one.
+
+    is_focal_fixed: whether the initial focal lengths are kept.
+    """
     best, most = None, (0, 0.0)
     for number, attempt in enumerate(attempts):
         output = workspace / str(number)
         output.mkdir(parents=True)
-        options = _mapping_options(pycolmap, attempt, count)
+        options = _mapping_options(pycolmap, attempt, count, is_focal_fixed)
         for model in pycolmap.incremental_mapping(database, folder, output, options).values():
             extent = model.num_reg_images(), _explained_share(model, matches)
-            if _is_plausible(model) and extent > most:
+            if (is_focal_fixed or _is_plausible(model)) and extent > most:
                 best, most = model, extent
         if most[0] == count and most[1] >= _ENOUGH_EXPLAINED:
             break
@@ -117,19 +123,30 @@ def _size(pycolmap: Any, path: Path) -> tuple[int, int]:
 
 
 def match_features(pycolmap: Any, database: Path, num_threads: int) -> None:
-    """Match all pairs of photographs, and verify the matches by two-view geometry."""
+    """Match all pairs of photographs that are not matched yet, and verify the matches by two-view geometry."""
+    pycolmap.match_exhaustive(database, **_matching_options(pycolmap, num_threads), device=pycolmap.Device.cpu)
+
+
+def match_pair(pycolmap: Any, database: Path, first: str, second: str, pair_list: Path, num_threads: int) -> None:
+    """Match one pair as `match_features` does. pair_list: a file to write."""
+    pair_list.write_text(f"{first} {second}\n", "utf-8")
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = str(pair_list)
+    options = _matching_options(pycolmap, num_threads)
+    pycolmap.match_image_pairs(database, **options, pairing_options=pairing, device=pycolmap.Device.cpu)
+
+
+def _matching_options(pycolmap: Any, num_threads: int) -> dict[str, Any]:
     options = pycolmap.FeatureMatchingOptions()
     options.num_threads = num_threads
     options.use_gpu = False
     options.guided_matching = True
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = _SEED
-    pycolmap.match_exhaustive(
-        database, matching_options=options, verification_options=verification, device=pycolmap.Device.cpu
-    )
+    return {"matching_options": options, "verification_options": verification}
 
 
-def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int) -> Any:
+def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int, is_focal_fixed: bool) -> Any:
     angle, num_init_inliers, num_inliers = attempt
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = 2
@@ -137,8 +154,9 @@ def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int)
     options.random_seed = _SEED
     options.extract_colors = False
     options.ba_refine_extra_params = count >= _RADIAL_FROM
+    options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = not is_focal_fixed
     for limited in (options, options.mapper, options.triangulation):
-        limited.min_focal_length_ratio, limited.max_focal_length_ratio = _FOCAL_RANGE
+        limited.min_focal_length_ratio, limited.max_focal_length_ratio = _ANY_FOCAL if is_focal_fixed else _FOCAL_RANGE
     options.mapper.init_min_tri_angle = angle
     options.mapper.init_min_num_inliers = num_init_inliers
     options.mapper.abs_pose_min_num_inliers = num_inliers
@@ -149,10 +167,11 @@ def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int)
     return options
 
 
-def refine(pycolmap: Any, model: Any, count: int) -> Any:
+def refine(pycolmap: Any, model: Any, count: int, *, is_focal_fixed: bool = False) -> Any:
     """Return the model after bundle adjustment with a robust loss; the model itself if that is not plausible."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
+    options.refine_focal_length = not is_focal_fixed
     options.refine_extra_params = count >= _RADIAL_FROM
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = _LOSS_SCALE_PX
@@ -165,7 +184,7 @@ def refine(pycolmap: Any, model: Any, count: int) -> Any:
     images.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     # `pycolmap.bundle_adjustment` does the same and writes to stderr at every log level.
     pycolmap.create_default_bundle_adjuster(options, images, refined).solve()
-    return refined if _is_plausible(refined) else model
+    return refined if is_focal_fixed or _is_plausible(refined) else model
 
 
 def _is_plausible(model: Any) -> bool:

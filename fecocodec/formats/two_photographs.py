@@ -59,8 +59,9 @@ def _matches(
     first, second = (
         one[chosen] - (camera.lens.cx, camera.lens.cy) for one, camera in zip(points, cameras, strict=True)
     )
-    is_known = all(group.is_known for group in groups)
-    return TwoViewMatches(first, second, _initial_focals(cameras, groups), _PRIOR_WITH_EXIF if is_known else _PRIOR)
+    is_known, is_fixed = all(group.is_known for group in groups), all(group.is_fixed for group in groups)
+    prior = _PRIOR_WITH_EXIF if is_known else _PRIOR
+    return TwoViewMatches(first, second, _initial_focals(cameras, groups), prior, is_fixed)
 
 
 def _initial_focals(cameras: tuple[EstimatedCamera, ...], groups: list[ImageGroup]) -> tuple[float, float]:

@@ -48,12 +48,14 @@ class TwoViewMatches:
     """Matched points of two views in pixels from the principal points, and their initial focal lengths in pixels.
 
     prior: strength of the prior on the focal length. A zoom z multiplies the cost by 1 + prior * log(z)^2.
+    is_focal_fixed: whether the initial focal lengths are kept.
     """
 
     first: Points
     second: Points
     focal_px: tuple[float, float]
     prior: float
+    is_focal_fixed: bool = False
 
     def rays(self, zoom: float) -> tuple[Float[np.ndarray, "match 3"], Float[np.ndarray, "match 3"]]:
         """Return the rays of both views in camera axes, with z = 1."""
@@ -111,7 +113,7 @@ def fit_two_views(matches: TwoViewMatches, starts: list[TwoViewFit]) -> list[Two
 
     starts: at least one estimate. The fit starts from each, and with its rotation from directions in a hemisphere.
     """
-    weight = matches.prior * min(start.cost for start in starts)
+    weight = None if matches.is_focal_fixed else matches.prior * min(start.cost for start in starts)
     found = list(starts)
     for number, start in enumerate(starts):
         found += _fits(matches, start, weight)
@@ -119,7 +121,9 @@ def fit_two_views(matches: TwoViewMatches, starts: list[TwoViewFit]) -> list[Two
             for direction in _hemisphere(_NUM_DIRECTIONS):
                 found += _fits(matches, TwoViewFit(start.rotation, direction, 1.0, 0.0), weight)
     best = min(found, key=matches.penalised)
-    for _ in range(_MOST_RESTARTS):  # the valley along the focal length is curved, and a fit can stop in it
+    for _ in range(
+        0 if matches.is_focal_fixed else _MOST_RESTARTS
+    ):  # the valley along the focal length is curved, and a fit can stop in it
         other = min(vary_focal_length(matches, best).values(), key=matches.penalised)
         if matches.penalised(other) > 0.999 * matches.penalised(best):
             break
@@ -128,9 +132,9 @@ def fit_two_views(matches: TwoViewMatches, starts: list[TwoViewFit]) -> list[Two
 
 
 def vary_focal_length(matches: TwoViewMatches, fit: TwoViewFit) -> dict[float, TwoViewFit]:
-    """Return the best fits with fixed focal lengths, by their ratio to that of `fit`."""
-    found = {}
-    for steps in _FOCAL_STEPS:
+    """Return the best fits with other focal lengths, by their ratio to that of `fit`; none if they are fixed."""
+    found: dict[float, TwoViewFit] = {}
+    for steps in () if matches.is_focal_fixed else _FOCAL_STEPS:
         current = fit
         for step in steps:
             start = TwoViewFit(current.rotation, current.direction, fit.zoom * step, 0.0)

@@ -16,6 +16,7 @@ MAX_SIDE_PX = 1600  # of the copies from which features are extracted
 # Without EXIF data: the median of 8 training captures, in longer image sides (a 27 mm lens on 35 mm film).
 FOCAL_PRIOR = 0.75
 _FILM_WIDTH_MM = 36.0
+_LEAST_FOCAL, _LARGEST_FOCAL = 0.2, 20.0  # longer image sides; others are errors
 
 
 def find_photographs(folder: Path) -> list[Path]:
@@ -28,17 +29,21 @@ def find_photographs(folder: Path) -> list[Path]:
     return []
 
 
-def upright_copies(photographs: list[Path], target: Path) -> list[ImageGroup]:
+def upright_copies(photographs: list[Path], target: Path, focal_px: float | None = None) -> list[ImageGroup]:
     """Write an upright copy of every photograph to `target`, under its own name, with sides of at most 1600 pixels.
 
     Copies hold PNG data whatever their suffix; readers recognise the format by the content.
+    focal_px: known focal length in pixels of the photographs, None to start from EXIF data or a standard lens.
     Returns groups of photographs of one size and focal length. Raises InputError for a photograph that cannot be read,
-    or two that are equal.
+    two that are equal, or a focal length that cannot be that of all.
     """
     members: dict[tuple[tuple[int, int], float | None], list[str]] = defaultdict(list)
     name_of_pixels: dict[bytes, str] = {}
+    sides: dict[int, str] = {}
     for path in photographs:
-        image, focal = _upright(path)
+        image, focal, longer_side = _upright(path)
+        if focal_px is not None:
+            focal = _given_focal(focal_px, path, longer_side, sides)
         pixels = image.tobytes()
         if (same := name_of_pixels.get(pixels)) is not None:
             raise InputError(f"{path}: this is the same picture as {same}; remove one of the two.")
@@ -46,13 +51,42 @@ def upright_copies(photographs: list[Path], target: Path) -> list[ImageGroup]:
         image.save(target / path.name, format="PNG", compress_level=1)
         members[image.size, focal].append(path.name)
     return [
-        ImageGroup(tuple(names), (focal or FOCAL_PRIOR) * max(size), focal is not None)
+        ImageGroup(
+            tuple(names),
+            (focal or FOCAL_PRIOR) * max(size),
+            is_known=focal is not None and focal_px is None,
+            is_fixed=focal_px is not None,
+        )
         for (size, focal), names in members.items()
     ]
 
 
-def _upright(path: Path) -> tuple[Image.Image, float | None]:
-    """Return the upright photograph, and its focal length in longer image sides if EXIF data has it."""
+def _given_focal(focal_px: float, path: Path, longer_side: int, sides: dict[int, str]) -> float:
+    """Return a given focal length in longer image sides. sides: names of earlier photographs by their longer side.
+
+    Raises InputError if photographs differ in size, or for a focal length that no usual lens has.
+    """
+    sides.setdefault(longer_side, path.name)
+    if len(sides) > 1:
+        (side, name), *_ = sides.items()
+        raise InputError(
+            f"{path}: its longer side has {longer_side} pixels and that of {name} {side}, so one focal length in "
+            "pixels does not fit both; bring the photographs to one size, or leave out `focal_px`."
+        )
+    focal = focal_px / longer_side
+    if not _LEAST_FOCAL < focal < _LARGEST_FOCAL:
+        raise InputError(
+            f"{path}: a focal length of {focal_px:g} pixels does not fit its longer side of {longer_side} pixels; give "
+            "`focal_px` in pixels of the photographs, not in millimetres."
+        )
+    return focal
+
+
+def _upright(path: Path) -> tuple[Image.Image, float | None, int]:
+    """Return the upright photograph, its focal length in longer image sides if EXIF data has it, and that side.
+
+    The longer side is in pixels of the stored photograph.
+    """
     decode_with_pillow(path, path)  # reports damage and sizes beyond the limits as one sentence
     try:
         with Image.open(path) as stored:
@@ -61,8 +95,9 @@ def _upright(path: Path) -> tuple[Image.Image, float | None]:
             image = _on_white(image)
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(unreadable(path, error)) from error
+    longer_side = max(image.size)
     image.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX), Image.Resampling.LANCZOS)
-    return image, focal
+    return image, focal, longer_side
 
 
 def _on_white(image: Image.Image) -> Image.Image:
@@ -80,4 +115,4 @@ def _focal_of_exif(image: Image.Image) -> float | None:
         focal = float(value) / _FILM_WIDTH_MM if value is not None else 0.0
     except (TypeError, ValueError):
         return None
-    return focal if np.isfinite(focal) and 0.2 < focal < 20 else None
+    return focal if np.isfinite(focal) and _LEAST_FOCAL < focal < _LARGEST_FOCAL else None

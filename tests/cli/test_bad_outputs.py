@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -76,6 +77,30 @@ def test_folders_made_for_images_go_again(fecosplat, wall: bytes, tmp_path: Path
     (tmp_path / "wall.fcs").write_bytes(wall)
     result = fecosplat("render", tmp_path / "wall.fcs", "-o", output / "new" / "images")
     assert_refused(result, output, f"{output / 'new' / 'images' / 'wall_00.png'}: {NO_SPACE}")
+
+
+@pytest.mark.usefixtures("networks")
+@pytest.mark.parametrize("name", ["a.fcs", "a.ply", "a.png"])
+def test_folders_are_made_for_a_file_and_go_again_on_failure(
+    fecosplat, photographs: Path, wall: bytes, tmp_path: Path, output: Path, request, name: str
+) -> None:
+    stream, file = tmp_path / "wall.fcs", output / "new" / "folder" / name
+    stream.write_bytes(wall)
+    arguments = {
+        "a.fcs": ("encode", photographs, "--views", "0,1", "--effort", "fast"),
+        "a.ply": ("decode", stream, "--save-cameras", output / "cameras" / "cameras.json"),
+        "a.png": ("render", stream),
+    }[name]
+    result = fecosplat(*arguments, "-o", file)
+    assert result.code == 0 and file.is_file(), result.err
+    assert (output / "cameras" / "cameras.json").is_file() == (name == "a.ply")
+
+    shutil.rmtree(output)
+    output.mkdir()
+    request.getfixturevalue("full_folder")
+    result = fecosplat(*arguments, "-o", file)
+    assert result.code == 1 and result.err.endswith(f"fecosplat: {file}: {NO_SPACE}\n")  # encode has warned before
+    assert list(output.iterdir()) == []
 
 
 @pytest.mark.usefixtures("networks")

@@ -1,6 +1,7 @@
 """`fecosplat batch`: options, reports, exit codes, and files that equal those of the single commands."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from fecosplat_cli import batch_options
 
 from fecocodec.batch import cluster_extra
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 FAST = ("--effort", "fast", "--views", "0,1")
 
 
@@ -47,6 +49,31 @@ def test_measured_files_record_their_psnr(fecosplat, networks, scenes: Path, out
     single = fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *FAST, "--json")
     assert sidecar["details"]["context_psnr"] == json.loads(single.out)["context_psnr"]
     assert sidecar["details"]["views"] == ["view_0.png", "view_1.png"]
+
+
+def test_strict_fails_scenes_with_warnings(fecosplat, networks, scenes: Path, output: Path) -> None:
+    """The decoded views of untrained networks are poor; a file that was encoded without --strict does not count."""
+    arguments = ("batch", "encode", scenes, "-o", output, "--shard", "2/2", *FAST)
+    assert fecosplat(*arguments).code == 0
+    assert fecosplat(*arguments, "--strict").code == 1
+    sidecar = json.loads((output / "wall.fcs.json").read_text())
+    assert sidecar["error"].startswith(f"{scenes / 'wall'}: ")
+    assert sidecar["error"].endswith(" (--strict makes this warning an error).")
+    assert sidecar["traceback"] is None and sidecar["warnings"] == []
+
+
+def test_a_note_of_estimated_cameras_is_no_warning(fecosplat, networks, tmp_path: Path, output: Path) -> None:
+    """The warning about the focal length of a rectified pair is one."""
+    pytest.importorskip("pycolmap")
+    shutil.copytree(EXAMPLE / "images", tmp_path / "scenes" / "pair")
+    size = ("--size", "96x64", "--effort", "fast", "--stages", "1")
+    result = fecosplat("batch", "encode", tmp_path / "scenes", "-o", output, "--shard", "1/1", *size)
+    assert result.code == 0, result.err
+    sidecar = json.loads((output / "pair.fcs.json").read_text())
+    (note,) = sidecar["details"]["notes"]
+    assert note.startswith("cameras estimated for 2 of 2 photographs: ")
+    assert sidecar["warnings"][0].startswith("the cameras may be wrong: two photographs do not determine")
+    assert not any("cameras estimated" in warning for warning in sidecar["warnings"])
 
 
 def test_a_second_run_skips_and_the_summary_says_so(fecosplat, networks, scenes: Path, output: Path) -> None:

@@ -24,7 +24,7 @@ sys.exit(run(sys.argv[1:]))
     [
         (("encode", "missing", "-o", "a.fcs"), "missing: no such folder; give the folder that holds images"),
         (("encode", ".", "-o", "a.splat"), "a.splat: files of kind .splat are not written here; use .fcs."),
-        (("encode", ".", "-o", "no/a.fcs"), "no/a.fcs: the folder no does not exist"),
+        (("encode", ".", "-o", "in.fcs/a.fcs"), "in.fcs/a.fcs: in.fcs is not a folder; choose another output path."),
         (("encode", ".", "-o", "a.fcs", "--lambda", "7"), "lambda is 7"),
         (
             ("decode", "missing", "-o", "a.obj"),

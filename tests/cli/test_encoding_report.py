@@ -1,9 +1,11 @@
 """What `encode` prints about size and quality."""
 
+import json
 from pathlib import Path
 
 import pytest
 from fecosplat_cli.encoding_report import quality_fields, say_result
+from refusals import assert_refused
 
 from fecocodec.container import inspect
 from fecocodec.errors import InputError
@@ -46,6 +48,45 @@ def test_warnings_come_before_the_work(
         "warning: one view has no parallax, so its depth is unreliable; add a view from another position.",
         f"fecosplat: {photographs}: the encoder was started.",
     ]
+
+
+ONE_VIEW = ("--views", "0", "--effort", "fast", "--stages", "1")
+NO_PARALLAX = "one view has no parallax, so its depth is unreliable; add a view from another position"
+ERROR = "(--strict makes this warning an error)."
+
+
+@pytest.mark.usefixtures("networks")
+def test_strict_makes_a_warning_an_error(fecosplat, photographs: Path, output: Path) -> None:
+    result = fecosplat("encode", photographs, "-o", output / "a.fcs", *ONE_VIEW, "--strict")
+    assert_refused(result, output, f"{photographs}: {NO_PARALLAX} {ERROR}")
+
+
+@pytest.mark.usefixtures("networks")
+def test_strict_covers_the_decoded_views_and_keeps_an_older_file(
+    fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Untrained networks decode to poor views; this warning is the last one, after the file is coded."""
+    monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
+    arguments = ("encode", photographs, "-o", output / "a.fcs", "--views", "0,1", "--effort", "fast", "--json")
+    (warning,) = json.loads(fecosplat(*arguments).out)["warnings"]
+    (output / "a.fcs").write_bytes(b"precious")
+    assert warning.startswith("the decoded views are poor")
+    result = fecosplat(*arguments, "--strict", "--overwrite")
+    assert (result.code, result.out) == (1, "")
+    assert result.err == f"fecosplat: {photographs}: {warning.removesuffix('.')} {ERROR}\n"
+    assert (output / "a.fcs").read_bytes() == b"precious"
+
+
+@pytest.mark.usefixtures("networks")
+def test_strict_without_a_warning_changes_nothing(
+    fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fecocodec.quality_warnings", lambda *_arguments: ())
+    monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
+    for name, strict in (("a.fcs", ()), ("b.fcs", ("--strict",))):
+        result = fecosplat("encode", photographs, "-o", output / name, "--views", "0,1", "--effort", "fast", *strict)
+        assert result.code == 0 and "warning:" not in result.err
+    assert (output / "a.fcs").read_bytes() == (output / "b.fcs").read_bytes()
 
 
 def test_poor_views_are_said() -> None:

@@ -26,7 +26,8 @@ def test_photographs_without_cameras_are_encoded_previewed_and_decoded(fecosplat
     text = ("--title", "Motorcycle", "--author", "A. B.", "--licence", "CC0", "--date", "2014-01-02")
     result = fecosplat("encode", unposed, "-o", stream, *FAST, "--save-cameras", cameras, *text)
     assert result.code == 0, result.err
-    assert "cameras estimated for 2 of 2 photographs" in result.err
+    assert "\ncameras estimated for 2 of 2 photographs" in f"\n{result.err}"
+    assert "warning: the cameras may be wrong: two photographs do not determine their focal length" in result.err
     summary = inspect(stream.read_bytes())
     assert summary.header.num_views == 2
     assert summary.metadata == {"title": "Motorcycle", "author": "A. B.", "licence": "CC0", "date": "2014-01-02"}
@@ -70,6 +71,16 @@ def test_saved_cameras_encode_to_the_same_bytes_from_another_folder(fecosplat, u
         assert output.read_bytes() == (tmp_path / "a.fcs").read_bytes()
 
 
+def test_strict_refuses_cameras_that_may_be_wrong_and_saves_none(fecosplat, unposed, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    files = ("-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "cameras.json")
+    result = fecosplat("encode", unposed, *files, *FAST, "--strict", "-q")
+    assert result.code == 1
+    assert result.err.startswith(f"fecosplat: {unposed}: the cameras may be wrong: two photographs do not determine")
+    assert result.err.endswith(" (--strict makes this warning an error).\n") and result.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [unposed]
+
+
 def test_saved_cameras_of_a_video_name_no_temporary_files(fecosplat, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     video, cameras = tmp_path / "clip.mkv", tmp_path / "cameras.json"
@@ -99,6 +110,29 @@ def test_save_cameras_is_for_photographs_without_cameras(fecosplat, tmp_path: Pa
     assert result.code == 2
     assert "this folder has cameras" in result.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_given_focal_length_is_that_of_the_saved_cameras(fecosplat, unposed: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    cameras = tmp_path / "cameras.json"
+    focal = ("--focal-px", "515.616", "--save-cameras", cameras)
+    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", *FAST, *focal)
+    assert result.code == 0 and "the cameras may be wrong" not in result.err
+    assert [frame["fl_x"] for frame in json.loads(cameras.read_text())["frames"]] == [pytest.approx(515.616)] * 2
+
+
+def test_focal_px_is_for_photographs_without_cameras(fecosplat, tmp_path: Path) -> None:
+    result = fecosplat("encode", EXAMPLE, "-o", tmp_path / "a.fcs", "--focal-px", "515")
+    assert result.code == 2
+    assert "--focal-px is for photographs without cameras; this folder has cameras." in result.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_focal_px_is_not_in_millimetres(fecosplat, unposed: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", "--focal-px", "28")
+    assert result.code == 1
+    assert "give --focal-px in pixels of the photographs, not in millimetres.\n" in result.err
 
 
 def test_save_cameras_for_an_empty_folder(fecosplat, tmp_path: Path) -> None:

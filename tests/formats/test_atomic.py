@@ -71,18 +71,33 @@ def test_a_symbolic_link_survives(tmp_path):
 
 
 def test_paths_that_cannot_hold_a_file(tmp_path):
-    path = tmp_path / "missing" / "out"
-    with pytest.raises(OutputError) as caught:
-        require_writable(path, overwrite=True)
-    assert str(caught.value) == (
-        f"{path}: the folder {path.parent} does not exist; create it or choose another output path."
-    )
+    file, link = tmp_path / "file", tmp_path / "link"
+    file.write_bytes(b"")
+    link.symlink_to("nothing")
+    for place in (file, link):
+        for path in (place / "out", place / "new" / "out"):
+            with pytest.raises(OutputError) as caught:
+                require_writable(path, overwrite=True)
+            assert str(caught.value) == f"{path}: {place} is not a folder; choose another output path."
     for place in (tmp_path, tmp_path / "fifo"):
         if place != tmp_path:
             os.mkfifo(place)
         with pytest.raises(OutputError) as caught:
             require_writable(place, overwrite=True)
         assert str(caught.value) == f"{place}: this exists and is not a plain file; choose another output path."
+
+
+def test_missing_folders_are_made_and_go_again_if_the_block_fails(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path("new") / "folder" / "out"
+    require_writable(path, overwrite=False)
+    with pytest.raises(ValueError, match="stop"), write_atomically(path, overwrite=False) as temporary:
+        temporary.write_bytes(b"half")
+        raise ValueError("stop")
+    assert not list(tmp_path.iterdir())
+    with write_atomically(path, overwrite=False) as temporary:
+        temporary.write_bytes(b"whole")
+    assert path.read_bytes() == b"whole"
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from fecocodec.formats.posed_folder import PosedFolder, posed_folder
+from fecocodec.formats.posed_folder import posed_folder
 
 pytest.importorskip("pycolmap")
 WIDTH, HEIGHT, FOCAL = 320, 240, 240.0  # the focal length is the initial one, 0.75 of the longer side
@@ -38,22 +38,28 @@ def draw(path: Path, turn: float, position: tuple[float, float, float]) -> None:
     Image.fromarray((128 + 60 * image).clip(0, 255).astype(np.uint8)).convert("RGB").save(path)
 
 
-def warnings_of(posed: PosedFolder) -> list[str]:
-    return [note for note in posed.notes if note.startswith("warning: ")]
-
-
 def test_four_photographs_from_different_positions_are_not_warned_of(tmp_path):
     for number, (turn, x) in enumerate(((24.0, -2.4), (8.0, -0.8), (-8.0, 0.8), (-24.0, 2.0))):
         draw(tmp_path / f"{number}.png", turn, (x, 0.1 * number, 0.3 * abs(x)))
     with posed_folder(tmp_path, num_threads=1) as posed:
         assert "4 of 4" in posed.notes[0]
         assert posed.reconstruction.cameras[0].lens.fx == pytest.approx(FOCAL, rel=0.02)
-        assert warnings_of(posed) == []
+        assert posed.warnings == ()
+
+
+def test_a_given_focal_length_is_kept(tmp_path):
+    """It is wrong by a tenth, which the matches of four photographs show."""
+    for number, (turn, x) in enumerate(((24.0, -2.4), (8.0, -0.8), (-8.0, 0.8), (-24.0, 2.0))):
+        draw(tmp_path / f"{number}.png", turn, (x, 0.1 * number, 0.3 * abs(x)))
+    with posed_folder(tmp_path, num_threads=1, focal_px=1.1 * FOCAL) as posed:
+        assert [camera.lens.fx for camera in posed.reconstruction.cameras] == pytest.approx(
+            [1.1 * FOCAL] * 4, rel=1e-12
+        )
 
 
 def test_a_pure_shift_between_two_photographs_is_warned_of(tmp_path):
     for number, x in enumerate((-0.3, 0.3)):
         draw(tmp_path / f"{number}.png", 0.0, (x, 0, 0))
     with posed_folder(tmp_path, num_threads=1) as posed:
-        (warning,) = warnings_of(posed)
+        (warning,) = posed.warnings
         assert "two photographs do not determine their focal length here" in warning

@@ -12,7 +12,15 @@ from scipy.ndimage import map_coordinates
 from fecocodec.errors import InputError
 from fecocodec.formats import pycolmap_steps
 from fecocodec.formats.camera_files import has_cameras
-from fecocodec.formats.estimated_cameras import Ambiguity, EstimatedCamera, ImageGroup, Reconstruction, pose_difference
+from fecocodec.formats.estimated_cameras import (
+    Ambiguity,
+    EstimatedCamera,
+    ImageGroup,
+    Reconstruction,
+    angle_between,
+    pose_difference,
+    rotation_angle,
+)
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.pose_estimation import reconstruct
 from fecocodec.formats.pose_warnings import reliability_warnings
@@ -20,6 +28,7 @@ from fecocodec.formats.posed_folder import _weak_pairs, posed_folder
 from fecocodec.formats.pycolmap_steps import refine
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.formats.transforms_json import read_transforms_json
+from fecocodec.formats.unposed_photographs import upright_copies
 
 pycolmap = pytest.importorskip("pycolmap")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
@@ -57,7 +66,7 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
         assert cameras.far > 1.4 * np.percentile(depths, 99)
     assert not posed.path.exists()
     assert len(names) == 2 and "2 of 2" in posed.notes[0]
-    assert "two photographs do not determine their focal length" in posed.notes[1]  # a rectified stereo pair
+    assert "two photographs do not determine their focal length" in posed.warnings[0]  # a rectified stereo pair
     truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
     known = np.linalg.inv(truth[0].camera_to_world) @ truth[1].camera_to_world
     found = np.linalg.inv(cameras.extrinsics[0].numpy()) @ cameras.extrinsics[1].numpy()
@@ -69,6 +78,52 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
     assert [photograph.path.resolve() for photograph in saved.photographs] == [
         (tmp_path / "photos" / path.name).resolve() for path in sorted(PHOTOGRAPHS)
     ]
+
+
+def test_a_given_focal_length_of_two_photographs_is_kept_and_settles_depth(tmp_path):
+    copies(tmp_path / "photos")
+    truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
+    focal_px = truth[0].lens_for(384, 256).fx
+    with posed_folder(tmp_path / "photos", num_threads=1, focal_px=focal_px) as posed:
+        first, second = posed.reconstruction.cameras
+        assert posed.warnings == ()
+        assert posed.notes[0].endswith(
+            "focal length 516 pixels for 384x256 (as given); the unit of length is arbitrary."
+        )
+        assert first.lens.fx == second.lens.fx == pytest.approx(focal_px, rel=1e-12)
+        pose = np.linalg.inv(first.camera_to_world) @ second.camera_to_world
+        known = np.linalg.inv(truth[0].camera_to_world) @ truth[1].camera_to_world
+        assert rotation_angle(known[:3, :3].T @ pose[:3, :3]) < 0.5
+        assert angle_between(known[:3, 3], pose[:3, 3]) < 1
+
+
+def test_a_given_focal_length_is_in_pixels_of_the_photographs(tmp_path):
+    for number, size in enumerate(((2000, 1000), (1000, 2000))):
+        noise = np.random.default_rng(number).integers(0, 256, (10, 10, 3), dtype=np.uint8)
+        Image.fromarray(noise).resize(size).save(tmp_path / f"{number}.png")
+    (tmp_path / "copies").mkdir()
+    groups = upright_copies(sorted(tmp_path.glob("*.png")), tmp_path / "copies", 1500.0)
+    assert [(group.focal_px, group.is_fixed) for group in groups] == [(1200.0, True)] * 2  # copies of 1600 pixels
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "sentence"),
+    [
+        (28.0, "left.png: a focal length of 28 pixels does not fit its longer side of 384 pixels; give `focal_px` in "),
+        (float("nan"), "left.png: a focal length of nan pixels does not fit"),
+    ],
+)
+def test_a_focal_length_that_no_lens_has_is_refused(tmp_path, focal_px: float, sentence: str):
+    copies(tmp_path)
+    assert sentence in refusal(tmp_path, focal_px)
+
+
+def test_one_focal_length_for_photographs_of_two_sizes_is_refused(tmp_path):
+    _, second = copies(tmp_path)
+    Image.open(second).resize((192, 128)).save(second)
+    assert "right.png: its longer side has 192 pixels and that of left.png 384, so one focal length" in refusal(
+        tmp_path, 515.0
+    )
 
 
 def test_photographs_are_numbered_in_their_order_with_several_threads(tmp_path):
@@ -121,8 +176,8 @@ def test_an_unrelated_photograph_is_left_out_with_a_note(tmp_path):
         assert len(frames) == 2
 
 
-def refusal(folder: Path) -> str:
-    with pytest.raises(InputError) as refused, posed_folder(folder, num_threads=1):
+def refusal(folder: Path, focal_px: float | None = None) -> str:
+    with pytest.raises(InputError) as refused, posed_folder(folder, num_threads=1, focal_px=focal_px):
         pass
     sentence = str(refused.value)
     assert "\n" not in sentence and sentence.endswith(".")
@@ -141,6 +196,25 @@ def test_two_identical_photographs_are_refused(tmp_path):
     shutil.copy(PHOTOGRAPHS[0], tmp_path / "a.png")
     shutil.copy(PHOTOGRAPHS[0], tmp_path / "b.png")
     assert "b.png: this is the same picture as a.png" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("step", [0.0, 4.0])
+def test_a_camera_that_stays_at_one_position_is_refused_before_all_pairs_are_matched(tmp_path, monkeypatch, step):
+    monkeypatch.setattr("fecocodec.formats.pose_estimation.match_features", None)
+    image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
+    for index in range(3):
+        noise = np.random.default_rng(index).normal(0, 2, image.shape)
+        picture = turned(image, step * index, 0.8 * image.shape[1]) + noise
+        Image.fromarray(picture.round().clip(0, 255).astype(np.uint8)).save(tmp_path / f"{index}.png")
+    assert "from one position (a turn of the camera explains their matches), so depth is unknown" in refusal(tmp_path)
+
+
+def test_names_with_spaces_are_matched(tmp_path):
+    """They are not tested for a turn: the list of pairs of pycolmap has no quotes."""
+    for path in copies(tmp_path):
+        path.rename(path.with_name(f"the {path.name}"))
+    with posed_folder(tmp_path, num_threads=1) as posed:
+        assert "2 of 2" in posed.notes[0]
 
 
 def test_a_camera_that_only_turns_is_refused(tmp_path):
@@ -206,6 +280,12 @@ def test_the_difference_of_two_estimates_ignores_unit_of_length_and_short_baseli
     assert pose_difference(first, cameras_at((0, 0, 0), (1, 0, 0))) is None
 
 
+def test_the_warning_of_a_given_focal_length_does_not_ask_for_it():
+    found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, (2.0, 3.0))
+    (warning,) = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False, is_fixed=True)])
+    assert "a second estimate from another initial pair differs" in warning and "EXIF" not in warning
+
+
 @pytest.mark.parametrize(
     ("difference", "focal_px", "reasons"),
     [
@@ -222,7 +302,7 @@ def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons
     warnings = reliability_warnings(found, [ImageGroup(("0", "1"), focal_px, is_known=False)])
     assert len(warnings) == (1 if reasons else 0)
     for warning in warnings:
-        assert warning.startswith("warning: the cameras may be wrong: ") and warning.endswith(".")
+        assert warning.startswith("the cameras may be wrong: ") and warning.endswith(".")
         assert all(reason in warning for reason in reasons)
 
 
