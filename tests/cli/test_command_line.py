@@ -123,10 +123,14 @@ def test_existing_output_is_refused_before_reading(fecosplat, tmp_path: Path, co
 
 
 @pytest.mark.parametrize("command", ["encode", "decode"])
-def test_output_in_a_missing_folder_is_refused_before_reading(fecosplat, tmp_path: Path, command: str) -> None:
-    result = fecosplat(command, tmp_path / "no such input", "-o", tmp_path / "missing" / "result")
-    assert result.code == 1
-    assert f"the folder {tmp_path / 'missing'} does not exist" in result.err
+def test_output_below_a_file_is_refused_before_reading(fecosplat, tmp_path: Path, command: str) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    result = fecosplat(command, tmp_path / "no such input", "-o", file / "result")
+    assert (result.code, result.err) == (
+        1,
+        f"fecosplat: {file / 'result'}: {file} is not a folder; choose another output path.\n",
+    )
 
 
 def test_failed_overwrite_keeps_the_old_output(fecosplat, tmp_path: Path) -> None:
