@@ -138,6 +138,7 @@ def command(
 
         from fecocodec import check_input, encode, encode_to_target, measure_decoded, quality_warnings
         from fecocodec.formats.scene_folder import read_pixels
+        from fecocodec.sender.decoded_quality import stage_warnings
 
         scene = read_pixels(chosen, near=near, far=far, background=background)
         for warning in check_input(scene, effort):
@@ -153,7 +154,7 @@ def command(
         with write_atomically(output, overwrite=overwrite) as temporary:
             temporary.write_bytes(data)
             quality = measure_decoded(data, scene, device=device, model=model)
-            for warning in quality_warnings(quality[-1], scene.names):
+            for warning in (*stage_warnings(quality), *quality_warnings(quality[-1], scene.names)):
                 report(warning)
     seconds = round(perf_counter() - start, 3)
     summary = inspect(data)

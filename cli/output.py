@@ -20,7 +20,7 @@ _OPTIONS = {
     "max_pixels": "--max-pixels",
     "view_shares": "--views",
     "frozen": "--freeze",
-    'stages="intact"': "--partial",
+    'stages="intact"': "decode --partial",
     "stages=1": "--stages 1",
 }
 
@@ -50,7 +50,9 @@ def write_stdout(data: bytes) -> None:
     if sys.stdout.isatty():
         raise OutputError("standard output: this is a terminal; send the data to a file or another program.")
     with _stdout_errors():
-        sys.stdout.buffer.write(data)
+        rest = memoryview(data)
+        while rest:  # without a buffer (PYTHONUNBUFFERED), a write can end early, as when the reader closes the pipe
+            rest = rest[sys.stdout.buffer.write(rest) :]
         sys.stdout.buffer.flush()
 
 

@@ -13,10 +13,12 @@ Stages = int | Literal["all", "intact"]
 def read_stages(data: bytes, stages: Stages) -> IntactPart:
     """Parse the part of a stream that `stages` selects. Raises BitstreamError, or InputError for too few stages.
 
-    Also raises InputError if `data` is not bytes, for example a path.
+    Also raises InputError if `data` is not bytes, for example a path, or `stages` is another word.
     """
     if not isinstance(data, bytes | bytearray | memoryview):
         raise InputError(f"a stream is bytes, not {type(data).__name__}; read the file first (`Path.read_bytes`).")
+    if not isinstance(stages, int) and stages not in ("all", "intact"):
+        raise InputError(f'`stages` is {stages!r}; choose a number, "all" or "intact".')
     if isinstance(stages, int):
         return IntactPart(read_prefix(data, stages), damage=None)
     return read_intact(data) if stages == "intact" else IntactPart(read_stream(data), damage=None)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from fecocodec.errors import InputError
 from fecocodec.formats.colmap import find_colmap_model, read_colmap
-from fecocodec.formats.image_headers import IMAGE_SUFFIXES
+from fecocodec.formats.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES, has_image_name
 from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.posed_photographs import PosedPhotographs
 from fecocodec.formats.realestate10k import find_realestate10k, read_realestate10k
@@ -36,6 +36,9 @@ def _missing(path: Path) -> str:
             return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
         return "not a camera file; give the folder that holds images and cameras."
     if not _has_images(path):
+        unread = sorted({file.suffix.lower() for file in path.iterdir() if file.suffix.lower() in UNREAD_SUFFIXES})
+        if unread:
+            return f"photographs of this kind cannot be read ({', '.join(unread)}); convert them to JPEG, PNG or WebP."
         return "no photographs and no camera file found; give a folder that holds two or more photographs."
     return "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
 
@@ -43,7 +46,7 @@ def _missing(path: Path) -> str:
 def _has_images(folder: Path) -> bool:
     """Return whether the folder or its folder `images` holds a file with the name of an image."""
     folders = [place for place in (folder, folder / "images") if place.is_dir()]
-    return any(path.suffix.lower() in IMAGE_SUFFIXES for place in folders for path in place.iterdir())
+    return any(has_image_name(path) for place in folders for path in place.iterdir())
 
 
 def has_cameras(path: StrPath) -> bool:

@@ -6,6 +6,12 @@ from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.pillow_images import size_with_pillow
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")
+UNREAD_SUFFIXES = (".heic", ".heif", ".avif", ".bmp", ".tif", ".tiff", ".dng", ".cr2", ".nef", ".arw")
+
+
+def has_image_name(path: Path) -> bool:
+    """Return whether a file is an image by its name. Hidden files, such as macOS's `._a.jpg`, are not."""
+    return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
 
 
 def read_image_size(path: StrPath) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from PIL import ExifTags, Image, ImageOps
 
 from fecocodec.errors import InputError
 from fecocodec.formats.estimated_cameras import ImageGroup
-from fecocodec.formats.image_headers import IMAGE_SUFFIXES
+from fecocodec.formats.image_headers import has_image_name
 from fecocodec.formats.pillow_images import decode_with_pillow, unreadable
 
 MAX_PHOTOGRAPHS = 60
@@ -23,7 +23,7 @@ def find_photographs(folder: Path) -> list[Path]:
     """Return the PNG, JPEG and WebP files of a folder, or of its folder `images`, in the order of their names."""
     for place in (folder, folder / "images"):
         if place.is_dir():
-            files = [path for path in place.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()]
+            files = [path for path in place.iterdir() if has_image_name(path) and path.is_file()]
             if found := sorted(path for path in files if path.suffix.lower() != ".exr"):
                 return found
     return []

@@ -28,7 +28,8 @@ def spread_views(scene: PosedPhotographs, count: int) -> tuple[int, ...]:
     """
     available = len(scene.photographs)
     if not 1 <= count <= available:
-        raise InputError(f"{count} views asked for, but the folder has {available}; choose between the two.")
+        most = min(available, MAX_VIEWS)
+        raise InputError(f"{count} views asked for, but the folder has {available}; choose 1 to {most}.")
     if count > MAX_VIEWS:
         raise InputError(f"{count} views asked for, but at most {MAX_VIEWS} can be used; change `views`.")
     return tuple(sorted(_grown(scene, count, least_overlap=0.0)))

@@ -1,5 +1,6 @@
 """Quality of the context views as decoded: decode the stream, render at its cameras, compare with the photographs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from fecocodec.sender.codec import load_codec
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite
+LEAST_LOSS = 0.1  # of the mean PSNR, in dB, that is worth a warning
 # Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between
 # the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/inputs.md).
 LEAST_PSNR = 22.0
@@ -65,6 +67,15 @@ def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[s
     if len(names) == 2:
         return (f"{found}; use a smaller lambda, a larger `size` or more `effort`, or two views closer together.",)
     return (f"{found}; choose fewer `views`, which are closer together, or use a smaller lambda or more `effort`.",)
+
+
+def stage_warnings(quality: Sequence[DecodedQuality]) -> tuple[str, ...]:
+    """Return one sentence if stage 2 lowers the decoded context views by LEAST_LOSS. quality: after each stage."""
+    before, after = quality[0].psnr, quality[-1].psnr
+    if after > before - LEAST_LOSS:
+        return ()
+    change = f"from {before:.2f} to {after:.2f} dB"
+    return (f"stage 2 lowers the PSNR of the decoded views {change}; `stages=1` gives a better file.",)
 
 
 @torch.no_grad()

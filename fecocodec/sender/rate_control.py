@@ -4,6 +4,7 @@ File size and PSNR decrease with lambda in practice. A few fast encodings withou
 rate-distortion curve; a few full encodings then correct the remaining difference by the secant method.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,12 +38,25 @@ class AtMostKib:
 
     kib: float
 
+    def __post_init__(self) -> None:
+        """Raise InputError for a size that no file can have."""
+        _require_positive(self.kib, "KiB")
+
 
 @dataclass(frozen=True)
 class AtLeastPsnr:
     """Target: the smallest file whose decoded context views have at least this PSNR in dB."""
 
     psnr: float
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a quality that no file can have."""
+        _require_positive(self.psnr, "dB")
+
+
+def _require_positive(value: float, unit: str) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"a target of {value} {unit} cannot be reached; give a positive number.")
 
 
 Target = AtMostKib | AtLeastPsnr

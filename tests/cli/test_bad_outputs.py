@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from refusals import assert_refused
 
+from tests.vectors.tiny_model import VECTORS
+
 
 @pytest.fixture
 def full_disk(output: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int, str], None]:
@@ -99,7 +101,9 @@ def test_folders_are_made_for_a_file_and_go_again_on_failure(
     output.mkdir()
     request.getfixturevalue("full_folder")
     result = fecosplat(*arguments, "-o", file)
-    assert result.code == 1 and result.err.endswith(f"fecosplat: {file}: {NO_SPACE}\n")  # encode has warned before
+    written_first = output / "cameras" / "cameras.json" if name == "a.ply" else file
+    assert result.code == 1
+    assert result.err.endswith(f"fecosplat: {written_first}: {NO_SPACE}\n")  # encode has warned before
     assert list(output.iterdir()) == []
 
 
@@ -140,3 +144,26 @@ def test_full_disk_behind_standard_output(stream_file: Path, options: tuple[str,
         "fecosplat: standard output: writing failed (No space left on device); check free space or send it elsewhere.\n"
     )
     assert result.returncode == 1
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_reader_that_goes_away_is_no_success(unbuffered: str) -> None:
+    """Without Python's buffer, a write to a pipe ends early and without an error when the reader closes it."""
+    file = VECTORS / "valid" / "scene-compact-2.fcs"
+    command = [sys.executable, "-m", "fecosplat_cli", "decode", str(file), "-o", "-"]
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as child:
+        assert child.stdout is not None and child.stderr is not None
+        child.stdout.read(100)
+        child.stdout.close()
+        message = child.stderr.read()
+    assert (child.returncode, message) == (1, b"")
+
+
+@pytest.mark.usefixtures("networks")
+def test_no_gaussians_are_left_without_the_cameras(fecosplat, wall: bytes, tmp_path: Path, output: Path) -> None:
+    file = tmp_path / "wall.fcs"
+    file.write_bytes(wall)
+    result = fecosplat("decode", file, "-o", output / "a.ply", "--save-cameras", "/proc/cameras.json")
+    assert result.code == 1
+    assert list(output.iterdir()) == []

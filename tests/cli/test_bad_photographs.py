@@ -11,6 +11,7 @@ from PIL import Image
 from refusals import assert_refused
 
 from fecocodec.checkpoint import RECEIVER_FILE
+from fecocodec.formats.unposed_photographs import find_photographs
 from tests.example_scenes import MODEL
 
 Damage = Callable[[Path], None]
@@ -133,7 +134,7 @@ def test_bad_photographs(fecosplat, scene: Path, output: Path, damage: Damage, s
             "with --near and --far.",
         ),
         (("--size", "96x32"), "size 96x32: each side must have 64 to 1024 pixels; choose another --size."),
-        (("--views", "spread:9"), "{folder}: 9 views asked for, but the folder has 4; choose between the two."),
+        (("--views", "spread:9"), "{folder}: 9 views asked for, but the folder has 4; choose 1 to 4."),
     ],
 )
 def test_bad_options(fecosplat, photographs: Path, output: Path, options: tuple[str, ...], sentence: str) -> None:
@@ -147,3 +148,17 @@ def test_damaged_weights(fecosplat, photographs: Path, tmp_path: Path, output: P
     weights.write_text("no weights")
     result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--model", weights.parent)
     assert_refused(result, output, f"{weights}: not a weights file of this codec, or damaged; reinstall the package.")
+
+
+def test_photographs_of_a_kind_that_is_not_read_are_named(fecosplat, tmp_path: Path) -> None:
+    (tmp_path / "a.HEIC").write_bytes(b"ftypheic")
+    (tmp_path / "b.bmp").write_bytes(b"BM")
+    result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs")
+    kinds = "photographs of this kind cannot be read (.bmp, .heic); convert them to JPEG, PNG or WebP."
+    assert (result.code, result.err) == (1, f"fecosplat: {tmp_path}: {kinds}\n")
+
+
+def test_hidden_files_are_no_photographs(tmp_path: Path) -> None:
+    for name in ("a.jpg", "._a.jpg", "b.PNG"):
+        (tmp_path / name).touch()
+    assert [path.name for path in find_photographs(tmp_path)] == ["a.jpg", "b.PNG"]

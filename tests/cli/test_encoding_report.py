@@ -9,7 +9,7 @@ from refusals import assert_refused
 
 from fecocodec.container import inspect
 from fecocodec.errors import InputError
-from fecocodec.sender.decoded_quality import DecodedQuality, quality_warnings
+from fecocodec.sender.decoded_quality import DecodedQuality, quality_warnings, stage_warnings
 
 QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
 
@@ -67,6 +67,7 @@ def test_strict_covers_the_decoded_views_and_keeps_an_older_file(
 ) -> None:
     """Untrained networks decode to poor views; this warning is the last one, after the file is coded."""
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
+    monkeypatch.setattr("fecocodec.sender.decoded_quality.stage_warnings", lambda *_arguments: ())
     arguments = ("encode", photographs, "-o", output / "a.fcs", "--views", "0,1", "--effort", "fast", "--json")
     (warning,) = json.loads(fecosplat(*arguments).out)["warnings"]
     (output / "a.fcs").write_bytes(b"precious")
@@ -82,6 +83,7 @@ def test_strict_without_a_warning_changes_nothing(
     fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fecocodec.quality_warnings", lambda *_arguments: ())
+    monkeypatch.setattr("fecocodec.sender.decoded_quality.stage_warnings", lambda *_arguments: ())
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
     for name, strict in (("a.fcs", ()), ("b.fcs", ("--strict",))):
         result = fecosplat("encode", photographs, "-o", output / name, "--views", "0,1", "--effort", "fast", *strict)
@@ -101,4 +103,13 @@ def test_poor_views_are_said() -> None:
     )
     assert quality_warnings(DecodedQuality((18.0,)), ("a.png",)) == (
         "the decoded views are poor, with a PSNR of 18.0 dB; use a smaller lambda, a larger `size` or more `effort`.",
+    )
+
+
+def test_a_second_stage_that_does_harm_is_said() -> None:
+    better, worse = DecodedQuality((30.0, 28.0)), DecodedQuality((29.0, 28.0))
+    assert stage_warnings((worse, better)) == stage_warnings((better,)) == ()
+    assert stage_warnings((better, DecodedQuality((29.9, 28.0)))) == ()
+    assert stage_warnings((better, worse)) == (
+        "stage 2 lowers the PSNR of the decoded views from 29.00 to 28.50 dB; `stages=1` gives a better file.",
     )

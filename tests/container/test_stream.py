@@ -119,10 +119,15 @@ def test_the_container_needs_neither_torch_nor_numpy() -> None:
     assert result.stdout.strip() == ""
 
 
-def test_a_path_in_place_of_bytes_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("'scene.fcs', 'all'", "a stream is bytes, not str; read the file first (`Path.read_bytes`)."),
+        ("b'', 'first'", '`stages` is \'first\'; choose a number, "all" or "intact".'),
+    ],
+)
+def test_arguments_of_a_wrong_kind_are_refused(arguments: str, message: str) -> None:
     """In a process of its own, because the run-time type checks of the tests would refuse the argument first."""
-    code = "from fecocodec.container import read_stages; read_stages('scene.fcs', 'all')"
+    code = f"from fecocodec.container import read_stages; read_stages({arguments})"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert result.stderr.splitlines()[-1] == (
-        "fecocodec.errors.InputError: a stream is bytes, not str; read the file first (`Path.read_bytes`)."
-    )
+    assert result.stderr.splitlines()[-1] == f"fecocodec.errors.InputError: {message}"

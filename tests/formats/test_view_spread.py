@@ -104,7 +104,7 @@ def test_without_bounds_they_come_from_points_or_from_steps_of_the_camera(scene_
 
 @pytest.mark.parametrize("count", [0, 11])
 def test_more_views_than_there_are(scene_of, count):
-    with pytest.raises(InputError, match=f"{count} views asked for, but the folder has 10; choose between the two"):
+    with pytest.raises(InputError, match=f"{count} views asked for, but the folder has 10; choose 1 to 10"):
         spread_views(scene_of(walk(10)), count)
 
 

@@ -164,3 +164,11 @@ def test_an_encoding_reports_its_steps(
     encode_with(codec, views, 1179, config=config, on_progress=lambda task, _fraction: steps.append(task))
     assert steps[:2] == ["matching views", "coding stage 1"]
     assert any(step.startswith("optimising") for step in steps) == is_optimised
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 0.0, -1.0])
+def test_targets_that_no_file_can_have_are_refused(value: float) -> None:
+    with pytest.raises(InputError, match=f"a target of {value} KiB cannot be reached; give a positive number"):
+        AtMostKib(value)
+    with pytest.raises(InputError, match=f"a target of {value} dB cannot be reached"):
+        AtLeastPsnr(value)
