@@ -36,8 +36,7 @@ def _missing(path: Path) -> str:
             return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
         return "not a camera file; give the folder that holds images and cameras."
     if not _has_images(path):
-        unread = sorted({file.suffix.lower() for file in path.iterdir() if file.suffix.lower() in UNREAD_SUFFIXES})
-        if unread:
+        if unread := sorted({file.suffix.lower() for file in _files(path)} & set(UNREAD_SUFFIXES)):
             return f"photographs of this kind cannot be read ({', '.join(unread)}); convert them to JPEG, PNG or WebP."
         return "no photographs and no camera file found; give a folder that holds two or more photographs."
     return "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
@@ -45,8 +44,12 @@ def _missing(path: Path) -> str:
 
 def _has_images(folder: Path) -> bool:
     """Return whether the folder or its folder `images` holds a file with the name of an image."""
-    folders = [place for place in (folder, folder / "images") if place.is_dir()]
-    return any(has_image_name(path) for place in folders for path in place.iterdir())
+    return any(has_image_name(path) for path in _files(folder))
+
+
+def _files(folder: Path) -> list[Path]:
+    """Return what is in the folder and in its folder `images`."""
+    return [path for place in (folder, folder / "images") if place.is_dir() for path in place.iterdir()]
 
 
 def has_cameras(path: StrPath) -> bool:

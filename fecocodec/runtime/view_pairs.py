@@ -15,7 +15,7 @@ def run_over_others(graphs: Graphs, name: str, view: int, of_views: Arrays, star
     """
     num_views = len(next(iter(of_views.values())))
     names = graphs.input_names(name)
-    own = {key: values[view, ...] for key, values in of_views.items()}  # with ..., also entries are arrays
+    own = {key: values[view, ...] for key, values in of_views.items()}  # `...` keeps single numbers arrays
     results = start
     for other in (*range(view + 1, num_views), *range(view)):
         inputs = own | {f"{key}_there": values[other, ...] for key, values in of_views.items()} | results

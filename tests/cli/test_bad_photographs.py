@@ -152,7 +152,8 @@ def test_damaged_weights(fecosplat, photographs: Path, tmp_path: Path, output: P
 
 def test_photographs_of_a_kind_that_is_not_read_are_named(fecosplat, tmp_path: Path) -> None:
     (tmp_path / "a.HEIC").write_bytes(b"ftypheic")
-    (tmp_path / "b.bmp").write_bytes(b"BM")
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "b.bmp").write_bytes(b"BM")
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs")
     kinds = "photographs of this kind cannot be read (.bmp, .heic); convert them to JPEG, PNG or WebP."
     assert (result.code, result.err) == (1, f"fecosplat: {tmp_path}: {kinds}\n")
