@@ -11,7 +11,7 @@ import click
 from fecocodec.container import inspect, quantise_lambda, with_metadata
 from fecocodec.errors import strict_error
 from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
-from fecocodec.formats.view_selection import Selection, resolve
+from fecocodec.formats.view_selection import Selection, may_leave_out, resolve
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 from .encode_options import encoding_options
@@ -136,11 +136,28 @@ def command(
         for warning in chosen.notes:
             report(warning)
 
-        from fecocodec import check_input, encode, encode_to_target, measure_decoded, quality_warnings
+        from fecocodec import (
+            check_input,
+            encode,
+            encode_to_target,
+            measure_decoded,
+            quality_warnings,
+            without_harmful_views,
+        )
         from fecocodec.formats.scene_folder import read_pixels
         from fecocodec.sender.decoded_quality import stage_warnings
+        from fecocodec.sender.harmful_views import left_out_note
 
         scene = read_pixels(chosen, near=near, far=far, background=background)
+        left_out: list[str] = []
+        if may_leave_out(views):
+            on_progress("judging views", 0.0)
+            with error_context(views_folder, OF_VIEWS):
+                scene = without_harmful_views(
+                    scene, lmbda=lmbda, device=device, model=model, on_left_out=left_out.extend
+                )
+            if left_out:
+                say(printable(f"note: {in_options(left_out_note(left_out))}"))
         for warning in check_input(scene, effort):
             report(warning)
         with error_context(views_folder, OF_VIEWS):
@@ -163,7 +180,14 @@ def command(
     if as_json:
         fields = quality_fields(summary, quality, scene.names)
         print_json(
-            {"output": str(output), "seconds": seconds, **summary_fields(summary), **fields, "warnings": warnings}
+            {
+                "output": str(output),
+                "seconds": seconds,
+                **summary_fields(summary),
+                **fields,
+                "left_out_views": left_out,
+                "warnings": warnings,
+            }
         )
     else:
         say_result(f"{output}: {summary.total_bytes / 1024:.2f} KiB in {seconds:.2f} s", summary, quality, scene.names)

@@ -15,8 +15,9 @@ _OF_VIEWS = (
         "--views",
         callback=parse_selection,
         metavar="WHICH",
-        help="Views to encode: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N overlapping views, or auto for "
-        "at most eight overlapping views.  [default: all, or auto for more than 16 photographs]",
+        help="Views to encode: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N overlapping views, auto for at "
+        "most eight overlapping views, or all. Unless they are named, or all, views that harm the others are left "
+        "out.  [default: all of them, or auto for more than 16 photographs]",
     ),
     click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels."),
     click.option("--near", type=float, help="Nearest depth of the scene, in scene units.  [default: estimated]"),

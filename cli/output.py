@@ -22,6 +22,7 @@ _OPTIONS = {
     "frozen": "--freeze",
     'stages="intact"': "decode --partial",
     "stages=1": "--stages 1",
+    "views=all": "--views all",
 }
 
 

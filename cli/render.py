@@ -71,7 +71,7 @@ Examples:
 )  # fmt: skip
 @click.option(
     "--views", callback=parse_selection, metavar="WHICH",
-    help="Views of --cameras to use: 0,5 or a.jpg,b.jpg or spread:N or auto.  [default: all]",
+    help="Views of --cameras to use: 0,5 or a.jpg,b.jpg or spread:N or auto or all.  [default: all]",
 )  # fmt: skip
 @click.option(
     "--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: that of the photographs]"

@@ -1,8 +1,8 @@
-"""View selection by `--views`: `0,5`, `left.jpg,right.jpg`, `spread:4` or `auto`."""
+"""View selection by `--views`: `0,5`, `left.jpg,right.jpg`, `spread:4`, `auto` or `all`."""
 
 import click
 
-from fecocodec.formats.view_selection import Auto, Selection, Spread
+from fecocodec.formats.view_selection import All, Auto, Selection, Spread
 
 
 def parse_selection(ctx: click.Context, param: click.Parameter, value: str | None) -> Selection | None:
@@ -16,6 +16,8 @@ def parse_selection(ctx: click.Context, param: click.Parameter, value: str | Non
         return Spread(int(count))
     if value == "auto":
         return Auto()
+    if value == "all":
+        return All()
     items = tuple(item.strip() for item in value.split(","))
     if not all(items):
         raise click.BadParameter(f"{value!r} names an empty view; use single commas, such as 0,5.", ctx, param)

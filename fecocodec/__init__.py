@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fecocodec.rendering.rasterizer import Rendering, render
     from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded, quality_warnings
     from fecocodec.sender.encode import encode
+    from fecocodec.sender.harmful_views import without_harmful_views
     from fecocodec.sender.input_warnings import check_input
     from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
 
@@ -50,6 +51,7 @@ __all__ = [
     "read_ply",
     "read_views",
     "render",
+    "without_harmful_views",
     "write_ply",
 ]
 
@@ -76,6 +78,7 @@ _MODULE_OF = {
     "read_ply": "fecocodec.formats.ply",
     "read_views": "fecocodec.formats.scene_folder",
     "render": "fecocodec.rendering.rasterizer",
+    "without_harmful_views": "fecocodec.sender.harmful_views",
     "write_ply": "fecocodec.formats.ply",
 }
 

@@ -18,12 +18,13 @@ from fecocodec.formats.camera_files import has_cameras
 from fecocodec.formats.images import Background
 from fecocodec.formats.posed_folder import posed_folder
 from fecocodec.formats.scene_folder import read_views
-from fecocodec.formats.view_selection import Selection, resolve
+from fecocodec.formats.view_selection import Selection, may_leave_out, resolve
 from fecocodec.geometry.views import Views
 from fecocodec.model_files import read_bytes
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import decoded_quality, quality_warnings
 from fecocodec.sender.encode import OnWarning, check_views, encode_with
+from fecocodec.sender.harmful_views import left_out_note, without_harmful_views_with
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.optimisation_config import config_of_effort
 from fecocodec.sender.rate_control import Target, encode_to_target_with
@@ -35,10 +36,10 @@ _Stamps = tuple[tuple[int, int], ...]  # (modification time, size) of each weigh
 class EncodeScene:
     """Encode each scene as `encode` does; cameras are estimated for folders without cameras.
 
-    views: as for `read_views`, or `Spread` or `Auto`. target: None encodes at `lmbda`. metadata: stored in every file.
-    model: a folder that all processes can read; None for the shipped model. is_measured: decode each file, and record
-    the PSNR of the context views. is_strict: measure too, and fail at the first warning. Other fields are the arguments
-    of `read_views` and `encode`.
+    views: as for `read_views`, or `Spread`, `Auto` or `All`. target: None encodes at `lmbda`. metadata: stored in every
+    file. model: a folder that all processes can read; None for the shipped model. is_measured: decode each file, and
+    record the PSNR of the context views. is_strict: measure too, and fail at the first warning. Other fields are the
+    arguments of `read_views` and `encode`.
     """
 
     lmbda: float = 1e-3
@@ -82,6 +83,7 @@ class EncodeScene:
         folder = model_folder(self.model)
         codec = _codec(folder, self.device, _stamps(folder))
         warnings: list[str] = []
+        left_out: list[str] = []
 
         def report(warning: str) -> None:
             if self.is_strict:
@@ -94,6 +96,10 @@ class EncodeScene:
                 scene, views=selected, size=self.size, near=self.near, far=self.far, background=self.background
             )
             try:
+                check_views(views, self.num_stages)
+                if may_leave_out(self.views):
+                    lambda_q = quantise_lambda(self.lmbda)
+                    views = without_harmful_views_with(codec, views, lambda_q, left_out.extend)
                 for warning in (*doubts, *views.notes, *check_input(views, self.effort)):
                     report(warning)
                 data = self._encoded(codec, views, report)
@@ -103,6 +109,8 @@ class EncodeScene:
             data = with_metadata(data, self.metadata)
         details: dict[str, Any] = {"views": list(views.names), "device": self.device}
         details["threads"] = torch.get_num_threads()
+        if left_out:
+            notes = (*notes, left_out_note(left_out))
         if notes:
             details["notes"] = list(notes)
         if self.is_measured or self.is_strict:
@@ -113,7 +121,6 @@ class EncodeScene:
         return Result(data, tuple(warnings), details)
 
     def _encoded(self, codec: Codec, views: Views, on_warning: OnWarning) -> bytes:
-        check_views(views, self.num_stages)
         config = config_of_effort(self.effort)
         if self.target is not None:
             return encode_to_target_with(codec, views, self.target, config, on_warning=on_warning)
