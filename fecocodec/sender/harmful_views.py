@@ -72,8 +72,8 @@ def without_harmful_views_with(codec: Codec, views: Views, lambda_q: int, on_lef
 
 def left_out_note(names: Sequence[str]) -> str:
     """Return a sentence that says which views are left out, and how to keep them."""
-    those = "the others are" if len(names) == 1 else "the rest is"
-    return f"left out {', '.join(names)}, as {those} reconstructed better without; to keep all, use `views=all`."
+    them = "it" if len(names) == 1 else "them"
+    return f"left out {', '.join(names)}: the other views are better without {them}; to keep all, use `views=all`."
 
 
 @torch.inference_mode(False)  # slopes need gradients

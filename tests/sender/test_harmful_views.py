@@ -74,5 +74,5 @@ def test_views_that_cannot_be_encoded_are_refused(fitting: Views) -> None:
 
 def test_the_note_names_the_views_and_how_to_keep_them() -> None:
     assert left_out_note(["a.png", "c.png"]) == (
-        "left out a.png, c.png, as the rest is reconstructed better without; to keep all, use `views=all`."
+        "left out a.png, c.png: the other views are better without them; to keep all, use `views=all`."
     )
