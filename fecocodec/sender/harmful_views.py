@@ -23,7 +23,6 @@ from fecocodec.container import Header, quantise_lambda
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.limits import MIN_SIDE, grid_side
-from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.coverage import coverage_of
@@ -40,6 +39,7 @@ LEAST_VIEWS = 5  # fewer views are not judged
 LEAST_GAIN = 0.05  # dB by which the mean PSNR must rise without a view, for it to be left out
 LEAST_SLOPE = 0.02  # dB per unit of opacity of a view (`_Judgement`), for its absence to be tried
 NUM_TRIED = 3  # views, those with the largest slopes, of which one or none is left out
+LEAST_ERROR = 1e-10  # added to mean squared errors, so that the PSNR of equal images is finite
 JUDGED_PIXELS = 128 * 128  # larger views are judged at about this size; it decides better than 192 * 192
 
 
@@ -141,18 +141,19 @@ class _Trial:
         gaussians, view_of = self._predict(kept)
         cameras, count = self.encoder.cameras.scene(0), self.encoder.num_views
         opacity = torch.ones(count, device=view_of.device, requires_grad=True)
-        total = 0.0
+        total, growth = 0.0, torch.zeros_like(opacity)
         for view in range(count):
             is_other = view_of != view
             with torch.enable_grad():
                 others = gaussians.keep(is_other)
                 others = replace(others, opacities=others.opacities * opacity[view_of[is_other]])
                 color = render(others, cameras.select([view]), self.encoder.size, self.background).color
-                quality = psnr(color.clamp(0, 1), self.photographs[[view]]).mean() / count
-            quality.backward()
+                squared = (color.clamp(0, 1) - self.photographs[[view]]).square().mean()
+                quality = -10.0 / count * torch.log10(squared + LEAST_ERROR)
             total += float(quality)
-        assert opacity.grad is not None
-        return _Judgement(total, (-opacity.grad).tolist())
+            if others.count:
+                growth += torch.autograd.grad(quality, opacity)[0]
+        return _Judgement(total, (-growth).tolist())
 
     def _predict(self, kept: list[int]) -> tuple[Gaussians, Tensor]:
         """Return the Gaussians in covered cells, and the index of the view of each."""

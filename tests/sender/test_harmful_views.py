@@ -62,6 +62,14 @@ def test_transparent_views_are_judged_on_white(mixed: Views) -> None:
     assert kept.alpha is not None and len(kept.alpha) == len(kept.names)
 
 
+def test_views_without_content_stay(fitting: Views) -> None:
+    white = replace(fitting, images=torch.ones_like(fitting.images))
+    assert without_harmful_views(white).names == NAMES
+    alpha = torch.zeros(6, 96, 128)
+    alpha[0] = 1.0  # no other view has Gaussians
+    assert NAMES[0] in without_harmful_views(replace(fitting, alpha=alpha)).names
+
+
 def test_fewer_than_five_views_are_not_judged(mixed: Views) -> None:
     four = mixed.select([0, 1, 3, 4])
     assert without_harmful_views(four).names == four.names
