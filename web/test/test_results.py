@@ -48,7 +48,11 @@ def test_the_gaussians_agree(decoded: Decoded) -> None:
 
 @needs_decoder_page
 def test_the_spz_file_is_that_of_python() -> None:
-    """Values halfway between two steps may be rounded to either: the page computes in float64, and rounds halves up."""
+    """Values halfway between two steps may be rounded to either.
+
+    The page rounds halves up, Python to even; and Python has scales where the .ply file has their logarithms, so that
+    it packs -4.031250003 for the -4.03125 of the file.
+    """
     gaussians = gaussian_arrays(read_ply(RESULTS / "scene.ply"), "scene.ply")
     files = (spz_bytes(gaussians, "scene.spz", 3), (RESULTS / "scene.spz").read_bytes())
     ours, found = (np.frombuffer(gzip.decompress(file), np.uint8) for file in files)
