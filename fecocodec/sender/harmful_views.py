@@ -37,7 +37,7 @@ OnLeftOut = Callable[[tuple[str, ...]], None]  # (names of views)
 LEAST_VIEWS = 5  # fewer views are not judged
 # Chosen on captures that the weights were not trained on (docs/experiments.md, More views).
 LEAST_GAIN = 0.2  # dB by which the mean PSNR must rise without a view, for it to be left out
-LEAST_SLOPE = 0.02  # dB per unit of opacity of a view (`_Judgement`), for its absence to be tried
+LEAST_SLOPE = 0.02  # dB, see `_Judgement`: a view of a smaller slope is not tried
 NUM_TRIED = 3  # views, those with the largest slopes, of which one or none is left out
 LEAST_ERROR = 1e-10  # added to mean squared errors, so that the PSNR of equal images is finite
 JUDGED_PIXELS = 128 * 128  # larger views are judged at about this size; 192 * 192 is slower and no better
@@ -107,8 +107,8 @@ def _without_one(trial: "_Trial", kept: list[int], judgement: "_Judgement") -> t
 class _Judgement:
     """Quality of all photographs, each rendered from the Gaussians of the kept views other than its own.
 
-    psnr: mean in dB. slopes: of each view: growth of the mean if its Gaussians become fainter, in dB per unit of a
-    factor of their opacities.
+    psnr: mean in dB. slopes: of each view, in dB: minus the derivative of the mean by a factor that multiplies the
+    opacities of the view's Gaussians. A positive slope says that the photographs gain if these become fainter.
     """
 
     psnr: float
