@@ -19,9 +19,9 @@ import read_symbols
 import zstandard
 from read_symbols import Stage
 
-CAMERAS, COVERAGE, B1, B2, METADATA = 0x90, 0x98, 0xA0, 0xB0, 0x40
-NAMES = {CAMERAS: "cameras", COVERAGE: "coverage", B1: "B1", B2: "B2", METADATA: "metadata"}
-LONGEST = {CAMERAS: 2048, COVERAGE: 2**18, METADATA: 65536}  # other kinds: 2^26
+CAMERAS, COVERAGE, FADING, B1, B2, METADATA = 0x90, 0x98, 0x9C, 0xA0, 0xB0, 0x40
+NAMES = {CAMERAS: "cameras", COVERAGE: "coverage", FADING: "fading", B1: "B1", B2: "B2", METADATA: "metadata"}
+LONGEST = {CAMERAS: 2048, COVERAGE: 2**18, FADING: 2**15, METADATA: 65536}  # other kinds: 2^26
 
 
 class RefusedError(Exception):
@@ -49,6 +49,7 @@ class Contents(NamedTuple):
     centres: list[tuple[float, ...]]
     payloads: list[bytes]
     coverage: bytes | None
+    fading: bytes | None
     metadata: dict[str, Any] | None
 
 
@@ -92,9 +93,11 @@ def read(data: bytes) -> Contents:
     near, far, intrinsics, rotations, centres = read_cameras(cursor, *sections[CAMERAS], header["views"])
     check_cameras(sections[CAMERAS][0], near, far, intrinsics, rotations, centres)
     coverage = read_coverage(cursor, *sections[COVERAGE], header) if COVERAGE in sections else None
+    fading = read_fading(cursor, *sections[FADING], header) if FADING in sections else None
     metadata = read_metadata(cursor, *sections[METADATA]) if METADATA in sections else None
     payloads = [sections[kind][1] for kind in [B1, B2][: header["stages"]]]
-    return Contents(cursor.fields, header, near, far, intrinsics, rotations, centres, payloads, coverage, metadata)
+    cameras = near, far, intrinsics, rotations, centres
+    return Contents(cursor.fields, header, *cameras, payloads, coverage, fading, metadata)
 
 
 def read_header(cursor: Cursor) -> dict[str, Any]:
@@ -189,7 +192,7 @@ def read_cameras(cursor: Cursor, start: int, payload: bytes, views: int) -> tupl
 
 
 def inflate(start: int, payload: bytes, name: str, most: int) -> bytes:
-    """Sections 6 and 8.1, with the bounds of section 9, steps 5 and 6."""
+    """Sections 6, 8.1 and 8.2, with the bounds of section 9, steps 5 and 6."""
     inflater = zlib.decompressobj(wbits=-15)
     try:
         content = inflater.decompress(payload, most + 1)
@@ -271,13 +274,23 @@ def read_coverage(cursor: Cursor, start: int, payload: bytes, header: dict[str, 
     return cells
 
 
+def read_fading(cursor: Cursor, start: int, payload: bytes, header: dict[str, Any]) -> bytes:
+    """Section 8.2."""
+    height, width = grid(header)
+    size = header["views"] * (height // 16) * (width // 16) // 4
+    blocks = inflate(start, payload, "blocks", size)
+    require(len(blocks) == size, start, "the blocks do not inflate to the right size")
+    cursor.fields.append(Field(start + 9, len(payload), blocks, "inflated: levels of fading"))
+    return blocks
+
+
 def grid(header: dict[str, Any]) -> tuple[int, int]:
     """Section 4: height and width of the coding grid."""
     return 32 * ((header["height"] + 16) // 32), 32 * ((header["width"] + 16) // 32)
 
 
 def read_metadata(cursor: Cursor, start: int, payload: bytes) -> dict[str, Any]:
-    """Section 8.2."""
+    """Section 8.3."""
     try:
         frame = zstandard.get_frame_parameters(payload)
         require(frame.content_size <= 65536, start, "metadata does not state its size")

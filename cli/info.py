@@ -17,6 +17,7 @@ from .terminal import printable
 _CONTENTS = {
     "cameras": "of the coded views",
     "coverage": "cells of the views that are not transparent",
+    "fading": "parts of the views whose Gaussians are fainter, because they hide what other views show",
     "B1": "stage 1: a coarse version of the scene",
     "B2": "stage 2: corrections to stage 1",
     "metadata": "title, author, licence and date",

@@ -65,7 +65,8 @@ def test_every_visible_cell_becomes_a_gaussian(
 ) -> None:
     views = example_views(num_views, height, width)
     data = encode(views, lmbda=lmbda, effort="fast", model=random_weights / MODEL)
-    decoded = decode(data, model=random_weights / MODEL, background=None)
+    unfaded = write_stream(replace(read_stream(data), fading=None))
+    decoded = decode(unfaded, model=random_weights / MODEL, background=None)
     gaussians = decoded.gaussians
     grid_height, grid_width = grid_size(height, width)
     num_cells = num_views * grid_height * grid_width // 4

@@ -2,6 +2,7 @@
 
 from fecocodec.container.cameras import PackedCameras
 from fecocodec.container.coverage import coverage_grid
+from fecocodec.container.fading import fading_grid
 from fecocodec.container.header import CURRENT_VERSION, EXCESS_UNIT, FormatVersion, Header
 from fecocodec.container.header_bytes import SIGNATURE, read_header
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
@@ -45,6 +46,7 @@ __all__ = [
     "check_symbol_digest",
     "coverage_grid",
     "dequantise_lambda",
+    "fading_grid",
     "inspect",
     "list_sections",
     "quantise_lambda",

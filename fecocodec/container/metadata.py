@@ -1,4 +1,4 @@
-"""The metadata section: a JSON object, compressed with zstd. Decoding does not need it (FORMAT.md, section 8.2)."""
+"""The metadata section: a JSON object, compressed with zstd. Decoding does not need it (FORMAT.md, section 8.3)."""
 
 import json
 import math

@@ -22,6 +22,7 @@ class SectionKind(IntEnum):
 
     CAMERAS = CRITICAL | 0x10
     COVERAGE = CRITICAL | 0x18
+    FADING = CRITICAL | 0x1C
     STAGE_1 = CRITICAL | 0x20
     STAGE_2 = CRITICAL | 0x30
     METADATA = 0x40
@@ -31,6 +32,7 @@ STAGE_KINDS = (SectionKind.STAGE_1, SectionKind.STAGE_2)
 _NAMES: dict[int, str] = {
     SectionKind.CAMERAS: "cameras",
     SectionKind.COVERAGE: "coverage",
+    SectionKind.FADING: "fading",
     SectionKind.STAGE_1: "B1",
     SectionKind.STAGE_2: "B2",
     SectionKind.METADATA: "metadata",
@@ -39,6 +41,7 @@ KNOWN_KINDS = frozenset(SectionKind)
 _MAX_PAYLOADS: dict[int, int] = {
     SectionKind.CAMERAS: 1 << 11,
     SectionKind.COVERAGE: 1 << 18,
+    SectionKind.FADING: 1 << 15,
     SectionKind.METADATA: 1 << 16,
 }
 

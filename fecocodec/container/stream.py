@@ -1,4 +1,4 @@
-"""A whole `.fcs` stream: header, cameras, coverage, one payload per stage, metadata (FORMAT.md, section 3)."""
+"""A whole `.fcs` stream: header, cameras, coverage, fading, one payload per stage, metadata (FORMAT.md, section 3)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -7,6 +7,7 @@ from typing import NamedTuple
 from fecocodec.container.camera_validation import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
 from fecocodec.container.coverage import pack_coverage, unpack_coverage
+from fecocodec.container.fading import pack_fading, unpack_fading
 from fecocodec.container.header import MAX_SECTIONS, Header
 from fecocodec.container.header_bytes import ParsedHeader, read_header, write_header
 from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadata
@@ -36,7 +37,8 @@ class Stream:
 
     payloads: B1 and B2; fewer than `header.num_stages` if only a prefix was read. metadata: None if the stream has
     none or only a prefix was read. coverage: one bit per cell of 4x4 pixels of the coding grids, see `pack_coverage`;
-    Gaussians of cells with bit 0 are dropped. None if all cells are covered.
+    Gaussians of cells with bit 0 are dropped. None if all cells are covered. fading: two bits per block of 16x16
+    pixels of the coding grids, which reduce opacities, see `pack_fading`; None if no block is faded.
     """
 
     header: Header
@@ -44,6 +46,7 @@ class Stream:
     payloads: tuple[bytes, ...]
     metadata: Metadata | None = None
     coverage: bytes | None = None
+    fading: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,8 @@ def write_stream(stream: Stream) -> bytes:
     sections = [section_bytes(SectionKind.CAMERAS, pack_cameras(cameras))]
     if stream.coverage is not None:
         sections.append(section_bytes(SectionKind.COVERAGE, pack_coverage(stream.coverage, header)))
+    if stream.fading is not None:
+        sections.append(section_bytes(SectionKind.FADING, pack_fading(stream.fading, header)))
     sections += [section_bytes(kind, payload) for kind, payload in zip(STAGE_KINDS, stream.payloads, strict=False)]
     if stream.metadata is not None:
         sections.append(section_bytes(SectionKind.METADATA, pack_metadata(stream.metadata)))
@@ -176,10 +181,11 @@ def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stre
     head, payload = found[SectionKind.CAMERAS]
     cameras = unpack_cameras(payload, header.num_views, head.place)
     check_cameras(cameras, head.place)
-    coverage = found.get(SectionKind.COVERAGE)
+    coverage, fading = found.get(SectionKind.COVERAGE), found.get(SectionKind.FADING)
     return Stream(
         header,
         cameras,
         payloads=tuple(found[kind].payload for kind in stage_kinds),
         coverage=unpack_coverage(coverage.payload, header, coverage.head.place) if coverage is not None else None,
+        fading=unpack_fading(fading.payload, header, fading.head.place) if fading is not None else None,
     )

@@ -9,8 +9,8 @@ import torch
 
 from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.camera_packing import unpack
-from fecocodec.coding.coverage_cells import is_in_covered_cell
 from fecocodec.coding.payload import decode_latents
+from fecocodec.coding.visibility import visibility_of
 from fecocodec.container import IntactPart, Stages, Stream, check_pixels, check_symbol_digest, read_stages
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
@@ -120,12 +120,9 @@ def _decode_part(
     with torch.inference_mode():
         state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
         on_progress("predicting Gaussians", 0.8)
-        is_covered = (
-            None
-            if stream.coverage is None
-            else is_in_covered_cell(stream.coverage, header, receiver.config.gaussians_per_side)
-        )
-        gaussians = emit(receiver, state, cameras, is_covered, config)
+        visibility = visibility_of(stream, receiver.config.gaussians_per_side)
+        factors = None if visibility is None else torch.from_numpy(visibility)
+        gaussians = emit(receiver, state, cameras, factors, config)
     # Clone outside inference mode, so that a caller can compute gradients of the tensors.
     gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
     return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)

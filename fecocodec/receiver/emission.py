@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.config import PAPER
@@ -31,13 +31,12 @@ class EmissionConfig:
 
 
 def emit(
-    receiver: Receiver, state: State, cameras: Cameras, is_covered: Bool[Tensor, " n"] | None, config: EmissionConfig
+    receiver: Receiver, state: State, cameras: Cameras, visibility: Float[Tensor, " n"] | None, config: EmissionConfig
 ) -> Gaussians:
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`, on the CPU.
 
-    cameras: of the context views, as stored in the stream. is_covered: mask of the Gaussians, ordered (view, row,
-    column); Gaussians with False are dropped. None drops none. The background layer comes last; the method "paper" has
-    none.
+    cameras: of the context views, as stored in the stream. visibility: factors in [0, 1] of the
+    opacities, ordered (view, row, column); None for 1. The background layer comes last; the method "paper" has none.
     """
     normalised, frame = normalise_scene(cameras)
     on_device = normalised.to(state.state.device)
@@ -45,7 +44,9 @@ def emit(
     prediction = receiver.predict(state.state, on_device.as_batch(), state.condition)
     plain = prediction.gaussians.scene(0)
     gaussians = (receiver.appearance(prediction, on_device) if config.sh_degree else plain).to("cpu")
-    is_emitted = _is_drawable(gaussians) if is_covered is None else _is_drawable(gaussians) & is_covered
+    if visibility is not None:
+        gaussians = replace(gaussians, opacities=gaussians.opacities * visibility)
+    is_emitted = _is_drawable(gaussians)
     if config.merging is None:
         emitted = gaussians.keep(is_emitted)
     else:

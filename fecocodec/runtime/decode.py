@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from fecocodec.coding.visibility import visibility_of
 from fecocodec.container import Header, IntactPart, Stages, Stream, check_pixels, check_symbol_digest, read_stages
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE, SIDE_MULTIPLE
 from fecocodec.merging.merge import MergingConfig
-from fecocodec.runtime.emission import EmissionConfig, emit, is_in_covered_cell
+from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.latents import Steps, decode_stage
 from fecocodec.runtime.prediction import LastState
@@ -65,8 +66,7 @@ def _decode_part(
     last, damage = _decode_stages(graphs, stream, stages, on_progress)
     on_progress("predicting Gaussians", 0.8)
     cameras = SceneCameras.unpack(stream.cameras)
-    is_covered = None if stream.coverage is None else is_in_covered_cell(stream.coverage, header)
-    gaussians = emit(graphs, last, cameras, is_covered, config)
+    gaussians = emit(graphs, last, cameras, visibility_of(stream), config)
     return DecodedScene(gaussians, cameras, (header.height, header.width), last.stage, part.damage or damage)
 
 

@@ -3,10 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float32
 
-from fecocodec.container import Header
-from fecocodec.container.coverage import CELL, coverage_grid
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.merging.merge import MergingConfig, merged_fields
 from fecocodec.runtime.graphs import Graphs
@@ -14,7 +12,6 @@ from fecocodec.runtime.prediction import LastState, Prediction, fitted_harmonics
 from fecocodec.runtime.scene import SceneCameras, normalise
 
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
-GAUSSIANS_PER_SIDE = CELL // 2  # of a cell; there is one Gaussian per 2x2 pixels
 
 
 @dataclass(frozen=True)
@@ -30,22 +27,23 @@ def emit(
     graphs: Graphs,
     last: LastState,
     cameras: SceneCameras,
-    is_covered: Bool[np.ndarray, " n"] | None,
+    visibility: Float32[np.ndarray, " n"] | None,
     config: EmissionConfig,
 ) -> GaussianArrays:
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`.
 
-    cameras: of the context views, as stored in the stream. is_covered: mask of the Gaussians of the 1/2 grids, ordered
-    (view, row, column); Gaussians with False are dropped. None drops none. The background layer comes last.
+    cameras: of the context views, as stored in the stream. visibility: factors in [0, 1] of the opacities of the
+    Gaussians of the 1/2 grids, ordered (view, row, column); None for 1. The background layer comes last.
     """
     normalised, frame = normalise(cameras)
     prediction = predict(graphs, last, normalised)
+    if visibility is not None:
+        visible = prediction.opacities * visibility.reshape(prediction.opacities.shape)
+        prediction = replace(prediction, opacities=visible)
     gaussians = plain = prediction.gaussians()
     if config.sh_degree == 1 and cameras.num_views > 1:
         gaussians = replace(plain, harmonics=fitted_harmonics(graphs, prediction, normalised))
     is_emitted = (plain.opacities >= LEAST_OPACITY) & np.isfinite(plain.means).all(axis=1)
-    if is_covered is not None:
-        is_emitted &= is_covered
     if config.merging is None:
         emitted = gaussians.keep(is_emitted)
     else:
@@ -56,12 +54,6 @@ def emit(
     if config.has_background:
         emitted = _append(emitted, _background(graphs, prediction, is_emitted, normalised))
     return frame.to_world(emitted)
-
-
-def is_in_covered_cell(bits: bytes, header: Header) -> Bool[np.ndarray, " n"]:
-    """Return which Gaussians of the 1/2 grids, ordered (view, row, column), belong to a covered cell."""
-    cells = np.unpackbits(np.frombuffer(bits, dtype=np.uint8)).astype(bool).reshape(coverage_grid(header))
-    return cells.repeat(GAUSSIANS_PER_SIDE, axis=1).repeat(GAUSSIANS_PER_SIDE, axis=2).reshape(-1)
 
 
 def _background(

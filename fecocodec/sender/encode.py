@@ -16,6 +16,7 @@ from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.coverage import LEAST_OPACITY, coverage_of
+from fecocodec.sender.fading import LEAST_VIEWS, Fade, fader, fading_of
 from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
@@ -102,9 +103,12 @@ def write_stages(
     check_lambda(model, lambda_q)
     num_stages = min(num_stages, model.num_stages)
     optimise: Optimise = not_optimised
+    fade: Fade | None = None
     if model.method != PAPER:
         optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
-    return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, on_progress)
+        if encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= config.max_pixels:
+            fade = fader(encoder.images[0], encoder.cameras.scene(0))
+    return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, fade, on_progress)
 
 
 def check_lambda(model: ReceiverConfig, lambda_q: int) -> None:
@@ -125,7 +129,9 @@ def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...
     excess = (first - last) // EXCESS_UNIT
     header = Header(codec.model_id, scene.num_views, *scene.image_size, last, digests, excess)
     payloads = tuple(stage.coded.payload for stage in stages)
-    return write_stream(Stream(header, scene.packed, payloads, coverage=coverage_of(scene.alpha, header)))
+    fading = fading_of(stages[-1].fading)
+    coverage = coverage_of(scene.alpha, header)
+    return write_stream(Stream(header, scene.packed, payloads, coverage=coverage, fading=fading))
 
 
 def check_views(views: Views, num_stages: int) -> None:

@@ -69,7 +69,8 @@ def optimise_latents(
     price = price_of_rate(config, lambda_q) / encoder.num_pixels
 
     def gaussians_of(y_hat: Tensor) -> Gaussians:
-        return _gaussians(encoder, config, encoder.update(inputs, y_hat), inputs.condition)
+        gaussians = _gaussians(encoder, config, encoder.update(inputs, y_hat), inputs.condition)
+        return gaussians if inputs.fading is None else inputs.fading.faded(gaussians)
 
     held = None
     if num_steps > config.max_steps_unheld:

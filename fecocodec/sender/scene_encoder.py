@@ -13,12 +13,14 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.extractors.adapter import ConditionedAdapter
+from fecocodec.sender.fading import Fade
 from fecocodec.sender.matched_depth import depth_feedback
 from fecocodec.sender.model import NO_CONTEXT, NO_FEEDBACK
 from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
@@ -83,15 +85,16 @@ class SceneEncoder:
         num_stages: int,
         code: LatentCoder[Coded],
         optimise: Optimise = not_optimised,
+        fade: Fade | None = None,
         on_progress: OnProgress = lambda _task, _fraction: None,
     ) -> tuple[Stage[Coded], ...]:
         """Run the stages and return their results.
 
         lambda_q: quantised lambda of the last stage of each scene. num_stages: streams hold at most two; later stages
         repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs, on_fraction) ->
-        optimised y.
+        optimised y. fade: (Gaussians, fading before the stage) -> fading, called after each stage; None for no fading.
         """
-        state, y_hat = self.initial_state, None  # S0
+        state, y_hat, fading = self.initial_state, None, None  # S0
         stages: list[Stage[Coded]] = []
         offset = stage_1_offset(self.codec.receiver.config)
         lambdas = stage_lambdas(lambda_q.to(self.images.device), num_stages, offset)
@@ -106,14 +109,16 @@ class SceneEncoder:
                 features = self.feedback(rendering, condition)  # F2 = E_fb(I, I1_hat)
             else:
                 features = self.features_at(condition)  # F1 = E_mv(I)
-            inputs = StageInputs(kind, number == num_stages, lambda_q_of_item, condition, state, y_hat)
+            inputs = StageInputs(kind, number == num_stages, lambda_q_of_item, condition, state, y_hat, fading)
             on_progress(f"coding stage {number}", begin)
             y = self.analyse(features, inputs)  # y_k = g_a(F_k, S_{k-1})
             y = optimise(y, inputs, partial(_report_part, on_progress, f"optimising stage {number}", begin, end))
             on_progress(f"coding stage {number}", end)
             coded = code(y, inputs)
             y_hat, state = coded.y_hat, self.update(inputs, coded.y_hat)  # S_k = U(S_{k-1}, g_s(y_k_hat))
-            stages.append(Stage(inputs, y, coded, state, rendering))
+            if fade is not None:
+                fading = fade(self.gaussians(self.predict(state, condition)), fading)
+            stages.append(Stage(inputs, y, coded, state, rendering, fading))
         return tuple(stages)
 
     @property
@@ -142,9 +147,15 @@ class SceneEncoder:
 
     def render(self, stage: Stage[Any]) -> StageRendering:
         """Render the context views as the receiver does after a stage. Requires a batch of one scene."""
-        prediction, cameras = self.predict(stage.state, stage.inputs.condition), self.cameras.scene(0)
-        gaussians = self.codec.receiver.appearance(prediction, cameras)
-        return StageRendering(prediction, (render(gaussians, cameras, self.size),))
+        prediction = self.predict(stage.state, stage.inputs.condition)
+        gaussians = self.gaussians(prediction)
+        if stage.fading is not None:
+            gaussians = stage.fading.faded(gaussians)
+        return StageRendering(prediction, (render(gaussians, self.cameras.scene(0), self.size),))
+
+    def gaussians(self, prediction: Prediction) -> Gaussians:
+        """Return all Gaussians with view-dependent colours. Requires a batch of one scene."""
+        return self.codec.receiver.appearance(prediction, self.cameras.scene(0))
 
     def feedback(self, rendering: StageRendering, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
         """F_{k+1} = E_fb(I, I_k_hat, depth errors). Gradients do not reach the previous stage.

@@ -10,6 +10,7 @@ from torch import Tensor
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import Rendering
+from fecocodec.sender.fading import Fading
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class StageInputs:
 
     stage: 1 or 2, the stage that networks are conditioned on. is_last: whether no stage follows. lambda_q: quantised
     lambda of this stage. state: S_{k-1}; its spatial size is 1x1 if it is the same at every position. y_hat: coded
-    latent of stage k - 1, None in stage 1.
+    latent of stage k - 1, None in stage 1. fading: found after stage k - 1, None for none.
     """
 
     stage: int
@@ -27,6 +28,7 @@ class StageInputs:
     condition: RateCondition
     state: Float[Tensor, "item channel _ _"]
     y_hat: Float[Tensor, "item latent h8 w8"] | None
+    fading: Fading | None = None
 
 
 @runtime_checkable
@@ -53,13 +55,17 @@ class StageRendering:
 
 @dataclass(frozen=True)
 class Stage(Generic[Coded]):
-    """Result of stage k. y: latent before coding. state: S_k. feedback: rendering of stage k - 1, None in stage 1."""
+    """Result of stage k. y: latent before coding. state: S_k. feedback: rendering of stage k - 1, None in stage 1.
+
+    fading: of the Gaussians of this stage, None for none.
+    """
 
     inputs: StageInputs
     y: Float[Tensor, "item latent h8 w8"]
     coded: Coded
     state: Float[Tensor, "item channel h4 w4"]
     feedback: StageRendering | None
+    fading: Fading | None = None
 
 
 def not_optimised(y: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:

@@ -14,12 +14,13 @@ from fecocodec.container import PackedCameras, Stream, read_stream, write_stream
 from fecocodec.errors import BitstreamError
 from tests.bitstream_spec.second_reader import READER, SPECIFICATION, SYMBOL_READER
 from tests.bitstream_spec.second_reader import read_stream as second_reader
-from tests.container.example_streams import CAMERAS, METADATA, sealed_section, streams
+from tests.container.example_streams import CAMERAS, COVERAGE, FADING, METADATA, sealed_section, streams
 from tests.container.faulty_streams import (
     EXAMPLE,
     FAULTS,
     GOOD,
     Fault,
+    deflated,
 )
 
 read_stream_again, RefusedError = second_reader.read, second_reader.RefusedError
@@ -53,6 +54,7 @@ def assert_same_contents(data: bytes) -> None:
     assert ours.cameras == PackedCameras(poses, tuple(theirs.intrinsics), theirs.near, theirs.far)
     assert ours.payloads == tuple(theirs.payloads)
     assert ours.coverage == theirs.coverage
+    assert ours.fading == theirs.fading
     assert ours.metadata == theirs.metadata
 
 
@@ -76,6 +78,22 @@ def test_the_fields_cover_every_byte_once(stream: Stream) -> None:
 def test_both_readers_refuse_a_faulty_stream(fault: Fault) -> None:
     with pytest.raises(RefusedError):
         read_stream_again(fault.data)
+
+
+@pytest.mark.parametrize(("kind", "limit", "size"), [(COVERAGE, 2**18, 1792), (FADING, 2**15, 224)])
+def test_both_readers_limit_payloads_that_inflate_to_the_right_size(kind: int, limit: int, size: int) -> None:
+    """Deflate data may begin with empty blocks of five bytes, so only the limit forbids the longer payload."""
+    content, empty_block = deflated(bytes(size)), b"\0\0\0\xff\xff"
+    blocks = (limit - len(content)) // len(empty_block)
+    most, too_much = (
+        EXAMPLE.stream_of(EXAMPLE.cameras, sealed_section(kind, count * empty_block + content), EXAMPLE.b1, EXAMPLE.b2)
+        for count in (blocks, blocks + 1)
+    )
+    assert_same_contents(most)
+    with pytest.raises(BitstreamError, match=f"at most {limit}"):
+        read_stream(too_much)
+    with pytest.raises(RefusedError):
+        read_stream_again(too_much)
 
 
 @given(st.data())

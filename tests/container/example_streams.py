@@ -5,10 +5,10 @@ import zlib
 
 from hypothesis import strategies as st
 
-from fecocodec.container import LAMBDA_Q_MAX, FormatVersion, Header, PackedCameras, Stream, coverage_grid
+from fecocodec.container import LAMBDA_Q_MAX, FormatVersion, Header, PackedCameras, Stream, coverage_grid, fading_grid
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
-CAMERAS, COVERAGE, B1, B2, METADATA = 0x90, 0x98, 0xA0, 0xB0, 0x40
+CAMERAS, COVERAGE, FADING, B1, B2, METADATA = 0x90, 0x98, 0x9C, 0xA0, 0xB0, 0x40
 TURNED = (0.36, 0.48, -0.8, -0.8, 0.6, 0.0, 0.48, 0.64, 0.6)  # a rotation with exact decimals
 
 
@@ -86,9 +86,21 @@ json_values = st.recursive(
 
 @st.composite
 def coverages(draw: st.DrawFn, header: Header) -> bytes:
-    """Draw a bitmap of cells from few values, because drawing thousands of bits is slow."""
+    """Draw a bitmap of cells."""
     views, rows, columns = coverage_grid(header)
-    size = views * rows * columns // 8
+    return draw(patterns(views * rows * columns // 8))
+
+
+@st.composite
+def fadings(draw: st.DrawFn, header: Header) -> bytes:
+    """Draw levels of blocks."""
+    views, rows, columns = fading_grid(header)
+    return draw(patterns(views * rows * columns // 4))
+
+
+@st.composite
+def patterns(draw: st.DrawFn, size: int) -> bytes:
+    """Draw bytes that repeat few values, because drawing thousands of them is slow."""
     pattern = draw(st.binary(min_size=1, max_size=4))
     return (pattern * size)[:size]
 
@@ -119,4 +131,5 @@ def streams(draw: st.DrawFn) -> Stream:
     )
     metadata = draw(st.none() | st.dictionaries(st.text(max_size=4), json_values, max_size=3))
     payloads = tuple(draw(st.binary(max_size=64)) for _ in range(stages))
-    return Stream(header, cameras, payloads, metadata, draw(st.none() | coverages(header)))
+    coverage, fading = draw(st.none() | coverages(header)), draw(st.none() | fadings(header))
+    return Stream(header, cameras, payloads, metadata, coverage, fading)

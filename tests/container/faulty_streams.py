@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import zstandard
 
-from fecocodec.container import PackedCameras, Stream, coverage_grid, write_stream
+from fecocodec.container import PackedCameras, Stream, coverage_grid, fading_grid, write_stream
 from fecocodec.container.cameras import pack_cameras
 from fecocodec.container.metadata import pack_metadata
 from tests.container.example_streams import (
@@ -13,6 +13,7 @@ from tests.container.example_streams import (
     B2,
     CAMERAS,
     COVERAGE,
+    FADING,
     METADATA,
     TURNED,
     example_stream,
@@ -122,11 +123,13 @@ def cut_and_changed_section_faults(parts: Parts) -> list[Fault]:
     last = end - 1
     cut_payload = f"after {last} bytes, but the section reaches to byte {end}"
     too_long = good[:49] + (2049).to_bytes(4, "little") + good[53:]
+    fading_too_long = good[:b1] + bytes([FADING]) + (32769).to_bytes(4, "little") + good[b1 + 5 :]
     changed_kind = good[:b1] + b"\xa1" + good[b1 + 1 :]
     faults = [
         ("every section head is there", good[:end], "", end, "inside or before the head"),
         ("every section head is there", good[: b1 + 8], "", b1, "inside or before the head"),
         ("length within the limit", too_long, "cameras ", 48, "its length is 2049, at most 2048"),
+        ("length within the limit", fading_too_long, "fading ", b1, "its length is 32769, at most 32768"),
         ("the whole payload is there", good[:last], "B2 ", b2, cut_payload),
         ("section CRC-32", changed_kind, "0xa1 ", b1, "CRC-32 is 0x"),
         ("section CRC-32", good[: b2 - 1] + bytes([good[b2 - 1] ^ 1]) + good[b2:], "B1 ", b1, "CRC-32 is 0x"),
@@ -141,6 +144,8 @@ def section_order_faults(parts: Parts) -> list[Fault]:
     cameras, b1, b2, metadata = parts.cameras, parts.b1, parts.b2, parts.metadata
     missing = "cameras, B1, B2 are there"
     wrong_bit = parts.stream_of(cameras, sealed_section(0x20, parts.stream.payloads[0]), b2)
+    no_critical_bit = parts.stream_of(cameras, sealed_section(FADING & 0x7F, b"levels"), b1, b2)
+    late_fading = parts.stream_of(cameras, b1, sealed_section(FADING, b"levels"), b2)
     unknown = parts.stream_of(cameras, sealed_section(0x95, b"needed"), b1, b2)
     one_stage = parts.stream_of(cameras, b1, b2, stages=1)
     faults = [
@@ -150,9 +155,16 @@ def section_order_faults(parts: Parts) -> list[Fault]:
             f"0x20 at byte {parts.b1_offset}",
             "the critical bit of this kind is wrong",
         ),
+        (
+            "critical bit of a known kind",
+            no_critical_bit,
+            f"0x1c at byte {parts.b1_offset}",
+            "the critical bit of this kind is wrong",
+        ),
         ("unknown kinds are not critical", unknown, f"0x95 at byte {parts.b1_offset}", "unknown and marked as needed"),
         ("no kind twice", parts.stream_of(cameras, b1, b1, b2), f"B1 at byte {parts.b2_offset}", "it appears twice"),
         ("ascending order", parts.stream_of(b1, cameras, b2), f"cameras at byte {48 + len(b1)}", "before section B1"),
+        ("ascending order", late_fading, f"fading at byte {parts.b2_offset}", "before section B1"),
         ("B2 only with two stages", one_stage, f"B2 at byte {parts.b2_offset - 8}", "the header announces 1 stage"),
         (missing, parts.stream_of(b1, b2, metadata), "cameras", "it is missing"),
         (missing, parts.stream_of(cameras, b2, metadata), "B1", "it is missing"),
@@ -242,20 +254,31 @@ def camera_value_faults(parts: Parts) -> list[Fault]:
 
 def coverage_faults(parts: Parts) -> list[Fault]:
     views, rows, columns = coverage_grid(parts.stream.header)
-    size = views * rows * columns // 8
+    rule = "cells of coverage have their size"
+    return grid_faults(parts, COVERAGE, "coverage", rule, views * rows * columns // 8)
+
+
+def fading_faults(parts: Parts) -> list[Fault]:
+    views, rows, columns = fading_grid(parts.stream.header)
+    rule = "blocks of fading have their size"
+    return grid_faults(parts, FADING, "fading", rule, views * rows * columns // 4)
+
+
+def grid_faults(parts: Parts, kind: int, name: str, size_rule: str, size: int) -> list[Fault]:
+    """Return faults of a section that inflates to `size` bytes, a few bits for each part of the coding grid."""
     whole = deflated(bytes(size))
     faults = [
         ("Deflate data valid", b"\xff" * 40, "no valid Deflate data"),
         ("Deflate data not too long", deflated(bytes(20_000_000)), f"inflates to more than the {size} bytes"),
         ("Deflate data has an end", whole[:-1], "its Deflate data has no end"),
         ("nothing after the Deflate data", whole + b"\0", "1 bytes follow its Deflate data"),
-        ("cells of coverage have their size", deflated(bytes(size - 1)), f"{size - 1} bytes, the views need {size}"),
+        (size_rule, deflated(bytes(size - 1)), f"take {size - 1} bytes, the views need {size}"),
     ]
     return [
         Fault(
             rule,
-            parts.stream_of(parts.cameras, sealed_section(COVERAGE, data), parts.b1, parts.b2),
-            f"section coverage at byte {parts.b1_offset}",
+            parts.stream_of(parts.cameras, sealed_section(kind, data), parts.b1, parts.b2),
+            f"section {name} at byte {parts.b1_offset}",
             cause,
         )
         for rule, data, cause in faults
@@ -308,6 +331,7 @@ def faults_of(stream: Stream) -> tuple[Fault, ...]:
         *camera_payload_faults(parts),
         *camera_value_faults(parts),
         *coverage_faults(parts),
+        *fading_faults(parts),
         *metadata_faults(parts),
     )
 

@@ -45,22 +45,27 @@ def test_a_prefix_ends_after_its_payload(stream: Stream) -> None:
         read_prefix(cut[:-1], 1)
 
 
-@pytest.mark.parametrize(("num_stages", "has_metadata", "overhead"), [(2, False, 75), (1, False, 58), (2, True, 84)])
+OPTIONAL = {"coverage": bytes(1792), "fading": bytes(224), "metadata": example_stream().metadata}
+
+
+@pytest.mark.parametrize(
+    ("num_stages", "optional", "overhead"),
+    [(2, (), 75), (1, (), 58), (2, ("metadata",), 84), (2, ("fading",), 84), (2, tuple(OPTIONAL), 102)],
+)
 def test_header_and_sections_cost_what_the_specification_says(
-    num_stages: int, has_metadata: bool, overhead: int
+    num_stages: int, optional: tuple[str, ...], overhead: int
 ) -> None:
     full = example_stream()
     header = replace(
         full.header,
         symbol_digests=full.header.symbol_digests[:num_stages],
     )
-    metadata = full.metadata if has_metadata else None
-    data = write_stream(Stream(header, full.cameras, full.payloads[:num_stages], metadata))
+    stream = Stream(header, full.cameras, full.payloads[:num_stages])
+    data = write_stream(replace(stream, **{name: OPTIONAL[name] for name in optional}))
     content = len(pack_cameras(full.cameras)) + sum(map(len, full.payloads[:num_stages]))
-    if has_metadata:
-        content += list_sections(data)[-1].length
+    content += sum(section.length for section in list_sections(data) if section.name in optional)
     assert len(data) - content == overhead
-    assert overhead <= 93
+    assert overhead <= 102
 
 
 def test_a_newer_minor_version_with_unknown_sections_is_read() -> None:

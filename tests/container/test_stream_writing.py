@@ -43,6 +43,18 @@ def test_cameras_that_do_not_fit_are_refused(cameras: PackedCameras, message: st
 
 
 @pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"coverage": bytes(1791)}, "section coverage: its cells take 1791 bytes, the views need 1792"),
+        ({"fading": bytes(225)}, "section fading: its blocks take 225 bytes, the views need 224"),
+    ],
+)
+def test_grids_that_do_not_fit_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(BitstreamError, match=message):
+        write_stream(replace(GOOD, **change))
+
+
+@pytest.mark.parametrize(
     ("metadata", "message"),
     [
         ({"a": float("nan")}, "cannot be written as JSON"),

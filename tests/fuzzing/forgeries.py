@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 from random import Random
 
 import torch
@@ -21,6 +22,7 @@ from fecocodec.container.camera_validation import (
     check_cameras,
 )
 from fecocodec.container.coverage import coverage_grid
+from fecocodec.container.fading import fading_grid
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import BitstreamError
 from fecocodec.receiver.model import Receiver
@@ -61,13 +63,15 @@ def code_random_latents(random: Random, receiver: Receiver, model_id: bytes) -> 
 
 
 def forged_stream(random: Random, latents: Sequence[CodedLatents]) -> bytes:
-    """Return a stream of one of the coded latents with random cameras and, in one of four, random coverage."""
+    """Return a stream of one of the coded latents with random cameras.
+
+    In one of four it has random coverage, in one of four random fading.
+    """
     coded = latents[int(random.random() * len(latents))]
-    views, rows, columns = coverage_grid(coded.header)
-    num_bytes = views * rows * columns // 8
-    coverage = random.randbytes(num_bytes) if random.random() < 0.25 else None
-    cameras = valid_cameras(random, views)
-    return write_stream(Stream(coded.header, cameras, coded.payloads, coverage=coverage))
+    coverage = random.randbytes(prod(coverage_grid(coded.header)) // 8) if random.random() < 0.25 else None
+    fading = random.randbytes(prod(fading_grid(coded.header)) // 4) if random.random() < 0.25 else None
+    cameras = valid_cameras(random, coded.header.num_views)
+    return write_stream(Stream(coded.header, cameras, coded.payloads, coverage=coverage, fading=fading))
 
 
 def valid_cameras(random: Random, num_views: int) -> PackedCameras:

@@ -24,7 +24,7 @@ from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import SceneCameras
-from tests.vectors.chosen_symbols import cells_covered
+from tests.vectors.chosen_symbols import cells_covered, levels_of
 from tests.vectors.gaussian_difference import beyond, difference, without_rendering
 from tests.vectors.gaussian_samples import table
 from tests.vectors.tiny_model import VECTORS
@@ -77,6 +77,18 @@ def test_uncovered_cells_have_no_gaussians() -> None:
     found, expected = decode(data), decode_with_torch(data)
     assert found.gaussians.count == pytest.approx(expected.gaussians.count, abs=2)
     assert found.gaussians.count < 0.5 * decode(SCENE).gaussians.count
+
+
+def test_faded_blocks_are_fainter() -> None:
+    stream = read_stream(SCENE)
+    data = write_stream(replace(stream, fading=levels_of(stream.header)))
+    found, expected = (
+        as_tensors(decode(data, has_background=False).gaussians),
+        decode_with_torch(data, background=None),
+    )
+    assert found.count == pytest.approx(expected.gaussians.count, abs=2)
+    assert found.opacities.sum() == pytest.approx(float(expected.gaussians.opacities.sum()), rel=1e-4)
+    assert found.opacities.sum() < 0.8 * decode(SCENE, has_background=False).gaussians.opacities.sum()
 
 
 def test_opacities_do_not_exceed_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,8 @@ from random import Random
 import numpy as np
 
 from fecocodec.coding.payload import CodedLatents, code_latents
-from fecocodec.container import Header, PackedCameras, Stream, coverage_grid
+from fecocodec.coding.visibility import pack_levels
+from fecocodec.container import Header, PackedCameras, Stream, coverage_grid, fading_grid
 from fecocodec.container.metadata import Metadata
 from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import load_tables
@@ -65,7 +66,10 @@ def cameras_of(num_views: int, shares_lens: bool = True) -> PackedCameras:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Parameters of a stream of the tiny model. covers: one covered cell in this many; None for no coverage section."""
+    """Parameters of a stream of the tiny model. covers: one covered cell in this many; None for no coverage section.
+
+    fades: whether there is a fading section.
+    """
 
     height: int = 72
     width: int = 70
@@ -74,6 +78,7 @@ class Recipe:
     num_stages: int = 2
     choose: Choice = usual
     covers: int | None = None
+    fades: bool = False
     metadata: Metadata | None = None
     excess: int = 0
     seed: int = 1
@@ -97,7 +102,8 @@ def stream_of_recipe(recipe: Recipe) -> Stream:
         first_stage_excess=recipe.excess,
     )
     coverage = None if recipe.covers is None else cells_covered(header, recipe.covers)
-    return Stream(header, recipe.cameras, tuple(payloads), recipe.metadata, coverage)
+    fading = levels_of(header) if recipe.fades else None
+    return Stream(header, recipe.cameras, tuple(payloads), recipe.metadata, coverage, fading)
 
 
 def cells_covered(header: Header, every: int) -> bytes:
@@ -105,3 +111,10 @@ def cells_covered(header: Header, every: int) -> bytes:
     views, rows, columns = coverage_grid(header)
     bits = [every > 0 and cell % every == 0 for cell in range(views * rows * columns)]
     return np.packbits(np.array(bits, dtype=np.uint8)).tobytes()
+
+
+def levels_of(header: Header) -> bytes:
+    """Return levels of the fading section that go through 0 to 3 in an order that repeats after 17 blocks."""
+    views, rows, columns = fading_grid(header)
+    levels = [(block % 17) * 5 % 7 % 4 for block in range(views * rows * columns)]
+    return pack_levels(np.array(levels, dtype=np.uint8).reshape(views, rows, columns))

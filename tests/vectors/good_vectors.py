@@ -36,6 +36,10 @@ VALID: dict[str, tuple[Recipe, str]] = {
     "coarse": (Recipe(lambda_q=1600, seed=8), "one that clips the condition to 8 bits"),
     "coarser-first-stage": (Recipe(lambda_q=700, excess=229, seed=14), "one that codes both stages at one lambda_q"),
     "coverage": (Recipe(covers=3, seed=12), "one that counts cells of the image, or from the lowest bit"),
+    "fading": (
+        Recipe(fades=True, covers=5, seed=15),
+        "one that counts blocks of the image, or takes levels from the lowest bits",
+    ),
     "metadata": (
         Recipe(metadata={"text": "größer \u2713", "list": [[1, 2.5], None, True], "empty": {}}, seed=13),
         "one that takes metadata for ASCII",

@@ -109,6 +109,7 @@ def expectation(vector: Vector) -> dict[str, Any]:
         "lambda_q": [header.lambda_q_of_stage(stage + 1) for stage in range(header.num_stages)],
         "cameras": camera_fingerprint(stream.cameras),
         "coverage": None if stream.coverage is None else sha256(stream.coverage)[:16],
+        "fading": None if stream.fading is None else sha256(stream.fading)[:16],
         "metadata": stream.metadata is not None,
         "stages": [
             {

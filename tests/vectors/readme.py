@@ -12,6 +12,7 @@ Made by `make vectors`; do not edit. All but `valid/scene-*.fcs` use the entropy
 | `sha256` | of the file |
 | `cameras` | of near, far, then fx fy cx cy and the rows of camera-to-world of each view, little-endian float32 |
 | `coverage` | of the bits of the cells, or null |
+| `fading` | of the levels of the blocks, or null |
 | `stages` / `symbols` | one for each of the seven batches: of its symbols in their order, little-endian int64 |
 | `stages` / `z_hat`, `y_hat` | of values in Q8, clipped to +-2^24, by view, row, column, channel, little-endian int64 |
 | `rule` | of a faulty stream: that of FORMAT.md, section 12, or ENTROPY.md, section 9 |

@@ -45,7 +45,7 @@ export class Decoder {
    * The caller must ensure that the decoder has the stream's model. Throws Refusal for a damaged payload.
    */
   async *stages(stream: Stream): AsyncGenerator<StageResult> {
-    const { header, coverage } = stream;
+    const { header } = stream;
     const cameras = normalise(stream.cameras);
     const size16 = [header.views, header.gridHeight / 16, header.gridWidth / 16] as const;
     let state: State | null = null;
@@ -59,7 +59,7 @@ export class Decoder {
       clock.lap("state");
       const { prediction, times } = await this.networks.predict(state, cameras);
       clock.laps(times);
-      const gaussians = emit(prediction.gaussians, prediction.plain, cameras, header, coverage);
+      const gaussians = emit(prediction.gaussians, prediction.plain, cameras, stream);
       clock.lap("background");
       yield { stage, gaussians, timings: clock.timings };
     }

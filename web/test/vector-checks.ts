@@ -15,6 +15,7 @@ export interface GoodVector {
   lambda_q: number[];
   cameras: string;
   coverage: string | null;
+  fading: string | null;
   metadata: boolean;
   stages: { payload_bytes: number; digest: string; symbols: string[]; z_hat: string; y_hat: string }[];
 }
@@ -51,6 +52,7 @@ export function found(data: Uint8Array, decoding: Decoding): GoodVector {
     lambda_q: stages.map((_, at) => header.lambdaQ + (at === 0 ? 2 * header.excess : 0)),
     cameras: fingerprint(cameraBytes(stream)),
     coverage: stream.coverage && fingerprint(stream.coverage),
+    fading: stream.fading && fingerprint(stream.fading),
     metadata: stream.metadata !== null,
     stages: stages.map(({ batches, zHat, yHat }, at) => ({
       payload_bytes: stream.payloads[at].length,

@@ -1,4 +1,4 @@
-/** The metadata section: a JSON object, compressed with zstd (FORMAT.md, section 8.2). Its strings are untrusted. */
+/** The metadata section: a JSON object, compressed with zstd (FORMAT.md, section 8.3). Its strings are untrusted. */
 
 import { BAD_WRITER, Refusal } from "./refusal";
 import { frameContent, readFrame } from "./zstd-frame";

@@ -4,11 +4,12 @@ import { crc32, crcText } from "./crc32";
 import type { Header } from "./header";
 import { BAD_WRITER, COPY_AGAIN, DAMAGED, Refusal } from "./refusal";
 
-export const Kind = { cameras: 0x90, coverage: 0x98, b1: 0xa0, b2: 0xb0, metadata: 0x40 } as const;
+export const Kind = { cameras: 0x90, coverage: 0x98, fading: 0x9c, b1: 0xa0, b2: 0xb0, metadata: 0x40 } as const;
 
 const NAMES = new Map<number, string>([
   [Kind.cameras, "cameras"],
   [Kind.coverage, "coverage"],
+  [Kind.fading, "fading"],
   [Kind.b1, "B1"],
   [Kind.b2, "B2"],
   [Kind.metadata, "metadata"],
@@ -16,6 +17,7 @@ const NAMES = new Map<number, string>([
 const LONGEST = new Map<number, number>([
   [Kind.cameras, 2048],
   [Kind.coverage, 2 ** 18],
+  [Kind.fading, 2 ** 15],
   [Kind.metadata, 65536],
 ]);
 const LONGEST_OTHER = 2 ** 26;

@@ -1,8 +1,9 @@
-/** A whole stream: header, cameras, coverage, payloads, metadata (FORMAT.md, sections 3 and 9). */
+/** A whole stream: header, cameras, coverage, fading, payloads, metadata (FORMAT.md, sections 3 and 9). */
 
 import { checkCameras } from "./camera-rules";
 import { readCameras, type StoredCameras } from "./cameras";
 import { readCoverage } from "./coverage";
+import { readFading } from "./fading";
 import { type Header, readHeader } from "./header";
 import { type Metadata, readMetadata } from "./metadata";
 import { BAD_WRITER, Refusal } from "./refusal";
@@ -15,6 +16,8 @@ export interface Stream {
   payloads: Uint8Array[];
   /** One bit per cell; null if all cells are covered. */
   coverage: Uint8Array | null;
+  /** Two bits per block; null if no block is faded. */
+  fading: Uint8Array | null;
   metadata: Metadata | null;
   sections: Section[];
 }
@@ -79,11 +82,13 @@ function assemble(header: Header, sections: Section[], stages: number): Stream {
   const cameras = readCameras(stored.payload, header.views, place(stored));
   checkCameras(cameras, place(stored));
   const coverage = found.get(Kind.coverage);
+  const fading = found.get(Kind.fading);
   return {
     header,
     cameras,
     payloads: kinds.map((kind) => (found.get(kind) as Section).payload),
     coverage: coverage ? readCoverage(coverage.payload, header, place(coverage)) : null,
+    fading: fading ? readFading(fading.payload, header, place(fading)) : null,
     metadata: null,
     sections,
   };

@@ -1,0 +1,41 @@
+"""Factors of the Gaussians' opacities, from the coverage and fading sections (FORMAT.md, sections 8.1 and 8.2)."""
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from fecocodec.container import Header, Stream, coverage_grid, fading_grid
+
+FACTOR_OF_LEVEL = (3 - np.arange(4, dtype=np.float32)) / np.float32(3)
+
+
+def visibility_of(stream: Stream, gaussians_per_side: int = 2) -> Float32[np.ndarray, " n"] | None:
+    """Return the factor in [0, 1] of each Gaussian's opacity, ordered (view, row, column); None if all are 1.
+
+    gaussians_per_side: of a cell, 4x4 pixels; 2 for one Gaussian per 2x2 pixels.
+    """
+    factors = []
+    if stream.coverage is not None:
+        cells = np.unpackbits(np.frombuffer(stream.coverage, np.uint8)).reshape(coverage_grid(stream.header))
+        factors.append(_enlarged(cells.astype(np.float32), gaussians_per_side))
+    if stream.fading is not None:
+        levels = unpack_levels(stream.fading, stream.header)
+        factors.append(_enlarged(FACTOR_OF_LEVEL[levels], 4 * gaussians_per_side))
+    return np.prod(factors, axis=0).reshape(-1) if factors else None
+
+
+def pack_levels(levels: UInt8[np.ndarray, "view row column"]) -> bytes:
+    """Pack levels in [0, 3], of the shape that `fading_grid` returns, into the bytes of `Stream.fading`."""
+    of_byte = levels.reshape(-1, 4) << np.array([6, 4, 2, 0], np.uint8)
+    return np.bitwise_or.reduce(of_byte, axis=1).astype(np.uint8).tobytes()
+
+
+def unpack_levels(data: bytes, header: Header) -> UInt8[np.ndarray, "view row column"]:
+    """Invert `pack_levels`."""
+    levels = np.frombuffer(data, np.uint8)[:, None] >> np.array([6, 4, 2, 0], np.uint8) & 3
+    return levels.reshape(fading_grid(header))
+
+
+def _enlarged(
+    values: Float32[np.ndarray, "view row column"], factor: int
+) -> Float32[np.ndarray, "view larger_row larger_column"]:
+    return values.repeat(factor, axis=1).repeat(factor, axis=2)

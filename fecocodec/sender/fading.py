@@ -1,0 +1,111 @@
+"""Fade parts of views whose Gaussians stand as fog before what other views show (FORMAT.md, section 8.2).
+
+The opacities of the Gaussians of a block are multiplied by a factor. A few steps of Adam raise the quality of all
+photographs by these factors, which are then rounded to the levels of the format. Each photograph is rendered from all
+Gaussians, and from those of the other views alone: its own Gaussians lie close to its camera and hide those of others.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from fecocodec.coding.visibility import FACTOR_OF_LEVEL, pack_levels
+from fecocodec.container.fading import FADING_BLOCK
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.rendering.rasterizer import render
+
+LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them
+# Chosen on captures that the weights were not trained on (docs/experiments.md, More views).
+NUM_STEPS = 4
+STEP = 1.5  # learning rate of Adam, for the logits of the factors
+LEAST_SLOPE = 1e-3  # dB: epsilon of Adam. Blocks whose slopes are smaller change little
+FIRST_LOGIT = 3.0  # of an unfaded block
+RENDERED_PIXELS = 128 * 128  # views are rendered at about this size
+LEAST_ERROR = 1e-10  # added to mean squared errors, so that the PSNR of equal images is finite
+
+
+@dataclass(frozen=True)
+class Fading:
+    """Factors of the opacities of the Gaussians of one scene.
+
+    logits: of each block, relative to those of an unfaded block.
+    """
+
+    logits: Float[Tensor, "view row column"]
+
+    @property
+    def levels(self) -> UInt8[Tensor, "view row column"]:
+        """Return the levels of the format that are nearest to the factors."""
+        highest = len(FACTOR_OF_LEVEL) - 1
+        return (highest * (1.0 - _factors(self.logits))).round().to(torch.uint8)
+
+    def faded(self, gaussians: Gaussians) -> Gaussians:
+        """Return all Gaussians of the scene as a decoder fades them."""
+        factors = torch.from_numpy(FACTOR_OF_LEVEL).to(self.logits.device)[self.levels.long()]
+        opacities = gaussians.opacities * _of_gaussians(factors, gaussians.count)
+        return replace(gaussians, opacities=opacities)
+
+
+Fade = Callable[[Gaussians, Fading | None], Fading]  # (all Gaussians after a stage, fading before it)
+
+
+def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
+    """Return a function that finds the fading of a scene.
+
+    images: sRGB in [0, 1], on the coding grid. cameras: normalised.
+    """
+    size = _rendered_size(images.shape[-2], images.shape[-1])
+    photographs = F.interpolate(images, size, mode="area")
+    grid = (len(images), images.shape[-2] // FADING_BLOCK, images.shape[-1] // FADING_BLOCK)
+
+    def quality(gaussians: Gaussians, view: int) -> Tensor:
+        color = render(gaussians, cameras.select([view]), size).color.clamp(0, 1)
+        return -10.0 * torch.log10((color - photographs[[view]]).square().mean() + LEAST_ERROR)
+
+    def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
+        logits = images.new_zeros(grid) if before is None else before.logits.clone()
+        view = torch.arange(grid[0], device=images.device)[:, None, None]
+        view_of = _of_gaussians(view.expand(grid), gaussians.count)
+        adam = torch.optim.Adam([logits.requires_grad_()], lr=STEP, betas=(0.5, 0.9), eps=LEAST_SLOPE)
+        for _ in range(NUM_STEPS):
+            adam.zero_grad()
+            for number in range(grid[0]):
+                is_other = view_of != number
+                for shown in (torch.ones_like(is_other), is_other):
+                    with torch.enable_grad():
+                        factors = _of_gaussians(_factors(logits), gaussians.count)
+                        opacities = (gaussians.opacities * factors)[shown]
+                        loss = -quality(replace(gaussians.keep(shown), opacities=opacities), number)
+                        loss.backward()
+            adam.step()
+        return Fading(logits.detach())
+
+    return fade
+
+
+def fading_of(fading: Fading | None) -> bytes | None:
+    """Return `Stream.fading`; None if no block is faded."""
+    if fading is None or not bool(fading.levels.any()):
+        return None
+    return pack_levels(fading.levels.cpu().numpy())
+
+
+def _factors(logits: Tensor) -> Tensor:
+    """Return the factors of opacities in [0, 1]; 1 for a logit of zero or more."""
+    return (torch.sigmoid(FIRST_LOGIT + logits) / torch.sigmoid(torch.tensor(FIRST_LOGIT))).clamp(max=1.0)
+
+
+def _of_gaussians(values: Tensor, count: int) -> Tensor:
+    """Return the value of the block of each Gaussian, ordered (view, row, column). values: [view row column]."""
+    side = round((count / values.numel()) ** 0.5)  # Gaussians along a side of a block
+    return values.repeat_interleave(side, dim=1).repeat_interleave(side, dim=2).flatten()
+
+
+def _rendered_size(height: int, width: int) -> tuple[int, int]:
+    scale = min(1.0, (RENDERED_PIXELS / (height * width)) ** 0.5)
+    return round(scale * height), round(scale * width)

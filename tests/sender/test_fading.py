@@ -1,0 +1,114 @@
+"""Blocks that stand before what other views show are faded, and views that fit are not; few views are not faded."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec import decode, encode
+from fecocodec.container import read_stream, write_stream
+from fecocodec.evaluation.stress.box_room import painted
+from fecocodec.geometry.cameras import Cameras, pixel_rays
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.rendering.metrics import psnr
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.fading import LEAST_VIEWS, Fading, fader, fading_of
+from fecocodec.sender.optimisation_config import FAST
+from tests.example_scenes import MODEL, example_views
+
+DEPTH, SIDE, NUM_VIEWS = 1.5, 64, 5
+
+
+@pytest.fixture(scope="module")
+def cameras() -> Cameras:
+    """Five cameras in a row, which look at a wall."""
+    extrinsics = torch.eye(4).repeat(NUM_VIEWS, 1, 1)
+    extrinsics[:, 0, 3] = torch.linspace(-0.4, 0.4, NUM_VIEWS)
+    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(NUM_VIEWS, 1, 1)
+    return Cameras(extrinsics, intrinsics, torch.tensor(0.5), torch.tensor(40.0))
+
+
+def wall(cameras: Cameras, side: int, depth: torch.Tensor | float = DEPTH) -> torch.Tensor:
+    """Return the points on the wall, or at other depths, at the pixels of each view: [view side side 3]."""
+    return cameras.extrinsics[:, None, None, :3, 3] + pixel_rays(cameras, side, side) * depth
+
+
+@pytest.fixture(scope="module")
+def photographs(cameras: Cameras) -> torch.Tensor:
+    return painted(wall(cameras, SIDE)).permute(0, 3, 1, 2)
+
+
+def gaussians_of(cameras: Cameras, depth: torch.Tensor | float = DEPTH) -> Gaussians:
+    """Return one Gaussian for each 2x2 pixels, with the colour of the wall behind it."""
+    side = SIDE // 2
+    means, colours = wall(cameras, side, depth).flatten(0, 2), painted(wall(cameras, side)).flatten(0, 2)
+    scales = (means[:, 2:] / side * 0.6).expand(-1, 3)
+    rotations = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(len(means), 4)
+    harmonics = ((colours - 0.5) / 0.28209479)[:, None]
+    return Gaussians(means, scales, rotations, torch.full((len(means),), 0.9), harmonics)
+
+
+@pytest.fixture(scope="module")
+def foggy(cameras: Cameras) -> Gaussians:
+    """Gaussians on the wall, except for those of one block, which stand halfway before it."""
+    depth = torch.full((NUM_VIEWS, SIDE // 2, SIDE // 2, 1), DEPTH)
+    depth[2, 8:16, 16:24] = 0.5 * DEPTH
+    return gaussians_of(cameras, depth)
+
+
+def test_a_block_in_front_of_the_wall_is_faded(cameras, photographs, foggy) -> None:
+    fade = fader(photographs, cameras)
+    clear, fogged = fade(gaussians_of(cameras), None), fade(foggy, None)
+    assert fogged.levels.shape == (NUM_VIEWS, 4, 4)
+    assert fogged.levels[2, 1, 2] == 3
+
+    def quality(gaussians: Gaussians) -> float:
+        return float(psnr(render(gaussians, cameras, (SIDE, SIDE)).color, photographs).mean())
+
+    assert quality(fogged.faded(foggy)) > quality(foggy) + 1.0
+    assert quality(clear.faded(gaussians_of(cameras))) > quality(gaussians_of(cameras))
+
+
+def test_a_second_search_continues_the_first(cameras, photographs, foggy) -> None:
+    fade = fader(photographs, cameras)
+    once = fade(foggy, None)
+    before = once.logits.clone()
+    twice = fade(foggy, once)
+    assert torch.equal(once.logits, before)
+    assert twice.logits[2, 1, 2] < once.logits[2, 1, 2]
+
+
+def test_factors_are_those_that_a_decoder_applies(cameras) -> None:
+    logits = torch.zeros(NUM_VIEWS, 4, 4)
+    logits[3, 0, 1] = -20.0
+    gaussians = gaussians_of(cameras)
+    faded = Fading(logits).faded(gaussians)
+    changed = (faded.opacities != gaussians.opacities).view(NUM_VIEWS, 32, 32)
+    assert changed[3, :8, 8:16].all() and changed.sum() == 64
+    assert (faded.opacities.view(NUM_VIEWS, 32, 32)[3, :8, 8:16] == 0).all()
+
+
+def test_no_section_is_written_if_nothing_is_faded() -> None:
+    assert fading_of(None) is None
+    assert fading_of(Fading(torch.full((5, 4, 4), 2.0))) is None
+
+
+def test_a_file_of_many_views_fades_and_one_of_few_does_not(random_weights: Path) -> None:
+    model = random_weights / MODEL
+    many = encode(example_views(LEAST_VIEWS), effort="fast", model=model)
+    fading = read_stream(many).fading
+    assert fading is not None and len(fading) == LEAST_VIEWS * 16 // 4
+    faint, full = (decode(data, model=model, background=None) for data in (many, without_fading(many)))
+    assert faint.gaussians.opacities.sum() < full.gaussians.opacities.sum()
+    assert read_stream(encode(example_views(LEAST_VIEWS - 1), effort="fast", model=model)).fading is None
+
+
+def test_scenes_too_large_for_gradients_are_not_faded(random_weights: Path) -> None:
+    small = replace(FAST, max_pixels=LEAST_VIEWS * 64 * 64 - 1)
+    data = encode(example_views(LEAST_VIEWS), effort=small, model=random_weights / MODEL)
+    assert read_stream(data).fading is None
+
+
+def without_fading(data: bytes) -> bytes:
+    return write_stream(replace(read_stream(data), fading=None))
