@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from fecocodec.checkpoint import SENDER_FILE
-from fecocodec.coding.coverage_cells import cells_to_bits
 from fecocodec.container import Stream, list_sections, read_prefix, read_stream, write_stream
 from fecocodec.errors import BitstreamError, InputError, ModelError
 from fecocodec.geometry.coding_grid import grid_size
@@ -18,6 +17,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.background import DEFAULT_BACKGROUND
 from fecocodec.receiver.decode import decode
+from fecocodec.sender.coverage import cells_to_bits
 from fecocodec.sender.encode import encode
 from fecocodec.sender.optimisation_config import DEFAULT, steps_of_first
 from tests.example_scenes import MODEL, example_views

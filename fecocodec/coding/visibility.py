@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from fecocodec.container import Header, Stream, coverage_grid, fading_grid
+from fecocodec.container import COVERAGE_CELLS, FADING_BLOCKS, Header, Stream
 
 FACTOR_OF_LEVEL = (3 - np.arange(4, dtype=np.float32)) / np.float32(3)
 
@@ -15,7 +15,7 @@ def visibility_of(stream: Stream, gaussians_per_side: int = 2) -> Float32[np.nda
     """
     factors = []
     if stream.coverage is not None:
-        cells = np.unpackbits(np.frombuffer(stream.coverage, np.uint8)).reshape(coverage_grid(stream.header))
+        cells = np.unpackbits(np.frombuffer(stream.coverage, np.uint8)).reshape(COVERAGE_CELLS.shape(stream.header))
         factors.append(_enlarged(cells.astype(np.float32), gaussians_per_side))
     if stream.fading is not None:
         levels = unpack_levels(stream.fading, stream.header)
@@ -24,7 +24,7 @@ def visibility_of(stream: Stream, gaussians_per_side: int = 2) -> Float32[np.nda
 
 
 def pack_levels(levels: UInt8[np.ndarray, "view row column"]) -> bytes:
-    """Pack levels in [0, 3], of the shape that `fading_grid` returns, into the bytes of `Stream.fading`."""
+    """Pack levels in [0, 3], of the shape that `FADING_BLOCKS.shape` returns, into the bytes of `Stream.fading`."""
     of_byte = levels.reshape(-1, 4) << np.array([6, 4, 2, 0], np.uint8)
     return np.bitwise_or.reduce(of_byte, axis=1).astype(np.uint8).tobytes()
 
@@ -32,7 +32,7 @@ def pack_levels(levels: UInt8[np.ndarray, "view row column"]) -> bytes:
 def unpack_levels(data: bytes, header: Header) -> UInt8[np.ndarray, "view row column"]:
     """Invert `pack_levels`."""
     levels = np.frombuffer(data, np.uint8)[:, None] >> np.array([6, 4, 2, 0], np.uint8) & 3
-    return levels.reshape(fading_grid(header))
+    return levels.reshape(FADING_BLOCKS.shape(header))
 
 
 def _enlarged(

@@ -1,8 +1,6 @@
 """The `.fcs` container: bytes to fields and back, without numpy or torch. The format is `bitstream_spec/FORMAT.md`."""
 
 from fecocodec.container.cameras import PackedCameras
-from fecocodec.container.coverage import coverage_grid
-from fecocodec.container.fading import fading_grid
 from fecocodec.container.header import CURRENT_VERSION, EXCESS_UNIT, FormatVersion, Header
 from fecocodec.container.header_bytes import SIGNATURE, read_header
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
@@ -25,10 +23,13 @@ from fecocodec.container.stream import (
     write_stream,
 )
 from fecocodec.container.stream_file import read_stream_file
+from fecocodec.container.view_grids import COVERAGE_CELLS, FADING_BLOCKS
 
 __all__ = [
+    "COVERAGE_CELLS",
     "CURRENT_VERSION",
     "EXCESS_UNIT",
+    "FADING_BLOCKS",
     "LAMBDA_MAX",
     "LAMBDA_MIN",
     "LAMBDA_Q_MAX",
@@ -44,9 +45,7 @@ __all__ = [
     "StreamSummary",
     "check_pixels",
     "check_symbol_digest",
-    "coverage_grid",
     "dequantise_lambda",
-    "fading_grid",
     "inspect",
     "list_sections",
     "quantise_lambda",

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 from fecocodec.container.cameras import PackedCameras
-from fecocodec.container.coverage import coverage_grid
 from fecocodec.container.header import Header
 from fecocodec.container.header_bytes import read_header
 from fecocodec.container.metadata import Metadata
 from fecocodec.container.sections import SECTION_OVERHEAD, read_payload, read_section_head
 from fecocodec.container.stream import Stream, read_packed_cameras, read_stream
+from fecocodec.container.view_grids import COVERAGE_CELLS
 from fecocodec.errors import BitstreamError
 
 
@@ -100,7 +100,7 @@ def list_sections(data: bytes) -> tuple[SectionSummary, ...]:
 def _covered(stream: Stream) -> float | None:
     if stream.coverage is None:
         return None
-    views, rows, columns = coverage_grid(stream.header)
+    views, rows, columns = COVERAGE_CELLS.shape(stream.header)
     return int.from_bytes(stream.coverage, "big").bit_count() / (views * rows * columns)
 
 

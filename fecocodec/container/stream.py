@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 from fecocodec.container.camera_validation import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
-from fecocodec.container.coverage import pack_coverage, unpack_coverage
-from fecocodec.container.fading import pack_fading, unpack_fading
 from fecocodec.container.header import MAX_SECTIONS, Header
 from fecocodec.container.header_bytes import ParsedHeader, read_header, write_header
 from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadata
@@ -24,6 +22,7 @@ from fecocodec.container.sections import (
     section_bytes,
     section_name,
 )
+from fecocodec.container.view_grids import COVERAGE_CELLS, FADING_BLOCKS
 from fecocodec.errors import BitstreamError, InputError
 
 MAX_STREAM_BYTES = MAX_SECTIONS * MAX_PAYLOAD  # no valid stream is longer
@@ -36,9 +35,9 @@ class Stream:
     """The fields of a stream.
 
     payloads: B1 and B2; fewer than `header.num_stages` if only a prefix was read. metadata: None if the stream has
-    none or only a prefix was read. coverage: one bit per cell of 4x4 pixels of the coding grids, see `pack_coverage`;
+    none or only a prefix was read. coverage: one bit per cell of 4x4 pixels of the coding grids, see `ViewGrids`;
     Gaussians of cells with bit 0 are dropped. None if all cells are covered. fading: two bits per block of 16x16
-    pixels of the coding grids, which reduce opacities, see `pack_fading`; None if no block is faded.
+    pixels of the coding grids, which reduce opacities, see `ViewGrids`; None if no block is faded.
     """
 
     header: Header
@@ -76,9 +75,9 @@ def write_stream(stream: Stream) -> bytes:
     check_cameras(cameras, "section cameras")
     sections = [section_bytes(SectionKind.CAMERAS, pack_cameras(cameras))]
     if stream.coverage is not None:
-        sections.append(section_bytes(SectionKind.COVERAGE, pack_coverage(stream.coverage, header)))
+        sections.append(section_bytes(SectionKind.COVERAGE, COVERAGE_CELLS.pack(stream.coverage, header)))
     if stream.fading is not None:
-        sections.append(section_bytes(SectionKind.FADING, pack_fading(stream.fading, header)))
+        sections.append(section_bytes(SectionKind.FADING, FADING_BLOCKS.pack(stream.fading, header)))
     sections += [section_bytes(kind, payload) for kind, payload in zip(STAGE_KINDS, stream.payloads, strict=False)]
     if stream.metadata is not None:
         sections.append(section_bytes(SectionKind.METADATA, pack_metadata(stream.metadata)))
@@ -186,6 +185,6 @@ def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stre
         header,
         cameras,
         payloads=tuple(found[kind].payload for kind in stage_kinds),
-        coverage=unpack_coverage(coverage.payload, header, coverage.head.place) if coverage is not None else None,
-        fading=unpack_fading(fading.payload, header, fading.head.place) if fading is not None else None,
+        coverage=COVERAGE_CELLS.unpack(coverage.payload, header, coverage.head.place) if coverage is not None else None,
+        fading=FADING_BLOCKS.unpack(fading.payload, header, fading.head.place) if fading is not None else None,
     )

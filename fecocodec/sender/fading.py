@@ -14,7 +14,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from fecocodec.coding.visibility import FACTOR_OF_LEVEL, pack_levels
-from fecocodec.container.fading import FADING_BLOCK
+from fecocodec.container import FADING_BLOCKS
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.rasterizer import render
@@ -61,7 +61,7 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
     """
     size = _rendered_size(images.shape[-2], images.shape[-1])
     photographs = F.interpolate(images, size, mode="area")
-    grid = (len(images), images.shape[-2] // FADING_BLOCK, images.shape[-1] // FADING_BLOCK)
+    grid = (len(images), images.shape[-2] // FADING_BLOCKS.side, images.shape[-1] // FADING_BLOCKS.side)
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
         color = render(gaussians, cameras.select([view]), size).color.clamp(0, 1)

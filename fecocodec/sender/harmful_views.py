@@ -18,14 +18,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.coding.coverage_cells import is_in_covered_cell
-from fecocodec.container import Header, quantise_lambda
+from fecocodec.container import COVERAGE_CELLS, Header, quantise_lambda
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.limits import MIN_SIDE, grid_side
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.coverage import coverage_of
+from fecocodec.sender.coverage import covered_cells
 from fecocodec.sender.decoded_quality import BLACK, WHITE
 from fecocodec.sender.encode import check_views
 from fecocodec.sender.latent_coding import EstimatedLatent, estimate_bits
@@ -169,13 +168,11 @@ def _covered(codec: Codec, scene: Scene, lambda_q: int) -> Bool[Tensor, "view n"
     """Return which Gaussians of each view a decoder would emit: those in cells that are not transparent."""
     per_side = codec.receiver.config.gaussians_per_side
     header = Header(codec.model_id, scene.num_views, *scene.image_size, lambda_q, (b"",))
-    bits = coverage_of(scene.alpha, header)
-    if bits is None:
-        height, width = (side // 4 * per_side for side in header.grid_size)
-        covered = torch.ones(scene.num_views, height * width, dtype=torch.bool)
-    else:
-        covered = is_in_covered_cell(bits, header, per_side).view(scene.num_views, -1)
-    return covered.to(codec.device)
+    cells = torch.ones(COVERAGE_CELLS.shape(header), dtype=torch.bool)
+    if scene.alpha is not None:
+        cells = covered_cells(scene.alpha, COVERAGE_CELLS.shape(header))
+    covered = cells.repeat_interleave(per_side, dim=1).repeat_interleave(per_side, dim=2)
+    return covered.flatten(1).to(codec.device)
 
 
 def _at_judged_size(views: Views) -> Views:

@@ -5,7 +5,15 @@ import zlib
 
 from hypothesis import strategies as st
 
-from fecocodec.container import LAMBDA_Q_MAX, FormatVersion, Header, PackedCameras, Stream, coverage_grid, fading_grid
+from fecocodec.container import (
+    COVERAGE_CELLS,
+    FADING_BLOCKS,
+    LAMBDA_Q_MAX,
+    FormatVersion,
+    Header,
+    PackedCameras,
+    Stream,
+)
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
 CAMERAS, COVERAGE, FADING, B1, B2, METADATA = 0x90, 0x98, 0x9C, 0xA0, 0xB0, 0x40
@@ -87,14 +95,14 @@ json_values = st.recursive(
 @st.composite
 def coverages(draw: st.DrawFn, header: Header) -> bytes:
     """Draw a bitmap of cells."""
-    views, rows, columns = coverage_grid(header)
+    views, rows, columns = COVERAGE_CELLS.shape(header)
     return draw(patterns(views * rows * columns // 8))
 
 
 @st.composite
 def fadings(draw: st.DrawFn, header: Header) -> bytes:
     """Draw levels of blocks."""
-    views, rows, columns = fading_grid(header)
+    views, rows, columns = FADING_BLOCKS.shape(header)
     return draw(patterns(views * rows * columns // 4))
 
 

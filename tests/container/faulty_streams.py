@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import zstandard
 
-from fecocodec.container import PackedCameras, Stream, coverage_grid, fading_grid, write_stream
+from fecocodec.container import COVERAGE_CELLS, FADING_BLOCKS, PackedCameras, Stream, write_stream
 from fecocodec.container.cameras import pack_cameras
 from fecocodec.container.metadata import pack_metadata
 from tests.container.example_streams import (
@@ -253,13 +253,13 @@ def camera_value_faults(parts: Parts) -> list[Fault]:
 
 
 def coverage_faults(parts: Parts) -> list[Fault]:
-    views, rows, columns = coverage_grid(parts.stream.header)
+    views, rows, columns = COVERAGE_CELLS.shape(parts.stream.header)
     rule = "cells of coverage have their size"
     return grid_faults(parts, COVERAGE, "coverage", rule, views * rows * columns // 8)
 
 
 def fading_faults(parts: Parts) -> list[Fault]:
-    views, rows, columns = fading_grid(parts.stream.header)
+    views, rows, columns = FADING_BLOCKS.shape(parts.stream.header)
     rule = "blocks of fading have their size"
     return grid_faults(parts, FADING, "fading", rule, views * rows * columns // 4)
 

@@ -21,9 +21,8 @@ from fecocodec.container.camera_validation import (
     MIN_NEAR,
     check_cameras,
 )
-from fecocodec.container.coverage import coverage_grid
-from fecocodec.container.fading import fading_grid
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
+from fecocodec.container.view_grids import COVERAGE_CELLS, FADING_BLOCKS
 from fecocodec.errors import BitstreamError
 from fecocodec.receiver.model import Receiver
 
@@ -68,8 +67,8 @@ def forged_stream(random: Random, latents: Sequence[CodedLatents]) -> bytes:
     In one of four it has random coverage, in one of four random fading.
     """
     coded = latents[int(random.random() * len(latents))]
-    coverage = random.randbytes(prod(coverage_grid(coded.header)) // 8) if random.random() < 0.25 else None
-    fading = random.randbytes(prod(fading_grid(coded.header)) // 4) if random.random() < 0.25 else None
+    coverage = random.randbytes(prod(COVERAGE_CELLS.shape(coded.header)) // 8) if random.random() < 0.25 else None
+    fading = random.randbytes(prod(FADING_BLOCKS.shape(coded.header)) // 4) if random.random() < 0.25 else None
     cameras = valid_cameras(random, coded.header.num_views)
     return write_stream(Stream(coded.header, cameras, coded.payloads, coverage=coverage, fading=fading))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from fecocodec.coding.payload import CodedLatents, code_latents
 from fecocodec.coding.visibility import pack_levels
-from fecocodec.container import Header, PackedCameras, Stream, coverage_grid, fading_grid
+from fecocodec.container import COVERAGE_CELLS, FADING_BLOCKS, Header, PackedCameras, Stream
 from fecocodec.container.metadata import Metadata
 from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import load_tables
@@ -108,13 +108,13 @@ def stream_of_recipe(recipe: Recipe) -> Stream:
 
 def cells_covered(header: Header, every: int) -> bytes:
     """Return a bitmap that covers the first of each group of `every` cells; 0 covers none."""
-    views, rows, columns = coverage_grid(header)
+    views, rows, columns = COVERAGE_CELLS.shape(header)
     bits = [every > 0 and cell % every == 0 for cell in range(views * rows * columns)]
     return np.packbits(np.array(bits, dtype=np.uint8)).tobytes()
 
 
 def levels_of(header: Header) -> bytes:
     """Return levels of the fading section that go through 0 to 3 in an order that repeats after 17 blocks."""
-    views, rows, columns = fading_grid(header)
+    views, rows, columns = FADING_BLOCKS.shape(header)
     levels = [(block % 17) * 5 % 7 % 4 for block in range(views * rows * columns)]
     return pack_levels(np.array(levels, dtype=np.uint8).reshape(views, rows, columns))

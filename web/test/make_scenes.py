@@ -8,7 +8,7 @@ from dataclasses import replace
 from math import prod
 from pathlib import Path
 
-from fecocodec.container import fading_grid, read_stream, write_stream
+from fecocodec.container import FADING_BLOCKS, read_stream, write_stream
 from fecocodec.sender.encode import encode
 from tests.example_scenes import example_views
 
@@ -22,7 +22,7 @@ def scene_name(num_views: int) -> str:
 
 def with_fading(data: bytes) -> bytes:
     stream = read_stream(data)
-    num_bytes = prod(fading_grid(stream.header)) // 4
+    num_bytes = prod(FADING_BLOCKS.shape(stream.header)) // 4
     return write_stream(replace(stream, fading=bytes(37 * at % 256 for at in range(num_bytes))))
 
 
