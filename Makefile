@@ -88,9 +88,9 @@ report: $(READY) ## docs/report.md and its charts: make report ROOT=scenes INDEX
 train: $(READY) ## train on from the shipped weights: make train PHOTOGRAPHS=scenes [RUN=runs/next] [MINUTES=60]
 	@test -n "$(PHOTOGRAPHS)" || { echo "name a folder of posed scenes: make train PHOTOGRAPHS=folder" >&2; exit 1; }
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 10 $(BIN)/python -m torch.distributed.run --nproc-per-node 2 -m fecosplat_cli train $(RUN) \
-	  --from fecocodec/weights/compact-3 --photographs $(PHOTOGRAPHS) --freeze extractor --keep 400 --steps 20000 \
-	  --one-stage-steps 0 --bypass-steps 0 --photograph-share 1 1 --depth-weight 0.1 0.1 --learning-rate 2e-4 \
-	  --size 160x160 --size 128x192 --size 192x128 --size 128x128 --max-minutes $(MINUTES)
+	  --from fecocodec/weights/compact-3 --photographs $(PHOTOGRAPHS) --steps 2000 \
+	  --one-stage-steps 0 --bypass-steps 0 --photograph-share 0.75 0.75 --depth-weight 0.3 0.3 --learning-rate 2e-4 \
+	  --size 160x160 --size 128x192 --size 192x128 --size 128x128 --views 2:0.8,3:0.1,4:0.1 --scenes 2 --max-minutes $(MINUTES)
 
 NPM := npm --prefix web --no-fund --no-audit
 NODE_READY := web/node_modules/.package-lock.json
