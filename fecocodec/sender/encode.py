@@ -106,7 +106,7 @@ def write_stages(
     fade: Fade | None = None
     if model.method != PAPER:
         optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
-        if encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= config.max_pixels:
+        if encoder.num_views >= LEAST_VIEWS:
             fade = fader(encoder.images[0], encoder.cameras.scene(0))
     return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, fade, on_progress)
 

@@ -5,7 +5,8 @@ photographs by these factors, which are then rounded to the levels of the format
 Gaussians, and from those of the other views alone: its own Gaussians lie close to its camera and hide those of others.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -68,6 +69,7 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
         return -10.0 * torch.log10((color - photographs[[view]]).square().mean() + LEAST_ERROR)
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
+        gaussians = _thinned(gaussians, images.shape, images.shape[-2] / size[0])
         logits = images.new_zeros(grid) if before is None else before.logits.clone()
         view = torch.arange(grid[0], device=images.device)[:, None, None]
         view_of = _of_gaussians(view.expand(grid), gaussians.count)
@@ -104,6 +106,22 @@ def _of_gaussians(values: Tensor, count: int) -> Tensor:
     """Return the value of the block of each Gaussian, ordered (view, row, column). values: [view row column]."""
     side = round((count / values.numel()) ** 0.5)  # Gaussians along a side of a block
     return values.repeat_interleave(side, dim=1).repeat_interleave(side, dim=2).flatten()
+
+
+def _thinned(gaussians: Gaussians, shape: Sequence[int], reduction: float) -> Gaussians:
+    """Return every s-th Gaussian of every s-th row, s times as large, where that is enough for the smaller renderings.
+
+    shape: of the views, [view 3 h w]. reduction: side of a view by the side of its rendering. s is a power of two, so
+    that each block keeps the same number of Gaussians. They are at most about one pixel of the renderings apart.
+    """
+    step = 2 ** max(0, int(math.log2(reduction / 2)))
+    views, _, height, width = shape
+    per_pixel = (gaussians.count / (views * height * width)) ** 0.5  # along a side
+    index = torch.arange(gaussians.count, device=gaussians.means.device)
+    index = index.view(views, round(per_pixel * height), round(per_pixel * width))
+    kept = index[:, step // 2 :: step, step // 2 :: step].flatten()
+    thinned = Gaussians(*(field[kept] for field in gaussians.fields()))
+    return replace(thinned, scales=thinned.scales * step)
 
 
 def _rendered_size(height: int, width: int) -> tuple[int, int]:
