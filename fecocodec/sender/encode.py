@@ -16,7 +16,7 @@ from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.coverage import LEAST_OPACITY, coverage_of
-from fecocodec.sender.fading import LEAST_VIEWS, Fade, fader, fading_of
+from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, Fade, fader, fading_of
 from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
@@ -106,7 +106,7 @@ def write_stages(
     fade: Fade | None = None
     if model.method != PAPER:
         optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
-        if encoder.num_views >= LEAST_VIEWS:
+        if encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS:
             fade = fader(encoder.images[0], encoder.cameras.scene(0))
     return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, fade, on_progress)
 

@@ -1,16 +1,14 @@
 """Fade parts of views whose Gaussians stand as fog before what other views show (FORMAT.md, section 8.2).
 
 The opacities of the Gaussians of a block are multiplied by a factor. A few steps of Adam raise the quality of all
-photographs by these factors, which are then rounded to the levels of the format. Each photograph is rendered from all
-Gaussians, and from those of the other views alone: its own Gaussians lie close to its camera and hide those of others.
+photographs by these factors, which are then rounded to the levels of the format. Each photograph is rendered in turn
+from all Gaussians and from those of the other views alone, because its own Gaussians are in front of those of others.
 """
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
@@ -26,7 +24,7 @@ NUM_STEPS = 4
 STEP = 1.5  # learning rate of Adam, for the logits of the factors
 LEAST_SLOPE = 1e-3  # dB: epsilon of Adam. Blocks whose slopes are smaller change little
 FIRST_LOGIT = 3.0  # of an unfaded block
-RENDERED_PIXELS = 128 * 128  # views are rendered at about this size
+MAX_PIXELS = 2**21  # of all views; the time grows with the pixels times the views
 LEAST_ERROR = 1e-10  # added to mean squared errors, so that the PSNR of equal images is finite
 
 
@@ -60,30 +58,29 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
 
     images: sRGB in [0, 1], on the coding grid. cameras: normalised.
     """
-    size = _rendered_size(images.shape[-2], images.shape[-1])
-    photographs = F.interpolate(images, size, mode="area")
+    size = (images.shape[-2], images.shape[-1])
     grid = (len(images), images.shape[-2] // FADING_BLOCKS.side, images.shape[-1] // FADING_BLOCKS.side)
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
         color = render(gaussians, cameras.select([view]), size).color.clamp(0, 1)
-        return -10.0 * torch.log10((color - photographs[[view]]).square().mean() + LEAST_ERROR)
+        return -10.0 * torch.log10((color - images[[view]]).square().mean() + LEAST_ERROR)
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
-        gaussians = _thinned(gaussians, images.shape, images.shape[-2] / size[0])
         logits = images.new_zeros(grid) if before is None else before.logits.clone()
         view = torch.arange(grid[0], device=images.device)[:, None, None]
         view_of = _of_gaussians(view.expand(grid), gaussians.count)
         adam = torch.optim.Adam([logits.requires_grad_()], lr=STEP, betas=(0.5, 0.9), eps=LEAST_SLOPE)
-        for _ in range(NUM_STEPS):
+        for step in range(NUM_STEPS):
             adam.zero_grad()
             for number in range(grid[0]):
-                is_other = view_of != number
-                for shown in (torch.ones_like(is_other), is_other):
-                    with torch.enable_grad():
-                        factors = _of_gaussians(_factors(logits), gaussians.count)
-                        opacities = (gaussians.opacities * factors)[shown]
-                        loss = -quality(replace(gaussians.keep(shown), opacities=opacities), number)
-                        loss.backward()
+                is_shown = view_of != number
+                if (step + number) % 2 == 0:
+                    is_shown[:] = True
+                with torch.enable_grad():
+                    factors = _of_gaussians(_factors(logits), gaussians.count)
+                    opacities = (gaussians.opacities * factors)[is_shown]
+                    loss = -quality(replace(gaussians.keep(is_shown), opacities=opacities), number)
+                    loss.backward()
             adam.step()
         return Fading(logits.detach())
 
@@ -106,24 +103,3 @@ def _of_gaussians(values: Tensor, count: int) -> Tensor:
     """Return the value of the block of each Gaussian, ordered (view, row, column). values: [view row column]."""
     side = round((count / values.numel()) ** 0.5)  # Gaussians along a side of a block
     return values.repeat_interleave(side, dim=1).repeat_interleave(side, dim=2).flatten()
-
-
-def _thinned(gaussians: Gaussians, shape: Sequence[int], reduction: float) -> Gaussians:
-    """Return every s-th Gaussian of every s-th row, s times as large, where that is enough for the smaller renderings.
-
-    shape: of the views, [view 3 h w]. reduction: side of a view by the side of its rendering. s is a power of two, so
-    that each block keeps the same number of Gaussians. They are at most about one pixel of the renderings apart.
-    """
-    step = 2 ** max(0, int(math.log2(reduction / 2)))
-    views, _, height, width = shape
-    per_pixel = (gaussians.count / (views * height * width)) ** 0.5  # along a side
-    index = torch.arange(gaussians.count, device=gaussians.means.device)
-    index = index.view(views, round(per_pixel * height), round(per_pixel * width))
-    kept = index[:, step // 2 :: step, step // 2 :: step].flatten()
-    thinned = Gaussians(*(field[kept] for field in gaussians.fields()))
-    return replace(thinned, scales=thinned.scales * step)
-
-
-def _rendered_size(height: int, width: int) -> tuple[int, int]:
-    scale = min(1.0, (RENDERED_PIXELS / (height * width)) ** 0.5)
-    return round(scale * height), round(scale * width)

@@ -103,15 +103,10 @@ def test_a_file_of_many_views_fades_and_one_of_few_does_not(random_weights: Path
     assert read_stream(encode(example_views(LEAST_VIEWS - 1), effort="fast", model=model)).fading is None
 
 
-def test_large_views_are_faded_as_small_ones(cameras, photographs, foggy) -> None:
-    """Eight times as many Gaussians along a side are thinned for the same renderings."""
-    large = torch.nn.functional.interpolate(photographs, (8 * SIDE, 8 * SIDE), mode="bilinear")
-    index = torch.arange(foggy.count).view(NUM_VIEWS, SIDE // 2, SIDE // 2)
-    index = index.repeat_interleave(8, dim=1).repeat_interleave(8, dim=2).flatten()
-    many = Gaussians(*(field[index] for field in foggy.fields()))
-    levels = fader(large, cameras)(replace(many, scales=many.scales / 8), None).levels
-    assert levels.shape == (NUM_VIEWS, 32, 32)
-    assert (levels[2, 8:16, 16:24] >= 2).float().mean() > 0.9
+def test_scenes_that_would_take_long_are_not_faded(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fecocodec.sender.encode.MAX_PIXELS", LEAST_VIEWS * 64 * 64 - 1)
+    data = encode(example_views(LEAST_VIEWS), effort="fast", model=random_weights / MODEL)
+    assert read_stream(data).fading is None
 
 
 def without_fading(data: bytes) -> bytes:
