@@ -43,9 +43,10 @@ def encode(
 
     lmbda: weight of the rate (bits per pixel) against the distortion, in [1e-5, 1e-2]; larger values give smaller
     files. effort: "fast", "default" or "best", or an `OptimisationConfig`; more effort gives a smaller file at equal
-    quality. num_stages: 1 omits the feedback stage. device: "cpu", "cuda" or "cuda:N". model: folder of the weights of
-    sender and receiver, None for the default shipped model. on_progress: called with the name of the current step and
-    the completed fraction. on_warning: called with a sentence about each view that does not fit the others.
+    quality; "fast" neither optimises latents nor fades what hides other views. num_stages: 1 omits the feedback stage.
+    device: "cpu", "cuda" or "cuda:N". model: folder of the weights of sender and receiver, None for the default shipped
+    model. on_progress: called with the name of the current step and the completed fraction. on_warning: called with a
+    sentence about each view that does not fit the others.
 
     If `views` has `alpha`, the stream marks the transparent cells, and decoders emit no Gaussians for them.
 
@@ -94,10 +95,10 @@ def write_stages(
     config: OptimisationConfig,
     on_progress: OnProgress = lambda _task, _fraction: None,
 ) -> tuple[Stage[WrittenLatent], ...]:
-    """Optimise the latents of each stage of one scene and entropy-code them.
+    """Optimise the latents of each stage of one scene and entropy-code them; fade blocks of many views.
 
-    The method "paper" does not optimise latents, whatever `config` says, and a model that was trained with one stage
-    codes one. Raises InputError for a lambda outside the range of the model.
+    Nothing is faded without steps of optimisation. The method "paper" neither optimises nor fades, whatever `config`
+    says, and a model that was trained with one stage codes one. Raises InputError for a lambda outside the range of the model.
     """
     model = encoder.codec.receiver.config
     check_lambda(model, lambda_q)
@@ -106,7 +107,7 @@ def write_stages(
     fade: Fade | None = None
     if model.method != PAPER:
         optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
-        if encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS:
+        if config.num_steps > 0 and encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS:
             fade = fader(encoder.images[0], encoder.cameras.scene(0))
     return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, fade, on_progress)
 

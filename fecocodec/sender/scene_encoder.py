@@ -117,6 +117,7 @@ class SceneEncoder:
             coded = code(y, inputs)
             y_hat, state = coded.y_hat, self.update(inputs, coded.y_hat)  # S_k = U(S_{k-1}, g_s(y_k_hat))
             if fade is not None:
+                on_progress("fading what hides other views", end)
                 fading = fade(self.gaussians(self.predict(state, condition)), fading)
             stages.append(Stage(inputs, y, coded, state, rendering, fading))
         return tuple(stages)
