@@ -98,7 +98,8 @@ def write_stages(
     """Optimise the latents of each stage of one scene and entropy-code them; fade blocks of many views.
 
     Nothing is faded without steps of optimisation. The method "paper" neither optimises nor fades, whatever `config`
-    says, and a model that was trained with one stage codes one. Raises InputError for a lambda outside the range of the model.
+    says, and a model that was trained with one stage codes one. Raises InputError for a lambda outside the range of the
+    model.
     """
     model = encoder.codec.receiver.config
     check_lambda(model, lambda_q)
