@@ -63,7 +63,8 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
         color = render(gaussians, cameras.select([view]), size).color.clamp(0, 1)
-        return -10.0 * torch.log10((color - images[[view]]).square().mean() + LEAST_ERROR)
+        squared = (color - images[[view]]).square().mean(dim=-1).mean()  # in two steps, alike with any number of threads
+        return -10.0 * torch.log10(squared + LEAST_ERROR)
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
         logits = images.new_zeros(grid) if before is None else before.logits.clone()
@@ -82,7 +83,7 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
                     loss = -quality(replace(gaussians.keep(is_shown), opacities=opacities), number)
                     loss.backward()
             adam.step()
-        return Fading(logits.detach())
+        return Fading(logits.detach().nan_to_num(0.0))
 
     return fade
 
@@ -102,4 +103,6 @@ def _factors(logits: Tensor) -> Tensor:
 def _of_gaussians(values: Tensor, count: int) -> Tensor:
     """Return the value of the block of each Gaussian, ordered (view, row, column). values: [view row column]."""
     side = round((count / values.numel()) ** 0.5)  # Gaussians along a side of a block
-    return values.repeat_interleave(side, dim=1).repeat_interleave(side, dim=2).flatten()
+    views, rows, columns = values.shape
+    in_rows = values[..., None].expand(-1, -1, -1, side).reshape(views, rows, 1, columns * side)
+    return in_rows.expand(-1, -1, side, -1).flatten()
