@@ -63,7 +63,7 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
         color = render(gaussians, cameras.select([view]), size).color.clamp(0, 1)
-        squared = (color - images[[view]]).square().mean(dim=-1).mean()  # in two steps, alike with any number of threads
+        squared = (color - images[[view]]).square().mean(dim=-1).mean()  # two steps: alike with any number of threads
         return -10.0 * torch.log10(squared + LEAST_ERROR)
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
