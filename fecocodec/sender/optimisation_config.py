@@ -14,8 +14,9 @@ class OptimisationConfig:
     """Number and size of the steps, and the objective.
 
     num_steps: number of steps for the last stage; stage 1 of two gets half of them plus one. extra_step_below: one step
-    is added for each of these values that exceeds the quantised lambda. max_pixels: scenes with more pixels, over all
-    views on the coding grid, get no steps, because gradients would need several GiB.
+    is added for each of these values that exceeds the quantised lambda. num_steps_large: replaces `num_steps` for
+    scenes with more than `large_pixels`. max_pixels: larger scenes get no steps, because gradients would need several
+    GiB. Pixels are counted over all views on the coding grid.
 
     step_size, step_size_unscaled: RMS of the first step, in quantisation steps and in units of y / gain. The larger of
     the two is used: the first limits the bits that a step adds, the second takes over when quantisation is fine.
@@ -33,6 +34,8 @@ class OptimisationConfig:
 
     num_steps: int = 4
     extra_step_below: tuple[int, ...] = (944, 256)  # lambda 4e-4 and 2.7e-5
+    num_steps_large: int = 1
+    large_pixels: int = 2**19
     max_pixels: int = 2**20
     step_size: float = 0.12
     step_size_unscaled: float = 0.055
@@ -48,16 +51,17 @@ class OptimisationConfig:
         """Return the number of steps of the last stage. num_pixels: of all views. lambda_q: quantised lambda."""
         if num_pixels > self.max_pixels:
             return 0
-        return self.num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
+        num_steps = self.num_steps if num_pixels <= self.large_pixels else self.num_steps_large
+        return num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
 
     def with_steps(self, num_steps: int) -> "OptimisationConfig":
         """Return a copy with exactly `num_steps` steps, for all scenes of up to `max_pixels`."""
-        return replace(self, num_steps=num_steps, extra_step_below=())
+        return replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=())
 
 
 DEFAULT = OptimisationConfig()
 FAST = DEFAULT.with_steps(0)
-BEST = replace(DEFAULT, num_steps=16, extra_step_below=())
+BEST = replace(DEFAULT, num_steps=16, num_steps_large=4, extra_step_below=())
 EFFORTS = {"fast": FAST, "default": DEFAULT, "best": BEST}
 
 
