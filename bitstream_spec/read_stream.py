@@ -265,23 +265,23 @@ def check_cameras(start: int, near: float, far: float, intrinsics: Any, rotation
 
 
 def read_coverage(cursor: Cursor, start: int, payload: bytes, header: dict[str, Any]) -> bytes:
-    """Section 8.1."""
+    """Section 8.1: one bit for each cell of 4x4 pixels."""
     height, width = grid(header)
-    size = header["views"] * (height // 4) * (width // 4) // 8
-    cells = inflate(start, payload, "cells", size)
-    require(len(cells) == size, start, "the cells do not inflate to the right size")
-    cursor.fields.append(Field(start + 9, len(payload), cells, "inflated: covered cells"))
-    return cells
+    return read_bits(cursor, start, payload, header["views"] * (height // 4) * (width // 4), "covered cells")
 
 
 def read_fading(cursor: Cursor, start: int, payload: bytes, header: dict[str, Any]) -> bytes:
-    """Section 8.2."""
+    """Section 8.2: two bits for each block of 16x16 pixels."""
     height, width = grid(header)
-    size = header["views"] * (height // 16) * (width // 16) // 4
-    blocks = inflate(start, payload, "blocks", size)
-    require(len(blocks) == size, start, "the blocks do not inflate to the right size")
-    cursor.fields.append(Field(start + 9, len(payload), blocks, "inflated: levels of fading"))
-    return blocks
+    return read_bits(cursor, start, payload, 2 * header["views"] * (height // 16) * (width // 16), "levels of fading")
+
+
+def read_bits(cursor: Cursor, start: int, payload: bytes, num_bits: int, meaning: str) -> bytes:
+    """Inflate and record a section of that many bits."""
+    values = inflate(start, payload, meaning, num_bits // 8)
+    require(len(values) == num_bits // 8, start, f"the {meaning} do not inflate to the right size")
+    cursor.fields.append(Field(start + 9, len(payload), values, f"inflated: {meaning}"))
+    return values
 
 
 def grid(header: dict[str, Any]) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from fecocodec.coding.visibility import FACTOR_OF_LEVEL, pack_levels
 from fecocodec.container import FADING_BLOCKS
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.rendering.metrics import finite_psnr
 from fecocodec.rendering.rasterizer import render
 
 LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them
@@ -25,7 +26,6 @@ STEP = 1.5  # learning rate of Adam, for the logits of the factors
 LEAST_SLOPE = 1e-3  # dB: epsilon of Adam. Blocks whose slopes are smaller change little
 FIRST_LOGIT = 3.0  # of an unfaded block
 MAX_PIXELS = 2**21  # of all views; the time grows with the pixels times the views
-LEAST_ERROR = 1e-10  # added to mean squared errors, so that the PSNR of equal images is finite
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,7 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
         color = render(gaussians, cameras.select([view]), size).color.clamp(0, 1)
-        squared = (color - images[[view]]).square().mean(dim=-1).mean()  # two steps: alike with any number of threads
-        return -10.0 * torch.log10(squared + LEAST_ERROR)
+        return finite_psnr(color, images[[view]])[0]
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
         logits = images.new_zeros(grid) if before is None else before.logits.clone()

@@ -22,6 +22,7 @@ from fecocodec.container import COVERAGE_CELLS, Header, quantise_lambda
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.limits import MIN_SIDE, grid_side
+from fecocodec.rendering.metrics import finite_psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.coverage import covered_cells
@@ -38,7 +39,6 @@ LEAST_VIEWS = 5  # fewer views are not judged
 LEAST_GAIN = 0.2  # dB by which the mean PSNR must rise without a view, for it to be left out
 LEAST_SLOPE = 0.02  # dB, see `_Judgement`: a view of a smaller slope is not tried
 NUM_TRIED = 3  # views, those with the largest slopes, of which one or none is left out
-LEAST_ERROR = 1e-10  # added to mean squared errors, so that the PSNR of equal images is finite
 JUDGED_PIXELS = 128 * 128  # larger views are judged at about this size; 192 * 192 is slower and no better
 
 
@@ -147,8 +147,7 @@ class _Trial:
                 others = gaussians.keep(is_other)
                 others = replace(others, opacities=others.opacities * opacity[view_of[is_other]])
                 color = render(others, cameras.select([view]), self.encoder.size, self.background).color
-                squared = (color.clamp(0, 1) - self.photographs[[view]]).square().mean()
-                quality = -10.0 / count * torch.log10(squared + LEAST_ERROR)
+                quality = finite_psnr(color.clamp(0, 1), self.photographs[[view]])[0] / count
             total += float(quality)
             if others.count:
                 growth += torch.autograd.grad(quality, opacity)[0]

@@ -2,12 +2,11 @@
 
 import { checkCameras } from "./camera-rules";
 import { readCameras, type StoredCameras } from "./cameras";
-import { readCoverage } from "./coverage";
-import { readFading } from "./fading";
 import { type Header, readHeader } from "./header";
 import { type Metadata, readMetadata } from "./metadata";
 import { BAD_WRITER, Refusal } from "./refusal";
 import { Kind, place, readSections, type Section, sectionName } from "./sections";
+import { COVERAGE, FADING, readViewGrids } from "./view-grids";
 
 export interface Stream {
   header: Header;
@@ -87,8 +86,8 @@ function assemble(header: Header, sections: Section[], stages: number): Stream {
     header,
     cameras,
     payloads: kinds.map((kind) => (found.get(kind) as Section).payload),
-    coverage: coverage ? readCoverage(coverage.payload, header, place(coverage)) : null,
-    fading: fading ? readFading(fading.payload, header, place(fading)) : null,
+    coverage: coverage ? readViewGrids(COVERAGE, coverage.payload, header, place(coverage)) : null,
+    fading: fading ? readViewGrids(FADING, fading.payload, header, place(fading)) : null,
     metadata: null,
     sections,
   };
