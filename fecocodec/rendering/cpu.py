@@ -1,7 +1,7 @@
 """Rendering on the CPU, by the kernels of this folder, as one differentiable function."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,18 +20,25 @@ from fecocodec.rendering.projection_backward import project_backward
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
 from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes
-from fecocodec.rendering.tiles import front_to_back, sum_over_tiles, tile_lists
+from fecocodec.rendering.tiles import TileLists, front_to_back, sum_over_tiles, tile_lists
 
 Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], depth and alpha [height width], float32
 
 
 @dataclass(frozen=True)
 class _Projected:
-    """Splats of one camera and the order, front to back, in which they are composited."""
+    """Splats of one camera and the order, front to back, in which they are composited.
+
+    whole: lists that cover the image; None if they have not been made, or if several are needed.
+    """
 
     pinhole: Pinhole
     splats: np.ndarray
     order: Int32[np.ndarray, " visible"]
+    whole: TileLists | None = None
+
+    def lists(self, image_size: tuple[int, int]) -> Iterable[TileLists]:
+        return [self.whole] if self.whole is not None else tile_lists(self.splats, self.order, image_size)
 
 
 def render_on_cpu(
@@ -60,10 +67,9 @@ class _Rasterize(torch.autograd.Function):
         def draw(view: int) -> _Projected | None:
             seen = _project(cameras[view], arrays)
             images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
-            _composite(seen, np.asarray(background, np.float32), images)
-            return (
-                seen if needs_gradients else None
-            )  # without gradients, splats are not kept: they are larger than the images
+            whole = _composite(seen, np.asarray(background, np.float32), images)
+            # Without gradients, splats are not kept: they are larger than the images.
+            return replace(seen, whole=whole) if needs_gradients else None
 
         ctx.projected = run_side_by_side(draw, len(cameras))
         ctx.save_for_backward(*fields, color, depth, alpha)
@@ -100,17 +106,20 @@ def _project(pinhole: Pinhole, fields: Sequence[np.ndarray]) -> _Projected:
     return _Projected(pinhole, splats, front_to_back(splats))
 
 
-def _composite(projected: _Projected, background: Float32[np.ndarray, "3"], images: Images) -> None:
-    splats, image_size = projected.splats, images[-1].shape
-    for tiles in tile_lists(splats, projected.order, image_size):
+def _composite(projected: _Projected, background: Float32[np.ndarray, "3"], images: Images) -> TileLists | None:
+    """Write the images. Returns the lists of splats if they cover the image at once."""
+    whole = None
+    for tiles in projected.lists(images[-1].shape):
         lists = (tiles.first, tiles.offsets, tiles.splat_of_hit)
-        run_in_ranges(composite, tiles.stop - tiles.first, *lists, splats, background, *images)
+        run_in_ranges(composite, tiles.stop - tiles.first, *lists, projected.splats, background, *images)
+        whole = tiles if tiles.first == 0 else None
+    return whole
 
 
 def _composite_backward(projected: _Projected, images: Images, d_images: Images) -> Float32[np.ndarray, "n fields"]:
-    splats, image_size = projected.splats, images[-1].shape
+    splats = projected.splats
     gradients = np.zeros((len(splats), len(DIFFERENTIABLE_FIELDS)), np.float32)
-    for tiles in tile_lists(splats, projected.order, image_size):
+    for tiles in projected.lists(images[-1].shape):
         lists = (tiles.first, tiles.offsets, tiles.splat_of_hit)
         hit_gradients = np.empty((len(tiles.splat_of_hit), len(DIFFERENTIABLE_FIELDS)), np.float32)
         run_in_ranges(composite_backward, tiles.stop - tiles.first, *lists, splats, images, d_images, hit_gradients)

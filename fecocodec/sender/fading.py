@@ -1,8 +1,9 @@
 """Fade parts of views whose Gaussians stand as fog before what other views show (FORMAT.md, section 8.2).
 
 The opacities of the Gaussians of a block are multiplied by a factor. A few steps of Adam raise the quality of all
-photographs by these factors, which are then rounded to the levels of the format. Each photograph is rendered in turn
-from all Gaussians and from those of the other views alone, because its own Gaussians are in front of those of others.
+photographs by these factors, which are then rounded to the levels of the format. A step renders every second
+photograph; each is rendered in turn from all Gaussians and from those of the other views alone, because its own
+Gaussians are in front of those of others.
 """
 
 from collections.abc import Callable
@@ -72,14 +73,14 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
         adam = torch.optim.Adam([logits.requires_grad_()], lr=STEP, betas=(0.5, 0.9), eps=LEAST_SLOPE)
         for step in range(NUM_STEPS):
             adam.zero_grad()
-            for number in range(grid[0]):
+            for number in range(step % 2, grid[0], 2):
                 is_shown = view_of != number
-                if (step + number) % 2 == 0:
+                if (step // 2 + number // 2) % 2 == 0:
                     is_shown[:] = True
                 with torch.enable_grad():
                     factors = _of_gaussians(_factors(logits), gaussians.count)
                     opacities = (gaussians.opacities * factors)[is_shown]
-                    loss = -quality(replace(gaussians.keep(is_shown), opacities=opacities), number)
+                    loss = -2.0 * quality(replace(gaussians.keep(is_shown), opacities=opacities), number)
                     loss.backward()
             adam.step()
         return Fading(logits.detach().nan_to_num(0.0))

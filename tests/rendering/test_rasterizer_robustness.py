@@ -10,7 +10,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.kernels.compilation import compiled
-from fecocodec.rendering import tiles
+from fecocodec.rendering import cpu, tiles
 from fecocodec.rendering.rasterizer import render
 
 IMAGE_SIZE = (40, 50)
@@ -122,6 +122,15 @@ def test_many_hits_are_worked_through_in_parts_with_the_same_result(monkeypatch:
     monkeypatch.setattr(tiles, "_MAX_HITS", 50)
     in_parts = color_and_gradients()
     assert all(torch.equal(a, b) for a, b in zip(at_once, in_parts, strict=True))
+
+
+def test_gradients_take_the_lists_of_the_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    monkeypatch.setattr(cpu, "tile_lists", lambda *given, make=cpu.tile_lists: made.append(given) or make(*given))
+    leaves = Gaussians(*(field.requires_grad_() for field in random_gaussians(100).fields()))
+    render(leaves, two_cameras(), IMAGE_SIZE).color.sum().backward()
+    assert len(made) == 2  # one for each camera
+    assert leaves.opacities.grad.abs().sum() > 0
 
 
 def test_lists_hold_no_more_hits_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
