@@ -20,8 +20,18 @@ _OF_VIEWS = (
         "out.  [default: all of them, or auto for more than 16 photographs]",
     ),
     click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels."),
-    click.option("--near", type=float, help="Nearest depth of the scene, in scene units.  [default: estimated]"),
-    click.option("--far", type=float, help="Farthest depth of the scene, in scene units.  [default: estimated]"),
+    click.option(
+        "--near",
+        type=click.FloatRange(min=0, min_open=True),
+        metavar="DEPTH",
+        help="Nearest depth of the scene, in scene units.  [default: estimated]",
+    ),
+    click.option(
+        "--far",
+        type=click.FloatRange(min=0, min_open=True),
+        metavar="DEPTH",
+        help="Farthest depth of the scene, in scene units.  [default: estimated]",
+    ),
     click.option(
         "--background",
         type=click.Choice(["white", "black"]),

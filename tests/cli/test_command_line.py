@@ -73,6 +73,8 @@ def test_help_loads_no_numeric_library() -> None:
         (("encode", "photos", "-o", "a.fcs", "--views", "spread:x"), "'spread:x' is not spread:COUNT"),
         (("encode", "photos", "-o", "a.fcs", "--stages", "3"), "3 is not in the range 1<=x<=2"),
         (("encode", "photos", "-o", "a.fcs", "--threads", "0"), "0 is not in the range 1<=x<=1024"),
+        (("encode", "photos", "-o", "a.fcs", "--near", "-1"), "-1.0 is not in the range x>0"),
+        (("encode", "photos", "-o", "a.fcs", "--far", "0"), "0.0 is not in the range x>0"),
         (("decode", "a.fcs", "-o", "a.ply", "--device", "gpu"), "'gpu' is none of cpu, cuda, cuda:N"),
         (("render", "scene.ply", "-o", "out"), "need --cameras"),
         (("render", "scene.fcs", "-o", "out", "--views", "0"), "need --cameras"),
