@@ -10,6 +10,7 @@ from .selection import parse_selection
 _LAMBDA = lambda_option(
     "Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file."
 )
+_DEPTH = click.FloatRange(min=0, min_open=True)
 _OF_VIEWS = (
     click.option(
         "--views",
@@ -22,13 +23,13 @@ _OF_VIEWS = (
     click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels."),
     click.option(
         "--near",
-        type=click.FloatRange(min=0, min_open=True),
+        type=_DEPTH,
         metavar="DEPTH",
         help="Nearest depth of the scene, in scene units.  [default: estimated]",
     ),
     click.option(
         "--far",
-        type=click.FloatRange(min=0, min_open=True),
+        type=_DEPTH,
         metavar="DEPTH",
         help="Farthest depth of the scene, in scene units.  [default: estimated]",
     ),

@@ -4,7 +4,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
@@ -14,12 +14,28 @@ MAX_THREADS = 1024
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-# Not checked by click: the library checks the path and names it in its message (exit code 1, not 2).
-FILE_PATH = click.Path(readable=False, path_type=Path)
+class _FilePath(click.Path):
+    """A file or folder. The library checks it and names it in its message (exit code 1, not 2).
+
+    An empty path is refused: it would mean the current folder, and mostly comes from an unset variable of a shell.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(readable=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("the path is empty; name a file or folder, or . for the current folder.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+FILE_PATH = _FilePath()
 
 
 def stream_path(value: str) -> Path:
-    """Return the path of a .fcs file to read; `-` is standard input."""
+    """Return the path of a .fcs file to read; `-` is standard input. Raises BadParameter for an empty path."""
+    if value == "":
+        raise click.BadParameter("the path is empty; name a .fcs file.")
     return Path("/dev/stdin") if value == "-" else Path(value)
 
 

@@ -38,6 +38,7 @@ class _Projected:
     whole: TileLists | None = None
 
     def lists(self, image_size: tuple[int, int]) -> Iterable[TileLists]:
+        """Return lists that cover the image, made anew unless they are kept."""
         return [self.whole] if self.whole is not None else tile_lists(self.splats, self.order, image_size)
 
 

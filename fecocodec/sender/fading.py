@@ -80,6 +80,7 @@ def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
                 with torch.enable_grad():
                     factors = _of_gaussians(_factors(logits), gaussians.count)
                     opacities = (gaussians.opacities * factors)[is_shown]
+                    # Twice, for the other half of the photographs.
                     loss = -2.0 * quality(replace(gaussians.keep(is_shown), opacities=opacities), number)
                     loss.backward()
             adam.step()
