@@ -41,7 +41,7 @@ Examples:
     required=True,
     type=FILE_PATH,
     help="Output file: .ply (3DGS), .compressed.ply, .spz, .sog, .glb (KHR_gaussian_splatting), or .html (a page "
-    "that shows the scene); - writes a .ply to standard output.",
+    "that shows the scene; needs `make web` once); - writes a .ply to standard output.",
 )
 @click.option(
     "--save-cameras",

@@ -109,6 +109,8 @@ def _with_depth_bounds(
 ) -> Cameras:
     """Return the cameras with depth bounds from the arguments, the camera file, sparse points, or else an estimate."""
     scene = chosen.scene
+    # Bounds that were both given are no fault of the camera file.
+    place = f"{scene.cameras_path}: " if near is None or far is None else ""
     near = scene.near if near is None else near
     far = scene.far if far is None else far
     if near is None or far is None:
@@ -117,7 +119,7 @@ def _with_depth_bounds(
         near, far = known[0] if near is None else near, known[1] if far is None else far
     if not 0 < near < far < torch.finfo(torch.float32).max:
         raise InputError(
-            f"{scene.cameras_path}: near {near:.6g} and far {far:.6g} are no range of depths; "
+            f"{place}near {near:.6g} and far {far:.6g} are no range of depths; "
             "0 < near < far is needed, set them with `near` and `far`."
         )
     bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}

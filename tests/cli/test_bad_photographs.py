@@ -130,8 +130,7 @@ def test_bad_photographs(fecosplat, scene: Path, output: Path, damage: Damage, s
         ),
         (
             ("--near", "5", "--far", "2"),
-            "{folder}/transforms.json: near 5 and far 2 are no range of depths; 0 < near < far is needed, set them "
-            "with --near and --far.",
+            "near 5 and far 2 are no range of depths; 0 < near < far is needed, set them with --near and --far.",
         ),
         (("--size", "96x32"), "size 96x32: each side must have 64 to 1024 pixels; choose another --size."),
         (("--views", "spread:9"), "{folder}: 9 views asked for, but the folder has 4; choose 1 to 4."),

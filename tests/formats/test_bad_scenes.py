@@ -238,10 +238,10 @@ def test_distortion_without_inverse(tmp_path):
 
 
 def test_near_beyond_far(scene):
-    assert message(scene, near=9.0, far=2.0) == (
-        f"{scene}/transforms.json: near 9 and far 2 are no range of depths; "
-        "0 < near < far is needed, set them with `near` and `far`."
-    )
+    rest = "near 9 and far 2 are no range of depths; 0 < near < far is needed, set them with `near` and `far`."
+    assert message(scene, near=9.0, far=2.0) == rest
+    edit(scene, lambda cameras: cameras.update(far=2.0))
+    assert message(scene, near=9.0, far=None) == f"{scene}/transforms.json: {rest}"
     edit(scene, lambda cameras: cameras.update(near=3.0, far=3.0))
     assert "near 3 and far 3 are no range of depths" in message(scene, near=None, far=None)
 
