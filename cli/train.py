@@ -1,5 +1,7 @@
 """`fecosplat train`: train the networks on procedural scenes and on photographs."""
 
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,6 +96,13 @@ Examples:
     help="Number of scenes per process that --entropy-steps trains on.",
 )
 @click.option(
+    "--step-updates",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="After that, train the network that proposes the steps of `encode` alone, for this many updates.",
+)
+@click.option(
     "--export", "model", type=FILE_PATH, help="Write the weights and graphs of the finished model to this folder."
 )
 @device_option
@@ -115,6 +124,7 @@ def command(
     completion_scenes: int,
     entropy_steps: int,
     entropy_scenes: int,
+    step_updates: int,
     model: Path | None,
     device: str,
     **overrides: Any,
@@ -137,13 +147,14 @@ def command(
     from fecocodec.training.processes import is_first, joined_processes
     from fecocodec.training.run_settings import RunSettings
     from fecocodec.training.sources import open_sources
+    from fecocodec.training.step_phase import StepPhase, train_step_network
     from fecocodec.training.trainer import Trainer
 
     from .device import require_rendering_device
 
     require_rendering_device(device)
     configuration = overridden(configuration_named(name), overrides)
-    _check_options(configuration, entropy_steps, num_workers)
+    _check_options(configuration, entropy_steps, step_updates, num_workers)
     with joined_processes(device) as own_device:
         sources = open_sources(photographs, textures, configuration, validation)
         settings = RunSettings(
@@ -164,13 +175,22 @@ def command(
             trainer.save(trainer.checkpoint)
         for row in train(trainer):
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
-        if entropy_steps and trainer.step < configuration.schedule.num_steps:
-            if is_first():
-                warn("entropy model: not trained before the last step of the schedule; run the same command again")
-        elif entropy_steps:
-            for row in train_entropy_model(trainer, EntropyPhase(entropy_steps, entropy_scenes)):
+        last_phases: tuple[tuple[str, int, Callable[[], Iterator[dict[str, float]]]], ...] = (
+            (
+                "entropy model",
+                entropy_steps,
+                partial(train_entropy_model, trainer, EntropyPhase(entropy_steps, entropy_scenes)),
+            ),
+            ("step network", step_updates, partial(train_step_network, trainer, StepPhase(step_updates))),
+        )
+        for name, num_steps, rows in last_phases:
+            if num_steps and trainer.step < configuration.schedule.num_steps:
                 if is_first():
-                    say("entropy model: " + "  ".join(f"{name} {value:.4g}" for name, value in row.items()))
+                    warn(f"{name}: not trained before the last step of the schedule; run the same command again")
+            elif num_steps:
+                for row in rows():
+                    if is_first():
+                        say(f"{name}: " + "  ".join(f"{key} {value:.4g}" for key, value in row.items()))
         if model is not None and is_first():
             _require_finished(trainer.step, configuration.schedule.num_steps, model)
             export_model(trainer.checkpoint, model, configuration)
@@ -186,13 +206,15 @@ def _check_paths(folder: Path, inputs: tuple[Path | None, ...]) -> None:
             require_input(path, "there is no such file or folder; check the path.")
 
 
-def _check_options(configuration: "Configuration", entropy_steps: int, num_workers: int) -> None:
+def _check_options(configuration: "Configuration", entropy_steps: int, step_updates: int, num_workers: int) -> None:
     if configuration.sender.extractor == "adapted":
         raise InputError(
             "This configuration needs the network of its extractor; train it in Python (examples/larger_extractor.py)."
         )
     if configuration.is_paper and entropy_steps:
         raise InputError("The paper's method has no phase for the entropy model alone; leave out --entropy-steps.")
+    if not configuration.sender.step_channels and step_updates:
+        raise InputError("This configuration has no network that proposes steps; leave out --step-updates.")
     if configuration.kept_batches and num_workers:
         raise InputError("Kept batches are drawn by the training process; leave out --workers, or --keep.")
 

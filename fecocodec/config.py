@@ -62,13 +62,15 @@ class CodecConfig:
     """Sizes of g_a and E_fb, common to all feature extractors.
 
     extractor: name of the feature extractor in weights files. ablation: "no-context" gives g_a the state S0 in stage 2,
-    "no-feedback" gives E_fb the photographs in place of the renderings; "" for the whole sender.
+    "no-feedback" gives E_fb the photographs in place of the renderings; "" for the whole sender. step_channels: width
+    of the network that proposes the steps of latent optimisation; 0 for steps along the gradient.
     """
 
     extractor: ClassVar[str]
     analysis_channels: int = 160  # inner width of g_a at 1/8
     fine_hidden: int = 96
     ablation: str = field(default="", metadata=OPTIONAL, kw_only=True)
+    step_channels: int = field(default=0, metadata=OPTIONAL, kw_only=True)
 
 
 @dataclass(frozen=True)

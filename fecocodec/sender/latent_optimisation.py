@@ -22,7 +22,10 @@ from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_ra
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import LatentCoder, OnFraction, Optimise, StageInputs
 
-Objective = Callable[[Float[Tensor, "view latent h8 w8"]], Float[Tensor, ""]]
+Latent = Float[Tensor, "view latent h8 w8"]
+Objective = Callable[[Latent], Float[Tensor, ""]]
+Propose = Callable[[Latent, Latent, Latent, float], Latent]
+"""(gradient of RMS 1, y, previous step, share of the steps that is left) -> step, in units of its present length."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +57,11 @@ def optimise_latents(
     config: OptimisationConfig,
     estimate: LatentCoder[EstimatedLatent],
     inputs: StageInputs,
-    y: Float[Tensor, "view latent h8 w8"],
+    y: Latent,
     num_steps: int,
     on_fraction: OnFraction = lambda _fraction: None,
-) -> Float[Tensor, "view latent h8 w8"]:
-    """Return y of one stage after `num_steps` steps of gradient descent on D + price * R.
+) -> Latent:
+    """Return y of one stage after `num_steps` steps of descent on D + price * R.
 
     D is the distortion of the context views, rendered after this stage. R is the rate that `estimate` returns.
     on_fraction: called before each step.
@@ -68,13 +71,9 @@ def optimise_latents(
     lambda_q = int(inputs.lambda_q[0])
     price = price_of_rate(config, lambda_q) / encoder.num_pixels
 
-    def gaussians_of(y_hat: Tensor) -> Gaussians:
-        gaussians = _gaussians(encoder, config, encoder.update(inputs, y_hat), inputs.condition)
-        return gaussians if inputs.fading is None else inputs.fading.faded(gaussians)
-
     held = None
     if num_steps > config.max_steps_unheld:
-        held = hold_views_between(encoder, gaussians_of(estimate(y, inputs).y_hat))
+        held = hold_views_between(encoder, gaussians_of(encoder, config, inputs, estimate(y, inputs).y_hat))
 
     num_evaluated = 0
 
@@ -83,31 +82,51 @@ def optimise_latents(
         on_fraction(num_evaluated / num_steps)
         num_evaluated += 1
         estimated = estimate(y, inputs)
-        distortion = _distortion(encoder, config, gaussians_of(estimated.y_hat), held)
+        distortion = _distortion(encoder, config, gaussians_of(encoder, config, inputs, estimated.y_hat), held)
         return distortion + price * estimated.bits.sum()
 
-    return descend(y, objective, num_steps, step_size(config, inputs.condition))
+    return descend(y, objective, num_steps, step_size(config, inputs.condition), proposer(encoder, inputs.condition))
+
+
+def proposer(encoder: SceneEncoder, condition: RateCondition) -> Propose:
+    """Return what proposes steps: the sender's network, if it has one, else the direction against the gradient."""
+    network = encoder.codec.sender.steps
+    if network is None:
+        return against_gradient
+
+    @torch.no_grad()
+    def propose(gradient: Tensor, y: Tensor, previous: Tensor, left: float) -> Tensor:
+        step: Tensor = network(gradient, y, previous, left, condition)
+        return step
+
+    return propose
+
+
+def against_gradient(gradient: Tensor, y: Tensor, previous: Tensor, left: float) -> Tensor:
+    """Return the negative gradient."""
+    return -gradient
 
 
 def descend(
-    start: Float[Tensor, "view latent h8 w8"], objective: Objective, num_steps: int, first_length: float
-) -> Float[Tensor, "view latent h8 w8"]:
-    """Run normalised gradient descent from `start`. The RMS length of the steps decreases linearly to zero.
+    start: Latent, objective: Objective, num_steps: int, first_length: float, propose: Propose = against_gradient
+) -> Latent:
+    """Run normalised gradient descent from `start`, or descent by proposed steps, whose length decreases linearly to 0.
 
-    first_length: RMS of the first step, in units of y. A step that increases the objective is undone, and the following
-    steps are halved. The last step is not checked, because a check takes half as long as a step.
+    first_length: RMS of the first step along the gradient, in units of y. A step that increases the objective is
+    undone, and the following steps are halved. The last step is not checked, because a check takes half as long as a
+    step.
     """
     y = best_y = start.detach()
-    best, direction, longest = float("inf"), torch.zeros_like(y), first_length
+    best, step, longest = float("inf"), torch.zeros_like(y), first_length
     for number in range(num_steps):
         value, gradient = _value_and_gradient(objective, y)
-        length = gradient.square().mean().sqrt()
+        length, left = gradient.square().mean().sqrt(), 1.0 - number / (num_steps + 1)
         is_usable = bool(torch.isfinite(length)) and float(length) > 0.0
         if value < best and is_usable:
-            best, best_y, direction = value, y, gradient / length
+            best, best_y, step = value, y, propose(gradient / length, y, step, left)
         else:
             longest /= 2
-        y = best_y - longest * (1.0 - number / (num_steps + 1)) * direction
+        y = best_y + longest * left * step
     return y
 
 
@@ -132,20 +151,19 @@ def _distortion(
     return distortion + config.held_weight * moved.square().mean()
 
 
-def _gaussians(
-    encoder: SceneEncoder,
-    config: OptimisationConfig,
-    state: Float[Tensor, "view channel h4 w4"],
-    condition: RateCondition,
+def gaussians_of(
+    encoder: SceneEncoder, config: OptimisationConfig, inputs: StageInputs, y_hat: Float[Tensor, "view latent h8 w8"]
 ) -> Gaussians:
-    """Predict the Gaussians of a state. Colours are constant: view-dependent colours would compensate depth errors.
+    """Predict the Gaussians of a stage, faded if there is fading.
 
-    For few views, gradients skip the residual branches of the predictor. Gradients through these branches improve only
-    the context views, and cost rate and time (docs/experiments.md).
+    Colours are constant: view-dependent colours would compensate depth errors. For few views, gradients skip the
+    residual branches of the predictor. Gradients through these branches improve only the context views, and cost rate
+    and time (docs/experiments.md).
     """
     is_direct = encoder.num_views <= config.max_views_of_direct_gradients
     with direct_gradients() if is_direct else nullcontext():
-        return encoder.predict(state, condition).gaussians.scene(0)
+        gaussians = encoder.predict(encoder.update(inputs, y_hat), inputs.condition).gaussians.scene(0)
+    return gaussians if inputs.fading is None else inputs.fading.faded(gaussians)
 
 
 @torch.enable_grad()

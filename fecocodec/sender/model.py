@@ -11,12 +11,16 @@ from fecocodec.sender.extractors.adapter import AdaptedExtractor
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.feedback import FeedbackExtractor, PictureFeedbackExtractor
+from fecocodec.sender.step_network import StepNetwork
 
 NO_CONTEXT, NO_FEEDBACK = "no-context", "no-feedback"
 
 
 class Sender(nn.Module):
-    """E_mv, E_fb, g_a and h_a. g_a and h_a are shared by both stages; E_mv depends on the profile."""
+    """E_mv, E_fb, g_a and h_a. g_a and h_a are shared by both stages; E_mv depends on the profile.
+
+    steps: proposes the steps of latent optimisation; None for steps along the gradient.
+    """
 
     def __init__(
         self, config: CodecConfig, receiver: ReceiverConfig, extractor: AdaptedExtractor | None = None
@@ -35,6 +39,7 @@ class Sender(nn.Module):
         self.feedback = feedback(config, receiver)
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)
+        self.steps = StepNetwork(receiver.latent_channels, config.step_channels) if config.step_channels else None
 
 
 def _extractor(config: CodecConfig, channels: int) -> CompactExtractor | DepthSplatSmall:

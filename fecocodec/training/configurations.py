@@ -127,13 +127,14 @@ _COMPACT = Configuration(
     ),
     schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
     distortion=LogDistortion(),
+    sender=SenderConfig(step_channels=96),
 )
 
 CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
     {
         "compact": _COMPACT,
         # With depth completion from DINOv2's features (`--completion-steps`).
-        "compact-monocular": replace(_COMPACT, sender=SenderConfig(is_monocular=True)),
+        "compact-monocular": replace(_COMPACT, sender=SenderConfig(is_monocular=True, step_channels=96)),
         # Our method with the paper's extractor, for the receivers of compact models.
         "compact-re10k": Configuration(
             shapes=_PAPER_RE10K.shapes,

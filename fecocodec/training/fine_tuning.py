@@ -6,7 +6,7 @@ trained with it decode with the same receiver.
 
 from pathlib import Path
 
-from torch import Tensor, nn
+from torch import nn
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into
 from fecocodec.errors import InputError, ModelError
@@ -19,27 +19,29 @@ from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSma
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 
-COMPLETION = "extractor.completion."
+TRAINED_ALONE = ("extractor.completion.", "steps.")  # parts that a model may lack
 FREEZABLE = ("receiver", "extractor", "matching")
 
 
 def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
     """Copy the weights of a model's folder, except those of an extractor of another kind.
 
-    A sender with depth completion keeps the initial weights of it if the model has none.
+    A sender keeps the initial weights of its depth completion and of its step network if the model has none, and does
+    without them if it has none itself.
     Raises ModelError if the model is missing or has other sizes.
     """
     released, model_id = load_receiver(model / RECEIVER_FILE)
     trained = load_sender(model / SENDER_FILE, released.config, model_id)
     load_into(receiver, released.state_dict(), model)
     if trained.config.extractor == sender.config.extractor:
-        load_into(sender, _of_completion(sender) | dict(trained.state_dict()), model)
+        own = sender.state_dict()
+        initial = {name: value for name, value in own.items() if name.startswith(TRAINED_ALONE)}
+        found = trained.state_dict().items()
+        load_into(
+            sender, initial | {n: value for n, value in found if n in own or not n.startswith(TRAINED_ALONE)}, model
+        )
     else:
         adopt_codec(sender, trained)
-
-
-def _of_completion(sender: Sender) -> dict[str, Tensor]:
-    return {name: value for name, value in sender.state_dict().items() if name.startswith(COMPLETION)}
 
 
 def load_fitting_weights(

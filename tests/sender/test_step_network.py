@@ -1,0 +1,95 @@
+"""The network that proposes steps: before training it changes no byte, and its steps are taken, checked and undone."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from fecocodec.config import SenderConfig
+from fecocodec.container.lambda_quantisation import quantise_lambda
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.encode import encode_with
+from fecocodec.sender.latent_optimisation import against_gradient, descend
+from fecocodec.sender.load import load_sender, serialise_sender
+from fecocodec.sender.model import Sender
+from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.step_network import LARGEST_LOG_SCALE, StepNetwork
+from tests.example_scenes import MODEL, example_views
+
+LAMBDA_Q = quantise_lambda(1e-3)
+
+
+@pytest.fixture(scope="module")
+def codec(random_weights: Path) -> Codec:
+    return load_codec(random_weights / MODEL, "cpu")
+
+
+def with_steps(codec: Codec) -> Codec:
+    """The same codec with an untrained network."""
+    sender = Sender(replace(codec.sender.config, step_channels=32), codec.receiver.config)
+    initial = {name: value for name, value in sender.state_dict().items() if name.startswith("steps.")}
+    sender.load_state_dict(initial | dict(codec.sender.state_dict()))
+    return replace(codec, sender=sender.eval().requires_grad_(False))
+
+
+def test_an_untrained_network_changes_no_byte_and_a_changed_one_does(codec: Codec) -> None:
+    views, config = example_views(2), DEFAULT.with_steps(3)
+    plain = encode_with(codec, views, LAMBDA_Q, config=config)
+    other = with_steps(codec)
+    assert encode_with(other, views, LAMBDA_Q, config=config) == plain
+    assert other.sender.steps is not None
+    torch.nn.init.constant_(other.sender.steps.log_scale.bias, 2.0)  # steps of 7.4 times the length
+    longer = [encode_with(other, views, LAMBDA_Q, config=config) for _ in range(2)]
+    assert longer[0] == longer[1] != plain
+
+
+def test_the_scale_of_the_gradient_is_bounded(codec: Codec) -> None:
+    network = StepNetwork(32, 32)
+    torch.nn.init.constant_(network.log_scale.bias, 1e6)
+    gradient = torch.ones(2, 32, 4, 4)
+    condition = codec.receiver.condition(torch.tensor([100, 100]), 1)
+    with torch.no_grad():
+        step = network(gradient, torch.zeros_like(gradient), torch.zeros_like(gradient), 1.0, condition)
+    assert torch.allclose(step, -gradient * torch.tensor(LARGEST_LOG_SCALE).exp())
+
+
+def test_weights_files_hold_the_network_only_where_there_is_one(codec: Codec, tmp_path: Path) -> None:
+    path = tmp_path / "sender.safetensors"
+    path.write_bytes(serialise_sender(with_steps(codec).sender, codec.model_id))
+    assert load_sender(path, codec.receiver.config, codec.model_id).steps is not None
+    path.write_bytes(serialise_sender(codec.sender, codec.model_id))
+    assert load_sender(path, codec.receiver.config, codec.model_id).steps is None
+    assert b"step_channels" not in path.read_bytes()
+    assert SenderConfig().step_channels == 0
+
+
+def test_proposals_get_unit_gradients_and_the_step_before_and_what_fails_is_undone() -> None:
+    seen: list[tuple[Tensor, Tensor, Tensor, float]] = []
+
+    def propose(gradient: Tensor, y: Tensor, previous: Tensor, left: float) -> Tensor:
+        seen.append((gradient, y, previous, left))
+        return -2.0 * gradient
+
+    def objective(y: Tensor) -> Tensor:
+        return (y**2).sum()
+
+    start = torch.full((1, 1, 2, 2), 3.0)
+    y = descend(start, objective, 3, 0.5, propose)
+    assert [round(left, 6) for *_, left in seen] == [1.0, 0.75, 0.5]
+    assert torch.equal(seen[0][0], torch.ones_like(start)) and torch.equal(seen[0][2], torch.zeros_like(start))
+    assert torch.equal(seen[1][2], -2.0 * seen[0][0])
+    assert torch.allclose(y, start - 2 * 0.5 * (1.0 + 0.75 + 0.5))
+
+    def uphill(gradient: Tensor, y: Tensor, previous: Tensor, left: float) -> Tensor:
+        return gradient
+
+    # The second and third evaluations are worse than the start: both steps are undone, the last one is shorter.
+    y = descend(start, objective, 3, 0.5, uphill)
+    assert torch.allclose(y, start + 0.5 / 4 * 0.5)
+
+
+def test_the_direction_without_a_network_is_against_the_gradient() -> None:
+    gradient = torch.randn(1, 2, 3, 3)
+    assert torch.equal(against_gradient(gradient, gradient, gradient, 1.0), -gradient)

@@ -1,0 +1,124 @@
+"""The phase of the step network: steps get better for the scenes it sees, and nothing else changes."""
+
+import copy
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from fecocodec.config import SenderConfig
+from fecocodec.errors import InputError
+from fecocodec.sender.codec import load_codec
+from fecocodec.sender.distortion import MseDistortion
+from fecocodec.sender.optimisation_config import OptimisationConfig
+from fecocodec.sender.step_network import StepNetwork
+from fecocodec.training.batch_shapes import BatchShapes
+from fecocodec.training.checkpoint import load_checkpoint
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.dataset import Sources
+from fecocodec.training.export import export_model
+from fecocodec.training.fine_tuning import load_model_weights
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.run_settings import RunSettings
+from fecocodec.training.samples import Sample
+from fecocodec.training.schedule import Schedule
+from fecocodec.training.step_phase import LAST_WEIGHT, Evaluated, StepPhase, learn, train_step_network
+from fecocodec.training.trainer import Trainer
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+STEPS = OptimisationConfig(num_steps=2, extra_step_below=(), distortion=MseDistortion())
+
+
+class OneScene:
+    """A source that always gives the same drawn scene."""
+
+    def __init__(self) -> None:
+        self._world = ProceduralWorld(pattern_textures(13))
+
+    def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
+        again = torch.Generator().manual_seed(3)
+        return self._world.sample(again, num_context=num_context, num_target=num_target, size=size)
+
+
+def new_trainer(folder: Path, step_channels: int = 32) -> Trainer:
+    folder.mkdir(parents=True, exist_ok=True)
+    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
+    sender = SenderConfig(step_channels=step_channels)
+    configuration = Configuration(shapes, Schedule(1), lambda_range=(1e-3, 1e-3), sender=sender)
+    return Trainer(RunSettings(folder, configuration, max_minutes=5.0), Sources(OneScene(), None))
+
+
+@torch.enable_grad()
+def two_parabolas(y: Tensor) -> Evaluated:
+    """Encoding lowers the distance of y to 1, the loss is that to 2."""
+    y = y.detach().requires_grad_()
+    loss = (y - 2.0).square().mean()
+    return Evaluated(y, (y - 1.0).square().mean(), loss, {"loss": float(loss.detach())})
+
+
+def test_gradients_are_those_of_the_loss_by_the_network(tmp_path: Path) -> None:
+    condition = new_trainer(tmp_path).receiver.requires_grad_(False).condition(torch.tensor([300]), 1)
+    torch.manual_seed(1)
+    network, y = StepNetwork(32, 16), torch.randn(1, 32, 4, 4)
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, std=0.1)
+
+    def loss_of(other: StepNetwork) -> float:
+        """Of the latents after the one step."""
+        found, before, after = learn(other, two_parabolas, y, 1, 0.5, condition)
+        assert before["loss"] == two_parabolas(y).parts["loss"] and after == two_parabolas(found).parts
+        return LAST_WEIGHT * after["loss"]
+
+    loss_of(network)
+    direction = {name: torch.randn_like(parameter) for name, parameter in network.named_parameters()}
+    expected = sum(float((p.grad * direction[n]).sum()) for n, p in network.named_parameters() if p.grad is not None)
+    ends = []
+    for distance in (1e-3, -1e-3):
+        moved = copy.deepcopy(network)
+        with torch.no_grad():
+            for name, parameter in moved.named_parameters():
+                parameter += distance * direction[name]
+        ends.append(loss_of(moved))
+    assert (ends[0] - ends[1]) / 2e-3 == pytest.approx(expected, rel=0.02)
+
+
+def test_the_phase_changes_the_network_and_nothing_else(tmp_path: Path) -> None:
+    trainer = new_trainer(tmp_path / "run")
+    before = dict(trainer.average)
+    rows = list(train_step_network(trainer, StepPhase(2, optimisation=STEPS)))
+    assert [(row["step"], row["skipped"]) for row in rows] == [(2.0, 0.0)]
+    assert {f"{name}{stage}" for name in ("loss", "context", "target", "log_bits") for stage in (1, 2)} <= rows[
+        0
+    ].keys()
+    changed = {name for name, value in trainer.average.items() if not torch.equal(value, before[name])}
+    assert changed and all(name.startswith("sender.steps.") for name in changed)
+    assert all(p.requires_grad for p in trainer.networks.parameters())
+    saved = load_checkpoint(trainer.checkpoint)["average"]
+    assert all(torch.equal(saved[name], value) for name, value in trainer.average.items())
+
+
+def test_models_with_and_without_the_network_start_each_other(tmp_path: Path) -> None:
+    trainer = new_trainer(tmp_path / "run")
+    assert trainer.sender.steps is not None
+    torch.nn.init.ones_(trainer.sender.steps.log_scale.bias)
+    trainer.begin_average()
+    trainer.save(trainer.checkpoint)
+    export_model(trainer.checkpoint, tmp_path / "model", trainer.settings.configuration)
+    assert load_codec(tmp_path / "model", "cpu").sender.steps is not None
+
+    without = new_trainer(tmp_path / "other", step_channels=0)
+    load_model_weights(without.sender, without.receiver, tmp_path / "model")
+    assert without.sender.steps is None
+    without.begin_average()
+    without.save(without.checkpoint)
+    export_model(without.checkpoint, tmp_path / "plain", without.settings.configuration)
+    load_model_weights(trainer.sender, trainer.receiver, tmp_path / "plain")
+    assert bool((trainer.sender.steps.log_scale.bias == 1).all())  # its own, because the model has none
+
+
+def test_a_sender_without_the_network_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no network that proposes steps; choose the configuration compact"):
+        next(train_step_network(new_trainer(tmp_path, step_channels=0), StepPhase(1)))
