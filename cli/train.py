@@ -100,7 +100,8 @@ Examples:
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="After that, train the network that proposes the steps of `encode` alone, for this many updates.",
+    help="After the entropy model, train the network that proposes steps of latent optimisation alone, for this many "
+    "updates.",
 )
 @click.option(
     "--export", "model", type=FILE_PATH, help="Write the weights and graphs of the finished model to this folder."
