@@ -1,6 +1,6 @@
 """A gate on the shipped weights, sender and receiver together: bytes, PSNR and depth from encoded and decoded files.
 
-Every scene is encoded with the defaults. Bounds are 4% of the bytes, 0.2 to 0.3 dB and 10% of the depth error away from
+Every scene is encoded with the defaults. Bounds are 2 to 4% of the bytes, 0.2 to 0.3 dB and 10% of the depth error away from
 measured values, because last bits change results on another processor or with other threads. `test_worse_weights_fail`
 (slow) perturbs the weights and asserts that the gate fails.
 """
@@ -40,7 +40,7 @@ LMBDA = 1e-3
 # bounds with them, never to a worse trade of bytes and quality. compact-3 had 16296, 7941, 7305 bytes; 24.23, 29.90,
 # 30.51 dB; 23.23, 29.95 dB; 0.0150, 0.0217, 0.0099: steps that help target views and depth cost context views of
 # drawn 1 and bytes of drawn 2.
-MOST_BYTES = {"motorcycle": 16_860, "drawn 1": 8_430, "drawn 2": 8_075}
+MOST_BYTES = {"motorcycle": 16_860, "drawn 1": 8_230, "drawn 2": 8_075}
 LEAST_CONTEXT_PSNR = {"motorcycle": 24.29, "drawn 1": 29.22, "drawn 2": 30.34}
 LEAST_TARGET_PSNR = {"drawn 1": 23.19, "drawn 2": 29.76}
 LARGEST_DEPTH_ERROR = {"motorcycle": 0.0142, "drawn 1": 0.0177, "drawn 2": 0.0074}
