@@ -1,8 +1,8 @@
 """A gate on the shipped weights, sender and receiver together: bytes, PSNR and depth from encoded and decoded files.
 
-Every scene is encoded with the defaults. Bounds are 2 to 4% of the bytes, 0.2 to 0.3 dB and 10% of the depth error away from
-measured values, because last bits change results on another processor or with other threads. `test_worse_weights_fail`
-(slow) perturbs the weights and asserts that the gate fails.
+Every scene is encoded with the defaults. Bounds are 2 to 4% of the bytes, 0.2 to 0.3 dB and 10% of the depth error away
+from measured values, because last bits change results on another processor or with other threads.
+`test_worse_weights_fail` (slow) perturbs the weights and asserts that the gate fails.
 """
 
 import copy
