@@ -15,7 +15,7 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.nearby_cameras import cameras_between
-from fecocodec.layers.blocks import RateCondition, direct_gradients
+from fecocodec.layers.blocks import direct_gradients
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate, step_size, steps_of_first
@@ -23,9 +23,29 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import LatentCoder, OnFraction, Optimise, StageInputs
 
 Latent = Float[Tensor, "view latent h8 w8"]
-Objective = Callable[[Latent], Float[Tensor, ""]]
-Propose = Callable[[Latent, Latent, Latent, float], Latent]
-"""(gradient of RMS 1, y, previous step, share of the steps that is left) -> step, in units of its present length."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """D + price * R at some latents, with a graph. rate: price * R. errors: photographs minus renderings, no graph."""
+
+    distortion: Float[Tensor, ""]
+    rate: Float[Tensor, ""]
+    errors: Float[Tensor, "view 3 h w"]
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Gradient of the objective, divided by its RMS. of_rate: the part that the rate has. errors: as in `Objective`."""
+
+    gradient: Latent
+    of_rate: Latent
+    errors: Float[Tensor, "view 3 h w"]
+
+
+Evaluate = Callable[[Latent], Objective]
+Propose = Callable[[Slope, Latent, Latent, float], Latent]
+"""(slope, y, previous step, share of the steps that is left) -> step, in units of its present length."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +65,10 @@ def optimiser(
     """
     num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
 
-    def optimise(y: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
+    def optimise(y: Tensor, features: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
-        return optimise_latents(encoder, config, estimate, inputs, y, steps, on_fraction)
+        propose = proposer(encoder, features, inputs)
+        return optimise_latents(encoder, config, estimate, inputs, y, steps, propose, on_fraction)
 
     return optimise
 
@@ -59,12 +80,13 @@ def optimise_latents(
     inputs: StageInputs,
     y: Latent,
     num_steps: int,
+    propose: Propose,
     on_fraction: OnFraction = lambda _fraction: None,
 ) -> Latent:
     """Return y of one stage after `num_steps` steps of descent on D + price * R.
 
     D is the distortion of the context views, rendered after this stage. R is the rate that `estimate` returns.
-    on_fraction: called before each step.
+    propose: see `proposer`. on_fraction: called before each step.
     """
     if num_steps == 0:
         return y
@@ -77,38 +99,48 @@ def optimise_latents(
 
     num_evaluated = 0
 
-    def objective(y: Tensor) -> Tensor:
+    def evaluate(y: Tensor) -> Objective:
         nonlocal num_evaluated
         on_fraction(num_evaluated / num_steps)
         num_evaluated += 1
         estimated = estimate(y, inputs)
-        distortion = _distortion(encoder, config, gaussians_of(encoder, config, inputs, estimated.y_hat), held)
-        return distortion + price * estimated.bits.sum()
+        gaussians = gaussians_of(encoder, config, inputs, estimated.y_hat)
+        rendered = render(gaussians, encoder.cameras.scene(0), encoder.size).color
+        distortion = config.distortion(rendered, encoder.images[0], config.ssim_stride).mean()
+        if held is not None:
+            distortion = distortion + config.held_weight * _change(gaussians, held, encoder.size)
+        return Objective(distortion, price * estimated.bits.sum(), encoder.images[0] - rendered.detach())
 
-    return descend(y, objective, num_steps, step_size(config, inputs.condition), proposer(encoder, inputs.condition))
+    return descend(y, evaluate, num_steps, step_size(config, inputs.condition), propose)
 
 
-def proposer(encoder: SceneEncoder, condition: RateCondition) -> Propose:
-    """Return what proposes steps: the sender's network, if it has one, else the direction against the gradient."""
+@torch.no_grad()
+def proposer(encoder: SceneEncoder, features: Float[Tensor, "view channel h4 w4"], inputs: StageInputs) -> Propose:
+    """Return what proposes steps: the sender's network, if it has one, else the direction against the gradient.
+
+    features: F_k.
+    """
     network = encoder.codec.sender.steps
     if network is None:
         return against_gradient
+    known = network.prepare(features, inputs.state)
 
     @torch.no_grad()
-    def propose(gradient: Tensor, y: Tensor, previous: Tensor, left: float) -> Tensor:
-        step: Tensor = network(gradient, y, previous, left, condition)
+    def propose(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
+        seen = slope.gradient, slope.of_rate, y, previous, left, slope.errors
+        step: Tensor = network(*seen, known, inputs.condition)
         return step
 
     return propose
 
 
-def against_gradient(gradient: Tensor, y: Tensor, previous: Tensor, left: float) -> Tensor:
+def against_gradient(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
     """Return the negative gradient."""
-    return -gradient
+    return -slope.gradient
 
 
 def descend(
-    start: Latent, objective: Objective, num_steps: int, first_length: float, propose: Propose = against_gradient
+    start: Latent, evaluate: Evaluate, num_steps: int, first_length: float, propose: Propose = against_gradient
 ) -> Latent:
     """Run normalised gradient descent from `start`, or descent by proposed steps, whose length decreases linearly to 0.
 
@@ -119,11 +151,10 @@ def descend(
     y = best_y = start.detach()
     best, step, longest = float("inf"), torch.zeros_like(y), first_length
     for number in range(num_steps):
-        value, gradient = _value_and_gradient(objective, y)
-        length, left = gradient.square().mean().sqrt(), 1.0 - number / (num_steps + 1)
-        is_usable = bool(torch.isfinite(length)) and float(length) > 0.0
-        if value < best and is_usable:
-            best, best_y, step = value, y, propose(gradient / length, y, step, left)
+        value, slope = _value_and_slope(evaluate, y)
+        left = 1.0 - number / (num_steps + 1)
+        if value < best and slope is not None:
+            best, best_y, step = value, y, propose(slope, y, step, left)
         else:
             longest /= 2
         y = best_y + longest * left * step
@@ -139,16 +170,9 @@ def hold_views_between(encoder: SceneEncoder, gaussians: Gaussians) -> HeldViews
     return HeldViews(cameras, render(gaussians, cameras, encoder.size).color)
 
 
-def _distortion(
-    encoder: SceneEncoder, config: OptimisationConfig, gaussians: Gaussians, held: HeldViews | None
-) -> Float[Tensor, ""]:
-    """Return D of the context views plus the weighted mean squared change of the held views."""
-    rendered = render(gaussians, encoder.cameras.scene(0), encoder.size).color
-    distortion = config.distortion(rendered, encoder.images[0], config.ssim_stride).mean()
-    if held is None:
-        return distortion
-    moved = render(gaussians, held.cameras, encoder.size).color - held.images
-    return distortion + config.held_weight * moved.square().mean()
+def _change(gaussians: Gaussians, held: HeldViews, size: tuple[int, int]) -> Float[Tensor, ""]:
+    """Return the mean squared change of the held views."""
+    return (render(gaussians, held.cameras, size).color - held.images).square().mean()
 
 
 def gaussians_of(
@@ -167,7 +191,15 @@ def gaussians_of(
 
 
 @torch.enable_grad()
-def _value_and_gradient(objective: Objective, y: Tensor) -> tuple[float, Tensor]:
+def _value_and_slope(evaluate: Evaluate, y: Tensor) -> tuple[float, Slope | None]:
+    """Return the objective and its slope; None if the gradient is zero or not finite."""
     y = y.detach().requires_grad_()
-    loss = objective(y)
-    return float(loss.detach()), torch.autograd.grad(loss, y)[0]
+    objective = evaluate(y)
+    (of_distortion,) = torch.autograd.grad(objective.distortion, y, retain_graph=True)
+    (of_rate,) = torch.autograd.grad(objective.rate, y)
+    gradient = of_distortion + of_rate
+    length = gradient.square().mean().sqrt()
+    value = float((objective.distortion + objective.rate).detach())
+    if not (bool(torch.isfinite(length)) and float(length) > 0.0):
+        return value, None
+    return value, Slope(gradient / length, of_rate / length, objective.errors)

@@ -39,7 +39,13 @@ class Sender(nn.Module):
         self.feedback = feedback(config, receiver)
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)
-        self.steps = StepNetwork(receiver.latent_channels, config.step_channels) if config.step_channels else None
+        self.steps = _step_network(config, receiver)
+
+
+def _step_network(config: CodecConfig, receiver: ReceiverConfig) -> StepNetwork | None:
+    if not config.step_channels:
+        return None
+    return StepNetwork(receiver.latent_channels, receiver.state_channels, config.step_channels)
 
 
 def _extractor(config: CodecConfig, channels: int) -> CompactExtractor | DepthSplatSmall:

@@ -91,7 +91,7 @@ class SceneEncoder:
         """Run the stages and return their results.
 
         lambda_q: quantised lambda of the last stage of each scene. num_stages: streams hold at most two; later stages
-        repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, inputs, on_fraction) ->
+        repeat the second. code: (y, inputs) -> coded latent with `y_hat`. optimise: (y, F_k, inputs, on_fraction) ->
         optimised y. fade: (Gaussians, fading before the stage) -> fading, called after each stage; None for no fading.
         """
         state, y_hat, fading = self.initial_state, None, None  # S0
@@ -112,7 +112,8 @@ class SceneEncoder:
             inputs = StageInputs(kind, number == num_stages, lambda_q_of_item, condition, state, y_hat, fading)
             on_progress(f"coding stage {number}", begin)
             y = self.analyse(features, inputs)  # y_k = g_a(F_k, S_{k-1})
-            y = optimise(y, inputs, partial(_report_part, on_progress, f"optimising stage {number}", begin, end))
+            report = partial(_report_part, on_progress, f"optimising stage {number}", begin, end)
+            y = optimise(y, features, inputs, report)
             on_progress(f"coding stage {number}", end)
             coded = code(y, inputs)
             y_hat, state = coded.y_hat, self.update(inputs, coded.y_hat)  # S_k = U(S_{k-1}, g_s(y_k_hat))

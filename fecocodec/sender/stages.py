@@ -42,7 +42,10 @@ class CodedLatent(Protocol):
 Coded = TypeVar("Coded", bound=CodedLatent)
 LatentCoder = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Coded]
 OnFraction = Callable[[float], None]  # (fraction done)
-Optimise = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs, OnFraction], Float[Tensor, "item latent h8 w8"]]
+Optimise = Callable[
+    [Float[Tensor, "item latent h8 w8"], Float[Tensor, "item channel h4 w4"], StageInputs, OnFraction],
+    Float[Tensor, "item latent h8 w8"],
+]
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,6 @@ class Stage(Generic[Coded]):
     fading: Fading | None = None
 
 
-def not_optimised(y: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
+def not_optimised(y: Tensor, features: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
     """Return the output of the analysis transform unchanged: no optimisation."""
     return y

@@ -6,46 +6,70 @@ that its steps overfit less than the gradient of the context views does (`traini
 """
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.layers.blocks import CONDITION_CHANNELS, BlockChain, PointwiseConv2d, RateCondition, RowsLinear
+from fecocodec.layers.blocks import (
+    CONDITION_CHANNELS,
+    BlockChain,
+    PointwiseConv2d,
+    RateCondition,
+    RowsLinear,
+    downsample,
+)
 
 LARGEST_LOG_SCALE = 3.0  # of the gradient's part of a step
+ERROR_CELL, ERROR_SCALE = 8, 4.0  # pixels of a position of the latent, a side; errors are small against 1
 
 
 class StepNetwork(nn.Module):
-    """(gradient, y, previous step) -> 1x1 conv -> 2D blocks -> what is added to the scaled gradient, at 1/8 resolution.
+    """(gradients, y, previous step, errors, F_k, S_{k-1}) -> 2D blocks -> what is added to the scaled gradient, at 1/8.
 
     Before training, steps follow the gradient, because the last layers start at zero.
     """
 
-    def __init__(self, latent_channels: int, width: int) -> None:
+    def __init__(self, latent_channels: int, state_channels: int, width: int) -> None:
         super().__init__()
-        self.join = PointwiseConv2d(3 * latent_channels + 1, width)
-        self.blocks = BlockChain(width, width, 2)
+        self.join = PointwiseConv2d(4 * latent_channels + 1, width)
+        self.errors = PointwiseConv2d(3 * ERROR_CELL**2, width)
+        self.known = downsample(2 * state_channels, width)
+        self.blocks = BlockChain(width, width, 4)
         self.output = nn.Conv2d(width, latent_channels, 3, padding=1)
         self.log_scale = RowsLinear(CONDITION_CHANNELS, latent_channels)
         for layer in (self.output, self.log_scale):
             nn.init.zeros_(layer.weight)
             nn.init.zeros_(layer.get_parameter("bias"))
 
+    def prepare(
+        self, features: Float[Tensor, "item channel h4 w4"], state: Float[Tensor, "item channel _ _"]
+    ) -> Float[Tensor, "item width h8 w8"]:
+        """Return the `known` of all steps of a stage. features: F_k. state: S_{k-1}."""
+        known: Tensor = self.known(torch.cat((features, state.expand(-1, -1, *features.shape[-2:])), dim=1))
+        return known
+
     def forward(
         self,
         gradient: Float[Tensor, "item latent h8 w8"],
+        of_rate: Float[Tensor, "item latent h8 w8"],
         y: Float[Tensor, "item latent h8 w8"],
         previous: Float[Tensor, "item latent h8 w8"],
         left: float,
+        errors: Float[Tensor, "item 3 h w"],
+        known: Float[Tensor, "item width h8 w8"],
         condition: RateCondition,
     ) -> Float[Tensor, "item latent h8 w8"]:
         """Return the step, in units of the length of the step at hand.
 
-        gradient: of the objective, with an RMS of 1. previous: the step before, zero at first. left: share of all steps
-        that is left, with this one.
+        gradient: of the objective, with an RMS of 1. of_rate: the part of it that the rate has. previous: the step
+        before, zero at first. left: share of all steps that is left, with this one. errors: photographs minus
+        renderings, sRGB. known: see `prepare`.
         """
         compressed = torch.sign(y) * torch.log1p(y.abs())  # the range of y varies by decades with lambda
-        inputs = (torch.asinh(gradient), compressed, previous, torch.full_like(gradient[:, :1], left))
-        added = self.output(self.blocks(self.join(torch.cat(inputs, dim=1)), condition))
+        gradients = (torch.asinh(gradient), torch.asinh(of_rate))
+        inputs = (*gradients, compressed, previous, torch.full_like(gradient[:, :1], left))
+        seen = self.errors(F.pixel_unshuffle(ERROR_SCALE * errors, ERROR_CELL))
+        added = self.output(self.blocks(self.join(torch.cat(inputs, dim=1)) + seen + known, condition))
         log_scale = self.log_scale(condition.embedding).clamp(-LARGEST_LOG_SCALE, LARGEST_LOG_SCALE)
         step: Tensor = added - log_scale.exp()[:, :, None, None] * gradient
         return step

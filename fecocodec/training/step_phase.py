@@ -1,8 +1,9 @@
 """Last phase of training: the network that proposes steps of latent optimisation, alone.
 
-Each scene is encoded as in use. After a step, the gradient of the loss at the new latents, which the next step needs
-anyway, is also the gradient of what the network proposed, so a step of training costs little more than one of encoding.
-The loss sees target views, which the objective of encoding does not: the network learns steps that help them, too.
+Each scene is encoded as in use. The gradient of the loss at the latents after a step, which the next step needs nearly
+in full, is also the gradient of what the network proposed, and of every step before as far as later steps do not react
+to it. So a step of training costs little more than one of encoding. The loss sees target views, which the objective of
+encoding does not: the network learns steps that help them, too.
 """
 
 import math
@@ -21,7 +22,7 @@ from fecocodec.layers.blocks import RateCondition
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.latent_coding import estimate_bits
-from fecocodec.sender.latent_optimisation import Latent, gaussians_of
+from fecocodec.sender.latent_optimisation import Latent, Objective, gaussians_of
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, price_of_rate, step_size, steps_of_first
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import OnFraction, StageInputs
@@ -34,7 +35,7 @@ from fecocodec.training.trainer import Trainer
 
 SCENES_OF_A_STEP = 2
 CONTEXT_SHARE = 0.4  # of the context views in the loss; the rest is the target views'
-LAST_WEIGHT = 2.0  # of the latents after the last step, which are coded; those in between have the weight 1
+LAST_WEIGHT, OTHER_WEIGHT = 2.0, 0.25  # of the latents after the last step, which are coded, and after the others
 OTHER_STEPS, OTHER_SHARE = (2, 9), 0.3  # numbers of steps other than those of encoding, and how often they are drawn
 AVERAGE_DECAY = 0.98
 WARM_UP, LOG_EVERY = 30, 25  # updates
@@ -66,11 +67,11 @@ class Targets:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """Latents and what is computed from them, with a graph. objective: of encoding. loss: of the step network."""
+    """Latents and what is computed from them, with a graph. objective: of encoding. target: D of the target views."""
 
     y: Latent
-    objective: Float[Tensor, ""]
-    loss: Float[Tensor, ""]
+    objective: Objective
+    target: Float[Tensor, ""]
     parts: Parts
 
 
@@ -131,10 +132,11 @@ def learn_from_scene(
         num_steps = rng.choice(OTHER_STEPS)
     changes: dict[str, float] = {}
 
-    def optimise(y: Tensor, inputs: StageInputs, _on_fraction: OnFraction) -> Tensor:
+    def optimise(y: Tensor, features: Tensor, inputs: StageInputs, _on_fraction: OnFraction) -> Tensor:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
         evaluate = partial(_evaluate, encoder, config, inputs, targets)
-        y, before, after = learn(network, evaluate, y, steps, step_size(config, inputs.condition), inputs.condition)
+        given = features, inputs.state, inputs.condition
+        y, before, after = learn(network, evaluate, y, steps, step_size(config, inputs.condition), given)
         changes.update({f"{name}{inputs.stage}": after[name] - before[name] for name in after})
         return y
 
@@ -157,37 +159,56 @@ def learn(
     y: Latent,
     num_steps: int,
     first_length: float,
-    condition: RateCondition,
+    given: tuple[Float[Tensor, "view channel h4 w4"], Float[Tensor, "view channel _ _"], RateCondition],
 ) -> tuple[Latent, Parts, Parts]:
     """Take the steps that the network proposes, and add to its gradients.
 
-    Steps are not undone, unlike in encoding. first_length: as in `descend`. Returns y after the last step, and the
-    parts of the loss before the first and after the last step.
+    Steps are not undone, unlike in encoding. first_length: as in `descend`. given: F_k, S_{k-1} and the condition.
+    Returns y after the last step, and the parts of the loss before the first and after the last step.
     """
-    y, previous, proposed = y.detach(), torch.zeros_like(y), None
+    features, state, condition = given
+    with torch.enable_grad():
+        known = network.prepare(features, state)
+    y, previous = y.detach(), torch.zeros_like(y)
+    proposed: list[Latent] = []
+    arrows: list[Latent] = []  # gradients of the loss after each step
     ends: list[Parts] = []
     for number in range(num_steps + 1):
         is_last = number == num_steps
         found = evaluate(y)
         if number == 0 or is_last:
             ends.append(found.parts)
-        if proposed is not None:
-            (arrow,) = torch.autograd.grad(found.loss, found.y, retain_graph=not is_last)
-            proposed.backward((LAST_WEIGHT if is_last else 1.0) * _usable(arrow))
+        of_distortion, of_rate = _gradients(found.y, found.objective.distortion, found.objective.rate)
+        if proposed:
+            (of_target,) = _gradients(found.y, found.target)
+            arrows.append(CONTEXT_SHARE * of_distortion + (1.0 - CONTEXT_SHARE) * of_target + of_rate)
         if is_last:
             break
-        gradient = _usable(torch.autograd.grad(found.objective, found.y)[0])
-        gradient = gradient / gradient.square().mean().sqrt().clamp_min(torch.finfo(gradient.dtype).tiny)
+        gradient = of_distortion + of_rate
+        length = gradient.square().mean().sqrt().clamp_min(torch.finfo(gradient.dtype).tiny)
         left = 1.0 - number / (num_steps + 1)
         with torch.enable_grad():
-            step = network(gradient, y, previous, left, condition)
-            proposed = y + first_length * left * step
-        y, previous = proposed.detach(), step.detach()
+            seen = gradient / length, of_rate / length, y, previous, left, found.objective.errors
+            step = network(*seen, known, condition)
+            proposed.append(y + first_length * left * step)
+        y, previous = proposed[-1].detach(), step.detach()
+    if proposed:
+        torch.autograd.backward(proposed, _sums_of_later(arrows))
     return y, ends[0], ends[-1]
 
 
-def _usable(gradient: Tensor) -> Tensor:
-    return gradient.nan_to_num(0.0, 0.0, 0.0)
+def _sums_of_later(arrows: list[Latent]) -> list[Latent]:
+    """Return, for each step, the weighted sum of the gradients after it and after all later steps."""
+    sums: list[Latent] = []
+    for arrow in reversed(arrows):
+        sums.append(sums[-1] + OTHER_WEIGHT * arrow if sums else LAST_WEIGHT * arrow)
+    return sums[::-1]
+
+
+def _gradients(y: Latent, *values: Float[Tensor, ""]) -> list[Latent]:
+    """Return the gradients of values by the latents, with zeros in place of what is not finite."""
+    found = (torch.autograd.grad(value, y, retain_graph=True)[0] for value in values)
+    return [gradient.nan_to_num(0.0, 0.0, 0.0) for gradient in found]
 
 
 @torch.enable_grad()
@@ -199,13 +220,15 @@ def _evaluate(
     estimated = estimate_bits(encoder.codec)(y, inputs)
     gaussians = gaussians_of(encoder, config, inputs, estimated.y_hat)
 
-    def distortion(cameras: Cameras, images: Tensor) -> Tensor:
-        return config.distortion(render(gaussians, cameras, encoder.size).color, images, config.ssim_stride).mean()
+    def render_at(cameras: Cameras) -> Tensor:
+        return render(gaussians, cameras, encoder.size).color
 
-    context = distortion(encoder.cameras.scene(0), encoder.images[0])
-    target = distortion(targets.cameras, targets.images)
+    rendered = render_at(encoder.cameras.scene(0))
+    context = config.distortion(rendered, encoder.images[0], config.ssim_stride).mean()
+    target = config.distortion(render_at(targets.cameras), targets.images, config.ssim_stride).mean()
     bits = estimated.bits.sum()
     rate = price_of_rate(config, int(inputs.lambda_q[0])) / encoder.num_pixels * bits
     loss = CONTEXT_SHARE * context + (1.0 - CONTEXT_SHARE) * target + rate
     values = {"loss": loss, "context": context, "target": target, "log_bits": bits.clamp_min(1.0).log()}
-    return Evaluated(y, context + rate, loss, {name: float(value.detach()) for name, value in values.items()})
+    objective = Objective(context, rate, encoder.images[0] - rendered.detach())
+    return Evaluated(y, objective, target, {name: float(value.detach()) for name, value in values.items()})

@@ -14,7 +14,7 @@ from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import LogDistortion, MseDistortion
 from fecocodec.sender.encode import encode, encode_with, write_stages
 from fecocodec.sender.latent_coding import WrittenLatent
-from fecocodec.sender.latent_optimisation import descend, hold_views_between
+from fecocodec.sender.latent_optimisation import Objective, descend, hold_views_between
 from fecocodec.sender.optimisation_config import (
     BEST,
     DEFAULT,
@@ -159,17 +159,22 @@ def test_callers_may_be_in_inference_mode(random_weights: Path) -> None:
         assert encode(views, model=random_weights / MODEL) == plain
 
 
+def distortion_alone(distortion: Tensor, y: Tensor) -> Objective:
+    return Objective(distortion, 0.0 * y.sum(), torch.zeros(1, 3, 16, 16))
+
+
 def test_a_step_that_raises_the_objective_is_taken_back() -> None:
     """A steep valley, narrower than the first step: only halved steps get closer to its bottom."""
     start = torch.full((1, 1, 2, 2), 0.01)
-    end = descend(start, lambda y: y.abs().sum(), 12, 0.12)
+    end = descend(start, lambda y: distortion_alone(y.abs().sum(), y), 12, 0.12)
     assert float(end.abs().max()) < 0.01
 
 
 def test_descent_stays_where_there_is_no_gradient() -> None:
     start = torch.ones(1, 1, 2, 2)
-    for objective in (lambda y: 0.0 * y.sum(), lambda y: torch.nan * y.sum()):
-        assert torch.equal(descend(start, objective, 3, 0.12), start)
+    for factor in (0.0, torch.nan):
+        found = descend(start, lambda y, factor=factor: distortion_alone(factor * y.sum(), y), 3, 0.12)
+        assert torch.equal(found, start)
 
 
 def test_large_scenes_get_the_bytes_of_no_steps(codec: Codec) -> None:

@@ -11,7 +11,7 @@ from fecocodec.config import SenderConfig
 from fecocodec.container.lambda_quantisation import quantise_lambda
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import encode_with
-from fecocodec.sender.latent_optimisation import against_gradient, descend
+from fecocodec.sender.latent_optimisation import Objective, Slope, against_gradient, descend
 from fecocodec.sender.load import load_sender, serialise_sender
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT
@@ -46,12 +46,14 @@ def test_an_untrained_network_changes_no_byte_and_a_changed_one_does(codec: Code
 
 
 def test_the_scale_of_the_gradient_is_bounded(codec: Codec) -> None:
-    network = StepNetwork(32, 32)
+    network = StepNetwork(32, 128, 32)
     torch.nn.init.constant_(network.log_scale.bias, 1e6)
     gradient = torch.ones(2, 32, 4, 4)
     condition = codec.receiver.condition(torch.tensor([100, 100]), 1)
+    zero, errors = torch.zeros_like(gradient), torch.zeros(2, 3, 32, 32)
     with torch.no_grad():
-        step = network(gradient, torch.zeros_like(gradient), torch.zeros_like(gradient), 1.0, condition)
+        known = network.prepare(torch.zeros(2, 128, 8, 8), torch.zeros(2, 128, 1, 1))
+        step = network(gradient, zero, zero, zero, 1.0, errors, known, condition)
     assert torch.allclose(step, -gradient * torch.tensor(LARGEST_LOG_SCALE).exp())
 
 
@@ -65,31 +67,62 @@ def test_weights_files_hold_the_network_only_where_there_is_one(codec: Codec, tm
     assert SenderConfig().step_channels == 0
 
 
+def parabola(y: Tensor) -> Objective:
+    """The objective is the sum of squares, three quarters of which are D."""
+    total = (y**2).sum()
+    return Objective(0.75 * total, 0.25 * total, torch.full((1, 3, 16, 16), float(y.detach().mean())))
+
+
 def test_proposals_get_unit_gradients_and_the_step_before_and_what_fails_is_undone() -> None:
-    seen: list[tuple[Tensor, Tensor, Tensor, float]] = []
+    seen: list[tuple[Slope, Tensor, Tensor, float]] = []
 
-    def propose(gradient: Tensor, y: Tensor, previous: Tensor, left: float) -> Tensor:
-        seen.append((gradient, y, previous, left))
-        return -2.0 * gradient
-
-    def objective(y: Tensor) -> Tensor:
-        return (y**2).sum()
+    def propose(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
+        seen.append((slope, y, previous, left))
+        return -2.0 * slope.gradient
 
     start = torch.full((1, 1, 2, 2), 3.0)
-    y = descend(start, objective, 3, 0.5, propose)
+    y = descend(start, parabola, 3, 0.5, propose)
     assert [round(left, 6) for *_, left in seen] == [1.0, 0.75, 0.5]
-    assert torch.equal(seen[0][0], torch.ones_like(start)) and torch.equal(seen[0][2], torch.zeros_like(start))
-    assert torch.equal(seen[1][2], -2.0 * seen[0][0])
+    first = seen[0][0]
+    assert torch.equal(first.gradient, torch.ones_like(start)) and torch.equal(seen[0][2], torch.zeros_like(start))
+    assert torch.equal(first.of_rate, 0.25 * first.gradient) and torch.equal(
+        first.errors, torch.full((1, 3, 16, 16), 3.0)
+    )
+    assert torch.equal(seen[1][2], -2.0 * first.gradient)
     assert torch.allclose(y, start - 2 * 0.5 * (1.0 + 0.75 + 0.5))
 
-    def uphill(gradient: Tensor, y: Tensor, previous: Tensor, left: float) -> Tensor:
-        return gradient
+    def uphill(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
+        return slope.gradient
 
     # The second and third evaluations are worse than the start: both steps are undone, the last one is shorter.
-    y = descend(start, objective, 3, 0.5, uphill)
+    y = descend(start, parabola, 3, 0.5, uphill)
     assert torch.allclose(y, start + 0.5 / 4 * 0.5)
+
+
+def test_what_the_network_sees_changes_its_steps(codec: Codec) -> None:
+    network = StepNetwork(32, 128, 32)
+    torch.nn.init.normal_(network.output.weight)
+    condition = codec.receiver.condition(torch.tensor([100]), 2)
+    maps = {name: torch.randn(1, 32, 4, 4) for name in ("gradient", "of_rate", "y", "previous")}
+    inputs = maps | {
+        "errors": torch.randn(1, 3, 32, 32),
+        "features": torch.randn(1, 128, 8, 8),
+        "state": torch.randn(1, 128, 1, 1),
+    }
+
+    @torch.no_grad()
+    def step_for(**changed: Tensor) -> Tensor:
+        given = inputs | changed
+        known = network.prepare(given.pop("features"), given.pop("state"))
+        step: Tensor = network(**given, left=0.5, known=known, condition=condition)
+        return step
+
+    plain = step_for()
+    for name, value in inputs.items():
+        assert not torch.allclose(step_for(**{name: value + 1.0}), plain), name
 
 
 def test_the_direction_without_a_network_is_against_the_gradient() -> None:
     gradient = torch.randn(1, 2, 3, 3)
-    assert torch.equal(against_gradient(gradient, gradient, gradient, 1.0), -gradient)
+    slope = Slope(gradient, torch.zeros_like(gradient), torch.zeros(1, 3, 24, 24))
+    assert torch.equal(against_gradient(slope, gradient, gradient, 1.0), -gradient)
