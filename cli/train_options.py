@@ -86,6 +86,11 @@ _OPTIONS = (
         help="Weight of ST-LPIPS in the loss, for sharper pictures of lower PSNR.",
     ),
     click.option(
+        "--optimised-share",
+        type=click.FloatRange(0.0, 1.0),
+        help="Share of the steps that optimise the latents before coding, as encoding does.",
+    ),
+    click.option(
         "--precision", type=click.Choice(["float32", "bfloat16"]), help="Number type of convolutions and attention."
     ),
     click.option(
@@ -128,7 +133,7 @@ def overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Co
     schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
     others: dict[str, Any] = {
         name: given[name]
-        for name in ("lambda_range", "precision", "perceptual_weight", "frozen", "kept_batches")
+        for name in ("lambda_range", "precision", "perceptual_weight", "optimised_share", "frozen", "kept_batches")
         if name in given
     }
     if configuration.is_paper and "lambda_range" in given:

@@ -28,14 +28,15 @@ class Configuration:
     perceptual_weight: of ST-LPIPS beside D. More of it gives sharper pictures of lower PSNR (docs/experiments.md).
     background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
-    alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimiser: parameters of the optimiser.
-    protocol: choice of the frames of chunks, None for our own (see `ChunkScenes`).
+    alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimised_share: share of the steps whose
+    latents are optimised before coding, as in encoding. optimiser: parameters of the optimiser. protocol: choice of
+    the frames of chunks, None for our own (see `ChunkScenes`).
 
     The method and the number of stages are fields of `receiver`, because sender, receiver and `eval` need them too.
     With the method "paper", the loss and the coding of latents are the paper's.
 
-    Raises InputError if lambda_range is empty or exceeds that of the codec, and if features are kept of an extractor
-    that is trained.
+    Raises InputError if lambda_range is empty or exceeds that of the codec, if features are kept of an extractor that
+    is trained, and if latents shall be optimised by a sender without a network that proposes steps.
     """
 
     shapes: BatchShapes
@@ -50,6 +51,7 @@ class Configuration:
     background: Background = "black"
     kept_batches: int = 0
     alone_every: int = 8
+    optimised_share: float = 0.0
     optimiser: OptimiserConfig = OptimiserConfig()  # noqa: RUF009 - frozen
     protocol: VideoProtocol | None = None
 
@@ -63,6 +65,12 @@ class Configuration:
             raise InputError(
                 "Features can be kept only while the extractor or its matching is frozen; add one of them to `frozen`, "
                 "or keep none."
+            )
+
+        if self.optimised_share and not self.sender.step_channels:
+            raise InputError(
+                "Latents are optimised by a network that proposes steps, which this configuration does not have; leave "
+                "out `optimised_share`, or choose the configuration compact."
             )
 
     @property

@@ -15,6 +15,7 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
 from fecocodec.sender.model import Sender
+from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.batch import Batch, Extracted
 from fecocodec.training.batch_source import BatchSource
@@ -29,6 +30,7 @@ from fecocodec.training.optimisation import build_optimiser, clipped_step
 from fecocodec.training.paper_objective import code_with_additive_noise, paper_loss, run_paper_stages
 from fecocodec.training.processes import gather_states, is_first, process_rank
 from fecocodec.training.run_settings import RunSettings
+from fecocodec.training.step_learning import StepLearner
 from fecocodec.training.training_pass import Coding, bypass_coding, code_with_noise, extract, run_stages
 
 
@@ -145,8 +147,8 @@ class Trainer:
         schedule = self.settings.configuration.schedule
         batch, extracted = self.draw_batch()
         self._report_skipped(batch)
-        loss, parts = self._loss(batch, extracted)
         self.optimiser.zero_grad(set_to_none=True)
+        loss, parts = self._loss(batch, extracted)  # latents that are optimised add to the gradients already here
         loss.backward()
         norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
         if math.isfinite(norm):
@@ -172,7 +174,10 @@ class Trainer:
             stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages, extracted)
             return paper_loss(batch, stages, configuration.distortion)
         weight = configuration.schedule.disparity_weight_at(self.step)
-        outcomes, matched = run_stages(self.sender, self.receiver, batch, coding, num_stages, extracted, weight)
+        learner = self._draw_learner()
+        outcomes, matched = run_stages(
+            self.sender, self.receiver, batch, coding, num_stages, extracted, weight, learner
+        )
         background, perceptual = self._draw_background(batch), configuration.perceptual_weight
         return loss_of(batch, outcomes, matched, weight, configuration.distortion, background, perceptual)
 
@@ -182,6 +187,13 @@ class Trainer:
         if batch.skipped:
             make_folder(self.settings.folder)
             append_lines(self.settings.folder / f"bad_scenes_{process_rank()}.txt", batch.skipped)
+
+    def _draw_learner(self) -> StepLearner | None:
+        """Return what optimises the latents of this step, None for latents as g_a gives them."""
+        share, network = self.settings.configuration.optimised_share, self.sender.steps
+        if not share or network is None or float(torch.rand((), generator=self.generator)) >= share:
+            return None
+        return StepLearner(network, DEFAULT, self.generator)
 
     def _draw_background(self, batch: Batch) -> Tensor | None:
         """Return a colour per scene for the loss, None for black."""

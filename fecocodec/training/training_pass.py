@@ -16,9 +16,10 @@ from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
-from fecocodec.sender.stages import LatentCoder, Stage, StageInputs, StageRendering
+from fecocodec.sender.stages import LatentCoder, Stage, StageInputs, StageRendering, not_optimised
 from fecocodec.training.batch import Batch, Extracted, MatchedDisparity, StageOutcome
 from fecocodec.training.loss import ENTROPY_PRICE, MIN_CONSISTENCY, lambda_of
+from fecocodec.training.step_learning import StepLearner
 
 Coding = LatentCoder[EstimatedLatent]
 
@@ -118,14 +119,17 @@ def run_stages(
     num_stages: int,
     extracted: Extracted | None = None,
     disparity_weight: float = 1.0,
+    learner: StepLearner | None = None,
 ) -> tuple[list[StageOutcome], MatchedDisparity]:
     """Code, decode and render a batch; returns the results per stage and the disparity of matching.
 
+    learner: optimises the latents before they are coded, None for latents as g_a gives them.
     disparity_weight: with 0, target views are not matched, which would take a third of a step. The last stage is
     rendered at all views, earlier stages at the context views and one target view.
     """
     encoder = BatchEncoder(sender, receiver, batch, extracted)
-    stages = encoder.run(batch.lambda_q, num_stages, coding)
+    optimise = not_optimised if learner is None else learner.optimiser(encoder, batch)
+    stages = encoder.run(batch.lambda_q, num_stages, coding, optimise)
     renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None]
     renderings.append(encoder.render_views(stages[-1], batch.images.shape[1]))
     outcomes = [

@@ -1,0 +1,205 @@
+"""How the network that proposes steps of latent optimisation learns, from scenes that are encoded in training.
+
+The gradient of the loss at the latents after a step, which the next step needs nearly in full, is also the gradient of
+what the network proposed, and of every step before as far as later steps do not react to it. So learning costs little
+more than encoding. The loss sees target views, which the objective of encoding does not: the network learns steps that
+help them, too.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.layers.blocks import RateCondition
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.latent_coding import estimate_bits
+from fecocodec.sender.latent_optimisation import Latent, Objective, gaussians_of
+from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate, step_size, steps_of_first
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import OnFraction, Optimise, StageInputs
+from fecocodec.sender.step_network import StepNetwork
+from fecocodec.training.batch import Batch
+
+CONTEXT_SHARE = 0.4  # of the context views in the loss; the rest is the target views'
+LAST_WEIGHT, OTHER_WEIGHT = 2.0, 0.25  # of the latents after the last step, which are coded, and after the others
+OTHER_STEPS, OTHER_SHARE = (2, 9), 0.3  # numbers of steps other than those of encoding, and how often they are drawn
+
+Parts = dict[str, float]
+"""Of the loss: itself, D of context and of target views, the logarithm of the bits."""
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Views of one scene beside its context views, in their frame."""
+
+    images: Float[Tensor, "view 3 h w"]
+    cameras: Cameras
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """Latents and what is computed from them, with a graph. objective: of encoding. target: D of the target views."""
+
+    y: Latent
+    objective: Objective
+    target: Float[Tensor, ""]
+    parts: Parts
+
+
+@dataclass(frozen=True)
+class StepLearner:
+    """Optimises the latents of training batches as encoding does, and adds to the gradients of the network.
+
+    config: of the optimisation. generator: draws numbers of steps.
+    """
+
+    network: StepNetwork
+    config: OptimisationConfig
+    generator: torch.Generator
+
+    def optimiser(
+        self, encoder: SceneEncoder, batch: Batch, report: Callable[[dict[str, float]], None] = lambda _row: None
+    ) -> Optimise:
+        """Return the `optimise` argument of `SceneEncoder.run` for a batch, whose scenes are optimised one by one.
+
+        Gradients pass straight through: those of the optimised latents are those of the latents before. report: gets
+        what the steps of each stage of each scene change, `Parts` with the number of the stage in the names.
+        """
+        pixels = encoder.num_pixels // len(batch.images)
+        numbers = [self._draw_num_steps(pixels, int(lambda_q)) for lambda_q in batch.lambda_q]
+
+        def optimise(y: Tensor, features: Tensor, inputs: StageInputs, _on_fraction: OnFraction) -> Tensor:
+            found = [
+                self._optimise_scene(encoder, batch, scene, numbers[scene], y, features, inputs, report)
+                for scene in range(len(batch.images))
+            ]
+            return torch.cat(found) + (y - y.detach())
+
+        return optimise
+
+    def _draw_num_steps(self, num_pixels: int, lambda_q: int) -> int:
+        """Draw the number of steps of the last stage."""
+        if float(torch.rand((), generator=self.generator)) < OTHER_SHARE:
+            return OTHER_STEPS[int(torch.randint(len(OTHER_STEPS), (), generator=self.generator))]
+        return self.config.steps_of_last(num_pixels, lambda_q)
+
+    @torch.no_grad()
+    def _optimise_scene(
+        self,
+        encoder: SceneEncoder,
+        batch: Batch,
+        scene: int,
+        num_steps: int,
+        y: Tensor,
+        features: Tensor,
+        inputs: StageInputs,
+        report: Callable[[dict[str, float]], None],
+    ) -> Latent:
+        """Return the latents of one scene of the batch after the steps."""
+        items = slice(scene * encoder.num_views, (scene + 1) * encoder.num_views)
+        alone = SceneEncoder(encoder.codec, encoder.images[scene : scene + 1], encoder.cameras.scene(scene).as_batch())
+        own = _inputs_of(inputs, items)
+        others = list(range(batch.num_context, batch.images.shape[1]))
+        targets = Targets(batch.images[scene, others], batch.cameras.select(others).scene(scene))
+        steps = num_steps if inputs.is_last else steps_of_first(num_steps)
+        evaluate = partial(_evaluate, alone, self.config, own, targets)
+        given = features[items].detach(), own.state, own.condition
+        found, before, after = learn(
+            self.network, evaluate, y[items], steps, step_size(self.config, own.condition), given
+        )
+        report({f"{name}{inputs.stage}": after[name] - before[name] for name in after})
+        return found
+
+
+def _inputs_of(inputs: StageInputs, items: slice) -> StageInputs:
+    """Return the inputs of some items, without graph."""
+    condition = RateCondition(inputs.condition.embedding[items].detach(), inputs.condition.latent_gain[items].detach())
+    y_hat = None if inputs.y_hat is None else inputs.y_hat[items].detach()
+    state = inputs.state[items].detach()
+    return StageInputs(inputs.stage, inputs.is_last, inputs.lambda_q[items], condition, state, y_hat)
+
+
+def learn(
+    network: StepNetwork,
+    evaluate: Callable[[Latent], Evaluated],
+    y: Latent,
+    num_steps: int,
+    first_length: float,
+    given: tuple[Float[Tensor, "view channel h4 w4"], Float[Tensor, "view channel _ _"], RateCondition],
+) -> tuple[Latent, Parts, Parts]:
+    """Take the steps that the network proposes, and add to its gradients.
+
+    Steps are not undone, unlike in encoding. first_length: as in `descend`. given: F_k, S_{k-1} and the condition.
+    Returns y after the last step, and the parts of the loss before the first and after the last step.
+    """
+    features, state, condition = given
+    with torch.enable_grad():
+        known = network.prepare(features, state)
+    y, previous = y.detach(), torch.zeros_like(y)
+    proposed: list[Latent] = []
+    arrows: list[Latent] = []  # gradients of the loss after each step
+    ends: list[Parts] = []
+    for number in range(num_steps + 1):
+        is_last = number == num_steps
+        found = evaluate(y)
+        if number == 0 or is_last:
+            ends.append(found.parts)
+        of_distortion, of_rate = _gradients(found.y, found.objective.distortion, found.objective.rate)
+        if proposed:
+            (of_target,) = _gradients(found.y, found.target)
+            arrows.append(CONTEXT_SHARE * of_distortion + (1.0 - CONTEXT_SHARE) * of_target + of_rate)
+        if is_last:
+            break
+        gradient = of_distortion + of_rate
+        length = gradient.square().mean().sqrt().clamp_min(torch.finfo(gradient.dtype).tiny)
+        left = 1.0 - number / (num_steps + 1)
+        with torch.enable_grad():
+            seen = gradient / length, of_rate / length, y, previous, left, found.objective.errors
+            step = network(*seen, known, condition)
+            proposed.append(y + first_length * left * step)
+        y, previous = proposed[-1].detach(), step.detach()
+    if proposed:
+        torch.autograd.backward(proposed, _sums_of_later(arrows))
+    return y, ends[0], ends[-1]
+
+
+def _sums_of_later(arrows: list[Latent]) -> list[Latent]:
+    """Return, for each step, the weighted sum of the gradients after it and after all later steps."""
+    sums: list[Latent] = []
+    for arrow in reversed(arrows):
+        sums.append(sums[-1] + OTHER_WEIGHT * arrow if sums else LAST_WEIGHT * arrow)
+    return sums[::-1]
+
+
+def _gradients(y: Latent, *values: Float[Tensor, ""]) -> list[Latent]:
+    """Return the gradients of values by the latents, with zeros in place of what is not finite."""
+    found = (torch.autograd.grad(value, y, retain_graph=True)[0] for value in values)
+    return [gradient.nan_to_num(0.0, 0.0, 0.0) for gradient in found]
+
+
+@torch.enable_grad()
+def _evaluate(
+    encoder: SceneEncoder, config: OptimisationConfig, inputs: StageInputs, targets: Targets, y: Latent
+) -> Evaluated:
+    """Evaluate latents of a stage of a scene."""
+    y = y.detach().requires_grad_()
+    estimated = estimate_bits(encoder.codec)(y, inputs)
+    gaussians = gaussians_of(encoder, config, inputs, estimated.y_hat)
+
+    def render_at(cameras: Cameras) -> Tensor:
+        return render(gaussians, cameras, encoder.size).color
+
+    rendered = render_at(encoder.cameras.scene(0))
+    context = config.distortion(rendered, encoder.images[0], config.ssim_stride).mean()
+    target = config.distortion(render_at(targets.cameras), targets.images, config.ssim_stride).mean()
+    bits = estimated.bits.sum()
+    rate = price_of_rate(config, int(inputs.lambda_q[0])) / encoder.num_pixels * bits
+    loss = CONTEXT_SHARE * context + (1.0 - CONTEXT_SHARE) * target + rate
+    values = {"loss": loss, "context": context, "target": target, "log_bits": bits.clamp_min(1.0).log()}
+    objective = Objective(context, rate, encoder.images[0] - rendered.detach())
+    return Evaluated(y, objective, target, {name: float(value.detach()) for name, value in values.items()})

@@ -1,0 +1,163 @@
+"""Learning of the step network in training: its gradients, and what optimised latents do to those of the codec."""
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from fecocodec.config import SenderConfig
+from fecocodec.errors import InputError
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.distortion import MseDistortion
+from fecocodec.sender.latent_optimisation import Objective
+from fecocodec.sender.optimisation_config import OptimisationConfig
+from fecocodec.sender.stages import StageInputs
+from fecocodec.sender.step_network import StepNetwork
+from fecocodec.training import trainer as trainer_module
+from fecocodec.training.batch import Batch
+from fecocodec.training.batch_shapes import BatchShape, BatchShapes
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.run_settings import RunSettings
+from fecocodec.training.schedule import Schedule
+from fecocodec.training.step_learning import CONTEXT_SHARE, LAST_WEIGHT, Evaluated, StepLearner, learn
+from fecocodec.training.trainer import Trainer
+from fecocodec.training.training_pass import BatchEncoder
+from tests.example_scenes import MODEL
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+STEPS = OptimisationConfig(num_steps=1, extra_step_below=(), distortion=MseDistortion())
+
+
+@pytest.fixture(scope="module")
+def codec(random_weights: Path) -> Codec:
+    return load_codec(random_weights / MODEL, "cpu")
+
+
+def sources() -> Sources:
+    return Sources(ProceduralWorld(pattern_textures(13)), None)
+
+
+def new_trainer(folder: Path, share: float) -> Trainer:
+    folder.mkdir(parents=True, exist_ok=True)
+    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
+    schedule = Schedule(4, one_stage_until=0, bypass_until=0)
+    configuration = Configuration(shapes, schedule, sender=SenderConfig(step_channels=16), optimised_share=share)
+    return Trainer(RunSettings(folder, configuration, max_minutes=5.0), sources())
+
+
+@torch.enable_grad()
+def two_parabolas(y: Tensor) -> Evaluated:
+    """Encoding lowers the distance of y to 1 and to 0; target views want 2."""
+    y = y.detach().requires_grad_()
+    distortion, rate, target = ((y - wanted).square().mean() for wanted in (1.0, 0.0, 2.0))
+    loss = CONTEXT_SHARE * distortion + (1.0 - CONTEXT_SHARE) * target + rate
+    objective = Objective(distortion, rate, torch.ones(1, 3, 32, 32))
+    return Evaluated(y, objective, target, {"loss": float(loss.detach())})
+
+
+def test_gradients_are_those_of_the_loss_by_the_network(codec: Codec) -> None:
+    condition = codec.receiver.condition(torch.tensor([300]), 1)
+    torch.manual_seed(1)
+    network, y = StepNetwork(32, 128, 16), torch.randn(1, 32, 4, 4)
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, std=0.1)
+
+    given = torch.randn(1, 128, 8, 8), torch.randn(1, 128, 1, 1), condition
+
+    def loss_of(other: StepNetwork) -> float:
+        """Of the latents after the one step."""
+        found, before, after = learn(other, two_parabolas, y, 1, 0.5, given)
+        assert before["loss"] == two_parabolas(y).parts["loss"] and after == two_parabolas(found).parts
+        return LAST_WEIGHT * after["loss"]
+
+    loss_of(network)
+    direction = {name: torch.randn_like(parameter) for name, parameter in network.named_parameters()}
+    expected = sum(float((p.grad * direction[n]).sum()) for n, p in network.named_parameters() if p.grad is not None)
+    ends = []
+    for distance in (1e-3, -1e-3):
+        moved = copy.deepcopy(network)
+        with torch.no_grad():
+            for name, parameter in moved.named_parameters():
+                parameter += distance * direction[name]
+        ends.append(loss_of(moved))
+    assert (ends[0] - ends[1]) / 2e-3 == pytest.approx(expected, rel=0.02)
+
+
+def optimised(
+    codec: Codec, batch: Batch, scenes: list[int], seed: int
+) -> tuple[Tensor, Tensor, list[dict[str, float]]]:
+    """Latents of stage 1 of these scenes before and after their steps, and what the steps change."""
+    batch = replace(
+        batch,
+        images=batch.images[scenes],
+        cameras=type(batch.cameras)(*(field[scenes] for field in batch.cameras.fields())),
+        depth=batch.depth[scenes],
+        lambda_q=batch.lambda_q[scenes],
+    )
+    encoder = BatchEncoder(codec.sender, codec.receiver, batch)
+    torch.manual_seed(2)
+    network = StepNetwork(32, 128, 16)
+    learner, rows = StepLearner(network, STEPS, torch.Generator().manual_seed(seed)), list[dict[str, float]]()
+    lambda_q = batch.lambda_q.repeat_interleave(2)
+    condition = codec.receiver.condition(lambda_q, 1)
+    inputs = StageInputs(1, True, lambda_q, condition, encoder.initial_state, None)
+    y = (4.0 * torch.randn(2 * len(scenes), 32, 8, 8, generator=torch.Generator().manual_seed(7))).requires_grad_()
+    features = torch.ones(2 * len(scenes), 128, 16, 16)
+    return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, lambda _fraction: None), rows
+
+
+def test_optimised_latents_are_better_and_pass_gradients_straight_through(codec: Codec) -> None:
+    batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(2, 2, 1, (64, 64)), 0.0)
+    y, found, rows = optimised(codec, batch, [0, 1], seed=1)
+    assert [set(row) for row in rows] == 2 * [{"loss1", "context1", "target1", "log_bits1"}]
+    assert not torch.equal(found, y)
+    (gradient,) = torch.autograd.grad((3.0 * found).sum(), y)
+    assert torch.equal(gradient, torch.full_like(y, 3.0))
+
+
+def test_scenes_of_a_batch_are_optimised_as_if_alone(codec: Codec) -> None:
+    batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(2, 2, 1, (64, 64)), 0.0)
+    seed = next(s for s in range(99) if float(torch.rand((), generator=torch.Generator().manual_seed(s))) > 0.9)
+    _, both, _ = optimised(codec, batch, [0, 1], seed)
+    y, first, _ = optimised(codec, batch, [0], seed)
+    assert float((first - y[:2]).detach().abs().mean()) > 0.01
+    assert torch.allclose(both[:2], first, atol=1e-4)
+
+
+def test_training_through_steps_trains_all_networks_and_resumes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trainer_module, "DEFAULT", STEPS)
+    whole = new_trainer(tmp_path / "whole", 1.0)
+    before = {name: value.clone() for name, value in whole.networks.state_dict().items()}
+    whole.train_step()
+    changed = {
+        name.split(".")[0] + "." + name.split(".")[1]
+        for name, value in whole.networks.state_dict().items()
+        if not torch.equal(value, before[name])
+    }
+    assert {"sender.steps", "sender.analysis", "sender.feedback", "receiver.synthesis", "receiver.predictor"} <= changed
+    whole.save(whole.checkpoint)
+    again = new_trainer(tmp_path / "again", 1.0)
+    again.resume(whole.checkpoint)
+    assert whole.train_step() == pytest.approx(again.train_step(), rel=1e-4)  # gradients are summed in any order
+
+
+def test_without_a_share_the_step_network_rests(tmp_path: Path) -> None:
+    trainer = new_trainer(tmp_path, 0.0)
+    trainer.train_step()
+    assert trainer.sender.steps is not None
+    assert all(parameter.grad is None for parameter in trainer.sender.steps.parameters())
+
+
+def test_a_configuration_without_the_network_is_refused() -> None:
+    shapes = BatchShapes(1, ((2, 1.0),), 1, ((64, 64),))
+    with pytest.raises(InputError, match="leave out `optimised_share`, or choose the configuration compact"):
+        Configuration(shapes, Schedule(1), optimised_share=0.5)
