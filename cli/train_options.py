@@ -88,7 +88,7 @@ _OPTIONS = (
     click.option(
         "--optimised-share",
         type=click.FloatRange(0.0, 1.0),
-        help="Share of the steps that optimise the latents before coding, as encoding does.",
+        help="Fraction of the steps that train the receiver on latents optimised as in encoding.",
     ),
     click.option(
         "--precision", type=click.Choice(["float32", "bfloat16"]), help="Number type of convolutions and attention."

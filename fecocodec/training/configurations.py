@@ -29,8 +29,9 @@ class Configuration:
     background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
     alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimised_share: share of the steps whose
-    latents are optimised before coding, as in encoding. optimiser: parameters of the optimiser. protocol: choice of
-    the frames of chunks, None for our own (see `ChunkScenes`).
+    latents are optimised before coding, as in encoding; they train the receiver and the network that proposes steps.
+    optimiser: parameters of the optimiser. protocol: choice of the frames of chunks, None for our own (see
+    `ChunkScenes`).
 
     The method and the number of stages are fields of `receiver`, because sender, receiver and `eval` need them too.
     With the method "paper", the loss and the coding of latents are the paper's.

@@ -113,13 +113,12 @@ def optimised(
     return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, lambda _fraction: None), rows
 
 
-def test_optimised_latents_are_better_and_pass_gradients_straight_through(codec: Codec) -> None:
+def test_optimised_latents_differ_and_pass_no_gradient_to_the_sender(codec: Codec) -> None:
     batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(2, 2, 1, (64, 64)), 0.0)
     y, found, rows = optimised(codec, batch, [0, 1], seed=1)
     assert [set(row) for row in rows] == 2 * [{"loss1", "context1", "target1", "log_bits1"}]
     assert not torch.equal(found, y)
-    (gradient,) = torch.autograd.grad((3.0 * found).sum(), y)
-    assert torch.equal(gradient, torch.full_like(y, 3.0))
+    assert not found.requires_grad
 
 
 def test_scenes_of_a_batch_are_optimised_as_if_alone(codec: Codec) -> None:
@@ -131,7 +130,7 @@ def test_scenes_of_a_batch_are_optimised_as_if_alone(codec: Codec) -> None:
     assert torch.allclose(both[:2], first, atol=1e-4)
 
 
-def test_training_through_steps_trains_all_networks_and_resumes(
+def test_training_through_steps_trains_receiver_and_step_network_and_resumes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trainer_module, "DEFAULT", STEPS)
@@ -143,7 +142,8 @@ def test_training_through_steps_trains_all_networks_and_resumes(
         for name, value in whole.networks.state_dict().items()
         if not torch.equal(value, before[name])
     }
-    assert {"sender.steps", "sender.analysis", "sender.feedback", "receiver.synthesis", "receiver.predictor"} <= changed
+    assert {"sender.steps", "receiver.synthesis", "receiver.update", "receiver.predictor", "receiver.prior"} <= changed
+    assert not {"sender.analysis", "sender.feedback"} & changed
     whole.save(whole.checkpoint)
     again = new_trainer(tmp_path / "again", 1.0)
     again.resume(whole.checkpoint)
