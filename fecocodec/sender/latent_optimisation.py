@@ -67,6 +67,8 @@ def optimiser(
 
     def optimise(y: Tensor, features: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
+        if steps == 0:
+            return y
         propose = proposer(encoder, features, inputs)
         return optimise_latents(encoder, config, estimate, inputs, y, steps, propose, on_fraction)
 
@@ -83,13 +85,11 @@ def optimise_latents(
     propose: Propose,
     on_fraction: OnFraction = lambda _fraction: None,
 ) -> Latent:
-    """Return y of one stage after `num_steps` steps of descent on D + price * R.
+    """Return y of one stage after `num_steps` steps, at least one, of descent on D + price * R.
 
     D is the distortion of the context views, rendered after this stage. R is the rate that `estimate` returns.
     propose: see `proposer`. on_fraction: called before each step.
     """
-    if num_steps == 0:
-        return y
     lambda_q = int(inputs.lambda_q[0])
     price = price_of_rate(config, lambda_q) / encoder.num_pixels
 

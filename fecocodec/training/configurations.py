@@ -67,7 +67,6 @@ class Configuration:
                 "Features can be kept only while the extractor or its matching is frozen; add one of them to `frozen`, "
                 "or keep none."
             )
-
         if self.optimised_share and not self.sender.step_channels:
             raise InputError(
                 "Latents are optimised by a network that proposes steps, which this configuration does not have; leave "
