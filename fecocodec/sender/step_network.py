@@ -44,7 +44,7 @@ class StepNetwork(nn.Module):
     def prepare(
         self, features: Float[Tensor, "item channel h4 w4"], state: Float[Tensor, "item channel _ _"]
     ) -> Float[Tensor, "item width h8 w8"]:
-        """Return the `known` of all steps of a stage. features: F_k. state: S_{k-1}."""
+        """Return the argument `known`, which is the same in all steps of a stage. features: F_k. state: S_{k-1}."""
         known: Tensor = self.known(torch.cat((features, state.expand(-1, -1, *features.shape[-2:])), dim=1))
         return known
 

@@ -37,7 +37,7 @@ class Configuration:
     With the method "paper", the loss and the coding of latents are the paper's.
 
     Raises InputError if lambda_range is empty or exceeds that of the codec, if features are kept of an extractor that
-    is trained, and if latents shall be optimised by a sender without a network that proposes steps.
+    is trained, and if latents are to be optimised but the sender has no network that proposes steps.
     """
 
     shapes: BatchShapes

@@ -148,7 +148,7 @@ class Trainer:
         batch, extracted = self.draw_batch()
         self._report_skipped(batch)
         self.optimiser.zero_grad(set_to_none=True)
-        loss, parts = self._loss(batch, extracted)  # latents that are optimised add to the gradients already here
+        loss, parts = self._loss(batch, extracted)  # a learner adds to the gradients here
         loss.backward()
         norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
         if math.isfinite(norm):
