@@ -36,7 +36,10 @@ class Objective:
 
 @dataclass(frozen=True)
 class Slope:
-    """Gradient of the objective, divided by its RMS. of_rate: the part that the rate has. errors: as in `Objective`."""
+    """Gradient of the objective, divided by its RMS. of_rate: of the rate term, divided by the same RMS.
+
+    errors: as in `Objective`.
+    """
 
     gradient: Latent
     of_rate: Latent
@@ -45,12 +48,12 @@ class Slope:
 
 Evaluate = Callable[[Latent], Objective]
 Propose = Callable[[Slope, Latent, Latent, float], Latent]
-"""(slope, y, previous step, share of the steps that is left) -> step, in units of its present length."""
+"""(slope, y, previous step, share of the steps that remain) -> step, to be multiplied by its present length."""
 
 
 @dataclass(frozen=True)
 class HeldViews:
-    """Views between the context views, rendered before the optimisation, which penalises changes of them."""
+    """Views between the context views, as rendered before the optimisation; changes of them are penalised."""
 
     cameras: Cameras
     images: Float[Tensor, "view 3 h w"]
@@ -116,7 +119,7 @@ def optimise_latents(
 
 @torch.no_grad()
 def proposer(encoder: SceneEncoder, features: Float[Tensor, "view channel h4 w4"], inputs: StageInputs) -> Propose:
-    """Return what proposes steps: the sender's network, if it has one, else the direction against the gradient.
+    """Return the function that proposes steps: the sender's step network, or the negative gradient if it has none.
 
     features: F_k.
     """
@@ -142,11 +145,11 @@ def against_gradient(slope: Slope, y: Tensor, previous: Tensor, left: float) -> 
 def descend(
     start: Latent, evaluate: Evaluate, num_steps: int, first_length: float, propose: Propose = against_gradient
 ) -> Latent:
-    """Run normalised gradient descent from `start`, or descent by proposed steps, whose length decreases linearly to 0.
+    """Descend from `start` by the steps that `propose` returns.
 
-    first_length: RMS of the first step along the gradient, in units of y. A step that increases the objective is
-    undone, and the following steps are halved. The last step is not checked, because a check takes half as long as a
-    step.
+    first_length: RMS of the first step along the gradient, in units of y. Lengths decrease linearly, to 2 / (n + 1) of
+    it for the last of n steps. After a step that increases the objective, descent goes back to the best y, halves all
+    further lengths, and takes the same step again. The last step is not checked: a check takes half as long as a step.
     """
     y = best_y = start.detach()
     best, step, longest = float("inf"), torch.zeros_like(y), first_length

@@ -1,8 +1,8 @@
 """A network that proposes the steps of latent optimisation, from the gradient and the latents.
 
 Such learned optimisers follow Andrychowicz et al., "Learning to learn by gradient descent by gradient descent", 2016.
-The network is trained for the error of views between and beside the context views, too, which encoding does not see, so
-that its steps overfit less than the gradient of the context views does (`training/step_phase.py`).
+Its loss in training also contains other views than the context views, which encoding does not see. So its steps overfit
+the context views less than the plain gradient does (`training/step_learning.py`).
 """
 
 import torch
@@ -24,9 +24,10 @@ ERROR_CELL, ERROR_SCALE = 8, 4.0  # pixels of a position of the latent, a side; 
 
 
 class StepNetwork(nn.Module):
-    """(gradients, y, previous step, errors, F_k, S_{k-1}) -> 2D blocks -> what is added to the scaled gradient, at 1/8.
+    """(gradients, y, previous step, steps left, errors, F_k, S_{k-1}; condition) -> step of the latents, at 1/8.
 
-    Before training, steps follow the gradient, because the last layers start at zero.
+    A step is the output of 2D blocks minus the scaled gradient. Before training it is the negative gradient, because
+    the last layers start at zero.
     """
 
     def __init__(self, latent_channels: int, state_channels: int, width: int) -> None:
@@ -59,11 +60,11 @@ class StepNetwork(nn.Module):
         known: Float[Tensor, "item width h8 w8"],
         condition: RateCondition,
     ) -> Float[Tensor, "item latent h8 w8"]:
-        """Return the step, in units of the length of the step at hand.
+        """Return the proposed step; the caller multiplies it by the present length of steps.
 
-        gradient: of the objective, with an RMS of 1. of_rate: the part of it that the rate has. previous: the step
-        before, zero at first. left: share of all steps that is left, with this one. errors: photographs minus
-        renderings, sRGB. known: see `prepare`.
+        gradient: of the objective, with an RMS of 1. of_rate: gradient of the rate term, on the same scale. previous:
+        what was returned for the step before, zero at first. left: share of the steps that remain, with this one.
+        errors: photographs minus renderings, sRGB. known: see `prepare`.
         """
         compressed = torch.sign(y) * torch.log1p(y.abs())  # the range of y varies by decades with lambda
         gradients = (torch.asinh(gradient), torch.asinh(of_rate))

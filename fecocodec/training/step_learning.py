@@ -1,9 +1,9 @@
-"""How the network that proposes steps of latent optimisation learns, from scenes that are encoded in training.
+"""Train the network that proposes the steps of latent optimisation, on scenes that are encoded during training.
 
-The gradient of the loss at the latents after a step, which the next step needs nearly in full, is also the gradient of
-what the network proposed, and of every step before as far as later steps do not react to it. So learning costs little
-more than encoding. The loss sees target views, which the objective of encoding does not: the network learns steps that
-help them, too.
+The latents after a step are the first latents plus all steps so far. So the gradient of the loss by these latents is
+also the gradient by each of these steps, if the reaction of later steps to earlier ones is neglected. The next step
+needs most of this gradient anyway, so training costs little more than encoding. The loss also contains target views,
+which encoding does not see: the network learns steps that improve them, too.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ LAST_WEIGHT, OTHER_WEIGHT = 2.0, 0.25  # of the latents after the last step, whi
 OTHER_STEPS, OTHER_SHARE = (2, 9), 0.3  # numbers of steps other than those of encoding, and how often they are drawn
 
 Parts = dict[str, float]
-"""Of the loss: itself, D of context and of target views, the logarithm of the bits."""
+"""Parts of the loss: the loss, D of the context views, D of the target views, the logarithm of the bits."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,9 @@ class Evaluated:
 
 @dataclass(frozen=True)
 class StepLearner:
-    """Optimises the latents of training batches as encoding does, and adds to the gradients of the network.
+    """Optimises the latents of training batches, and adds to the gradients of the step network.
+
+    Unlike in encoding, no step is undone, no views are held, and nothing is faded.
 
     config: of the optimisation. generator: draws numbers of steps.
     """
@@ -68,8 +70,8 @@ class StepLearner:
         """Return the `optimise` argument of `SceneEncoder.run` for a batch, whose scenes are optimised one by one.
 
         The optimised latents pass no gradient to the sender. If they did, g_a would learn to rely on the steps: files
-        without steps became 25% larger, and those with steps no better (docs/experiments.md). report: gets what the
-        steps of each stage of each scene change, `Parts` with the number of the stage in the names.
+        without steps became 25% larger, and those with steps no better (docs/experiments.md). report:
+        called for each stage of each scene with the change of `Parts` by its steps; names end in the stage's number.
         """
         pixels = encoder.num_pixels // len(batch.images)
         numbers = [self._draw_num_steps(pixels, int(lambda_q)) for lambda_q in batch.lambda_q]
@@ -135,7 +137,7 @@ def learn(
 ) -> tuple[Latent, Parts, Parts]:
     """Take the steps that the network proposes, and add to its gradients.
 
-    Steps are not undone, unlike in encoding. first_length: as in `descend`. given: F_k, S_{k-1} and the condition.
+    first_length: as in `descend`. given: F_k, S_{k-1} and the condition.
     Returns y after the last step, and the parts of the loss before the first and after the last step.
     """
     features, state, condition = given

@@ -1,6 +1,6 @@
 """Last phase of training: the network that proposes steps of latent optimisation, alone.
 
-Each scene is encoded as in use; how the network learns from it is in `step_learning`.
+Scenes are encoded with latent optimisation; `step_learning` adds to the gradients.
 """
 
 import math
@@ -28,7 +28,7 @@ WARM_UP, LOG_EVERY = 30, 25  # updates
 
 @dataclass(frozen=True)
 class StepPhase:
-    """Settings of the phase. num_updates: of the network, each by two scenes a process."""
+    """Settings of the phase. num_updates: steps of the optimiser, each of two scenes a process."""
 
     num_updates: int
     learning_rate: float = 1e-3
@@ -43,7 +43,7 @@ def train_step_network(trainer: Trainer, phase: StepPhase) -> Iterator[dict[str,
     """Train the step network, starting at a trainer's averaged weights, then save its checkpoint.
 
     Every `LOG_EVERY` updates, yields the number of updates, the number skipped because gradients were not finite, and
-    what the steps of each stage change: the loss, D of context and of target views, and the logarithm of the bits. The
+    how the steps of each stage change the loss, D of context and of target views, and the logarithm of the bits. The
     checkpoint is written only at the end. Raises InputError for a sender without this network.
     """
     trainer.networks.load_state_dict(trainer.average)
@@ -78,9 +78,9 @@ def train_step_network(trainer: Trainer, phase: StepPhase) -> Iterator[dict[str,
 
 
 def learn_from_scene(trainer: Trainer, learner: StepLearner) -> dict[str, float]:
-    """Encode a scene that is drawn from the trainer's sources, and add to the gradients of the network.
+    """Draw a scene, encode it, and add to the gradients of the network.
 
-    Returns what the steps of each stage change, see `train_step_network`.
+    Returns how the steps of each stage change the parts of the loss, see `train_step_network`.
     """
     batch = _draw(trainer)
     context = list(range(batch.num_context))
