@@ -9,7 +9,7 @@ from fecocodec.formats.atomic import write_atomically
 LOG_COLUMNS = (
     "step", "minutes", "loss", "mse1", "mse2", "mse_context1", "mse_context2", "bpp1", "bpp2",
     "matching", "disparity1", "disparity2", "gradient", "skipped",
-    "mse3", "mse_context3", "bpp3", "bad_scenes", "val_psnr", "val_st_lpips", "val_bpp", "perceptual",
+    "mse3", "mse_context3", "bpp3", "bad_scenes", "val_psnr", "val_st_lpips", "val_bpp", "perceptual", "analysis",
 )  # fmt: skip
 
 

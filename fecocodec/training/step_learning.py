@@ -4,10 +4,12 @@ The latents after a step are the first latents plus all steps so far. So the gra
 also the gradient by each of these steps, if the reaction of later steps to earlier ones is neglected. The next step
 needs most of this gradient anyway, so training costs little more than encoding. The loss also contains target views,
 which encoding does not see: the network learns steps that improve them, too.
+
+The analysis transform learns to give what the steps end at, as far as it can be told without them.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import torch
@@ -26,6 +28,7 @@ from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training.batch import Batch
 
 CONTEXT_SHARE = 0.4  # of the context views in the loss; the rest is the target views'
+ANALYSIS_WEIGHT = 2e-3  # of the squared distance from g_a's latents to the optimised ones, in first steps
 LAST_WEIGHT, OTHER_WEIGHT = 2.0, 0.25  # of the latents after the last step, which are coded, and after the others
 OTHER_STEPS, OTHER_SHARE = (2, 9), 0.3  # numbers of steps other than those of encoding, and how often they are drawn
 
@@ -63,6 +66,7 @@ class StepLearner:
     network: StepNetwork
     config: OptimisationConfig
     generator: torch.Generator
+    _distances: list[Float[Tensor, ""]] = field(default_factory=list)
 
     def optimiser(
         self, encoder: SceneEncoder, batch: Batch, report: Callable[[dict[str, float]], None] = lambda _row: None
@@ -70,7 +74,8 @@ class StepLearner:
         """Return the `optimise` argument of `SceneEncoder.run` for a batch, whose scenes are optimised one by one.
 
         The optimised latents pass no gradient to the sender. If they did, g_a would learn to rely on the steps: files
-        without steps became 25% larger, and those with steps no better (docs/experiments.md). report:
+        without steps became 25% larger, and those with steps no better (docs/experiments.md). It learns by
+        `analysis_loss` instead. report:
         called for each stage of each scene with the change of `Parts` by its steps; names end in the stage's number.
         """
         pixels = encoder.num_pixels // len(batch.images)
@@ -81,9 +86,24 @@ class StepLearner:
                 self._optimise_scene(encoder, batch, scene, numbers[scene], y, features, inputs, report)
                 for scene in range(len(batch.images))
             ]
-            return torch.cat(found)
+            optimised = torch.cat(found)
+            if y.requires_grad:
+                gains = inputs.condition.latent_gain.detach()
+                lengths = torch.clamp_min(self.config.step_size_unscaled * gains, self.config.step_size)
+                self._distances.append(((y - optimised) / lengths).square().mean())
+            return optimised
 
         return optimise
+
+    def analysis_loss(self) -> Float[Tensor, ""]:
+        """Return ANALYSIS_WEIGHT times the mean squared distance from g_a's latents to the optimised ones.
+
+        Distances are in lengths of the first step, and summed over the stages that were optimised since the last call.
+        Without a gradient through the steps, this makes g_a give the mean of what steps end at (amortised inference).
+        """
+        total = torch.stack(self._distances).sum()
+        self._distances.clear()
+        return ANALYSIS_WEIGHT * total
 
     def _draw_num_steps(self, num_pixels: int, lambda_q: int) -> int:
         """Draw the number of steps of the last stage."""

@@ -179,7 +179,11 @@ class Trainer:
             self.sender, self.receiver, batch, coding, num_stages, extracted, weight, learner
         )
         background, perceptual = self._draw_background(batch), configuration.perceptual_weight
-        return loss_of(batch, outcomes, matched, weight, configuration.distortion, background, perceptual)
+        loss, parts = loss_of(batch, outcomes, matched, weight, configuration.distortion, background, perceptual)
+        if learner is None:
+            return loss, parts
+        analysis = learner.analysis_loss()
+        return loss + analysis, parts | {"analysis": float(analysis.detach())}
 
     def _report_skipped(self, batch: Batch) -> None:
         """Count the scenes that could not be used, and write why, one line each, to `bad_scenes_RANK.txt`."""

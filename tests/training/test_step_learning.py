@@ -13,9 +13,10 @@ from fecocodec.errors import InputError
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import MseDistortion
 from fecocodec.sender.latent_optimisation import Objective
-from fecocodec.sender.optimisation_config import OptimisationConfig
+from fecocodec.sender.optimisation_config import OptimisationConfig, step_size
 from fecocodec.sender.stages import StageInputs
 from fecocodec.sender.step_network import StepNetwork
+from fecocodec.training import step_learning
 from fecocodec.training import trainer as trainer_module
 from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShape, BatchShapes
@@ -90,8 +91,12 @@ def test_gradients_are_those_of_the_loss_by_the_network(codec: Codec) -> None:
     assert (ends[0] - ends[1]) / 2e-3 == pytest.approx(expected, rel=0.02)
 
 
+def new_learner(seed: int) -> StepLearner:
+    return StepLearner(StepNetwork(32, 128, 16), STEPS, torch.Generator().manual_seed(seed))
+
+
 def optimised(
-    codec: Codec, batch: Batch, scenes: list[int], seed: int
+    codec: Codec, batch: Batch, scenes: list[int], seed: int, learner: StepLearner | None = None
 ) -> tuple[Tensor, Tensor, list[dict[str, float]]]:
     """Latents of stage 1 of these scenes before and after their steps, and what the steps change."""
     batch = replace(
@@ -103,8 +108,8 @@ def optimised(
     )
     encoder = BatchEncoder(codec.sender, codec.receiver, batch)
     torch.manual_seed(2)
-    network = StepNetwork(32, 128, 16)
-    learner, rows = StepLearner(network, STEPS, torch.Generator().manual_seed(seed)), list[dict[str, float]]()
+    rows: list[dict[str, float]] = []
+    learner = new_learner(seed) if learner is None else learner
     lambda_q = batch.lambda_q.repeat_interleave(2)
     condition = codec.receiver.condition(lambda_q, 1)
     inputs = StageInputs(1, True, lambda_q, condition, encoder.initial_state, None)
@@ -143,11 +148,37 @@ def test_training_through_steps_trains_receiver_and_step_network_and_resumes(
         if not torch.equal(value, before[name])
     }
     assert {"sender.steps", "receiver.synthesis", "receiver.update", "receiver.predictor", "receiver.prior"} <= changed
-    assert not {"sender.analysis", "sender.feedback"} & changed
+    assert {"sender.analysis", "sender.feedback"} <= changed
     whole.save(whole.checkpoint)
     again = new_trainer(tmp_path / "again", 1.0)
     again.resume(whole.checkpoint)
     assert whole.train_step() == pytest.approx(again.train_step(), rel=1e-4)  # gradients are summed in any order
+
+
+def test_the_sender_learns_by_the_distance_to_the_optimised_latents_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trainer_module, "DEFAULT", STEPS)
+    monkeypatch.setattr(step_learning, "ANALYSIS_WEIGHT", 0.0)
+    trainer = new_trainer(tmp_path, 1.0)
+    assert trainer.train_step()["analysis"] == 0.0
+    gradients = [p.grad for p in trainer.sender.analysis.parameters() if p.grad is not None]
+    assert gradients and all(bool((gradient == 0.0).all()) for gradient in gradients)
+
+
+def test_the_distance_of_g_a_counts_in_first_steps(codec: Codec) -> None:
+    batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(2, 2, 1, (64, 64)), 0.0)
+    batch = replace(batch, lambda_q=torch.tensor([0, 1768]))
+    learner = new_learner(1)
+    y, found, _ = optimised(codec, batch, [0, 1], 1, learner)
+    fine, coarse = (step_size(STEPS, codec.receiver.condition(torch.tensor([value]), 1)) for value in (0, 1768))
+    assert fine > 2.0 * coarse
+    lengths = torch.tensor([fine, fine, coarse, coarse])[:, None, None, None]
+    expected = ((y - found).detach() / lengths).square().mean()
+    loss = learner.analysis_loss()
+    assert float(loss.detach()) == pytest.approx(float(step_learning.ANALYSIS_WEIGHT * expected), rel=1e-5)
+    loss.backward()
+    assert y.grad is not None and bool(((y - found) * y.grad >= 0.0).all()) and float(y.grad.abs().sum()) > 0.0
 
 
 def test_without_a_share_the_step_network_rests(tmp_path: Path) -> None:
