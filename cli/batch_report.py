@@ -86,7 +86,8 @@ def _report(outcomes: "Sequence[Outcome]", seconds: float, summary: str, options
     counted = f"{count['done']} done, {count['skipped']} skipped, {count['failed']} failed"
     say(f"{options.output}: {counted} in {_duration(seconds)}; {summary} lists them")
     if num_warned:
-        say(f"{num_warned} scenes have warnings, which their .json files hold")
+        scenes = "scene has" if num_warned == 1 else "scenes have"
+        say(f"{num_warned} {scenes} warnings; the .json files hold them")
 
 
 def _duration(seconds: float) -> str:

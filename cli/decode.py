@@ -20,7 +20,7 @@ from .scene_output import GAUSSIAN_ENDINGS, Frame, require_page, write_scene
 from .terminal import printable
 
 PARTLY_DECODED = 3  # exit code
-DECODED = {1: "stage 1 could be", 2: "the two stages could be"}
+DECODED = {1: "only stage 1", 2: "but both stages"}
 
 
 @click.command(
@@ -54,8 +54,7 @@ Examples:
 @click.option(
     "--partial",
     is_flag=True,
-    help=f"Decode the intact stages of a damaged file. The exit code is {PARTLY_DECODED} if a stage could not be "
-    "decoded.",
+    help=f"Decode the intact stages of a damaged file. The exit code is {PARTLY_DECODED} if any part of it is damaged.",
 )
 @decoding_options
 @json_option
@@ -129,5 +128,5 @@ def command(
         say(f"{output}: {decoded.gaussians.count} Gaussians in {seconds:.2f} s")
     if damage is None:
         return 0
-    warn(printable(f"fecosplat: {stream}: damaged, only {DECODED[decoded.stages]} decoded: {damage}"))
+    warn(printable(f"fecosplat: {stream}: damaged, {DECODED[decoded.stages]} could be decoded: {damage}"))
     return PARTLY_DECODED

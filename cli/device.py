@@ -1,19 +1,12 @@
 """Early checks that the device given by `--device` can be used."""
 
-import torch
-
-from fecocodec.errors import InputError
+from fecocodec.layers.memory_format import usable_device
 from fecocodec.rendering.cuda import gsplat_rasterization
 
 
 def require_device(name: str) -> None:
     """Raise InputError if this machine does not have the device. name: `cpu`, `cuda` or `cuda:N`."""
-    index = torch.device(name).index or 0
-    if name != "cpu" and index >= torch.cuda.device_count():
-        raise InputError(
-            f"device {name} was asked for, but torch sees {torch.cuda.device_count()} CUDA devices here; "
-            "choose another with --device, such as cpu."
-        )
+    usable_device(name)
 
 
 def require_encoding_device(name: str, num_stages: int, effort: str) -> None:

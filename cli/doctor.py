@@ -22,6 +22,8 @@ EXTRAS = {
     "eval": "flip-evaluator",
 }
 NUM_GAUSSIANS, SIDE_PX = 20_000, 256
+DRAWN = f"{NUM_GAUSSIANS:,} Gaussians at {SIDE_PX}x{SIDE_PX}"
+NOT_MEASURED = "not measured: torch is missing, which only the receiver does without"
 
 
 @click.command(
@@ -40,19 +42,21 @@ def command(as_json: bool) -> None:
 
     Kernels are compiled on first use; running this command once after installation compiles those of rendering.
     """
-    first, later = rendering_seconds()
+    has_torch = installed("torch") is not None  # the receiver alone does without
+    first, later = rendering_seconds() if has_torch else (None, None)
     fields = {
         "fecosplat": __version__,
         "python": platform.python_version(),
         "processor": f"{platform.machine()}, {os.cpu_count()} threads",
-        "cuda": cuda_device(),
+        "cuda": cuda_device() if has_torch else NOT_MEASURED,
         **{name.lower(): installed(name) or "missing" for name in LIBRARIES},
         **{f"extra {extra}": installed(name) or f"missing: {install_line(extra)}" for extra, name in EXTRAS.items()},
-        "kernels": f"ready, first use took {first:.2f} s",
-        "speed": f"{NUM_GAUSSIANS:,} Gaussians at {SIDE_PX}x{SIDE_PX} in {1000 * later:.0f} ms",
+        "kernels": NOT_MEASURED if first is None else f"ready, first use took {first:.2f} s",
+        "speed": NOT_MEASURED if later is None else f"{DRAWN} in {1000 * later:.0f} ms",
     }
     if as_json:
-        print_json({**fields, "first_rendering_seconds": round(first, 4), "rendering_seconds": round(later, 4)})
+        seconds = {"first_rendering_seconds": first, "rendering_seconds": later}
+        print_json({**fields, **{name: value and round(value, 4) for name, value in seconds.items()}})
     else:
         print_fields(list(fields.items()))
 

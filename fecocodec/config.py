@@ -87,6 +87,9 @@ class SenderConfig(CodecConfig):
     is_monocular: bool = field(default=False, metadata=OPTIONAL)  # depth is completed with DINOv2
 
 
+COMPACT_SENDER = SenderConfig(step_channels=96)  # the sender that ships
+
+
 @dataclass(frozen=True)
 class PaperSenderConfig(CodecConfig):
     """Configuration of the paper's sender. The sizes of its extractor are those of the public checkpoints.

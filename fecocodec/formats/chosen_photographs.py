@@ -12,7 +12,7 @@ from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, require_images, stored_lens
 from fecocodec.formats.poses import require_float32_range, rigid_pose
-from fecocodec.formats.reading_notes import framing_notes, lens_notes
+from fecocodec.formats.reading_notes import framing_notes, lens_notes, orientation_notes
 from fecocodec.formats.view_choice import choose_views
 from fecocodec.formats.view_spread import auto_views
 from fecocodec.limits import MAX_VIEWS
@@ -62,6 +62,7 @@ def choose_photographs(
     names = [photograph.path.name for photograph in photographs]
     sizes = [photograph.declared_size for photograph in photographs]
     notes += [*lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
+    notes += orientation_notes([photograph.path for photograph in photographs])
     return ChosenPhotographs(scene, photographs, lenses, common, poses, intrinsics, tuple(notes))
 
 

@@ -42,12 +42,17 @@ def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
 def read_image_and_alpha(
     path: StrPath, background: Background = "white"
 ) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Read an image like `read_image`, composited on `background`, and its opacity in [0, 1], None if it has none."""
+    """Read an image like `read_image`, composited on `background`, and its opacity in [0, 1].
+
+    The opacity is None for an image without alpha, and for one that is opaque everywhere.
+    """
     path = Path(path)
     if path.suffix.lower() == ".exr":
         image = read_exr(path, LEVELS[background])
-        return image.colour, image.alpha
-    return _composited(torch.from_numpy(decode_with_pillow(path, path)), LEVELS[background])
+        colour, alpha = image.colour, image.alpha
+    else:
+        colour, alpha = _composited(torch.from_numpy(decode_with_pillow(path, path)), LEVELS[background])
+    return colour, None if alpha is None or bool((alpha == 1.0).all()) else alpha
 
 
 def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:

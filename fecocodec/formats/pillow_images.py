@@ -1,18 +1,20 @@
 """Decode PNG, JPEG and WebP with Pillow. Bounds the number of pixels and raises only InputError."""
 
+import struct
 import warnings
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
-from PIL import Image
+from PIL import ExifTags, Image
 
 from fecocodec.errors import InputError
 from fecocodec.formats.input_file import MAX_IMAGE_PIXELS, require_regular_file
 from fecocodec.formats.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
 
 _FORMATS = ("PNG", "JPEG", "WEBP")
+UPRIGHT, LAST_ORIENTATION = 1, 8  # of EXIF
 
 
 def decode_with_pillow(source: Path | BytesIO, place: Path | str) -> Float[np.ndarray, "channel height width"]:
@@ -40,6 +42,20 @@ def size_with_pillow(path: Path) -> tuple[int, int]:
         raise
     except Exception as error:  # as above
         raise InputError(unreadable(path, error)) from error
+
+
+def orientation_with_pillow(path: Path) -> int:
+    """Return the EXIF orientation, from 1 (upright) to 8; 1 for an image without readable EXIF data.
+
+    Raises InputError as `decode_with_pillow` does for an image that cannot be opened.
+    """
+    with _open(path, path) as image, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about damaged EXIF data
+        try:
+            found = image.getexif().get(ExifTags.Base.Orientation, UPRIGHT)
+        except (OSError, SyntaxError, ValueError, struct.error):  # what Pillow raises for damaged EXIF data
+            return UPRIGHT
+    return found if isinstance(found, int) and UPRIGHT <= found <= LAST_ORIENTATION else UPRIGHT
 
 
 def require_few_pixels(height: int, width: int, place: Path | str) -> None:

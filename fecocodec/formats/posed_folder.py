@@ -16,7 +16,12 @@ from fecocodec.formats.atomic import write_atomically
 from fecocodec.formats.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
 from fecocodec.formats.pose_estimation import LEAST_ANGLE, reconstruct
 from fecocodec.formats.pose_warnings import reliability_warnings
-from fecocodec.formats.unposed_photographs import MAX_PHOTOGRAPHS, find_photographs, upright_copies
+from fecocodec.formats.unposed_photographs import (
+    MAX_PHOTOGRAPHS,
+    find_photographs,
+    unread_photographs,
+    upright_copies,
+)
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 
 _FEW_MATCHES = 30  # of a pair; named in messages
@@ -77,8 +82,13 @@ def posed_folder(
 
 
 def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
-    """Return at most MAX_PHOTOGRAPHS photographs, evenly spread over the folder, and a note if some are left out."""
-    photographs = find_photographs(folder)
+    """Return at most MAX_PHOTOGRAPHS photographs, evenly spread over the folder, with notes on those left out."""
+    photographs, notes = find_photographs(folder), list[str]()
+    if unread := unread_photographs(folder):
+        kinds = ", ".join(sorted({path.suffix.lower() for path in unread}))
+        notes.append(
+            f"not read, because of its kind ({kinds}): {len(unread)} of the files; convert to JPEG, PNG or WebP."
+        )
     if len(photographs) < 2:
         found = "one photograph" if photographs else "no photographs"
         raise InputError(
@@ -86,9 +96,12 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
             "file."
         )
     if len(photographs) <= MAX_PHOTOGRAPHS:
-        return photographs, []
+        return photographs, notes
     kept = [photographs[index] for index in np.linspace(0, len(photographs) - 1, MAX_PHOTOGRAPHS).round().astype(int)]
-    return kept, [f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras."]
+    return kept, [
+        *notes,
+        f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras.",
+    ]
 
 
 def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:

@@ -1,8 +1,10 @@
 """Notes on results of `read_views` that the user may not expect, one sentence each."""
 
 from collections import Counter
+from pathlib import Path
 
 from fecocodec.formats.framing import kept_share
+from fecocodec.formats.image_headers import is_upright
 from fecocodec.formats.lens import Lens
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
@@ -31,6 +33,18 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
             f"({lens.width}x{lens.height}); choose a `size` of the photographs' shape to keep more."
         )
     return notes
+
+
+def orientation_notes(paths: list[Path]) -> list[str]:
+    """Return a note if the EXIF orientation of a photograph is not upright."""
+    turned = [path.name for path in paths if not is_upright(path)]
+    if not turned:
+        return []
+    what = f"{turned[0]} has" if len(turned) == 1 else f"{len(turned)} photographs, such as {turned[0]}, have"
+    return [
+        f"{what} an EXIF orientation, which is not applied, because cameras refer to the pixels as stored; if yours "
+        "refer to the upright photographs, store these upright."
+    ]
 
 
 def lens_notes(pinholes: list[Lens], names: list[str], sizes: list[tuple[int, int] | None]) -> list[str]:

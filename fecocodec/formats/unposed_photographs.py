@@ -8,7 +8,7 @@ from PIL import ExifTags, Image, ImageOps
 
 from fecocodec.errors import InputError
 from fecocodec.formats.estimated_cameras import ImageGroup
-from fecocodec.formats.image_headers import has_image_name
+from fecocodec.formats.image_headers import UNREAD_SUFFIXES, has_image_name
 from fecocodec.formats.pillow_images import decode_with_pillow, unreadable
 
 MAX_PHOTOGRAPHS = 60
@@ -27,6 +27,12 @@ def find_photographs(folder: Path) -> list[Path]:
             if found := sorted(path for path in files if path.suffix.lower() != ".exr"):
                 return found
     return []
+
+
+def unread_photographs(folder: Path) -> list[Path]:
+    """Return photographs of kinds that cannot be read, such as HEIC, in a folder and in its folder `images`."""
+    places = [place for place in (folder, folder / "images") if place.is_dir()]
+    return sorted(path for place in places for path in place.iterdir() if path.suffix.lower() in UNREAD_SUFFIXES)
 
 
 def upright_copies(photographs: list[Path], target: Path, focal_px: float | None = None) -> list[ImageGroup]:

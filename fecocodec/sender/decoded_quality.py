@@ -8,6 +8,7 @@ import torch
 
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import read_stream
+from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
 from fecocodec.receiver.model import Receiver
@@ -43,12 +44,19 @@ class DecodedQuality:
 def measure_decoded(
     data: bytes, views: Views, *, device: str = "cpu", model: Path | str | None = None
 ) -> tuple[DecodedQuality, ...]:
-    """Decode a stream that was encoded from `views`, and return the quality of the context views after each stage.
+    """Decode a stream that was encoded from `views`, in this order, and return their quality after each stage.
 
-    device, model: as for `encode`. Raises BitstreamError for an invalid stream, ModelError if weights cannot be loaded.
+    device, model: as for `encode`. Raises BitstreamError for an invalid stream, ModelError if weights cannot be loaded,
+    InputError for another number of views than the stream has.
     """
+    stream = read_stream(data)
+    if len(views.images) != stream.header.num_views:
+        raise InputError(
+            f"the stream holds {stream.header.num_views} views, but {len(views.images)} are given to compare it with; "
+            "give the views that it was encoded from, in their order."
+        )
     receiver = load_codec(model_folder(model), device).receiver
-    num_stages = len(read_stream(data).payloads)
+    num_stages = len(stream.payloads)
     return tuple(decoded_quality(receiver, data, views, stage) for stage in range(1, num_stages + 1))
 
 

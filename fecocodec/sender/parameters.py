@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import nn
 
-from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import COMPACT_SENDER, PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig
 from fecocodec.errors import InputError
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
@@ -28,7 +28,7 @@ class ParameterRow:
 RECEIVER_SUM, SENDER_SUM = "receiver, all that decode loads", "sender, all that encode loads"
 PUBLISHED = {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6}  # the paper's Table 1
 _PROFILES: dict[str, tuple[CodecConfig, ReceiverConfig]] = {
-    "compact": (SenderConfig(), ReceiverConfig()),
+    "compact": (COMPACT_SENDER, ReceiverConfig()),
     "paper": (PaperSenderConfig(), ReceiverConfig(method=PAPER)),
 }
 

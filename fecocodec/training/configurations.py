@@ -5,7 +5,15 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
-from fecocodec.config import PAPER, AdaptedSenderConfig, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import (
+    COMPACT_SENDER,
+    PAPER,
+    AdaptedSenderConfig,
+    CodecConfig,
+    PaperSenderConfig,
+    ReceiverConfig,
+    SenderConfig,
+)
 from fecocodec.container.lambda_quantisation import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.sender.distortion import Distortion, LogDistortion, MseDistortion, PerceptualDistortion
@@ -135,14 +143,14 @@ _COMPACT = Configuration(
     ),
     schedule=Schedule(num_steps=9_000, one_stage_until=1_000, bypass_until=1_400),
     distortion=LogDistortion(),
-    sender=SenderConfig(step_channels=96),
+    sender=COMPACT_SENDER,
 )
 
 CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
     {
         "compact": _COMPACT,
         # With depth completion from DINOv2's features (`--completion-steps`).
-        "compact-monocular": replace(_COMPACT, sender=SenderConfig(is_monocular=True, step_channels=96)),
+        "compact-monocular": replace(_COMPACT, sender=replace(COMPACT_SENDER, is_monocular=True)),
         # Our method with the paper's extractor, for the receivers of compact models.
         "compact-re10k": Configuration(
             shapes=_PAPER_RE10K.shapes,

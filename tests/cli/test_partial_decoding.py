@@ -47,7 +47,10 @@ def test_a_cut_file_gives_what_is_intact(
     fields = json.loads(result.out)
     assert (result.code, fields["stages"]) == (3, stages)
     assert f"the file ends after {cuts(whole)[place]} bytes" in fields["damage"]
-    assert result.err.startswith(f"fecosplat: {file}: damaged, only ") and result.err.count("\n") == 1
+    what = {1: "only stage 1", 2: "but both stages"}[stages]
+    assert (
+        result.err.startswith(f"fecosplat: {file}: damaged, {what} could be decoded: ") and result.err.count("\n") == 1
+    )
     assert "--stages" not in result.err
     assert read_ply(result_file).count == fields["gaussians"] > 0
 
@@ -68,6 +71,13 @@ def test_a_whole_file_is_decoded_as_ever(fecosplat, whole: bytes, tmp_path: Path
     file.write_bytes(whole)
     result = fecosplat("decode", file, "-o", output / "a.ply", "--partial")
     assert result.code == 0 and "damaged" not in result.err
+
+
+def test_bytes_after_the_end_do_not_harm_a_stage(fecosplat, whole: bytes, tmp_path: Path, output: Path) -> None:
+    file = tmp_path / "longer.fcs"
+    file.write_bytes(whole + b"12345")
+    result = fecosplat("decode", file, "-o", output / "a.ply", "--partial")
+    assert result.code == 3 and "damaged, but both stages could be decoded: end at byte" in result.err
 
 
 def test_a_second_stage_with_other_symbols_than_promised_is_left_out(

@@ -192,6 +192,16 @@ def test_opacity_is_returned_beside_the_composited_colour(tmp_path):
     assert read_image_and_alpha(tmp_path / "opaque.png")[1] is None
 
 
+def test_opaque_alpha_is_no_alpha(tmp_path):
+    """Else the same file would be measured against another background."""
+    pixels = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "image.png")
+    assert read_image_and_alpha(tmp_path / "image.png")[1] is None
+    pixels[3, 2, 3] = 254
+    Image.fromarray(pixels).save(tmp_path / "image.png")
+    assert read_image_and_alpha(tmp_path / "image.png")[1] is not None
+
+
 def test_an_unknown_suffix_is_not_written(tmp_path):
     with pytest.raises(OutputError, match=r"images of kind '\.gif' are not written; use one of \.png"):
         write_image(tmp_path / "image.gif", torch.zeros(3, 4, 4))

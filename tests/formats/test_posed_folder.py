@@ -152,6 +152,15 @@ def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
     assert set(views.names) == {first.name, "turned.jpg"}
 
 
+def test_photographs_of_kinds_that_are_not_read_are_noted(tmp_path):
+    copies(tmp_path / "photos")
+    for name in ("a.HEIC", "b.heic"):
+        (tmp_path / "photos" / name).write_bytes(b"-")
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        assert posed.notes[0].startswith("not read, because of its kind (.heic): 2 of the files;")
+        assert "2 of 2" in posed.notes[1]
+
+
 def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
     paths = copies(tmp_path / "photos")
     for path in paths:

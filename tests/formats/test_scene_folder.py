@@ -225,6 +225,24 @@ def test_several_orientations_are_noted(tmp_path):
     assert "several orientations (3 of 96x80, 1 of 80x96)" in views.notes[0]
 
 
+@pytest.mark.parametrize("orientation", [1, 3])
+def test_an_exif_orientation_that_is_not_applied_is_noted(tmp_path, orientation):
+    folder = write_transforms(tmp_path, shots(2))
+    path = next(tmp_path.rglob("001.png"))
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.open(path).save(path, exif=exif)
+    notes = read(folder).notes
+    assert notes == () if orientation == 1 else notes[0].startswith("001.png has an EXIF orientation, which is not")
+
+
+def test_damaged_exif_data_have_no_orientation(tmp_path):
+    folder = write_transforms(tmp_path, shots(2))
+    path = next(tmp_path.rglob("001.png"))
+    Image.open(path).save(path, exif=b"Exif\0\0MM\0*\xff\xff\xff\xff")
+    assert read(folder).notes == ()
+
+
 def test_a_crop_of_more_than_a_quarter_is_noted(tmp_path):
     folder = write_transforms(tmp_path, shots(2, width=144, height=80))
     assert read(folder, size=(64, 80)).notes == (

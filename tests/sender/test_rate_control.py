@@ -135,6 +135,12 @@ def test_quality_is_measured_after_each_stage_as_decoded(
     assert last.psnr_of_view[last.worst_view] == min(last.psnr_of_view)
 
 
+def test_views_of_another_number_are_not_measured(views: Views, random_weights: Path) -> None:
+    data = encode_with(load_codec(random_weights / MODEL, "cpu"), views, quantise_lambda(1e-2), 1, FAST)
+    with pytest.raises(InputError, match="holds 3 views, but 1 are given"):
+        measure_decoded(data, views.select([0]), model=random_weights / MODEL)
+
+
 def test_the_worst_of_several_views_is_named() -> None:
     curve = Curve(0.0)
     with pytest.raises(InputError, match=r"leave out the worst view, right\.jpg \(\d+\.\d\d dB\)"):
