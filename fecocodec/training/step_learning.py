@@ -28,7 +28,7 @@ from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training.batch import Batch
 
 CONTEXT_SHARE = 0.4  # of the context views in the loss; the rest is the target views'
-ANALYSIS_WEIGHT = 2e-3  # of the squared distance from g_a's latents to the optimised ones, in first steps
+ANALYSIS_WEIGHT = 2e-4  # of the squared distance from g_a's latents to the optimised ones, in first steps
 LAST_WEIGHT, OTHER_WEIGHT = 2.0, 0.25  # of the latents after the last step, which are coded, and after the others
 OTHER_STEPS, OTHER_SHARE = (2, 9), 0.3  # numbers of steps other than those of encoding, and how often they are drawn
 
