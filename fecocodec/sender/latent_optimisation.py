@@ -199,7 +199,9 @@ def _value_and_slope(evaluate: Evaluate, y: Tensor) -> tuple[float, Slope | None
     y = y.detach().requires_grad_()
     objective = evaluate(y)
     (of_distortion,) = torch.autograd.grad(objective.distortion, y, retain_graph=True)
-    (of_rate,) = torch.autograd.grad(objective.rate, y)
+    of_rate = torch.zeros_like(y)
+    if objective.rate.requires_grad:  # latents that are not coded have no rate
+        (of_rate,) = torch.autograd.grad(objective.rate, y)
     gradient = of_distortion + of_rate
     length = gradient.square().mean().sqrt()
     value = float((objective.distortion + objective.rate).detach())

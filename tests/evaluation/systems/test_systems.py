@@ -14,6 +14,9 @@ from fecocodec.evaluation.systems.groups import systems_of
 from fecocodec.evaluation.systems.operating_points import on_one_thread, speed_systems
 from fecocodec.evaluation.systems.pruned import pruned_system
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
+from fecocodec.evaluation.systems.uncoded import uncoded_gaussians
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.optimisation_config import FAST
 from tests.example_scenes import MODEL, example_views
@@ -70,6 +73,17 @@ def test_photographs_of_half_the_size_are_drawn_at_the_whole(codec: Codec) -> No
     systems = {system.name: partial(run, system) for system in speed_systems(codec, LAMBDA)}
     half = systems["half the size"](side=128)
     assert half.images.shape[-2:] == (128, 128) and half.num_bytes < systems["fecosplat"](side=128).num_bytes
+
+
+def test_latents_that_are_not_coded_are_optimised_for_distortion_alone(codec: Codec) -> None:
+    views = example_views(2)
+    as_given, optimised = (uncoded_gaussians(codec, views, FAST.with_steps(steps)) for steps in (0, 3))
+
+    def distortion(gaussians: Gaussians) -> float:
+        drawn = render(gaussians, views.cameras, views.image_size).color
+        return float(FAST.distortion(drawn, views.images).mean())
+
+    assert distortion(optimised) < distortion(as_given)
 
 
 def test_pruning_sends_the_same_bytes_and_keeps_fewer_gaussians(codec: Codec) -> None:
