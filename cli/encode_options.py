@@ -47,8 +47,8 @@ _OF_VIEWS = (
         default="default",
         show_default=True,
         help="Encoding effort: more effort gives a smaller file at equal quality. Compared with default, fast takes "
-        "about a quarter of the time and needs about 45% more bytes; best takes about three times as long and needs "
-        "about 25% fewer bytes.",
+        "about a quarter of the time and needs more than twice the bytes; best takes about three times as long and "
+        "comes closer to the photographs.",
     ),
     click.option(
         "--strict",
