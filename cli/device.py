@@ -4,18 +4,13 @@ from fecocodec.layers.memory_format import usable_device
 from fecocodec.rendering.cuda import gsplat_rasterization
 
 
-def require_device(name: str) -> None:
-    """Raise InputError if this machine does not have the device. name: `cpu`, `cuda` or `cuda:N`."""
-    usable_device(name)
-
-
 def require_encoding_device(name: str, num_stages: int, effort: str) -> None:
     """Check a device on which views are encoded: feedback and optimisation of latents render on it.
 
-    Raises InputError as `require_device` or `require_rendering_device` does.
+    Raises InputError as `usable_device` or `require_rendering_device` does.
     """
     if num_stages == 1 and effort == "fast":
-        require_device(name)
+        usable_device(name)
     else:
         require_rendering_device(name)
 
@@ -25,6 +20,6 @@ def require_rendering_device(name: str) -> None:
 
     Raises InputError if the device, or gsplat for a CUDA device, is missing.
     """
-    require_device(name)
+    usable_device(name)
     if name != "cpu":
         gsplat_rasterization()

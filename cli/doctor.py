@@ -23,7 +23,7 @@ EXTRAS = {
 }
 NUM_GAUSSIANS, SIDE_PX = 20_000, 256
 DRAWN = f"{NUM_GAUSSIANS:,} Gaussians at {SIDE_PX}x{SIDE_PX}"
-NOT_MEASURED = "not measured: torch is missing, which only the receiver does without"
+NOT_MEASURED = "not measured: torch is not installed; the receiver alone works without it"
 
 
 @click.command(

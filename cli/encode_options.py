@@ -47,7 +47,7 @@ _OF_VIEWS = (
         default="default",
         show_default=True,
         help="Encoding effort: more effort gives a smaller file at equal quality. Compared with default, fast takes "
-        "about a quarter of the time and needs more than twice the bytes; best takes about three times as long and "
+        "about a quarter of the time and needs more than twice the bytes; best takes three to four times as long and "
         "comes closer to the photographs.",
     ),
     click.option(

@@ -84,7 +84,7 @@ def model_option(function: Function) -> Function:
 
 
 def device_option(function: Function) -> Function:
-    """Add --device. Only the form of the name is checked, see `require_device`."""
+    """Add --device. Only the form of the name is checked, see `usable_device`."""
     return click.option(
         "--device",
         default="cpu",

@@ -57,12 +57,11 @@ def decode_stream(data: bytes, options: DecodeOptions, on_progress: OnProgress) 
 
 def _decode_with_torch(data: bytes, options: DecodeOptions, on_progress: OnProgress) -> "Decoded":
     from fecocodec import decode
+    from fecocodec.layers.memory_format import usable_device
     from fecocodec.receiver.background import DEFAULT_BACKGROUND
     from fecocodec.receiver.merging import MergingConfig
 
-    from .device import require_device
-
-    require_device(options.device)
+    usable_device(options.device)
     decoded = decode(
         data,
         stages=options.stages,

@@ -194,9 +194,11 @@ def _require_video(video: Path, *, overwrite: bool) -> None:
 
 
 def _require_device(name: str, scene: Path) -> None:
-    from .device import require_device, require_rendering_device
+    from fecocodec.layers.memory_format import usable_device
+
+    from .device import require_rendering_device
 
     if scene.suffix.lower() == ".ply":
         require_rendering_device(name)
     else:
-        require_device(name)  # for the networks; decoded Gaussians are rendered on the CPU
+        usable_device(name)  # for the networks; decoded Gaussians are rendered on the CPU

@@ -87,7 +87,7 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
     if unread := unread_photographs(folder):
         kinds = ", ".join(sorted({path.suffix.lower() for path in unread}))
         notes.append(
-            f"not read, because of its kind ({kinds}): {len(unread)} of the files; convert to JPEG, PNG or WebP."
+            f"files of these kinds are not read ({kinds}; {len(unread)} in all); convert them to JPEG, PNG or WebP."
         )
     if len(photographs) < 2:
         found = "one photograph" if photographs else "no photographs"

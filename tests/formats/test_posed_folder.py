@@ -157,7 +157,7 @@ def test_photographs_of_kinds_that_are_not_read_are_noted(tmp_path):
     for name in ("a.HEIC", "b.heic"):
         (tmp_path / "photos" / name).write_bytes(b"-")
     with posed_folder(tmp_path / "photos", num_threads=1) as posed:
-        assert posed.notes[0].startswith("not read, because of its kind (.heic): 2 of the files;")
+        assert posed.notes[0].startswith("files of these kinds are not read (.heic; 2 in all);")
         assert "2 of 2" in posed.notes[1]
 
 
