@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from .config_file import read_defaults
+from .config_file import set_defaults
 from .options import FILE_PATH
 from .verbosity import Verbosity, set_verbosity
 
@@ -55,4 +55,4 @@ def _set_verbose(ctx: click.Context, param: click.Parameter, value: bool) -> Non
 
 def _set_defaults(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
     if value is not None:
-        ctx.default_map = read_defaults(value, ctx)
+        set_defaults(value, ctx)

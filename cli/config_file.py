@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from fecocodec.errors import InputError
 from fecocodec.formats.input_file import read_text
@@ -12,13 +13,29 @@ from fecocodec.formats.input_file import read_text
 from .main import COMMANDS
 
 _REMEDY = "correct the file"
+_FILE = "fecosplat.config_file"  # key of `Context.meta`
 
 
-def read_defaults(path: Path, ctx: click.Context) -> dict[str, Any]:
-    """Return the values for the command of `ctx` by parameter name. Tables of other commands are not used.
+def set_defaults(path: Path, ctx: click.Context) -> None:
+    """Make the values of the file the defaults of the command of `ctx`.
 
     Raises InputError if the file is not valid TOML, or names a command or an option that does not exist.
     """
+    ctx.default_map, ctx.meta[_FILE] = _read_defaults(path, ctx), path
+
+
+def with_file(error: click.ClickException) -> click.ClickException:
+    """Return the error; if the value that was refused comes from the file, its message names the file."""
+    if not isinstance(error, click.BadParameter) or error.ctx is None or error.param is None:
+        return error
+    if error.ctx.get_parameter_source(str(error.param.name)) is not ParameterSource.DEFAULT_MAP:
+        return error
+    message = f"{error.message.removesuffix('.')}; the value is in {error.ctx.meta[_FILE]}."
+    return click.BadParameter(message, error.ctx, error.param, error.param_hint)
+
+
+def _read_defaults(path: Path, ctx: click.Context) -> dict[str, Any]:
+    """Return the values for the command of `ctx` by parameter name. Tables of other commands are not used."""
     try:
         content = tomllib.loads(read_text(path, _REMEDY))
     except tomllib.TOMLDecodeError as error:

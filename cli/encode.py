@@ -104,6 +104,7 @@ def command(
     require_ending(output, (".fcs",))
     quantise_lambda(lmbda)  # raises for a value outside the range, before any view is read
     target = target_of(target_kib, target_psnr, stages)
+    metadata = metadata_of(title, author, licence, date)
     require_photographs(views_folder)
     require_model(model)
     require_cameras_file(cameras_file, views_folder, overwrite=overwrite)
@@ -166,7 +167,7 @@ def command(
             else:
                 coder = partial(encode_to_target, target=target)
             data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=report)
-        if metadata := metadata_of(title, author, licence, date):
+        if metadata:
             data = with_metadata(data, metadata)
         with write_atomically(output, overwrite=overwrite) as temporary:
             temporary.write_bytes(data)

@@ -23,6 +23,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     from fecocodec import FecoError
 
     from .command_line import command_line
+    from .config_file import with_file
     from .output import in_options, warn
     from .terminal import printable
 
@@ -35,7 +36,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         warn(printable(f"fecosplat: {in_options(str(error))}"))  # file names can contain control characters
         return 1
     except click.ClickException as error:
-        error.show()
+        with_file(error).show()
         return error.exit_code
     except click.Abort:
         warn("fecosplat: interrupted")

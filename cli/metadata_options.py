@@ -25,9 +25,13 @@ def metadata_options(function: Function) -> Function:
 
 
 def metadata_of(title: str | None, author: str | None, licence: str | None, date: str | None) -> dict[str, str]:
-    """Return the given fields."""
+    """Return the given fields. Raises BitstreamError if a file cannot hold them, which is known before encoding."""
+    from fecocodec.container.metadata import pack_metadata
+
     values = dict(zip(FIELDS, (title, author, licence, date), strict=True))
-    return {name: value for name, value in values.items() if value is not None}
+    given = {name: value for name, value in values.items() if value is not None}
+    pack_metadata(given)
+    return given
 
 
 def _parse_date(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:

@@ -26,6 +26,7 @@ sys.exit(run(sys.argv[1:]))
         (("encode", ".", "-o", "a.splat"), "a.splat: files of kind .splat are not written here; use .fcs."),
         (("encode", ".", "-o", "in.fcs/a.fcs"), "in.fcs/a.fcs: in.fcs is not a folder; choose another output path."),
         (("encode", ".", "-o", "a.fcs", "--lambda", "7"), "lambda is 7"),
+        (("encode", ".", "-o", "a.fcs", "--title", "a" * 70000), "section metadata: its JSON has 70012 bytes, at most"),
         (
             ("decode", "missing", "-o", "a.obj"),
             "a.obj: files of kind .obj are not written here; use .ply or .compressed.ply or .spz or .sog or .glb or "
