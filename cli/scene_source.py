@@ -45,7 +45,6 @@ def scene_source(
     `posed_folder`. Raises InputError as `posed_folder` and `video_frames` do.
     """
     from fecocodec.formats.camera_files import has_cameras, read_cameras
-    from fecocodec.formats.posed_folder import posed_folder
     from fecocodec.formats.video_frames import is_video, write_sharp_frames
 
     if num_frames is not None and not is_video(views):
@@ -57,6 +56,9 @@ def scene_source(
                 raise click.UsageError(f"{option} is for photographs without cameras; this folder has cameras.")
         yield SceneSource(views)
         return
+
+    from fecocodec.formats.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
+
     with ExitStack() as stack:
         photographs = views
         if is_video(views):

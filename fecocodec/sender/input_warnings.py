@@ -10,7 +10,7 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.depth_range import share_of_agreed_depths
 from fecocodec.geometry.views import Views
-from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
+from fecocodec.sender.optimisation_config import OptimisationConfig, config_of_effort
 
 LEAST_PARALLAX_DEGREES = 0.5  # between the viewing rays of a typical point: about two pixels of a 256-pixel image
 LEAST_OVERLAP = 0.2  # fraction of the sample points of a view that another view sees
@@ -40,9 +40,13 @@ def check_input(views: Views, effort: str | OptimisationConfig = "default") -> t
 
 def _warnings_about_size(views: Views, config: OptimisationConfig) -> list[str]:
     height, width = grid_size(*views.image_size)
-    if config == DEFAULT or config.num_steps == 0 or len(views.images) * height * width <= config.max_pixels:
+    num_pixels = len(views.images) * height * width
+    if config.num_steps == 0 or num_pixels <= config.max_pixels:
         return []
-    return ["the views have too many pixels to optimise their latents; give fewer or smaller views."]
+    return [
+        f"the views have {num_pixels:,} pixels in all, more than the {config.max_pixels:,} up to which latents are "
+        "optimised, so the file is larger at equal quality; give fewer or smaller views."
+    ]
 
 
 def _warnings_about_cameras(cameras: Cameras, names: tuple[str, ...]) -> list[str]:

@@ -33,7 +33,7 @@ class OptimisationConfig:
     """
 
     num_steps: int = 4
-    extra_step_below: tuple[int, ...] = (944, 256)  # lambda 4e-4 and 2.7e-5
+    extra_step_below: tuple[int, ...] = (944, 256, 256, 256)  # lambda 4e-4 and, for three steps, 2.7e-5
     num_steps_large: int = 2
     large_pixels: int = 2**19
     max_pixels: int = 2**22
@@ -42,7 +42,7 @@ class OptimisationConfig:
     rate_weight: float = 2.0
     price_exponent: float = 0.6
     held_weight: float = 0.5
-    max_steps_unheld: int = 6
+    max_steps_unheld: int = 8
     max_views_of_direct_gradients: int = 4
     ssim_stride: int = 3
     distortion: Distortion = LogDistortion()  # noqa: RUF009 - frozen
@@ -61,7 +61,7 @@ class OptimisationConfig:
 
 DEFAULT = OptimisationConfig()
 FAST = DEFAULT.with_steps(0)
-BEST = replace(DEFAULT, num_steps=16, num_steps_large=4, extra_step_below=())
+BEST = replace(DEFAULT, num_steps=16, num_steps_large=6, extra_step_below=())
 EFFORTS = {"fast": FAST, "default": DEFAULT, "best": BEST}
 
 

@@ -118,7 +118,7 @@ def test_the_worked_example_trains_a_sender_for_the_receiver_there_is(random_wei
     torch.manual_seed(0)
     disk = example.DiskExtractor(kornia.DISK())
     scenes = write_wall_chunks(tmp_path / "scenes", num_scenes=2, num_frames=10)
-    example.train(disk, scenes, tmp_path / "out", minutes=1e-3, model=model)
+    example.train_sender(disk, scenes, tmp_path / "out", minutes=1e-3, model=model)
     assert (tmp_path / "out" / RECEIVER_FILE).read_bytes() == (model / RECEIVER_FILE).read_bytes()
     receiver, model_id = load_receiver(model / RECEIVER_FILE)
     sender = load_adapted_sender(tmp_path / "out" / SENDER_FILE, disk, receiver.config, model_id)

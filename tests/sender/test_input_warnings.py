@@ -9,7 +9,7 @@ from fecocodec.evaluation.stress.box_room import Room, painted, photograph
 from fecocodec.evaluation.stress.camera_paths import back_to_back, look, sideways, turning
 from fecocodec.geometry.views import Views
 from fecocodec.sender.input_warnings import check_input
-from fecocodec.sender.optimisation_config import BEST
+from fecocodec.sender.optimisation_config import BEST, DEFAULT, OptimisationConfig
 
 
 def context_of(poses: torch.Tensor) -> Views:
@@ -20,11 +20,12 @@ def test_good_views_get_no_warning() -> None:
     assert check_input(context_of(sideways())) == ()
 
 
-def test_too_many_pixels_for_the_effort_that_is_asked_for() -> None:
+@pytest.mark.parametrize("effort", [DEFAULT, BEST])
+def test_too_many_pixels_for_latent_optimisation(effort: OptimisationConfig) -> None:
     views, pixels = context_of(sideways()), 2 * 64 * 64
-    (warning,) = check_input(views, replace(BEST, max_pixels=pixels - 1))
-    assert warning.startswith("the views have too many pixels to optimise their latents")
-    assert check_input(views, replace(BEST, max_pixels=pixels)) == check_input(views, "fast") == ()
+    (warning,) = check_input(views, replace(effort, max_pixels=pixels - 1))
+    assert warning.startswith("the views have 8,192 pixels in all, more than the 8,191 up to which latents are")
+    assert check_input(views, replace(effort, max_pixels=pixels)) == check_input(views, "fast") == ()
 
 
 @pytest.mark.parametrize(

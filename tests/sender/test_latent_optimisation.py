@@ -82,8 +82,8 @@ def test_scenes_get_as_many_steps_as_their_size_allows() -> None:
     sizes = (small, large, largest)
     assert [DEFAULT.steps_of_last(size, COARSE_LAMBDA_Q) for size in sizes] == [4, 2, 0]
     assert [DEFAULT.steps_of_last(size, LAMBDA_Q) for size in sizes] == [5, 3, 0]
-    assert [DEFAULT.steps_of_last(size, 0) for size in sizes] == [6, 4, 0]
-    assert [BEST.steps_of_last(size, 0) for size in sizes] == [16, 4, 0]
+    assert [DEFAULT.steps_of_last(size, 0) for size in sizes] == [8, 6, 0]
+    assert [BEST.steps_of_last(size, 0) for size in sizes] == [16, 6, 0]
     assert [FAST.steps_of_last(size, 0) for size in sizes] == [0, 0, 0]
     assert [DEFAULT.with_steps(9).steps_of_last(size, 0) for size in sizes] == [9, 9, 0]
 
