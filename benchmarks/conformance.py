@@ -45,7 +45,8 @@ class Machine:
 MACHINES = (
     Machine("one thread", {"OMP_NUM_THREADS": "1"}),
     Machine("two threads", {"OMP_NUM_THREADS": "2"}),
-    Machine("four threads", {"OMP_NUM_THREADS": "4"}),
+    # MKL would take no more threads than there are cores.
+    Machine("four threads", {"OMP_NUM_THREADS": "4", "MKL_DYNAMIC": "FALSE"}),
     Machine("AVX2", {"OMP_NUM_THREADS": "2", **AVX2}),
     Machine("SSE4.1", {"OMP_NUM_THREADS": "2", **SSE41}),
     Machine("no vectors", {"OMP_NUM_THREADS": "1", **SCALAR}),
