@@ -18,3 +18,17 @@ def test_cells_cover_the_image_where_the_coding_grid_has_another_size() -> None:
     alpha = torch.zeros(1, 70, 64)
     alpha[0, 4, 0], alpha[0, 69, 63] = 1.0, 1.0
     assert covered_cells(alpha, (1, 16, 16)).nonzero().tolist() == [[0, 0, 0], [0, 1, 0], [0, 15, 15]]
+
+
+def test_cells_across_a_silhouette_are_left_out_beside_cells_within_the_part() -> None:
+    alpha = torch.zeros(1, 64, 64)
+    alpha[:, :, :10] = 1.0  # half of the third column of cells
+    assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [0, 1]
+    alpha[:, :, 10], alpha[:, :, 11] = 1.0, 0.3  # 82% of it
+    assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [0, 1, 2]
+
+
+def test_all_cells_of_a_part_that_has_none_within_are_covered() -> None:
+    alpha = torch.zeros(1, 64, 64)
+    alpha[:, :, 6:9] = 1.0  # thinner than a cell, in two columns of cells
+    assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [1, 2]
