@@ -1,7 +1,7 @@
 """Coverage section of a stream: the cells of the coding grid that the opaque parts of the photographs cover.
 
-Photographs are composited on white, so cells across a silhouette decode with a white rim. They are left out where the
-part has cells within it; cells of thinner parts are kept, with their rim.
+Photographs are composited on white, so cells across a silhouette decode with a white rim. They are left out, except
+where a part is so thin that nothing of it would remain.
 """
 
 import numpy as np
@@ -12,8 +12,8 @@ from torch import Tensor
 from fecocodec.container import COVERAGE_CELLS, Header
 
 LEAST_OPACITY = 0.5  # pixels with at least this opacity count as opaque
-# Mean opacity of a cell within an opaque part. Errors on white (missing borders) and on black (white rims) are equal at
-# this value (docs/experiments.md).
+# Mean opacity of a covered cell. With a smaller value, rims show on black; with a larger one, missing borders show on
+# white. At this value both errors are equal (docs/experiments.md).
 LEAST_MEAN_OPACITY = 0.8
 
 
@@ -36,8 +36,10 @@ def cells_to_bits(cells: Bool[Tensor, "view row column"]) -> bytes:
 def covered_cells(
     alpha: Float[Tensor, "view height width"], grid: tuple[int, int, int]
 ) -> Bool[Tensor, "view row column"]:
-    """Return whether each cell is covered: within an opaque part, or beside no such cell and with an opaque pixel.
+    """Return whether each cell is covered.
 
+    A cell is covered if its mean opacity is at least LEAST_MEAN_OPACITY. For thin parts, so is a cell with an opaque
+    pixel, if no cell around it has that mean opacity.
     grid: (views, rows, columns) of the cells. They divide the image evenly, because the coding grid covers exactly the
     image.
     """
