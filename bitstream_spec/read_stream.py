@@ -19,8 +19,16 @@ import read_symbols
 import zstandard
 from read_symbols import Stage
 
-CAMERAS, COVERAGE, FADING, B1, B2, METADATA = 0x90, 0x98, 0x9C, 0xA0, 0xB0, 0x40
-NAMES = {CAMERAS: "cameras", COVERAGE: "coverage", FADING: "fading", B1: "B1", B2: "B2", METADATA: "metadata"}
+CAMERAS, COVERAGE, FADING, B1, B2, DETAIL, METADATA = 0x90, 0x98, 0x9C, 0xA0, 0xB0, 0xB8, 0x40
+NAMES = {
+    CAMERAS: "cameras",
+    COVERAGE: "coverage",
+    FADING: "fading",
+    B1: "B1",
+    B2: "B2",
+    DETAIL: "detail",
+    METADATA: "metadata",
+}
 LONGEST = {CAMERAS: 2048, COVERAGE: 2**18, FADING: 2**15, METADATA: 65536}  # other kinds: 2^26
 
 
@@ -38,7 +46,10 @@ class Field(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """Content of a stream. rotations, centres: per view. intrinsics: (fx, fy, cx, cy) per view."""
+    """Content of a stream.
+
+    rotations, centres: per view. intrinsics: (fx, fy, cx, cy) per view. detail: (step, payload).
+    """
 
     fields: list[Field]
     header: dict[str, Any]
@@ -50,6 +61,7 @@ class Contents(NamedTuple):
     payloads: list[bytes]
     coverage: bytes | None
     fading: bytes | None
+    detail: tuple[int, bytes] | None
     metadata: dict[str, Any] | None
 
 
@@ -94,10 +106,11 @@ def read(data: bytes) -> Contents:
     check_cameras(sections[CAMERAS][0], near, far, intrinsics, rotations, centres)
     coverage = read_coverage(cursor, *sections[COVERAGE], header) if COVERAGE in sections else None
     fading = read_fading(cursor, *sections[FADING], header) if FADING in sections else None
+    detail = read_detail(cursor, *sections[DETAIL]) if DETAIL in sections else None
     metadata = read_metadata(cursor, *sections[METADATA]) if METADATA in sections else None
     payloads = [sections[kind][1] for kind in [B1, B2][: header["stages"]]]
     cameras = near, far, intrinsics, rotations, centres
-    return Contents(cursor.fields, header, *cameras, payloads, coverage, fading, metadata)
+    return Contents(cursor.fields, header, *cameras, payloads, coverage, fading, detail, metadata)
 
 
 def read_header(cursor: Cursor) -> dict[str, Any]:
@@ -326,6 +339,15 @@ def depth(value: Any) -> int:
     return 1 + max(map(depth, value.values() if isinstance(value, dict) else value), default=0)
 
 
+def read_detail(cursor: Cursor, start: int, payload: bytes) -> tuple[int, bytes]:
+    """Section 8.4: the step, and the payload of symbols."""
+    require(len(payload) > 0, start, "the detail is empty")
+    require(payload[0] <= 63, start, "the step of the detail is above 63")
+    cursor.fields.append(Field(start + 9, 1, payload[0], "inside: step of the detail: 1 stands for 2^(-step / 8)"))
+    cursor.fields.append(Field(start + 10, len(payload) - 1, payload[1:], "inside: symbols of the detail"))
+    return payload[0], payload[1:]
+
+
 def show(value: Any) -> str:
     if isinstance(value, bytes):
         return value.hex(" ") if len(value) <= 16 else f"{value[:8].hex(' ')} ... {value[-4:].hex(' ')}"
@@ -336,11 +358,9 @@ def show(value: Any) -> str:
 
 def decode(contents: Contents, weights: bytes) -> list[Stage]:
     """Section 9, step 7: the symbols of every stage, after comparing their digests with those of the header."""
-    header = contents.header
-    needed, found = header["model_id"], hashlib.sha256(weights).digest()[:8]
-    require(found == needed, 10, f"the stream needs the weights {needed.hex()}, these are {found.hex()}")
+    header, size = contents.header, size_8(contents.header)
+    check_model(header, weights)
     model = read_symbols.read_model(weights)
-    size = header["views"], *(side // 8 for side in grid(header))
     stages: list[Stage] = []
     for number, payload in enumerate(contents.payloads, 1):
         before = stages[0].y_hat if stages else None
@@ -351,6 +371,28 @@ def decode(contents: Contents, weights: bytes) -> list[Stage]:
             raise RefusedError(f"payload B{number}: {error}") from error
         require(stages[-1].digest == header["digests"][number - 1], 28, f"the digest of stage {number} does not hold")
     return stages
+
+
+def decode_detail(contents: Contents, weights: bytes) -> list[list[int]]:
+    """Section 9, step 8: the symbols of every plane of detail, in the order of its array."""
+    if contents.detail is None:
+        return []
+    check_model(contents.header, weights)
+    try:
+        return read_symbols.decode_detail(weights, contents.detail[1], size_8(contents.header))
+    except read_symbols.RefusedError as error:
+        raise RefusedError(f"payload of detail: {error}") from error
+
+
+def check_model(header: dict[str, Any], weights: bytes) -> None:
+    needed, found = header["model_id"], hashlib.sha256(weights).digest()[:8]
+    require(found == needed, 10, f"the stream needs the weights {needed.hex()}, these are {found.hex()}")
+
+
+def size_8(header: dict[str, Any]) -> read_symbols.Size:
+    """Return N, H8, W8."""
+    height, width = grid(header)
+    return header["views"], height // 8, width // 8
 
 
 def print_fields(contents: Contents) -> None:
@@ -368,18 +410,30 @@ def print_stages(contents: Contents, stages: list[Stage]) -> None:
         )
 
 
+def print_detail(planes: list[list[int]]) -> None:
+    for number, symbols in enumerate(planes):
+        print(
+            f"plane {number} of detail | {len(symbols)} symbols, "
+            f"{sum(symbol != 0 for symbol in symbols)} not zero, {min(symbols)} to {max(symbols)}"
+        )
+
+
 def main(arguments: list[str]) -> int:
     if len(arguments) not in (2, 3):
         print("usage: python read_stream.py FILE [WEIGHTS]", file=sys.stderr)
         return 1
     try:
         contents = read(Path(arguments[1]).read_bytes())
-        stages = decode(contents, Path(arguments[2]).read_bytes()) if len(arguments) == 3 else []
+        stages, planes = list[Stage](), list[list[int]]()
+        if len(arguments) == 3:
+            weights = Path(arguments[2]).read_bytes()
+            stages, planes = decode(contents, weights), decode_detail(contents, weights)
     except (OSError, RefusedError) as error:
         print(f"{arguments[1]}: {error}", file=sys.stderr)
         return 1
     print_fields(contents)
     print_stages(contents, stages)
+    print_detail(planes)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Second decoder of symbols, written from ENTROPY.md alone: payloads and a weights file -> z_hat and y_hat.
+"""Second decoder of symbols, written from ENTROPY.md alone: payloads and a weights file -> z_hat, y_hat and detail.
 
 It uses Python integers and only the standard library, and is slow (a few milliseconds per position of y). Section
 numbers in docstrings are those of ENTROPY.md, whose order the code follows.
@@ -22,6 +22,7 @@ Vector = list[int]
 Array = list[list[list[Vector]]]  # x[view][row][column][channel]
 Size = tuple[int, int, int]
 Offsets = list[tuple[int, int]]
+THRESHOLDS = (1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 96, 140)
 KNOWN: list[Offsets] = [[], [(-1, -1), (-1, 1), (1, -1), (1, 1)], [(-1, 0), (0, -1), (0, 1), (1, 0)]]
 
 
@@ -84,15 +85,29 @@ def read_tables(data: bytes) -> list[Table]:
     return tables
 
 
-def read_model(data: bytes) -> Model:
-    """Section 6.1, the weights file."""
+def read_weights_file(data: bytes) -> tuple[dict[str, Any], bytes]:
+    """Section 6.1: header and data."""
     header_size = int.from_bytes(data[:8], "little")
     require(8 + header_size <= len(data), "the weights file ends within its header")
     try:
         header = json.loads(data[8 : 8 + header_size])
     except ValueError as error:
         raise RefusedError(f"the header of the weights file is no JSON ({error})") from error
-    body = data[8 + header_size :]
+    return header, data[8 + header_size :]
+
+
+def read_detail_tables(data: bytes) -> list[list[int]]:
+    """Section 6.1: detail.tables[k][bucket]."""
+    header, body = read_weights_file(data)
+    require("detail.tables" in header, "the model has no detail")
+    values, shape = read_integers(header["detail.tables"], body, "U8", 63)
+    require(len(shape) == 2 and shape[1] == 16, "the tables of detail are not 16 for each plane")
+    return [values[at : at + 16] for at in range(0, len(values), 16)]
+
+
+def read_model(data: bytes) -> Model:
+    """Section 6.2, the layers of the weights file."""
+    header, body = read_weights_file(data)
     names = {name.removeprefix("prior.").rpartition(".")[0] for name in header if name.startswith("prior.")}
     layers = {name: read_layer(header, body, f"prior.{name}") for name in sorted(names)}
     require({"hyper_prior", "enter", "up_16", "around_16", "up_8", "merge_8"} <= names, "a layer is missing")
@@ -117,12 +132,13 @@ def side_by_side(values: list[int]) -> int:
 
 def read_integers(entry: dict[str, Any], body: bytes, kind: str, largest: int) -> tuple[list[int], list[int]]:
     begin, end = entry["data_offsets"]
-    size = {"I16": 2, "I32": 4}[kind]
+    size = {"U8": 1, "I16": 2, "I32": 4}[kind]
     count = 1
     for side in entry["shape"]:
         count *= side
     require(entry["dtype"] == kind and end - begin == size * count and end <= len(body), "a tensor has a wrong form")
-    values = [int.from_bytes(body[at : at + size], "little", signed=True) for at in range(begin, end, size)]
+    signed = kind != "U8"
+    values = [int.from_bytes(body[at : at + size], "little", signed=signed) for at in range(begin, end, size)]
     require(max(map(abs, values)) <= largest, "a weight is out of range")
     return values, entry["shape"]
 
@@ -231,7 +247,7 @@ def table_index(position: int) -> int:
 
 
 def decode_stage(model: Model, payload: bytes, size_8: Size, lambda_q: int, stage: int, before: Array | None) -> Stage:
-    """Section 7. size_8: N, H8, W8. before: y_hat of stage 1 in stage 2, None in stage 1."""
+    """Section 7.1. size_8: N, H8, W8. before: y_hat of stage 1 in stage 2, None in stage 1."""
     coder, layers = Coder(payload), model.layers
     condition = [0, 0, 0, 0]
     condition[stage - 1], condition[stage + 1] = 256, lambda_q - 884
@@ -255,7 +271,7 @@ def decode_stage(model: Model, payload: bytes, size_8: Size, lambda_q: int, stag
 
 
 def read_z(coder: Coder, model: Model, size: Size, condition: Vector) -> tuple[list[int], Array]:
-    """Section 7, step 2."""
+    """Section 7.1, step 2."""
     parameters, channels = apply(model.layers["hyper_prior"], condition), model.Z
     means, indices = parameters[:channels], [table_index(p) for p in parameters[channels:]]
     symbols = take_batch(coder, model.tables, indices * (size[0] * size[1] * size[2]))
@@ -268,7 +284,7 @@ def read_z(coder: Coder, model: Model, size: Size, condition: Vector) -> tuple[l
 
 
 def read_y(coder: Coder, model: Model, e: Array) -> tuple[list[list[int]], Array]:
-    """Section 7, step 4."""
+    """Section 7.1, step 4."""
     size, quarter = (len(e), len(e[0]), len(e[0][0])), model.L // 4
     batches, first = read_step_0(coder, model, e)
     steps = [first]
@@ -340,6 +356,26 @@ def three_layers(model: Model, name: str, x: Vector, group: int = 0) -> Vector:
     for part in ("enter", "middle"):
         x = relu(apply(model.layers[f"{name}.{part}"], x, group))
     return apply(model.layers[f"{name}.leave"], x, group)
+
+
+def decode_detail(weights: bytes, payload: bytes, size_8: Size) -> list[list[int]]:
+    """Section 7.2: the planes, each in the order of its array."""
+    tables, entropy_tables = read_detail_tables(weights), read_tables(TABLES.read_bytes())
+    coder, (views, rows, columns) = Coder(payload), size_8
+    positions = [(v, i, j) for v in range(views) for i in range(rows) for j in range(columns)]
+    s = dict.fromkeys(positions, 0)
+    planes: list[list[int]] = []
+    for of_plane in tables:
+        indices = list[int]()
+        for v, i, j in positions:
+            beside_it = [(v, i - 1, j), (v, i + 1, j), (v, i, j - 1), (v, i, j + 1)]
+            c = 2 * s[v, i, j] + sum(s.get(position, 0) for position in beside_it)
+            indices.append(of_plane[sum(threshold <= c for threshold in THRESHOLDS)])
+        planes.append(take_batch(coder, entropy_tables, indices))
+        for position, symbol in zip(positions, planes[-1], strict=True):
+            s[position] += min(abs(symbol), 15)
+    require(coder.state == 0 and not coder.words, "symbols and bytes do not end together")
+    return planes
 
 
 def digest(batches: list[list[int]]) -> bytes:

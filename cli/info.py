@@ -20,6 +20,7 @@ _CONTENTS = {
     "fading": "parts of the views whose Gaussians are fainter, because they hide what other views show",
     "B1": "stage 1: a coarse version of the scene",
     "B2": "stage 2: corrections to stage 1",
+    "detail": "changes of the Gaussians beyond what the stages hold",
     "metadata": "title, author, licence and date",
 }
 GIB_OF_PROGRAM, GIB_PER_MEGAPIXEL = 0.4, 0.25  # memory of `decode`: linear fit to 0.1 to 16 megapixels
@@ -135,8 +136,11 @@ def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
 
 
 def _lambda(header: Header) -> str:
-    """Return lambda with its meaning. Stage 1 is coded at a larger lambda, to fewer bytes, because stage 2 follows."""
-    text = f"{header.lambda_of_stage(2):.4g} (weight of the rate: a larger one gives a smaller, coarser file"
+    """Return lambda with its meaning. Stage 1 is coded at a larger lambda, to fewer bytes, because stage 2 follows.
+
+    With detail, the last stage may also be coded at a larger lambda than the user's.
+    """
+    text = f"{header.lambda_of_stage(2):.4g} of the last stage (a larger one gives a smaller, coarser file"
     if not header.first_stage_excess:
         return f"{text})"
     return f"{text}; stage 1, which stage 2 corrects, has lambda {header.lambda_of_stage(1):.4g})"

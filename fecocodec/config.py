@@ -55,6 +55,7 @@ class ReceiverConfig:
     gaussians_per_side: int = field(default=2, metadata=OPTIONAL)  # of a cell of the 1/4 grid: 1, 2 or 4
     lambda_range: tuple[float, float] = field(default=(1e-5, 1e-2), metadata=OPTIONAL)  # that the model was trained for
     num_stages: int = field(default=2, metadata=OPTIONAL)  # likewise; streams hold at most two
+    detail_planes: int = field(default=0, metadata=OPTIONAL)  # numbers of the detail layer for a block; 0 for no layer
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ class EncodeScene:
         if notes:
             details["notes"] = list(notes)
         if self.is_measured or self.is_strict:
-            quality = decoded_quality(codec.receiver, data, views, self._num_coded(codec))
+            quality = decoded_quality(codec.receiver, data, views)
             details["context_psnr"] = round(quality.psnr, 3)
             for warning in quality_warnings(quality, views.names):
                 report(warning)
@@ -126,10 +126,6 @@ class EncodeScene:
             return encode_to_target_with(codec, views, self.target, config, on_warning=on_warning)
         lambda_q = quantise_lambda(self.lmbda)
         return encode_with(codec, views, lambda_q, self.num_stages, config, on_warning=on_warning)
-
-    def _num_coded(self, codec: Codec) -> int:
-        """Return the number of stages in the files; a model that was trained with one codes one."""
-        return min(self.num_stages, codec.receiver.config.num_stages)
 
 
 @contextmanager

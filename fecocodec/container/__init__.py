@@ -1,6 +1,7 @@
 """The `.fcs` container: bytes to fields and back, without numpy or torch. The format is `bitstream_spec/FORMAT.md`."""
 
 from fecocodec.container.cameras import PackedCameras
+from fecocodec.container.detail_section import MAX_DETAIL_STEP, Detail
 from fecocodec.container.header import CURRENT_VERSION, EXCESS_UNIT, FormatVersion, Header
 from fecocodec.container.header_bytes import SIGNATURE, read_header
 from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
@@ -33,8 +34,10 @@ __all__ = [
     "LAMBDA_MAX",
     "LAMBDA_MIN",
     "LAMBDA_Q_MAX",
+    "MAX_DETAIL_STEP",
     "MAX_STREAM_BYTES",
     "SIGNATURE",
+    "Detail",
     "FormatVersion",
     "Header",
     "IntactPart",

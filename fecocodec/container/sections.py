@@ -9,8 +9,9 @@ from fecocodec.errors import BitstreamError
 
 CRITICAL = 0x80  # bit of a kind: a reader refuses an unknown kind with this bit and skips one without it
 MAX_PAYLOAD = 1 << 26
-# Appended to messages about a damaged section B2, because stage 1 is still decodable.
-WHAT_IS_INTACT = ', or decode what precedes it with `stages="intact"` or `stages=1`'
+# Appended to messages about a damaged section B2 or detail, because what precedes it is still decodable.
+_INTACT = ', or decode what precedes it with `stages="intact"`'
+_INTACT_OR_FIRST = f"{_INTACT} or `stages=1`"
 
 _HEAD = struct.Struct("<BI")
 _CRC = struct.Struct("<I")
@@ -25,6 +26,7 @@ class SectionKind(IntEnum):
     FADING = CRITICAL | 0x1C
     STAGE_1 = CRITICAL | 0x20
     STAGE_2 = CRITICAL | 0x30
+    DETAIL = CRITICAL | 0x38
     METADATA = 0x40
 
 
@@ -35,6 +37,7 @@ _NAMES: dict[int, str] = {
     SectionKind.FADING: "fading",
     SectionKind.STAGE_1: "B1",
     SectionKind.STAGE_2: "B2",
+    SectionKind.DETAIL: "detail",
     SectionKind.METADATA: "metadata",
 }
 KNOWN_KINDS = frozenset(SectionKind)
@@ -153,5 +156,12 @@ def check_kind(head: SectionHead, previous: SectionHead | None) -> None:
     raise BitstreamError(f"{head.place}: it {problem}; the program that wrote it is at fault, encode the scene again.")
 
 
+def without_fallback(message: str) -> str:
+    """Return a message about damage without the advice to decode what precedes it."""
+    return message.replace(_INTACT_OR_FIRST, "").replace(_INTACT, "")
+
+
 def _fallback(head: SectionHead) -> str:
-    return WHAT_IS_INTACT if head.kind == SectionKind.STAGE_2 else ""
+    if head.kind == SectionKind.STAGE_2:
+        return _INTACT_OR_FIRST
+    return _INTACT if head.kind == SectionKind.DETAIL else ""

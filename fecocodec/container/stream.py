@@ -1,4 +1,4 @@
-"""A whole `.fcs` stream: header, cameras, coverage, fading, one payload per stage, metadata (FORMAT.md, section 3)."""
+"""A whole `.fcs` stream: its header and its sections in their order (FORMAT.md, section 3)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from fecocodec.container.camera_validation import check_cameras
 from fecocodec.container.cameras import PackedCameras, pack_cameras, unpack_cameras
+from fecocodec.container.detail_section import Detail, pack_detail, unpack_detail
 from fecocodec.container.header import MAX_SECTIONS, Header
 from fecocodec.container.header_bytes import ParsedHeader, read_header, write_header
 from fecocodec.container.metadata import Metadata, pack_metadata, unpack_metadata
@@ -13,7 +14,6 @@ from fecocodec.container.sections import (
     KNOWN_KINDS,
     MAX_PAYLOAD,
     STAGE_KINDS,
-    WHAT_IS_INTACT,
     SectionHead,
     SectionKind,
     check_kind,
@@ -21,6 +21,7 @@ from fecocodec.container.sections import (
     read_section_head,
     section_bytes,
     section_name,
+    without_fallback,
 )
 from fecocodec.container.view_grids import COVERAGE_CELLS, FADING_BLOCKS
 from fecocodec.errors import BitstreamError, InputError
@@ -37,7 +38,8 @@ class Stream:
     payloads: B1 and B2; fewer than `header.num_stages` if only a prefix was read. metadata: None if the stream has
     none or only a prefix was read. coverage: one bit per cell of 4x4 pixels of the coding grids, see `ViewGrids`;
     Gaussians of cells with bit 0 are dropped. None if all cells are covered. fading: two bits per block of 16x16
-    pixels of the coding grids, which reduce opacities, see `ViewGrids`; None if no block is faded.
+    pixels of the coding grids, which reduce opacities, see `ViewGrids`; None if no block is faded. detail: corrections
+    to the Gaussians of the last stage; None if the stream has none or only a prefix was read.
     """
 
     header: Header
@@ -46,6 +48,7 @@ class Stream:
     metadata: Metadata | None = None
     coverage: bytes | None = None
     fading: bytes | None = None
+    detail: Detail | None = None
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,8 @@ def write_stream(stream: Stream) -> bytes:
     if stream.fading is not None:
         sections.append(section_bytes(SectionKind.FADING, FADING_BLOCKS.pack(stream.fading, header)))
     sections += [section_bytes(kind, payload) for kind, payload in zip(STAGE_KINDS, stream.payloads, strict=False)]
+    if stream.detail is not None:
+        sections.append(section_bytes(SectionKind.DETAIL, pack_detail(stream.detail)))
     if stream.metadata is not None:
         sections.append(section_bytes(SectionKind.METADATA, pack_metadata(stream.metadata)))
     return write_header(header, len(sections)) + b"".join(sections)
@@ -113,6 +118,8 @@ def with_metadata(data: bytes, metadata: Metadata) -> bytes:
 def read_prefix(data: bytes, num_stages: int) -> Stream:
     """Parse a stream up to the payload of stage `num_stages` (1 or 2); what follows may be damaged or missing.
 
+    The result has neither detail nor metadata, which follow the last stage.
+
     Raises BitstreamError for a rule broken before that point and InputError if the stream has fewer stages.
     """
     parsed = read_header(data)
@@ -141,15 +148,18 @@ def read_packed_cameras(data: bytes) -> PackedCameras:
 
 
 def read_intact(data: bytes) -> IntactPart:
-    """Parse as many stages as are intact. Raises BitstreamError if not even stage 1 is."""
+    """Parse as many stages as are intact. Raises BitstreamError if not even stage 1 is.
+
+    If anything is damaged, the result has neither detail nor metadata.
+    """
     try:
         return IntactPart(read_stream(data), None)
     except BitstreamError as error:
         damage = error
     for num_stages in range(read_header(data).header.num_stages, 0, -1):
         try:
-            # Omit the advice to decode fewer stages, because that is being done here.
-            return IntactPart(read_prefix(data, num_stages), str(damage).replace(WHAT_IS_INTACT, ""))
+            # Omit the advice to decode what is intact, because that is being done here.
+            return IntactPart(read_prefix(data, num_stages), without_fallback(str(damage)))
         except BitstreamError:
             continue  # a shorter prefix may be intact; `damage` is reported in any case
     raise damage
@@ -181,10 +191,12 @@ def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stre
     cameras = unpack_cameras(payload, header.num_views, head.place)
     check_cameras(cameras, head.place)
     coverage, fading = found.get(SectionKind.COVERAGE), found.get(SectionKind.FADING)
+    detail = found.get(SectionKind.DETAIL)
     return Stream(
         header,
         cameras,
         payloads=tuple(found[kind].payload for kind in stage_kinds),
         coverage=COVERAGE_CELLS.unpack(coverage.payload, header, coverage.head.place) if coverage is not None else None,
         fading=FADING_BLOCKS.unpack(fading.payload, header, fading.head.place) if fading is not None else None,
+        detail=unpack_detail(detail.payload, detail.head.place) if detail is not None else None,
     )

@@ -1,7 +1,7 @@
 """Decode a `.fcs` stream to Gaussians, with the receiver's networks alone."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -9,9 +9,19 @@ import torch
 
 from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.camera_packing import unpack
+from fecocodec.coding.detail import detail_values
 from fecocodec.coding.payload import decode_latents
 from fecocodec.coding.visibility import visibility_of
-from fecocodec.container import IntactPart, Stages, Stream, check_pixels, check_symbol_digest, read_stages
+from fecocodec.container import (
+    Detail,
+    Header,
+    IntactPart,
+    Stages,
+    Stream,
+    check_pixels,
+    check_symbol_digest,
+    read_stages,
+)
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
@@ -119,6 +129,8 @@ def _decode_part(
     cameras = unpack(stream.cameras)
     with torch.inference_mode():
         state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
+        if stream.detail is not None and num_stages == header.num_stages:
+            state, symbol_damage = _with_detail(receiver, header, stream.detail, state, stages)
         on_progress("predicting Gaussians", 0.8)
         visibility = visibility_of(stream, receiver.config.gaussians_per_side)
         factors = None if visibility is None else torch.from_numpy(visibility)
@@ -126,6 +138,20 @@ def _decode_part(
     # Clone outside inference mode, so that a caller can compute gradients of the tensors.
     gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
     return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)
+
+
+def _with_detail(
+    receiver: Receiver, header: Header, detail: Detail, state: State, stages: Stages
+) -> tuple[State, str | None]:
+    """Return the state with the numbers of the detail layer, and the message about damage that "intact" tolerates."""
+    tables = None if receiver.detail is None else receiver.detail.tables.cpu().numpy()
+    try:
+        values = detail_values(tables, detail, header)
+    except BitstreamError as error:
+        if stages != "intact":
+            raise
+        return state, str(error)
+    return replace(state, detail=torch.from_numpy(values).to(state.state.device)), None
 
 
 def _decode_stages(

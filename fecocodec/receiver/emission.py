@@ -41,7 +41,7 @@ def emit(
     normalised, frame = normalise_scene(cameras)
     on_device = normalised.to(state.state.device)
     height, width = (receiver.config.gaussians_per_side * side for side in state.state.shape[-2:])
-    prediction = receiver.predict(state.state, on_device.as_batch(), state.condition)
+    prediction = receiver.predict(state.state, on_device.as_batch(), state.condition, state.detail)
     plain = prediction.gaussians.scene(0)
     gaussians = (receiver.appearance(prediction, on_device) if config.sh_degree else plain).to("cpu")
     if visibility is not None:

@@ -10,6 +10,7 @@ from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition, RateEmbedding
+from fecocodec.receiver.detail import DetailBasis
 from fecocodec.receiver.predictor import Prediction, Predictor
 from fecocodec.receiver.state import State, StateUpdate
 from fecocodec.receiver.synthesis import Synthesis
@@ -32,6 +33,7 @@ class Receiver(nn.Module):
         self.synthesis = Synthesis(config)
         self.update = StateUpdate(config)
         self.predictor = Predictor(config)
+        self.detail = DetailBasis(config) if config.detail_planes else None
 
     def condition(self, lambda_q: Int[Tensor, " item"], stage: int) -> RateCondition:
         """Return the condition of the 2D blocks, per item, in stage 1 or 2."""
@@ -59,10 +61,24 @@ class Receiver(nn.Module):
         return State(self.next_state(state, y_hat, condition), condition)
 
     def predict(
-        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
+        self,
+        state: Float[Tensor, "item channel h4 w4"],
+        cameras: Cameras,
+        condition: RateCondition,
+        detail: Float[Tensor, "item plane h8 w8"] | None = None,
     ) -> Prediction:
-        """G_k = P(S_k, cameras). cameras: normalised, with one batch dimension."""
-        return self.predictor(state, cameras, condition)
+        """G_k = P(S_k, cameras). cameras: normalised, with one batch dimension. detail: see `DetailBasis`.
+
+        Raises ModelError for detail if the model has none.
+        """
+        return self.predictor(state, cameras, condition, None if detail is None else self.detail_basis(detail))
+
+    @property
+    def detail_basis(self) -> DetailBasis:
+        """Raises ModelError if the model has no detail layer."""
+        if self.detail is None:
+            raise ModelError("the model has no detail layer, but the stream has one; use the model that wrote it.")
+        return self.detail
 
     def appearance(self, prediction: Prediction, cameras: Cameras) -> Gaussians:
         """Return the Gaussians of a batch of one scene with view-dependent colours (degree 1).
@@ -83,3 +99,5 @@ def _check(config: ReceiverConfig) -> None:
             f"{config.gaussians_per_side} Gaussians a side of a cell with the method '{config.method}' are not "
             f"supported; choose 2, or 1 or 4 with the method '{PAPER}'."
         )
+    if config.detail_planes and config.method == PAPER:
+        raise ModelError(f"The method '{PAPER}' has no detail layer; set detail_planes to 0.")

@@ -26,6 +26,10 @@ from fecocodec.receiver.duplicates import kept_share
 from fecocodec.receiver.free_space import free_space_violation
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 
+BeforeHead = tuple[
+    Float[Tensor, "item channel h4 w4"], Float[Tensor, "item channel h4 w4"], Float[Tensor, "batch view h4 w4"]
+]
+Detail = Float[Tensor, "item raw h2 w2"]  # added to the raw outputs of the head
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid by default: one per 2x2 pixels
 
 
@@ -66,13 +70,26 @@ class Predictor(nn.Module):
         nn.init.constant_(last.get_parameter("bias"), 0.0)
 
     def forward(
-        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
+        self,
+        state: Float[Tensor, "item channel h4 w4"],
+        cameras: Cameras,
+        condition: RateCondition,
+        detail: Detail | None = None,
     ) -> Prediction:
-        """Predict the Gaussians in the frame of the cameras. item: (batch view). cameras: with one batch dimension."""
+        """Predict the Gaussians in the frame of the cameras. item: (batch view). cameras: with one batch dimension.
+
+        detail: added to the raw outputs of the head, see `DetailBasis`.
+        """
+        return self.gaussians(*self.before_head(state, cameras, condition), cameras, detail)
+
+    def before_head(
+        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
+    ) -> BeforeHead:
+        """Return the features, the residual of attention and the relative disparity, from which the head predicts."""
         features, relative = self.geometry(state, cameras.num_views, condition)
         with residual_branch():
             attended = self._attend(features, relative, cameras)
-        return self.gaussians(features, attended, relative, cameras)
+        return features, attended, relative
 
     def geometry(
         self, state: Float[Tensor, "item channel h4 w4"], views: int, condition: RateCondition
@@ -90,9 +107,10 @@ class Predictor(nn.Module):
         attended: Float[Tensor, "item channel h4 w4"],
         relative: Float[Tensor, "batch view h4 w4"],
         cameras: Cameras,
+        detail: Detail | None = None,
     ) -> Prediction:
         """Return the Gaussians, the part of the predictor after attention. attended: residual of the features."""
-        found = self.attributes(features, attended, relative, cameras)
+        found = self.attributes(features, attended, relative, cameras, detail)
         if self.config.method == PAPER:
             return Prediction(found.gaussians(found.opacity), relative)
         maps = (found.means, found.depth, found.colour, found.opacity)
@@ -106,9 +124,12 @@ class Predictor(nn.Module):
         attended: Float[Tensor, "item channel h4 w4"],
         relative: Float[Tensor, "batch view h4 w4"],
         cameras: Cameras,
+        detail: Detail | None = None,
     ) -> Attributes:
         """Return the attributes of the Gaussians before the free-space check; arguments as for `gaussians`."""
         shuffled = pixel_shuffle(self.head(features + attended).float(), self.config.gaussians_per_side)
+        if detail is not None:
+            shuffled = shuffled + detail
         raw = rearrange(shuffled, "(b v) c h w -> b v h w c", v=cameras.num_views)
         return activate(raw, relative, cameras)
 

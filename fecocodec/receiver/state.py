@@ -12,10 +12,14 @@ from fecocodec.layers.blocks import Block2d, PointwiseConv2d, RateCondition, poi
 
 @dataclass(frozen=True)
 class State:
-    """State S of all views after a stage, and the rate condition of that stage, which the predictor also needs."""
+    """State S of all views after a stage, and the rate condition of that stage, which the predictor also needs.
+
+    detail: numbers of the detail layer, see `DetailBasis`; None for none.
+    """
 
     state: Float[Tensor, "view channel h4 w4"]
     condition: RateCondition
+    detail: Float[Tensor, "view plane h8 w8"] | None = None
 
 
 class StateUpdate(nn.Module):

@@ -1,13 +1,23 @@
 """Decode a `.fcs` stream to Gaussians without torch."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from fecocodec.coding.detail import detail_values
 from fecocodec.coding.visibility import visibility_of
-from fecocodec.container import Header, IntactPart, Stages, Stream, check_pixels, check_symbol_digest, read_stages
+from fecocodec.container import (
+    Detail,
+    Header,
+    IntactPart,
+    Stages,
+    Stream,
+    check_pixels,
+    check_symbol_digest,
+    read_stages,
+)
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE, SIDE_MULTIPLE
@@ -64,6 +74,8 @@ def _decode_part(
 ) -> DecodedScene:
     stream, header = part.stream, part.stream.header
     last, damage = _decode_stages(graphs, stream, stages, on_progress)
+    if stream.detail is not None and last.stage == header.num_stages:
+        last, damage = _with_detail(graphs, header, stream.detail, last, stages)
     on_progress("predicting Gaussians", 0.8)
     cameras = SceneCameras.unpack(stream.cameras)
     gaussians = emit(graphs, last, cameras, visibility_of(stream), config)
@@ -88,6 +100,19 @@ def _decode_stages(
         last = _advance(graphs, header, context, last, stage)
     assert last is not None  # a stream has at least one stage
     return last, None
+
+
+def _with_detail(
+    graphs: Graphs, header: Header, detail: Detail, last: LastState, stages: Stages
+) -> tuple[LastState, str | None]:
+    """Return the state with the numbers of the detail layer, and the message about damage that "intact" tolerates."""
+    tables = graphs.bytes_tensor("detail.tables")
+    try:
+        return replace(last, detail=detail_values(tables, detail, header)), None
+    except BitstreamError as error:
+        if stages != "intact":
+            raise
+        return last, str(error)
 
 
 def _decode_symbols(graphs: Graphs, header: Header, payload: bytes, stage: int, context: Steps | None) -> Steps:

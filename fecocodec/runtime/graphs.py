@@ -10,10 +10,11 @@ from typing import TypeVar
 
 import numpy as np
 import onnxruntime
-from jaxtyping import Shaped
+from jaxtyping import Shaped, UInt8
 
 from fecocodec.errors import ModelError
 from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, find_receiver, read_bytes
+from fecocodec.runtime.weights_file import bytes_tensor
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -41,6 +42,10 @@ class Graphs:
         arrays = {key: np.int32(value) if isinstance(value, int) else value for key, value in inputs.items()}
         outputs: list[np.ndarray] = session.run(None, {key: np.asarray(value) for key, value in arrays.items()})
         return outputs
+
+    def bytes_tensor(self, name: str) -> UInt8[np.ndarray, "..."] | None:
+        """Return a tensor of bytes of the weights file; None if it has none of this name."""
+        return bytes_tensor(self._weights, name)
 
     def input_names(self, name: str) -> list[str]:
         """Return the names of a graph's inputs."""

@@ -19,11 +19,15 @@ POINTS_AT_ONCE = 4096  # points per block of attention, so that gathered keys an
 
 @dataclass(frozen=True)
 class LastState:
-    """State after the last decoded stage, with the lambda and the number of this stage."""
+    """State after the last decoded stage, with the lambda and the number of this stage, and the detail of the stream.
+
+    detail: symbols times their step; None for none.
+    """
 
     state: Float32[np.ndarray, "view channel h4 w4"]
     lambda_q: int
     stage: int
+    detail: Float32[np.ndarray, "view plane h8 w8"] | None = None
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,17 @@ def _attributes(graphs: Graphs, last: LastState, cameras: SceneCameras) -> list[
     features, relative, points, depth, keys_values, queries = run("points", rate, state=last.state)
     of_points = {"points": points, "depth": depth, "keys_values": keys_values, "queries": queries}
     attended = _attend(graphs, of_points, poses["extrinsics"])
-    return run("attributes", {}, features=features, attended=attended, relative=relative)
+    maps = {"features": features, "attended": attended, "relative": relative}
+    if "detail" in graphs.input_names("attributes"):
+        maps["detail"] = last.detail if last.detail is not None else _no_detail(graphs, last.state)
+    return run("attributes", {}, **maps)
+
+
+def _no_detail(
+    graphs: Graphs, state: Float32[np.ndarray, "view channel h4 w4"]
+) -> Float32[np.ndarray, "view plane h8 w8"]:
+    planes = int(graphs.input_shape("attributes", "detail")[1])
+    return np.zeros((len(state), planes, state.shape[2] // 2, state.shape[3] // 2), np.float32)
 
 
 def poses_of(cameras: SceneCameras) -> Arrays:

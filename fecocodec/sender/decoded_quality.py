@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.container import read_stream
+from fecocodec.container import Stages, read_stream
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
@@ -46,6 +46,7 @@ def measure_decoded(
 ) -> tuple[DecodedQuality, ...]:
     """Decode a stream that was encoded from `views`, in this order, and return their quality after each stage.
 
+    The detail layer counts as a part of the last stage.
     device, model: as for `encode`. Raises BitstreamError for an invalid stream, ModelError if weights cannot be loaded,
     InputError for another number of views than the stream has.
     """
@@ -56,8 +57,8 @@ def measure_decoded(
             "give the views that it was encoded from, in their order."
         )
     receiver = load_codec(model_folder(model), device).receiver
-    num_stages = len(stream.payloads)
-    return tuple(decoded_quality(receiver, data, views, stage) for stage in range(1, num_stages + 1))
+    parts: list[Stages] = [*range(1, len(stream.payloads)), "all"]
+    return tuple(decoded_quality(receiver, data, views, part) for part in parts)
 
 
 def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -87,12 +88,12 @@ def stage_warnings(quality: Sequence[DecodedQuality]) -> tuple[str, ...]:
 
 
 @torch.no_grad()
-def decoded_quality(receiver: Receiver, data: bytes, views: Views, num_stages: int) -> DecodedQuality:
-    """Decode `num_stages` stages with a loaded receiver, and return the quality of the context views.
+def decoded_quality(receiver: Receiver, data: bytes, views: Views, stages: Stages = "all") -> DecodedQuality:
+    """Decode `stages`, as for `decode`, with a loaded receiver, and return the quality of the context views.
 
     Transparent photographs are white where they are transparent, and so is the background of their renderings.
     """
-    decoded = decode_with(receiver, data, stages=num_stages)
+    decoded = decode_with(receiver, data, stages=stages)
     background = BLACK if views.alpha is None else WHITE
     rendered = render(decoded.gaussians, decoded.cameras, views.image_size, background).color
     quality = psnr(rendered.clamp(0, 1), views.images.to(rendered)).clamp(max=LARGEST_PSNR)

@@ -1,6 +1,7 @@
 """`encode`: posed photographs -> stream."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -8,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.checkpoint import model_folder
+from fecocodec.coding.visibility import visibility_of
 from fecocodec.config import PAPER, ReceiverConfig
 from fecocodec.container import EXCESS_UNIT, Header, Stream, dequantise_lambda, quantise_lambda, write_stream
 from fecocodec.errors import InputError
@@ -16,6 +18,7 @@ from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.coverage import LEAST_OPACITY, coverage_of
+from fecocodec.sender.detail_steps import find_detail
 from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, Fade, fader, fading_of
 from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.latent_optimisation import optimiser
@@ -26,6 +29,7 @@ from fecocodec.sender.stages import Optimise, Stage, not_optimised
 from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 
 OnWarning = Callable[[str], None]  # (sentence)
+SHARE_OF_DETAIL = 0.2  # of the time of an encoding, for progress
 
 
 def encode(
@@ -77,7 +81,41 @@ def encode_with(
     encoder = SceneEncoder(codec, scene.images, scene.cameras)
     on_progress("matching views", 0.0)
     warn_of_overlap(encoder, views.names, on_warning)
-    return assemble(codec, scene, write_stages(encoder, lambda_q, num_stages, config, on_progress))
+    return write_scene(encoder, scene, lambda_q, num_stages, config, on_progress)
+
+
+def write_scene(
+    encoder: SceneEncoder,
+    scene: Scene,
+    lambda_q: int,
+    num_stages: int,
+    config: OptimisationConfig,
+    on_progress: OnProgress = lambda _task, _fraction: None,
+) -> bytes:
+    """Return the bytes of the stream of one scene: its stages, then the detail layer if the model has one.
+
+    With detail, stages are coded at `OptimisationConfig.latent_lambda_q`, because detail buys more with further bits.
+    Raises InputError for a lambda outside the range of the model.
+    """
+    receiver = encoder.codec.receiver
+    check_lambda(receiver.config, lambda_q)
+    has_detail = receiver.detail is not None and config.detail_steps_of(encoder.num_pixels, lambda_q) > 0
+    of_latents = config.latent_lambda_q(lambda_q) if has_detail else lambda_q
+    share = 1.0 - SHARE_OF_DETAIL if has_detail else 1.0
+    stages = write_stages(encoder, of_latents, num_stages, config, lambda task, done: on_progress(task, share * done))
+    stream = assemble(encoder.codec, scene, stages)
+    if not has_detail:
+        return write_stream(stream)
+    detail = find_detail(
+        encoder,
+        stages[-1],
+        visibility_of(stream, receiver.config.gaussians_per_side),
+        scene.alpha is not None,
+        lambda_q,
+        config,
+        lambda done: on_progress("finding detail", share + SHARE_OF_DETAIL * done),
+    )
+    return write_stream(replace(stream, detail=detail))
 
 
 def warn_of_overlap(encoder: SceneEncoder, names: tuple[str, ...], on_warning: OnWarning) -> None:
@@ -124,8 +162,8 @@ def check_lambda(model: ReceiverConfig, lambda_q: int) -> None:
         )
 
 
-def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...]) -> bytes:
-    """Return the bytes of the stream with these coded stages."""
+def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...]) -> Stream:
+    """Return the stream with these coded stages, without detail."""
     digests = tuple(stage.coded.digest for stage in stages)
     first, last = (int(stage.inputs.lambda_q[0]) for stage in (stages[0], stages[-1]))
     excess = (first - last) // EXCESS_UNIT
@@ -133,7 +171,7 @@ def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...
     payloads = tuple(stage.coded.payload for stage in stages)
     fading = fading_of(stages[-1].fading)
     coverage = coverage_of(scene.alpha, header)
-    return write_stream(Stream(header, scene.packed, payloads, coverage=coverage, fading=fading))
+    return Stream(header, scene.packed, payloads, coverage=coverage, fading=fading)
 
 
 def check_views(views: Views, num_stages: int) -> None:

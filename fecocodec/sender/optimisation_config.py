@@ -3,10 +3,15 @@
 import math
 from dataclasses import dataclass, replace
 
+from fecocodec.container.detail_section import MAX_DETAIL_STEP
 from fecocodec.container.lambda_quantisation import LAMBDA_MAX, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import InputError
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.distortion import Distortion, LogDistortion
+
+
+DETAIL_LAMBDA_Q = 1179  # lambda 1e-3: below it, detail gets more steps
+FINE_LAMBDA_Q = 589  # lambda 1e-4: below it, detail is quantised more finely
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,11 @@ class OptimisationConfig:
     max_steps_unheld: int = 8
     max_views_of_direct_gradients: int = 4
     ssim_stride: int = 3
+    detail_steps: int = 4
+    detail_steps_per_decade: int = 8
+    detail_step: float = 0.3
+    detail_step_exponent: float = 0.15
+    least_latent_lambda_q: int = 1088  # lambda 7e-4
     distortion: Distortion = LogDistortion()  # noqa: RUF009 - frozen
 
     def steps_of_last(self, num_pixels: int, lambda_q: int) -> int:
@@ -54,9 +64,32 @@ class OptimisationConfig:
         num_steps = self.num_steps if num_pixels <= self.large_pixels else self.num_steps_large
         return num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
 
+    def detail_steps_of(self, num_pixels: int, lambda_q: int) -> int:
+        """Return the number of steps of the detail layer; 0 for none. Arguments as for `steps_of_last`."""
+        if num_pixels > self.max_pixels or self.detail_steps == 0:
+            return 0
+        if num_pixels > self.large_pixels:
+            return self.detail_steps
+        return self.detail_steps + round(self.detail_steps_per_decade * _decades_below(DETAIL_LAMBDA_Q, lambda_q))
+
+    def detail_step_of(self, lambda_q: int) -> int:
+        """Return the index of the quantisation step of the detail layer (FORMAT.md, section 8)."""
+        step = self.detail_step * 10.0 ** (-self.detail_step_exponent * _decades_below(FINE_LAMBDA_Q, lambda_q))
+        return min(MAX_DETAIL_STEP, max(0, round(-8.0 * math.log2(step))))
+
+    def latent_lambda_q(self, lambda_q: int) -> int:
+        """Return the quantised lambda of the latents of a stream with detail."""
+        return max(lambda_q, self.least_latent_lambda_q)
+
     def with_steps(self, num_steps: int) -> "OptimisationConfig":
         """Return a copy with exactly `num_steps` steps, for all scenes of up to `max_pixels`."""
-        return replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=())
+        changed = replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=())
+        return changed if num_steps else replace(changed, detail_steps=0)
+
+
+def _decades_below(bound: int, lambda_q: int) -> float:
+    """Return by how many powers of ten lambda is below that of `bound`, at least 0. Both are quantised."""
+    return max(0, bound - lambda_q) / (STEPS_PER_E * math.log(10.0))
 
 
 DEFAULT = OptimisationConfig()

@@ -18,7 +18,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import DecodedQuality, decoded_quality
-from fecocodec.sender.encode import OnWarning, assemble, check_views, warn_of_overlap, write_stages
+from fecocodec.sender.encode import OnWarning, check_views, warn_of_overlap, write_scene
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import prepare_scene
@@ -117,9 +117,8 @@ def encode_to_target_with(
     warn_of_overlap(encoder, views.names, on_warning)
 
     def attempt(lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
-        stages = write_stages(encoder, lambda_q, 2, config, on_progress)
-        data = assemble(codec, scene, stages)
-        return Attempt(lambda_q, data, decoded_quality(codec.receiver, data, views, len(stages)))
+        data = write_scene(encoder, scene, lambda_q, 2, config, on_progress)
+        return Attempt(lambda_q, data, decoded_quality(codec.receiver, data, views))
 
     num_steps = config.steps_of_last(encoder.num_pixels, FIRST_LAMBDA_Q)
     return search(attempt, target, config, num_steps, views.names, on_progress).data

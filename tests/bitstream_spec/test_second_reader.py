@@ -1,16 +1,21 @@
 """The reader written from FORMAT.md alone agrees with the product, on good and on faulty streams."""
 
 import ast
+import hashlib
+import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fecocodec.container import PackedCameras, Stream, read_stream, write_stream
+from fecocodec.coding.detail import encode_detail
+from fecocodec.container import Detail, PackedCameras, Stream, read_stream, write_stream
 from fecocodec.errors import BitstreamError
 from tests.bitstream_spec.second_reader import READER, SPECIFICATION, SYMBOL_READER
 from tests.bitstream_spec.second_reader import read_stream as second_reader
@@ -28,7 +33,7 @@ read_stream_again, RefusedError = second_reader.read, second_reader.RefusedError
 # The type checks of the tests pick an element to look at with `random`, also while a strategy builds a stream.
 pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
 
-INSIDE_PAYLOADS = ("inflated", "decompressed")
+INSIDE_PAYLOADS = ("inflated", "decompressed", "inside")
 
 
 def assert_same_contents(data: bytes) -> None:
@@ -55,6 +60,7 @@ def assert_same_contents(data: bytes) -> None:
     assert ours.payloads == tuple(theirs.payloads)
     assert ours.coverage == theirs.coverage
     assert ours.fading == theirs.fading
+    assert (None if ours.detail is None else (ours.detail.step, ours.detail.payload)) == theirs.detail
     assert ours.metadata == theirs.metadata
 
 
@@ -186,6 +192,67 @@ def test_the_program_refuses_with_one_sentence(tmp_path: Path, content: bytes) -
     assert result.stdout == ""
     assert result.stderr.startswith(f"{file}: byte ")
     assert result.stderr.count("\n") == 1
+
+
+PLANES, SIZE_8 = 3, (2, 8, 12)  # of detail, for two views of 64x96 pixels
+
+
+def weights_with(name: str, shape: tuple[int, ...], values: bytes, dtype: str = "U8") -> bytes:
+    """Return a weights file (ENTROPY.md, section 6.1) of one tensor."""
+    entry = {"dtype": dtype, "shape": shape, "data_offsets": (2, 2 + len(values))}
+    header = json.dumps({"__metadata__": {}, name: entry}).encode()
+    return len(header).to_bytes(8, "little") + header + b"\0\0" + values
+
+
+def detail_tables(seed: int) -> np.ndarray:
+    """Return tables of which some code nothing."""
+    return np.random.default_rng(seed).integers(3, 30, (PLANES, 16), dtype=np.uint8)
+
+
+def stream_with_detail(weights: bytes, payload: bytes) -> bytes:
+    header = replace(EXAMPLE.stream.header, model_id=hashlib.sha256(weights).digest()[:8], height=64, width=96)
+    return write_stream(replace(EXAMPLE.stream, header=header, detail=Detail(5, payload)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_both_readers_decode_the_same_detail(seed: int) -> None:
+    tables = detail_tables(seed)
+    rng, weights = np.random.default_rng(seed), weights_with("detail.tables", tables.shape, tables.tobytes())
+    payload, sent = encode_detail(
+        tables, lambda _, indices: np.round(2 * rng.standard_t(1.5, indices.shape)).astype(np.int32), SIZE_8
+    )
+    contents = read_stream_again(stream_with_detail(weights, payload))
+    planes = second_reader.decode_detail(contents, weights)
+    assert planes == sent.reshape(PLANES, -1).tolist()
+    assert np.count_nonzero(sent) > 100
+    assert (5, "inside: step of the detail: 1 stands for 2^(-step / 8)") in [
+        (f.value, f.meaning) for f in contents.fields
+    ]
+
+
+@pytest.mark.parametrize(
+    ("weights", "payload", "message"),
+    [
+        (weights_with("prior.enter.bias", (16,), bytes(64), "I32"), b"", "the model has no detail"),
+        (weights_with("detail.tables", (4, 8), bytes(32)), b"", "the tables of detail are not 16 for each plane"),
+        (weights_with("detail.tables", (2, 16), bytes([64] * 32)), b"", "a weight is out of range"),
+        (weights_with("detail.tables", (2, 16), bytes(64), "I16"), b"", "a tensor has a wrong form"),
+        (weights_with("detail.tables", (2, 16), bytes(32)), b"\1\0\0\0", "symbols and bytes do not end together"),
+        (weights_with("detail.tables", (2, 16), bytes(32)), b"\1\0\0", "the payload is no list of words"),
+    ],
+)
+def test_the_second_reader_refuses_detail_that_it_cannot_decode(weights: bytes, payload: bytes, message: str) -> None:
+    contents = read_stream_again(stream_with_detail(weights, payload))
+    with pytest.raises(RefusedError, match=f"payload of detail: {message}"):
+        second_reader.decode_detail(contents, weights)
+
+
+def test_the_second_reader_decodes_no_detail_with_other_weights() -> None:
+    weights = weights_with("detail.tables", (2, 16), bytes(32))
+    contents = read_stream_again(stream_with_detail(weights, b""))
+    assert second_reader.decode_detail(contents, weights) == [[0] * 192] * 2
+    with pytest.raises(RefusedError, match="the stream needs the weights"):
+        second_reader.decode_detail(contents, weights + b"!")
 
 
 FOREIGN_TO_US = {"zstandard", "read_symbols"}

@@ -35,7 +35,7 @@ def test_text_shows_size_and_sections(fecosplat, stream_file: Path, stream_bytes
     result = fecosplat("info", stream_file)
     assert result.code == 0
     assert "2 of 448x256" in result.out
-    assert "0.001 (weight of the rate: a larger one gives a smaller, coarser file; " in result.out
+    assert "0.001 of the last stage (a larger one gives a smaller, coarser file; " in result.out
     assert "; stage 1, which stage 2 corrects, has lambda 0.005986)" in result.out
     assert f"{len(stream_bytes)} bytes" in result.out
     rows = result.out.split("at byte")[1].splitlines()[1:]

@@ -9,6 +9,8 @@ from fecocodec.container import (
     COVERAGE_CELLS,
     FADING_BLOCKS,
     LAMBDA_Q_MAX,
+    MAX_DETAIL_STEP,
+    Detail,
     FormatVersion,
     Header,
     PackedCameras,
@@ -16,7 +18,7 @@ from fecocodec.container import (
 )
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
-CAMERAS, COVERAGE, FADING, B1, B2, METADATA = 0x90, 0x98, 0x9C, 0xA0, 0xB0, 0x40
+CAMERAS, COVERAGE, FADING, B1, B2, DETAIL, METADATA = 0x90, 0x98, 0x9C, 0xA0, 0xB0, 0xB8, 0x40
 TURNED = (0.36, 0.48, -0.8, -0.8, 0.6, 0.0, 0.48, 0.64, 0.6)  # a rotation with exact decimals
 
 
@@ -106,6 +108,9 @@ def fadings(draw: st.DrawFn, header: Header) -> bytes:
     return draw(patterns(views * rows * columns // 4))
 
 
+details = st.builds(Detail, st.integers(0, MAX_DETAIL_STEP), st.binary(max_size=64))
+
+
 @st.composite
 def patterns(draw: st.DrawFn, size: int) -> bytes:
     """Draw bytes that repeat few values, because drawing thousands of them is slow."""
@@ -140,4 +145,4 @@ def streams(draw: st.DrawFn) -> Stream:
     metadata = draw(st.none() | st.dictionaries(st.text(max_size=4), json_values, max_size=3))
     payloads = tuple(draw(st.binary(max_size=64)) for _ in range(stages))
     coverage, fading = draw(st.none() | coverages(header)), draw(st.none() | fadings(header))
-    return Stream(header, cameras, payloads, metadata, coverage, fading)
+    return Stream(header, cameras, payloads, metadata, coverage, fading, draw(st.none() | details))

@@ -13,6 +13,7 @@ from tests.container.example_streams import (
     B2,
     CAMERAS,
     COVERAGE,
+    DETAIL,
     FADING,
     METADATA,
     TURNED,
@@ -285,6 +286,36 @@ def grid_faults(parts: Parts, kind: int, name: str, size_rule: str, size: int) -
     ]
 
 
+def detail_faults(parts: Parts) -> list[Fault]:
+    cameras, b1, b2, metadata, end = parts.cameras, parts.b1, parts.b2, parts.metadata, parts.end
+    detail = sealed_section(DETAIL, b"\x18" + bytes(range(1, 9)))
+    with_detail = parts.stream_of(cameras, b1, b2, detail, metadata)
+    last = end + len(detail) - 1
+    too_long = with_detail[: end + 1] + (2**26 + 1).to_bytes(4, "little") + with_detail[end + 5 :]
+    cut_payload = f"after {last} bytes, but the section reaches to byte {last + 1}"
+    changed = with_detail[:last] + b"!" + with_detail[last + 1 :]
+    not_critical = parts.stream_of(cameras, b1, b2, sealed_section(DETAIL & 0x7F, b"\x18"))
+    early = parts.stream_of(cameras, b1, detail, b2)
+    late = parts.stream_of(cameras, b1, b2, metadata, detail)
+    empty, large_step, largest_step = (
+        parts.stream_of(cameras, b1, b2, sealed_section(DETAIL, content), metadata)
+        for content in (b"", b"\x40", b"\xff\1\2\3\4")
+    )
+    faults = [
+        ("detail is not empty", empty, "detail", end, "it is empty, it must hold a step"),
+        ("step within its limit", large_step, "detail", end, "its step is 64, allowed are 0 to 63"),
+        ("step within its limit", largest_step, "detail", end, "its step is 255, allowed are 0 to 63"),
+        ("length within the limit", too_long, "detail", end, f"its length is {2**26 + 1}, at most {2**26}"),
+        ("the whole payload is there", with_detail[:last], "detail", end, cut_payload),
+        ("section CRC-32", changed, "detail", end, "CRC-32 is 0x"),
+        ("critical bit of a known kind", not_critical, "0x38", end, "the critical bit of this kind is wrong"),
+        ("no kind twice", parts.stream_of(cameras, b1, b2, detail, detail), "detail", last + 1, "it appears twice"),
+        ("ascending order", early, "B2", parts.b2_offset + len(detail), "before section detail"),
+        ("ascending order", late, "detail", end + len(metadata), "before section metadata"),
+    ]
+    return [Fault(rule, data, f"section {name} at byte {at}: ", cause) for rule, data, name, at, cause in faults]
+
+
 def zstd_frame(window: int, content: bytes) -> bytes:
     """Return a zstd frame of one raw block with content size and this window descriptor (RFC 8878, section 3.1.1)."""
     head = bytes.fromhex("28b52ffd 80") + bytes([window]) + len(content).to_bytes(4, "little")
@@ -333,6 +364,7 @@ def faults_of(stream: Stream) -> tuple[Fault, ...]:
         *coverage_faults(parts),
         *fading_faults(parts),
         *metadata_faults(parts),
+        *detail_faults(parts),
     )
 
 

@@ -1,8 +1,10 @@
 """The summary of intact and damaged streams."""
 
+from dataclasses import replace
+
 import pytest
 
-from fecocodec.container import inspect, list_sections
+from fecocodec.container import Detail, inspect, list_sections, write_stream
 from fecocodec.errors import BitstreamError
 from tests.container.example_streams import example_stream
 from tests.container.faulty_streams import EXAMPLE, GOOD
@@ -28,6 +30,12 @@ def test_sections_behind_a_damaged_one_are_found() -> None:
     assert [section.is_intact for section in summary.sections] == [True, False, True, True]
     assert summary.damage is not None and summary.damage.startswith(f"section B1 at byte {EXAMPLE.b1_offset}: CRC-32")
     assert (summary.near, summary.far) == (0.5, 100.0)
+
+
+def test_detail_is_listed_before_metadata() -> None:
+    sections = inspect(write_stream(replace(example_stream(), detail=Detail(24, b"fine")))).sections
+    assert [section.name for section in sections] == ["cameras", "B1", "B2", "detail", "metadata"]
+    assert (sections[3].offset, sections[3].length, sections[3].is_intact) == (EXAMPLE.end, 5, True)
 
 
 def test_damaged_cameras_tell_no_depth_range() -> None:

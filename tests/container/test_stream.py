@@ -8,17 +8,19 @@ import pytest
 from hypothesis import given
 
 from fecocodec.container import (
+    Detail,
     FormatVersion,
     Stream,
     list_sections,
     read_intact,
     read_prefix,
     read_stream,
+    with_metadata,
     write_stream,
 )
 from fecocodec.container.cameras import pack_cameras
 from fecocodec.errors import BitstreamError, InputError
-from tests.container.example_streams import example_stream, sealed_header, sealed_section, streams
+from tests.container.example_streams import DETAIL, example_stream, sealed_header, sealed_section, streams
 from tests.container.faulty_streams import EXAMPLE, GOOD
 
 # The run-time type checks use `random` to pick elements, also while a strategy builds a stream.
@@ -37,7 +39,7 @@ def test_a_prefix_ends_after_its_payload(stream: Stream) -> None:
     data = write_stream(stream)
     b1 = next(section for section in list_sections(data) if section.name == "B1")
     cut = data[: b1.offset + 9 + b1.length]
-    expected = replace(stream, payloads=stream.payloads[:1], metadata=None)
+    expected = replace(stream, payloads=stream.payloads[:1], metadata=None, detail=None)
     assert read_prefix(cut, 1) == expected
     assert read_prefix(data, 1) == expected
     assert read_prefix(cut + b"anything", 1) == expected
@@ -45,12 +47,24 @@ def test_a_prefix_ends_after_its_payload(stream: Stream) -> None:
         read_prefix(cut[:-1], 1)
 
 
-OPTIONAL = {"coverage": bytes(1792), "fading": bytes(224), "metadata": example_stream().metadata}
+OPTIONAL = {
+    "coverage": bytes(1792),
+    "fading": bytes(224),
+    "detail": Detail(3, b"detail"),
+    "metadata": example_stream().metadata,
+}
 
 
 @pytest.mark.parametrize(
     ("num_stages", "optional", "overhead"),
-    [(2, (), 75), (1, (), 58), (2, ("metadata",), 84), (2, ("fading",), 84), (2, tuple(OPTIONAL), 102)],
+    [
+        (2, (), 75),
+        (1, (), 58),
+        (2, ("metadata",), 84),
+        (2, ("fading",), 84),
+        (1, ("detail",), 67),
+        (2, tuple(OPTIONAL), 111),
+    ],
 )
 def test_header_and_sections_cost_what_the_specification_says(
     num_stages: int, optional: tuple[str, ...], overhead: int
@@ -65,7 +79,7 @@ def test_header_and_sections_cost_what_the_specification_says(
     content = len(pack_cameras(full.cameras)) + sum(map(len, full.payloads[:num_stages]))
     content += sum(section.length for section in list_sections(data) if section.name in optional)
     assert len(data) - content == overhead
-    assert overhead <= 102
+    assert overhead <= 111
 
 
 def test_a_newer_minor_version_with_unknown_sections_is_read() -> None:
@@ -100,6 +114,44 @@ def test_damaged_metadata_leaves_both_stages_intact() -> None:
     part = read_intact(GOOD[:-1] + b"!")
     assert part.stream == replace(example_stream(), metadata=None)
     assert part.damage is not None and part.damage.startswith("section metadata at byte")
+
+
+WITH_DETAIL = replace(example_stream(), detail=Detail(24, b"fine"))
+DETAIL_END = EXAMPLE.end + 9 + len(b"\x18fine")
+
+
+def test_detail_lies_behind_the_last_stage_as_a_step_and_a_payload() -> None:
+    data = write_stream(WITH_DETAIL)
+    assert data[EXAMPLE.end : DETAIL_END] == sealed_section(DETAIL, b"\x18fine")
+    assert read_stream(data) == WITH_DETAIL
+
+
+@pytest.mark.parametrize("num_stages", [1, 2])
+def test_a_prefix_has_no_detail(num_stages: int) -> None:
+    assert read_prefix(write_stream(WITH_DETAIL), num_stages) == read_prefix(GOOD, num_stages)
+
+
+@pytest.mark.parametrize("cut", [EXAMPLE.end, EXAMPLE.end + 8, DETAIL_END - 1])
+def test_the_intact_part_of_a_stream_cut_in_its_detail_is_every_stage(cut: int) -> None:
+    part = read_intact(write_stream(WITH_DETAIL)[:cut])
+    assert part.stream == replace(example_stream(), metadata=None)
+    assert part.damage is not None and f"the file ends after {cut} bytes" in part.damage
+
+
+def test_damaged_detail_is_answered_with_the_way_out() -> None:
+    damaged = write_stream(WITH_DETAIL).replace(b"fine", b"fins")
+    with pytest.raises(
+        BitstreamError, match=r'section detail .*CRC-32.*or decode what precedes it with `stages="intact"`\.$'
+    ):
+        read_stream(damaged)
+    damage = read_intact(damaged).damage
+    assert damage is not None and damage.startswith(f"section detail at byte {EXAMPLE.end}: CRC-32")
+    assert damage.endswith("; the file is damaged, copy or encode it again.")
+
+
+def test_adding_metadata_keeps_detail() -> None:
+    data = with_metadata(write_stream(replace(WITH_DETAIL, metadata=None)), {"name": "fox"})
+    assert read_stream(data) == replace(WITH_DETAIL, metadata={"name": "fox"})
 
 
 def test_nothing_is_intact_without_the_first_stage() -> None:

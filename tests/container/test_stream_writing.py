@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from fecocodec.container import PackedCameras, Stream, write_stream
+from fecocodec.container import Detail, PackedCameras, Stream, write_stream
 from fecocodec.errors import BitstreamError
 from tests.container.example_streams import example_cameras, example_stream
 
@@ -52,6 +52,12 @@ def test_cameras_that_do_not_fit_are_refused(cameras: PackedCameras, message: st
 def test_grids_that_do_not_fit_are_refused(change: dict[str, Any], message: str) -> None:
     with pytest.raises(BitstreamError, match=message):
         write_stream(replace(GOOD, **change))
+
+
+@pytest.mark.parametrize("step", [-1, 64])
+def test_a_step_outside_its_limits_is_refused(step: int) -> None:
+    with pytest.raises(BitstreamError, match=f"section detail: its step is {step}, allowed are 0 to 63; "):
+        write_stream(replace(GOOD, detail=Detail(step, b"")))
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,16 @@
-"""Valid streams that no sender makes: random latents, and cameras anywhere within their bounds."""
+"""Valid streams that no sender makes: random latents and detail, and cameras anywhere within their bounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod
 from random import Random
 
+import numpy as np
 import torch
 
+from fecocodec.coding.detail import detail_size, encode_detail
 from fecocodec.coding.payload import encode_latents
-from fecocodec.container import Header, PackedCameras, Stream, write_stream
+from fecocodec.container import MAX_DETAIL_STEP, Detail, Header, PackedCameras, Stream, write_stream
 from fecocodec.container.camera_validation import (
     MAX_COORDINATE,
     MAX_DEPTH_RATIO,
@@ -33,10 +35,11 @@ NOISE = (0.0, 0.1, 1.0, 10.0, 300.0)  # standard deviation of the latents
 
 @dataclass(frozen=True)
 class CodedLatents:
-    """Payloads of valid streams, with the header that describes them."""
+    """Payloads of valid streams, with the header that describes them. detail: None if the model has none."""
 
     header: Header
     payloads: tuple[bytes, ...]
+    detail: Detail | None
 
 
 @torch.no_grad()
@@ -58,19 +61,34 @@ def code_random_latents(random: Random, receiver: Receiver, model_id: bytes) -> 
         digests.append(coded.digest())
         context = coded.y_hat
     header = Header(model_id, views, height, width, header.lambda_q, tuple(digests), excess)
-    return CodedLatents(header, tuple(payloads))
+    return CodedLatents(header, tuple(payloads), random_detail(random, receiver, header))
+
+
+def random_detail(random: Random, receiver: Receiver, header: Header) -> Detail | None:
+    """Code Gaussian noise as detail; returns None if the model has no detail."""
+    if receiver.detail is None:
+        return None
+    noise, generator = random.choice(NOISE), np.random.default_rng(int(random.random() * 2**31))
+    payload, _ = encode_detail(
+        receiver.detail.tables.numpy(),
+        lambda _, indices: np.round(noise * generator.standard_normal(indices.shape)).astype(np.int32),
+        detail_size(header),
+    )
+    return Detail(random.randint(0, MAX_DETAIL_STEP), payload)
 
 
 def forged_stream(random: Random, latents: Sequence[CodedLatents]) -> bytes:
     """Return a stream of one of the coded latents with random cameras.
 
-    In one of four it has random coverage, in one of four random fading.
+    In one of four it has random coverage, in one of four random fading, in one of two detail if the model has it.
     """
     coded = latents[int(random.random() * len(latents))]
     coverage = random.randbytes(prod(COVERAGE_CELLS.shape(coded.header)) // 8) if random.random() < 0.25 else None
     fading = random.randbytes(prod(FADING_BLOCKS.shape(coded.header)) // 4) if random.random() < 0.25 else None
+    detail = coded.detail if coded.detail is not None and random.random() < 0.5 else None
     cameras = valid_cameras(random, coded.header.num_views)
-    return write_stream(Stream(coded.header, cameras, coded.payloads, coverage=coverage, fading=fading))
+    stream = Stream(coded.header, cameras, coded.payloads, coverage=coverage, fading=fading, detail=detail)
+    return write_stream(stream)
 
 
 def valid_cameras(random: Random, num_views: int) -> PackedCameras:

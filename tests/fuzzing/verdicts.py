@@ -2,7 +2,7 @@
 
 from fecocodec.container import Stream, inspect, read_intact, read_prefix, read_stream
 from fecocodec.errors import BitstreamError, FecoError, InputError
-from tests.vectors.symbols import decode_symbols
+from tests.vectors.symbols import decode_detail_symbols, decode_symbols
 from tests.vectors.tiny_model import tiny_model_id
 
 # Above it decoding takes the time that a scene of such a size needs, which says nothing about hostile input.
@@ -28,6 +28,7 @@ def verdict(data: bytes) -> str:
         return "read"
     try:
         decode_symbols(stream)
+        decode_detail_symbols(stream)
     except BitstreamError as error:
         assert is_sentence(error)
         return "refused by symbols"

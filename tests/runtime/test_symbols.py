@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from fecocodec.coding.detail import decode_detail, detail_size
 from fecocodec.coding.quadtree import from_coding_order
 from fecocodec.container import Stream, check_symbol_digest, read_stream
 from fecocodec.errors import BitstreamError, ModelError
@@ -34,6 +35,15 @@ def decode_symbols(stream: Stream, num_threads: int) -> list[StageLatents]:
     return found
 
 
+def decode_detail_symbols(stream: Stream, num_threads: int) -> np.ndarray | None:
+    """Decode detail; None if the stream has none."""
+    if stream.detail is None:
+        return None
+    tables = graphs_for(stream.header.model_id, num_threads).bytes_tensor("detail.tables")
+    assert tables is not None
+    return decode_detail(tables, stream.detail.payload, detail_size(stream.header))
+
+
 def clipped(values: np.ndarray) -> str:
     return fingerprint(values.astype(np.int64).clip(-(1 << 24), 1 << 24))
 
@@ -41,17 +51,24 @@ def clipped(values: np.ndarray) -> str:
 @pytest.mark.parametrize("num_threads", [1, 2])
 @pytest.mark.parametrize("name", EXPECTED["good"])
 def test_every_symbol_and_value_is_the_expected_one(name: str, num_threads: int) -> None:
-    found = decode_symbols(read_stream((VECTORS / name).read_bytes()), num_threads)
-    expected = EXPECTED["good"][name]["stages"]
+    stream = read_stream((VECTORS / name).read_bytes())
+    found, detail = decode_symbols(stream, num_threads), decode_detail_symbols(stream, num_threads)
+    expected, of_detail = EXPECTED["good"][name]["stages"], EXPECTED["good"][name]["detail"]
     assert len(found) == len(expected)
     for mine, stage in zip(found, expected, strict=True):
         y_hat = from_coding_order(torch.from_numpy(np.stack(mine.steps))).permute(0, 2, 3, 1).numpy()
         assert [fingerprint(batch) for batch in mine.symbols] == stage["symbols"]
         assert (clipped(mine.z_hat), clipped(y_hat)) == (stage["z_hat"], stage["y_hat"])
+    assert (None if detail is None else fingerprint(detail.ravel())) == (of_detail and of_detail["symbols"])
 
 
 @pytest.mark.parametrize("name", EXPECTED["faulty"])
 def test_a_faulty_stream_is_refused_with_the_same_sentence(name: str) -> None:
     with pytest.raises((BitstreamError, ModelError)) as caught:
-        decode_symbols(read_stream((VECTORS / name).read_bytes()), 1)
+        decode_all(read_stream((VECTORS / name).read_bytes()))
     assert EXPECTED["faulty"][name]["says"] in str(caught.value)
+
+
+def decode_all(stream: Stream) -> None:
+    decode_symbols(stream, 1)
+    decode_detail_symbols(stream, 1)

@@ -6,14 +6,16 @@ from random import Random
 
 import numpy as np
 
+from fecocodec.coding.detail import detail_size, encode_detail
 from fecocodec.coding.payload import CodedLatents, code_latents
 from fecocodec.coding.visibility import pack_levels
-from fecocodec.container import COVERAGE_CELLS, FADING_BLOCKS, Header, PackedCameras, Stream
+from fecocodec.container import COVERAGE_CELLS, FADING_BLOCKS, Detail, Header, PackedCameras, Stream
 from fecocodec.container.metadata import Metadata
 from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import load_tables
 from fecocodec.geometry.coding_grid import grid_size
 from tests.container.example_streams import TURNED, float32, pose
+from tests.vectors.symbols import detail_tables_of
 from tests.vectors.tiny_model import tiny_model_id, tiny_prior
 
 Choice = Callable[[Random, int], int]
@@ -31,8 +33,18 @@ def usual(random: Random, table: int) -> int:
     return sum(int(random.random() * (2 * reach + 1)) - reach for _ in range(6)) // 6
 
 
+def sparse(random: Random, table: int) -> int:
+    """Choose zero for five of six symbols."""
+    return usual(random, table) if random.random() < 1 / 6 else 0
+
+
 def zero(random: Random, table: int) -> int:
     return 0
+
+
+def lowest(random: Random, table: int) -> int:
+    """Choose what an empty payload decodes to: the first entry of each table."""
+    return -load_tables()[table].reach
 
 
 def around_the_escape(random: Random, table: int) -> int:
@@ -43,6 +55,12 @@ def around_the_escape(random: Random, table: int) -> int:
     return -magnitude if random.random() < 0.5 else magnitude
 
 
+def choose_each(choose: Choice, random: Random, table_index: np.ndarray) -> np.ndarray:
+    """Return symbols for a batch of table indices, chosen one after the other."""
+    symbols = [choose(random, table) for table in table_index.ravel().tolist()]
+    return np.array(symbols, dtype=np.int32).reshape(table_index.shape)
+
+
 class ChosenWriter(SymbolWriter):
     """Writes given symbols instead of quantised latents."""
 
@@ -51,8 +69,7 @@ class ChosenWriter(SymbolWriter):
         self.choose, self.random = choose, Random(seed)
 
     def exchange(self, table_index: np.ndarray, wanted: np.ndarray | None) -> np.ndarray:
-        symbols = [self.choose(self.random, table) for table in table_index.ravel().tolist()]
-        return super().exchange(table_index, np.array(symbols, dtype=np.int64).reshape(table_index.shape))
+        return super().exchange(table_index, choose_each(self.choose, self.random, table_index))
 
 
 def cameras_of(num_views: int, shares_lens: bool = True) -> PackedCameras:
@@ -68,7 +85,7 @@ def cameras_of(num_views: int, shares_lens: bool = True) -> PackedCameras:
 class Recipe:
     """Parameters of a stream of the tiny model. covers: one covered cell in this many; None for no coverage section.
 
-    fades: whether there is a fading section.
+    fades: whether there is a fading section. detail_step: None for no detail section.
     """
 
     height: int = 72
@@ -79,6 +96,7 @@ class Recipe:
     choose: Choice = usual
     covers: int | None = None
     fades: bool = False
+    detail_step: int | None = None
     metadata: Metadata | None = None
     excess: int = 0
     seed: int = 1
@@ -103,7 +121,15 @@ def stream_of_recipe(recipe: Recipe) -> Stream:
     )
     coverage = None if recipe.covers is None else cells_covered(header, recipe.covers)
     fading = levels_of(header) if recipe.fades else None
-    return Stream(header, recipe.cameras, tuple(payloads), recipe.metadata, coverage, fading)
+    detail = None if recipe.detail_step is None else Detail(recipe.detail_step, detail_of(header, recipe))
+    return Stream(header, recipe.cameras, tuple(payloads), recipe.metadata, coverage, fading, detail)
+
+
+def detail_of(header: Header, recipe: Recipe) -> bytes:
+    """Return the payload of detail."""
+    random = Random(100 * recipe.seed + 3)
+    choose = lambda plane, table_index: choose_each(recipe.choose, random, table_index)  # noqa: E731
+    return encode_detail(detail_tables_of(header.model_id), choose, detail_size(header))[0]
 
 
 def cells_covered(header: Header, every: int) -> bytes:

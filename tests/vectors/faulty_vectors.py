@@ -26,7 +26,7 @@ def faulty_vectors() -> dict[str, FaultyVector]:
     found: dict[str, FaultyVector] = {}
     for fault in faults_of(good):
         found[_path(fault.rule, found)] = FaultyVector(fault.data, fault.rule, fault.cause)
-    for vector in (*payload_faults(good), *digest_faults(good), *model_faults(good)):
+    for vector in (*payload_faults(good), *detail_faults(), *digest_faults(good), *model_faults(good)):
         found[_path(vector.rule, found)] = vector
     return found
 
@@ -58,6 +58,26 @@ def payload_faults(good: Stream) -> list[FaultyVector]:
     ]
     bad = [FaultyVector(with_payload(good, stage, payload), rule, says) for rule, stage, payload, says in faults]
     return [*bad, FaultyVector(_too_large(), "magnitude at most 2^20", "at most 1048576 is allowed")]
+
+
+def detail_faults() -> list[FaultyVector]:
+    """Return faults of the payload of detail, after stages without a fault."""
+    stream = stream_of_recipe(Recipe(64, 64, detail_step=20))
+    assert stream.detail is not None
+    payload = stream.detail.payload
+    words, end = "whole words, the last not 0", "state 0 and no words at the end"
+    bad_words, no_end = "are not 32-bit words of which the last is not zero", "do not end together"
+    faults = [
+        (words, payload[:-1], bad_words),
+        (words, payload + bytes(4), bad_words),
+        ("exponent at most 19", b"\xff" * 2000, "an escape has the exponent"),
+        (end, b"\1\0\0\0", no_end),
+        (end, payload[4:], no_end),
+    ]
+    return [
+        FaultyVector(write_stream(replace(stream, detail=replace(stream.detail, payload=bad))), rule, says)
+        for rule, bad, says in faults
+    ]
 
 
 def _too_large() -> bytes:

@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass, replace
 
-from fecocodec.container import FormatVersion, Stream, write_stream
+from fecocodec.container import FormatVersion, Stream, list_sections, write_stream
 from tests.container.example_streams import TURNED, float32, pose, sealed_header, sealed_section
 from tests.vectors.chosen_symbols import (
     LENS,
     Recipe,
     around_the_escape,
     cameras_of,
+    lowest,
+    sparse,
     stream_of_recipe,
     zero,
 )
@@ -44,6 +46,14 @@ VALID: dict[str, tuple[Recipe, str]] = {
         Recipe(metadata={"text": "größer \u2713", "list": [[1, 2.5], None, True], "empty": {}}, seed=13),
         "one that takes metadata for ASCII",
     ),
+    "detail": (
+        Recipe(detail_step=20, seed=16),
+        "one that takes contexts from the coded plane, or all planes as one batch",
+    ),
+    "detail-of-one-stage": (
+        Recipe(64, 128, cameras=THREE, num_stages=1, choose=sparse, detail_step=37, seed=17),
+        "one that expects detail after B2 only, or adds up magnitudes across borders of rows and views",
+    ),
 }
 
 _far = replace(
@@ -78,6 +88,22 @@ UNCOMMON: dict[str, tuple[Recipe, str]] = {
         Recipe(choose=around_the_escape, seed=29),
         "one that keeps values in 16 bits, or takes mantissas and exponents in turns",
     ),
+    "empty-payloads": (
+        Recipe(choose=lowest, detail_step=21, seed=37),
+        "one that takes an empty payload for no symbols, or for symbols of zero",
+    ),
+    "detail-all-symbols-zero": (
+        Recipe(choose=zero, detail_step=0, seed=38),
+        "one that takes a step of 0 for no detail",
+    ),
+    "detail-escapes": (
+        Recipe(cameras=cameras_of(1), choose=around_the_escape, detail_step=63, seed=39),
+        "one whose contexts count magnitudes above 15 in full",
+    ),
+    "detail-and-all-other-sections": (
+        Recipe(96, 64, covers=4, fades=True, metadata={"name": "all"}, detail_step=8, seed=40),
+        "one that expects detail at a certain number of sections",
+    ),
     "identical-views": (Recipe(cameras=_same, seed=30), "one that divides by a baseline"),
     "cameras-at-the-limits": (Recipe(cameras=_far, seed=31), "one that squares lengths in float16, or drops -0"),
     "rotation-barely-one": (Recipe(cameras=_loose, seed=32), "one that rebuilds rotations as exact ones"),
@@ -97,25 +123,24 @@ def good_vectors() -> dict[str, Vector]:
 
 
 def _from_the_future() -> dict[str, Vector]:
-    """Return a stream of a newer minor version, which this version must read."""
+    """Return a stream of a newer minor version, which this version must read, and streams with unknown sections."""
     stream = stream_of_recipe(BASE)
     newer = write_stream(replace(stream, header=replace(stream.header, version=FormatVersion(2, 255))))
+    most = (0x01, 0x11, 0x12, 0x21, 0x22, 0x23, 0x31, 0x41, 0x42, 0x43, 0x44, 0x7E, 0x7F)
+    many = _with_sections(replace(stream, metadata=None), most)
+    beside_detail = _with_sections(stream_of_recipe(replace(BASE, detail_step=30, seed=41)), (0x37, 0x39, 0x3F))
     return {
         "newer-minor-version": Vector(newer, "one that reads only the minor version that it knows"),
-        "unknown-sections": Vector(_with_sections(stream), "one that stops at a section it does not know"),
+        "unknown-sections": Vector(many, "one that stops at a section it does not know"),
+        "detail-among-unknown-sections": Vector(beside_detail, "one that expects detail right after B2"),
     }
 
 
-def _with_sections(stream: Stream) -> bytes:
-    """Return a stream of the largest number of sections, most of them unknown and skippable."""
-    kinds = (0x01, 0x11, 0x12, 0x21, 0x22, 0x23, 0x31, 0x41, 0x42, 0x43, 0x44, 0x7E, 0x7F)
-    known = {0x90: 0, 0xA0: 1, 0xB0: 2}
-    whole = write_stream(replace(stream, metadata=None))
-    sections, at = [], 48
-    for _ in known:
-        length = 9 + int.from_bytes(whole[at + 1 : at + 5], "little")
-        sections.append(whole[at : at + length])
-        at += length
-    sections += [sealed_section(kind, bytes(range(kind % 7))) for kind in kinds]
+def _with_sections(stream: Stream, kinds: tuple[int, ...]) -> bytes:
+    """Return a stream with unknown, skippable sections of these kinds among its own."""
+    whole = write_stream(stream)
+    sections = [sealed_section(kind, bytes(range(kind % 7))) for kind in kinds]
+    for section in list_sections(whole):
+        sections.append(whole[section.offset : section.offset + section.total_bytes])
     ordered = sorted(sections, key=lambda section: section[0] & 0x7F)
     return sealed_header(stream.header, sections=len(ordered)) + b"".join(ordered)

@@ -18,12 +18,12 @@ sys.path.insert(0, str(ROOT))
 
 from fecocodec import encode, read_views  # noqa: E402
 from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SHIPPED, model_id_of  # noqa: E402
-from fecocodec.container import read_stream  # noqa: E402
+from fecocodec.container import Stream, read_stream  # noqa: E402
 from tests.vectors.faulty_vectors import faulty_vectors  # noqa: E402
 from tests.vectors.gaussian_samples import scene_samples  # noqa: E402
 from tests.vectors.good_vectors import Vector, good_vectors  # noqa: E402
 from tests.vectors.readme import readme  # noqa: E402
-from tests.vectors.symbols import camera_fingerprint, decode_symbols, fingerprint  # noqa: E402
+from tests.vectors.symbols import camera_fingerprint, decode_detail_symbols, decode_symbols, fingerprint  # noqa: E402
 from tests.vectors.tiny_model import TINY_MODEL, VECTORS  # noqa: E402
 
 CHANGELOG = ROOT / "CHANGELOG.md"
@@ -110,6 +110,7 @@ def expectation(vector: Vector) -> dict[str, Any]:
         "cameras": camera_fingerprint(stream.cameras),
         "coverage": None if stream.coverage is None else sha256(stream.coverage)[:16],
         "fading": None if stream.fading is None else sha256(stream.fading)[:16],
+        "detail": detail_expectation(stream),
         "metadata": stream.metadata is not None,
         "stages": [
             {
@@ -124,6 +125,14 @@ def expectation(vector: Vector) -> dict[str, Any]:
             )
         ],
     }
+
+
+def detail_expectation(stream: Stream) -> dict[str, Any] | None:
+    """Return the expected detail of a stream, None if it has none."""
+    detail, symbols = stream.detail, decode_detail_symbols(stream)
+    if detail is None or symbols is None:
+        return None
+    return {"step": detail.step, "payload_bytes": len(detail.payload), "symbols": fingerprint(symbols.ravel())}
 
 
 def changes_of(made: Mapping[str, bytes], here: Mapping[str, bytes]) -> dict[str, str]:

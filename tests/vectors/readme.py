@@ -4,8 +4,9 @@ from typing import Any
 
 _HEAD = """# Test vectors
 
-Made by `make vectors`; do not edit. All but `valid/scene-*.fcs` use the entropy model in `tiny.safetensors`
-(ENTROPY.md, section 6.1): integers that were drawn once and never change. `expected.json` says what a reader must find:
+Made by `make vectors`; do not edit. All but `valid/scene-*.fcs` use the entropy model and the detail in
+`tiny.safetensors` (ENTROPY.md, section 6.1): numbers that were drawn once and never change. `expected.json` says what
+a reader must find:
 
 | field | meaning |
 |---|---|
@@ -13,6 +14,7 @@ Made by `make vectors`; do not edit. All but `valid/scene-*.fcs` use the entropy
 | `cameras` | of near, far, then fx fy cx cy and the rows of camera-to-world of each view, little-endian float32 |
 | `coverage` | of the bits of the cells, or null |
 | `fading` | of the levels of the blocks, or null |
+| `detail` / `symbols` | of symbols by plane, view, row, column, little-endian int64; `detail` may be null |
 | `stages` / `symbols` | one for each of the seven batches: of its symbols in their order, little-endian int64 |
 | `stages` / `z_hat`, `y_hat` | of values in Q8, clipped to +-2^24, by view, row, column, channel, little-endian int64 |
 | `rule` | of a faulty stream: that of FORMAT.md, section 12, or ENTROPY.md, section 9 |

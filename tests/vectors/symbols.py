@@ -7,16 +7,18 @@ from functools import cache
 
 import numpy as np
 import torch
-from jaxtyping import Int64
+from jaxtyping import Int32, Int64, UInt8
+from safetensors.torch import load
 from torch import Tensor
 
 from fecocodec.checkpoint import find_receiver
+from fecocodec.coding.detail import decode_detail, detail_size
 from fecocodec.coding.payload import CodedLatents, decode_latents
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.container import PackedCameras, Stream
 from fecocodec.errors import BitstreamError
 from fecocodec.receiver.load import load_receiver
-from tests.vectors.tiny_model import tiny_model_id, tiny_prior
+from tests.vectors.tiny_model import TINY_MODEL, tiny_model_id, tiny_prior
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,18 @@ def prior_of(model_id: bytes) -> LatentPrior:
     return load_receiver(find_receiver(model_id))[0].prior
 
 
+@cache
+def weights_of(model_id: bytes) -> bytes:
+    """Return the weights file of the model with this id. Raises ModelError if there is none."""
+    return (TINY_MODEL if model_id == tiny_model_id() else find_receiver(model_id)).read_bytes()
+
+
+@cache
+def detail_tables_of(model_id: bytes) -> UInt8[np.ndarray, "plane 16"]:
+    """Return the tables of detail of a model that has detail. Raises ModelError if there is no model with this id."""
+    return load(weights_of(model_id))["detail.tables"].numpy()
+
+
 def decode_symbols(stream: Stream) -> list[StageValues]:
     """Decode every stage. Raises BitstreamError if a digest differs."""
     header, found = stream.header, list[CodedLatents]()
@@ -48,6 +62,13 @@ def decode_symbols(stream: Stream) -> list[StageValues]:
         if found[-1].digest() != header.symbol_digests[stage - 1]:
             raise BitstreamError(f"stage {stage}: the decoded symbols have another digest; the file is damaged.")
     return [StageValues(list(c.symbols), _q8(c.z_hat), _q8(c.y_hat)) for c in found]
+
+
+def decode_detail_symbols(stream: Stream) -> Int32[np.ndarray, "plane view row column"] | None:
+    """Decode detail; None if the stream has none. Raises BitstreamError for a payload that is not valid."""
+    if stream.detail is None:
+        return None
+    return decode_detail(detail_tables_of(stream.header.model_id), stream.detail.payload, detail_size(stream.header))
 
 
 def _q8(values: Tensor) -> np.ndarray:

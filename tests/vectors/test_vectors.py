@@ -2,20 +2,19 @@
 
 import hashlib
 import json
-from functools import cache
 
 import numpy as np
 import pytest
 
-from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SHIPPED, find_receiver
-from fecocodec.container import read_stream
+from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SHIPPED
+from fecocodec.container import Stream, read_stream
 from fecocodec.errors import BitstreamError, ModelError
 from tests.bitstream_spec.second_reader import SPECIFICATION
 from tests.bitstream_spec.second_reader import read_stream as second_reader
 from tests.vectors.good_vectors import Vector
 from tests.vectors.make_vectors import changes_of, expectation, is_scene, make_all, newest_bits, why_not
-from tests.vectors.symbols import decode_symbols
-from tests.vectors.tiny_model import TINY_MODEL, VECTORS, tiny_model_id
+from tests.vectors.symbols import decode_detail_symbols, decode_symbols, weights_of
+from tests.vectors.tiny_model import TINY_MODEL, VECTORS
 
 EXPECTED = json.loads((VECTORS / "expected.json").read_text())
 GOOD, FAULTY = EXPECTED["good"], EXPECTED["faulty"]
@@ -24,11 +23,6 @@ SCENES = [name for name in GOOD if is_scene(name)]
 
 def read(name: str) -> bytes:
     return (VECTORS / name).read_bytes()
-
-
-@cache
-def weights_of(model_id: bytes) -> bytes:
-    return (TINY_MODEL if model_id == tiny_model_id() else find_receiver(model_id)).read_bytes()
 
 
 def test_no_vector_is_missing_and_none_is_unknown() -> None:
@@ -52,26 +46,41 @@ def test_the_product_finds_what_is_expected(name: str) -> None:
 @pytest.mark.parametrize("name", GOOD)
 def test_the_second_reader_agrees_symbol_for_symbol(name: str) -> None:
     data = read(name)
-    ours = decode_symbols(read_stream(data))
-    theirs = second_reader.decode(second_reader.read(data), weights_of(read_stream(data).header.model_id))
+    stream, contents = read_stream(data), second_reader.read(data)
+    weights = weights_of(stream.header.model_id)
+    ours, theirs = decode_symbols(stream), second_reader.decode(contents, weights)
     assert len(ours) == len(theirs)
     for mine, other in zip(ours, theirs, strict=True):
         assert [batch.ravel().tolist() for batch in mine.batches] == other.batches
         assert np.array_equal(mine.z_hat, np.array(other.z_hat).clip(-(1 << 24), 1 << 24))
         assert np.array_equal(mine.y_hat, np.array(other.y_hat).clip(-(1 << 24), 1 << 24))
+    detail = decode_detail_symbols(stream)
+    planes = [] if detail is None else [plane.ravel().tolist() for plane in detail]
+    assert second_reader.decode_detail(contents, weights) == planes
 
 
 @pytest.mark.parametrize("name", FAULTY)
 def test_the_product_refuses_a_faulty_stream(name: str) -> None:
     with pytest.raises((BitstreamError, ModelError)) as caught:
-        decode_symbols(read_stream(read(name)))
+        decode_all(read_stream(read(name)))
     assert FAULTY[name]["says"] in str(caught.value)
+
+
+def decode_all(stream: Stream) -> None:
+    decode_symbols(stream)
+    decode_detail_symbols(stream)
 
 
 @pytest.mark.parametrize("name", FAULTY)
 def test_the_second_reader_refuses_a_faulty_stream(name: str) -> None:
     with pytest.raises(second_reader.RefusedError):
-        second_reader.decode(second_reader.read(read(name)), TINY_MODEL.read_bytes())
+        second_decode_all(read(name))
+
+
+def second_decode_all(data: bytes) -> None:
+    contents, weights = second_reader.read(data), TINY_MODEL.read_bytes()
+    second_reader.decode(contents, weights)
+    second_reader.decode_detail(contents, weights)
 
 
 def test_every_rule_has_a_faulty_vector() -> None:

@@ -1,4 +1,4 @@
-"""The entropy model of the test vectors: small, with random fixed integers, stored beside the vectors.
+"""The entropy model of the test vectors, with detail: small, with random fixed numbers, stored beside the vectors.
 
 `python -m tests.vectors.tiny_model` draws it again, which is necessary only after a change of the architecture.
 """
@@ -15,10 +15,12 @@ from torch import Tensor
 from fecocodec.checkpoint import model_id_of, serialise_weights
 from fecocodec.coding.fixed_point import export_integers, load_integers
 from fecocodec.coding.priors import LatentPrior
+from fecocodec.receiver.attributes import RAW
+from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
 
 VECTORS = Path(__file__).resolve().parents[2] / "bitstream_spec" / "vectors"
 TINY_MODEL = VECTORS / "tiny.safetensors"
-LATENT_CHANNELS, HYPER_CHANNELS, WIDTH = 8, 4, 8
+LATENT_CHANNELS, HYPER_CHANNELS, WIDTH, DETAIL_PLANES = 8, 4, 8, 8
 
 
 def make_tiny_model() -> bytes:
@@ -26,6 +28,8 @@ def make_tiny_model() -> bytes:
     random = Random(20261121)
     integers = export_integers(empty_prior())
     made = {f"prior.{name}": _random_like(name, integers[name], random) for name in sorted(integers)}
+    made["detail.tables"] = _random_tables(random)
+    made["detail.basis"] = _random_basis(random)
     return serialise_weights(made, {"prior": [LATENT_CHANNELS, HYPER_CHANNELS, WIDTH]})
 
 
@@ -60,6 +64,26 @@ def _random_like(name: str, like: Tensor, random: Random) -> Tensor:
     drawn = (math.sqrt(3.0) * (sum(random.random() for _ in range(4)) - 2.0) for _ in range(like.numel()))
     values = [max(-limit, min(limit, round(spread * value))) for value in drawn]
     return torch.tensor(values, dtype=like.dtype).view(like.shape)
+
+
+def _random_tables(random: Random) -> Tensor:
+    """Draw tables of detail: most of 8 to 30, one of six not coded (below 6), one of twelve any."""
+
+    def draw() -> int:
+        kind, value = int(12 * random.random()), random.random()
+        if kind < 2:
+            return int(6 * value)
+        return int(64 * value) if kind == 2 else 8 + int(23 * value)
+
+    tables = [[draw() for _ in range(NUM_BUCKETS)] for _ in range(DETAIL_PLANES)]
+    return torch.tensor(tables, dtype=torch.uint8)
+
+
+def _random_basis(random: Random) -> Tensor:
+    """Draw multiples of 2^-12 below 1/32 in magnitude, which fp16 holds exactly."""
+    size = CELLS**2 * sum(RAW.values())
+    values = [[int(256 * random.random()) - 128 for _ in range(size)] for _ in range(DETAIL_PLANES)]
+    return torch.tensor(values, dtype=torch.float32) / 4096
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 /** Decoding of a stream to Gaussians, stage by stage. */
 
+import { detailValues } from "./coding/detail-decoder";
 import type { Field } from "./coding/field";
 import { type PriorModel, readPriorModel } from "./coding/prior-model";
 import { decodeStage } from "./coding/stage-decoder";
@@ -54,10 +55,12 @@ export class Decoder {
       const clock = new Clock();
       const latents = decodeStage(stream, stage, before, this.prior, this.tables);
       before = latents.yHat;
+      const isLast = stage === stream.payloads.length;
+      const detail = detailValues(isLast ? stream.detail : null, header, this.prior, this.tables);
       clock.lap("symbols");
       state = await this.networks.update(latents.steps, size16, state, lambdaOfStage(header, stage), stage);
       clock.lap("state");
-      const { prediction, times } = await this.networks.predict(state, cameras);
+      const { prediction, times } = await this.networks.predict(state, detail, cameras);
       clock.laps(times);
       const gaussians = emit(prediction.gaussians, prediction.plain, cameras, stream);
       clock.lap("background");

@@ -1,6 +1,7 @@
 /** Checks of the vectors of bitstream_spec/vectors against expected.json, for Node and browsers alike. */
 
 import { sha256 } from "@noble/hashes/sha2.js";
+import { decodeDetail } from "../src/coding/detail-decoder";
 import type { Field } from "../src/coding/field";
 import type { Latents } from "../src/coding/latent-decoder";
 import { type PriorModel, readPriorModel } from "../src/coding/prior-model";
@@ -16,6 +17,7 @@ export interface GoodVector {
   cameras: string;
   coverage: string | null;
   fading: string | null;
+  detail: { step: number; payload_bytes: number; symbols: string } | null;
   metadata: boolean;
   stages: { payload_bytes: number; digest: string; symbols: string[]; z_hat: string; y_hat: string }[];
 }
@@ -45,7 +47,7 @@ export function decodingOf(tables: Uint8Array, weights: Uint8Array[]): Decoding 
 export function found(data: Uint8Array, decoding: Decoding): GoodVector {
   const stream = readStream(data);
   const { header } = stream;
-  const stages = decodeAll(stream, decoding);
+  const { stages, planes } = decodeAll(stream, decoding);
   return {
     model_id: header.modelId,
     size: [header.views, header.height, header.width],
@@ -53,6 +55,11 @@ export function found(data: Uint8Array, decoding: Decoding): GoodVector {
     cameras: fingerprint(cameraBytes(stream)),
     coverage: stream.coverage && fingerprint(stream.coverage),
     fading: stream.fading && fingerprint(stream.fading),
+    detail: stream.detail && {
+      step: stream.detail.step,
+      payload_bytes: stream.detail.payload.length,
+      symbols: fingerprint(int64Bytes(planes.flatMap((symbols) => [...symbols]))),
+    },
     metadata: stream.metadata !== null,
     stages: stages.map(({ batches, zHat, yHat }, at) => ({
       payload_bytes: stream.payloads[at].length,
@@ -75,14 +82,15 @@ export function refusalOf(data: Uint8Array, decoding: Decoding): Refusal | null 
   }
 }
 
-function decodeAll(stream: Stream, { tables, models }: Decoding): Latents[] {
+/** planes: symbols of each plane of detail, [view, row, column]; none for a stream without detail. */
+function decodeAll(stream: Stream, { tables, models }: Decoding): { stages: Latents[]; planes: Int32Array[] } {
   const model = models.get(stream.header.modelId);
   if (!model) throw unknownModel(stream.header.modelId, [...models.keys()]);
   const stages: Latents[] = [];
   for (let stage = 1; stage <= stream.payloads.length; stage++) {
     stages.push(decodeStage(stream, stage, stages.at(-1)?.yHat ?? null, model, tables));
   }
-  return stages;
+  return { stages, planes: stream.detail ? decodeDetail(stream.detail, stream.header, model, tables) : [] };
 }
 
 function fingerprint(bytes: Uint8Array): string {

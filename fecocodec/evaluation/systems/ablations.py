@@ -17,7 +17,7 @@ from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.views import Views
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.encode import assemble, encode_with, write_stages
+from fecocodec.sender.encode import encode_with, write_scene
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -65,4 +65,4 @@ def _encode(
     codec: Codec, encoder: type[SceneEncoder], lambda_q: int, config: OptimisationConfig, views: Views
 ) -> bytes:
     scene = prepare_scene(views, codec.device)
-    return assemble(codec, scene, write_stages(encoder(codec, scene.images, scene.cameras), lambda_q, 2, config))
+    return write_scene(encoder(codec, scene.images, scene.cameras), scene, lambda_q, 2, config)

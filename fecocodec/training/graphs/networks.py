@@ -71,6 +71,8 @@ def _attribute_graphs(receiver: Receiver) -> dict[str, Graph]:
         "relative": _floats("views 8*rows 8*columns"),
         **_CAMERAS,
     }
+    if config.detail_planes:
+        attributes["detail"] = _floats(f"views {config.detail_planes} 4*rows 4*columns")
     outputs = ("positions", "scales", "rotations", "opacities", "colours", "surfaces")
     return {
         "attend": Graph(prediction.AttendGraph(receiver), attend, ("attended",)),

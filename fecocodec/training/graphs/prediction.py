@@ -80,18 +80,29 @@ class AttendGraph(nn.Module):
 
 
 class AttributesGraph(nn.Module):
-    """Features, residual of attention, cameras -> attributes before the free-space check, and surfaces of the views."""
+    """Features, residual of attention, cameras -> attributes before the free-space check, and surfaces of the views.
+
+    The last input are the numbers of the detail layer, if the model has one.
+    """
 
     def __init__(self, receiver: Receiver) -> None:
         super().__init__()
         self.receiver = receiver
 
     def forward(
-        self, features: Tensor, attended: Tensor, relative: Tensor, extrinsics: Tensor, intrinsics: Tensor, far: Tensor
+        self,
+        features: Tensor,
+        attended: Tensor,
+        relative: Tensor,
+        extrinsics: Tensor,
+        intrinsics: Tensor,
+        far: Tensor,
+        detail: Tensor | None = None,
     ) -> tuple[Tensor, ...]:
         cameras = normalised(extrinsics, intrinsics, far).as_batch()
         residual = enlarged(attended.permute(0, 3, 1, 2))
-        found = self.receiver.predictor.attributes(features, residual, relative[None], cameras)
+        added = None if detail is None else self.receiver.detail_basis(detail)
+        found = self.receiver.predictor.attributes(features, residual, relative[None], cameras, added)
         positions, colours = (x.permute(0, 1, 4, 2, 3).contiguous() for x in (found.means, found.colour))
         surfaces = surfaces_of(found.depth, colours, found.opacity)
         scales, rotations = (x[0].flatten(0, 2) for x in (found.scales, found.rotations))

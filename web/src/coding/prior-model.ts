@@ -8,7 +8,13 @@ export interface PriorModel {
   latent: number;
   hyper: number;
   width: number;
+  /** Table indices by bucket of each plane of detail, 16 each; empty if the model has no detail. */
+  detail: Uint8Array[];
 }
+
+const DETAIL_TABLES = "detail.tables";
+const BUCKETS = 16;
+const BYTES_OF = { U8: 1, I16: 2, I32: 4 };
 
 interface Tensor {
   dtype: string;
@@ -16,7 +22,10 @@ interface Tensor {
   data_offsets: [number, number];
 }
 
-/** Parse the tensors `prior.*` of a safetensors file. Throws Error if one is missing or has a wrong type. */
+/**
+ * Parse the tensors `prior.*` and, if the model has detail, `detail.tables` of a safetensors file. Throws Error if one
+ * is missing or has a wrong type.
+ */
 export function readPriorModel(data: Uint8Array): PriorModel {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   const headerBytes = Number(view.getBigUint64(0, true));
@@ -37,6 +46,7 @@ export function readPriorModel(data: Uint8Array): PriorModel {
     latent: 2 * outputsOf("steps.1.leave"),
     hyper: outputsOf("hyper_prior") / 2,
     width: outputsOf("merge_8"),
+    detail: detailTables(body, header[DETAIL_TABLES]),
   };
 }
 
@@ -47,14 +57,28 @@ export function layerOf(layers: Map<string, IntegerLayer>, name: string): Intege
   return layer;
 }
 
-function integers(body: Uint8Array, tensor: Tensor | undefined, dtype: "I16" | "I32", name: string): Int32Array {
-  const size = dtype === "I16" ? 2 : 4;
+function detailTables(body: Uint8Array, tensor: Tensor | undefined): Uint8Array[] {
+  if (!tensor) return [];
+  const values = Uint8Array.from(integers(body, tensor, "U8", DETAIL_TABLES));
+  return Array.from({ length: tensor.shape[0] }, (_, plane) => values.subarray(BUCKETS * plane, BUCKETS * (plane + 1)));
+}
+
+function integers(
+  body: Uint8Array,
+  tensor: Tensor | undefined,
+  dtype: keyof typeof BYTES_OF,
+  name: string,
+): Int32Array {
+  const size = BYTES_OF[dtype];
   const count = tensor?.shape.reduce((product, side) => product * side, 1) ?? 0;
   if (tensor?.dtype !== dtype || tensor.data_offsets[1] - tensor.data_offsets[0] !== size * count) {
     throw new Error(`Entropy model: tensor ${name} is missing or has a wrong type or size.`);
   }
   const view = new DataView(body.buffer, body.byteOffset + tensor.data_offsets[0], size * count);
-  return Int32Array.from({ length: count }, (_, at) =>
-    size === 2 ? view.getInt16(2 * at, true) : view.getInt32(4 * at, true),
-  );
+  const value = {
+    U8: (at: number) => view.getUint8(at),
+    I16: (at: number) => view.getInt16(2 * at, true),
+    I32: (at: number) => view.getInt32(4 * at, true),
+  }[dtype];
+  return Int32Array.from({ length: count }, (_, at) => value(at));
 }

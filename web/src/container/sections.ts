@@ -4,7 +4,15 @@ import { crc32, crcText } from "./crc32";
 import type { Header } from "./header";
 import { BAD_WRITER, COPY_AGAIN, DAMAGED, Refusal } from "./refusal";
 
-export const Kind = { cameras: 0x90, coverage: 0x98, fading: 0x9c, b1: 0xa0, b2: 0xb0, metadata: 0x40 } as const;
+export const Kind = {
+  cameras: 0x90,
+  coverage: 0x98,
+  fading: 0x9c,
+  b1: 0xa0,
+  b2: 0xb0,
+  detail: 0xb8,
+  metadata: 0x40,
+} as const;
 
 const NAMES = new Map<number, string>([
   [Kind.cameras, "cameras"],
@@ -12,6 +20,7 @@ const NAMES = new Map<number, string>([
   [Kind.fading, "fading"],
   [Kind.b1, "B1"],
   [Kind.b2, "B2"],
+  [Kind.detail, "detail"],
   [Kind.metadata, "metadata"],
 ]);
 const LONGEST = new Map<number, number>([

@@ -1,7 +1,8 @@
-/** A whole stream: header, cameras, coverage, fading, payloads, metadata (FORMAT.md, sections 3 and 9). */
+/** A whole stream: its header and its sections (FORMAT.md, sections 3 and 9). */
 
 import { checkCameras } from "./camera-rules";
 import { readCameras, type StoredCameras } from "./cameras";
+import { type Detail, readDetail } from "./detail";
 import { type Header, readHeader } from "./header";
 import { type Metadata, readMetadata } from "./metadata";
 import { BAD_WRITER, Refusal } from "./refusal";
@@ -17,6 +18,8 @@ export interface Stream {
   coverage: Uint8Array | null;
   /** Two bits per block; null if no block is faded. */
   fading: Uint8Array | null;
+  /** Corrections to the Gaussians of the last stage; null if there are none or only a prefix was read. */
+  detail: Detail | null;
   metadata: Metadata | null;
   sections: Section[];
 }
@@ -82,12 +85,14 @@ function assemble(header: Header, sections: Section[], stages: number): Stream {
   checkCameras(cameras, place(stored));
   const coverage = found.get(Kind.coverage);
   const fading = found.get(Kind.fading);
+  const detail = found.get(Kind.detail);
   return {
     header,
     cameras,
     payloads: kinds.map((kind) => (found.get(kind) as Section).payload),
     coverage: coverage ? readViewGrids(COVERAGE, coverage.payload, header, place(coverage)) : null,
     fading: fading ? readViewGrids(FADING, fading.payload, header, place(fading)) : null,
+    detail: detail ? readDetail(detail.payload, place(detail)) : null,
     metadata: null,
     sections,
   };

@@ -48,9 +48,15 @@ export class Networks {
     return { ...condition, state: state_after };
   }
 
-  /** Predict the Gaussians of a state, ordered (view, row, column) on the 1/2 grid. */
+  /**
+   * Predict the Gaussians of a state, ordered (view, row, column) on the 1/2 grid.
+   *
+   * detail: values that correct them, [view, plane, row, column] on the 1/8 grid. A model without detail has no planes,
+   * and its graph has no such input.
+   */
   async predict(
     state: State,
+    detail: Float32Array,
     cameras: NormalisedCameras,
   ): Promise<{ prediction: Prediction; times: PredictionTimes }> {
     const poses = cameraTensors(cameras);
@@ -63,7 +69,7 @@ export class Networks {
     mark();
     const attended = await this.attend(found, neighbours, count);
     mark();
-    const maps = await this.graphs.run("attributes", { ...found, attended });
+    const maps = await this.graphs.run("attributes", { ...found, attended, detail: detailTensor(detail, found.depth.dims) });
     mark();
     const { positions, colours, surfaces } = maps;
     const { extrinsics, intrinsics } = poses;
@@ -139,6 +145,10 @@ function cameraTensors({ views, far }: NormalisedCameras): Tensors {
     intrinsics: floats(Float32Array.from(intrinsics), [views.length, 3, 3]),
     far: floats(Float32Array.of(far), []),
   };
+}
+
+function detailTensor(values: Float32Array, [views, rows, columns]: readonly number[]) {
+  return floats(values, [views, values.length / (views * rows * columns), rows, columns]);
 }
 
 function meansOfViews(values: Float32Array, views: number) {

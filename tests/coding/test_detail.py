@@ -1,0 +1,211 @@
+"""Detail is read as it was written, in the order and with the tables that ENTROPY.md, section 7.2, defines."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fecocodec.coding.detail import (
+    Choose,
+    Size,
+    code_detail,
+    decode_detail,
+    detail_size,
+    detail_values,
+    encode_detail,
+    table_indices,
+)
+from fecocodec.container import Detail
+from fecocodec.entropy.symbol_coders import SymbolWriter
+from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT
+from fecocodec.errors import BitstreamError
+from tests.container.example_streams import example_stream
+from tests.entropy.ans_reference import ReferenceAns, decode_batch
+
+SIZE = (2, 4, 8)
+EACH_BUCKET = np.arange(16, dtype=np.uint8)[None].repeat(2, axis=0)  # tables with which an index is its bucket
+HEADER = replace(example_stream().header, height=64, width=96)  # two views of 8x12 blocks
+SIZE_OF_HEADER = (2, 8, 12)
+
+
+def random_tables(seed: int, planes: int = 6) -> np.ndarray:
+    """Return tables, of which some code nothing, but not that of the first plane."""
+    tables = np.random.default_rng(seed).integers(0, 25, (planes, 16), dtype=np.uint8)
+    tables[0, 0] = 20
+    return tables
+
+
+def random_symbols(seed: int, planes: int = 6, size: Size = SIZE, spread: float = 2.0) -> np.ndarray:
+    """Return symbols that are mostly small, with some beyond the reach of their tables and a few beyond the limit."""
+    rng = np.random.default_rng(seed)
+    symbols = np.round(spread * rng.standard_t(1.5, (planes, *size)))
+    symbols[rng.random(symbols.shape) < 0.01] = 2**21
+    return symbols.astype(np.int32)
+
+
+def choose_from(symbols: np.ndarray) -> Choose:
+    return lambda plane, _: symbols[plane]
+
+
+def slow_index(of_plane: list[int], before: list[np.ndarray], v: int, i: int, j: int) -> int:
+    """Return the table index of an element. before: the planes before."""
+
+    def summed(row: int, column: int) -> int:
+        is_inside = 0 <= row < before[0].shape[1] and 0 <= column < before[0].shape[2]
+        return sum(min(abs(int(plane[v, row, column])), 15) for plane in before) if is_inside else 0
+
+    if not before:
+        return of_plane[0]
+    context = 2 * summed(i, j) + summed(i - 1, j) + summed(i + 1, j) + summed(i, j - 1) + summed(i, j + 1)
+    bucket = 0
+    for threshold in (1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 96, 140):
+        if context >= threshold:
+            bucket += 1
+    return of_plane[bucket]
+
+
+def slow_decode(tables: np.ndarray, payload: bytes, size: Size) -> np.ndarray:
+    """Return the symbols of a payload, element by element, in plain integers."""
+    ans, planes = ReferenceAns(payload), list[np.ndarray]()
+    for of_plane in tables.tolist():
+        indices = np.zeros(size, np.int64)
+        for v, i, j in np.ndindex(*size):
+            indices[v, i, j] = slow_index(of_plane, planes, v, i, j)
+        planes.append(decode_batch(ans, indices))
+    assert ans.is_empty()
+    return np.array(planes)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("size", [SIZE, (1, 4, 4), (3, 8, 4)])
+def test_detail_is_read_as_written_and_as_the_specification_says(seed: int, size: Size) -> None:
+    tables, wanted = random_tables(seed), random_symbols(seed, size=size)
+    payload, sent = encode_detail(tables, choose_from(wanted), size)
+    received = decode_detail(tables, payload, size)
+    assert received.dtype == np.int32 and np.array_equal(received, sent)
+    assert np.array_equal(received, slow_decode(tables, payload, size))
+
+
+def test_symbols_that_are_coded_are_those_that_were_chosen() -> None:
+    tables, wanted = random_tables(7), random_symbols(7)
+    coded = list[np.ndarray]()
+
+    def choose(plane: int, indices: np.ndarray) -> np.ndarray:
+        assert plane == len(coded)
+        coded.append(indices >= FIRST_CODED_TABLE)
+        return wanted[plane]
+
+    _, sent = encode_detail(tables, choose, SIZE)
+    is_coded = np.array(coded)
+    assert np.array_equal(sent, np.where(is_coded, wanted.clip(-SYMBOL_LIMIT, SYMBOL_LIMIT), 0))
+    assert 0.05 < is_coded.mean() < 0.95, "both kinds are tried"
+    assert np.abs(sent).max() == SYMBOL_LIMIT, "escapes are tried"
+
+
+def test_the_example_of_the_specification_holds() -> None:
+    first = np.array([[[0, 0, 0, 0], [0, 3, 0, 0], [0, -1, 0, 0], [0, 0, 0, 20]]], np.int32)
+    seen = list[list[list[int]]]()
+
+    def choose(plane: int, indices: np.ndarray) -> np.ndarray:
+        seen.append(indices[0].tolist())
+        return first
+
+    tables = EACH_BUCKET.copy()
+    tables[0] = 30  # so that the first plane is coded
+    encode_detail(tables, choose, (1, 4, 4))
+    assert seen == [[[30] * 4] * 4, [[0, 3, 0, 0], [3, 5, 3, 0], [1, 4, 1, 8], [0, 1, 8, 10]]]
+
+
+def test_buckets_begin_at_their_thresholds() -> None:
+    """In a row where every fourth S is not 0, the element before it has the context S."""
+    sums = np.zeros((1, 1, 4 * 200), np.int32)
+    sums[0, 0, 1::4] = np.arange(200)
+    buckets = table_indices(EACH_BUCKET, 1, sums)[0, 0, ::4].tolist()
+    assert [buckets.index(bucket) for bucket in range(16)] == [0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 96, 140]
+    assert buckets == sorted(buckets)
+
+
+def test_a_view_has_no_neighbours_in_other_views() -> None:
+    sums = np.zeros((3, 4, 4), np.int32)
+    sums[1] = 100
+    indices = table_indices(EACH_BUCKET, 1, sums)
+    assert not indices[[0, 2]].any() and (indices[1] == 15).all()
+
+
+def test_magnitudes_above_fifteen_count_as_fifteen() -> None:
+    tables = np.full((2, 16), 40, np.uint8)
+    tables[1] = EACH_BUCKET[1]
+    for symbol in (15, 16, -SYMBOL_LIMIT):
+        seen = list[np.ndarray]()
+
+        def choose(plane: int, indices: np.ndarray, symbol: int = symbol, seen: list[np.ndarray] = seen) -> np.ndarray:
+            seen.append(indices)
+            return np.full(indices.shape, symbol, np.int32)
+
+        encode_detail(tables, choose, (1, 4, 4))
+        assert seen[1][0, 1].tolist() == [13, 13, 13, 13], "contexts of 75 and 90"
+
+
+def test_elements_that_are_not_coded_take_no_bytes() -> None:
+    tables = np.full((3, 16), FIRST_CODED_TABLE - 1, np.uint8)
+    payload, sent = encode_detail(tables, choose_from(random_symbols(1, planes=3)), SIZE)
+    assert payload == b"" and not sent.any()
+    assert not decode_detail(tables, b"", SIZE).any()
+
+
+def test_a_writer_must_choose() -> None:
+    with pytest.raises(ValueError, match="pass the symbols to write"):
+        code_detail(SymbolWriter(), np.full((1, 16), 30, np.uint8), SIZE, None)
+
+
+def test_damaged_payloads_are_refused_or_hold_other_symbols() -> None:
+    tables = random_tables(3)
+    payload, sent = encode_detail(tables, choose_from(random_symbols(3)), SIZE)
+    rng, refused = np.random.default_rng(0), 0
+    for _ in range(100):
+        damaged = bytearray(payload)
+        damaged[rng.integers(len(payload))] ^= 1 << rng.integers(8)
+        try:
+            assert not np.array_equal(decode_detail(tables, bytes(damaged), SIZE), sent)
+        except BitstreamError:
+            refused += 1
+    assert refused > 50
+
+
+@pytest.mark.parametrize(
+    ("bend", "cause"),
+    [
+        (lambda payload: payload[:-1], "are not 32-bit words of which the last is not zero"),
+        (lambda payload: payload + bytes(4), "are not 32-bit words of which the last is not zero"),
+        (lambda payload: payload[4:], "do not end together"),
+        (lambda payload: b"\1\0\0\0" + payload, "do not end together"),
+        (lambda _: b"\xff" * 4000, "an escape has the exponent 31, at most 19 is allowed"),
+    ],
+)
+def test_faults_of_a_payload_are_named(bend: Callable[[bytes], bytes], cause: str) -> None:
+    tables = random_tables(5)
+    payload, _ = encode_detail(tables, choose_from(random_symbols(5)), SIZE)
+    with pytest.raises(BitstreamError, match=f"^payload: .*{cause}.*; "):
+        decode_detail(tables, bend(payload), SIZE)
+
+
+def test_values_are_symbols_times_the_step() -> None:
+    tables = random_tables(6, planes=3)
+    payload, sent = encode_detail(tables, choose_from(random_symbols(6, 3, SIZE_OF_HEADER)), SIZE_OF_HEADER)
+    assert detail_size(HEADER) == SIZE_OF_HEADER
+    for step, size in ((0, 1.0), (8, 0.5), (63, 2.0**-7.875), (3, 2.0**-0.375)):
+        values = detail_values(tables, Detail(step, payload), HEADER)
+        assert values.dtype == np.float32 and values.shape == (2, 3, 8, 12) and values.flags.c_contiguous
+        for plane in range(3):
+            assert np.array_equal(values[:, plane], sent[plane].astype(np.float32) * np.float32(size))
+
+
+def test_a_model_without_detail_refuses_it() -> None:
+    with pytest.raises(BitstreamError, match=rf"^section detail: the model {b'modelid8'.hex()} has no detail; .*\.$"):
+        detail_values(None, Detail(0, b""), HEADER)
+
+
+def test_a_damaged_payload_is_named_by_its_section() -> None:
+    with pytest.raises(BitstreamError, match=r"^section detail: payload: its 5 bytes are not 32-bit words"):
+        detail_values(random_tables(0), Detail(0, b"12345"), HEADER)
