@@ -16,7 +16,7 @@ from time import perf_counter
 from unittest.mock import patch
 
 ROOT = Path(__file__).resolve().parents[1]
-SCENE = ROOT / "bitstream_spec" / "vectors" / "valid" / "scene-compact-5.fcs"
+SCENE = ROOT / "bitstream_spec" / "vectors" / "valid" / "scene-compact-6.fcs"
 REPEATS = 7
 # Runs one command, then prints its own time and the peak memory of the process in KiB (Linux).
 CHILD = """

@@ -9,7 +9,7 @@ from pathlib import Path
 from fecocodec.errors import ModelError
 
 SHIPPED = Path(__file__).parent / "weights"
-DEFAULT_MODEL = "compact-5"
+DEFAULT_MODEL = "compact-6"
 RECEIVER_FILE, SENDER_FILE = "receiver.safetensors", "sender.safetensors"
 GRAPHS_FOLDER = "graphs"  # in a model's folder
 MODEL_ID_BYTES = 8

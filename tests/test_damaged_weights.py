@@ -47,8 +47,8 @@ def test_weights_that_are_a_folder(tmp_path: Path) -> None:
 
 
 def test_the_folder_of_a_model_may_be_text(tmp_path: Path) -> None:
-    vector = Path(__file__).parent.parent / "bitstream_spec" / "vectors" / "valid" / "scene-compact-5.fcs"
-    shutil.copytree(SHIPPED / "compact-5", tmp_path / "copy")
+    vector = Path(__file__).parent.parent / "bitstream_spec" / "vectors" / "valid" / "scene-compact-6.fcs"
+    shutil.copytree(SHIPPED / "compact-6", tmp_path / "copy")
     assert fecocodec.decode(vector.read_bytes(), model=str(tmp_path / "copy")).gaussians.count > 0
 
 

@@ -160,4 +160,4 @@ def test_the_commands_run_in_the_order_of_the_page(tmp_path: Path) -> None:
     tables = [(tmp_path / "results" / name / "complexity.md").read_text() for name in ("re10k", "acid", "dl3dv")]
     assert all("CodecSplat" in text and "fecosplat" in text for text in tables)
     deep, compact = ((tmp_path / "weights" / name / RECEIVER_FILE).read_bytes() for name in ("deep", "compact-deep"))
-    assert deep == compact == (ROOT / "fecocodec/weights/compact-5" / RECEIVER_FILE).read_bytes()
+    assert deep == compact == (ROOT / "fecocodec/weights/compact-6" / RECEIVER_FILE).read_bytes()

@@ -16,6 +16,8 @@ from torch import Tensor
 from fecocodec.coding.detail import BLOCK, Choose, encode_detail, step_size
 from fecocodec.coding.symbol_choice import choose_symbols
 from fecocodec.container import Detail
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.distortion import LogDistortion
 from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate
@@ -36,11 +38,26 @@ WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Search:
-    """What a search of one scene needs. price: of a bit, in units of D."""
+    """What a search of one scene needs.
+
+    rendered: pictures of the views, with constant colours. as_decoded: the same with those of a decoder. price: of
+    a bit, in units of D.
+    """
 
     images: Float[Tensor, "view 3 h w"]
     rendered: Callable[[Values], Float[Tensor, "view 3 h w"]]
+    as_decoded: Callable[[Values], Float[Tensor, "view 3 h w"]]
     price: float
+
+    def distortion(self, rendered: Float[Tensor, "view 3 h w"]) -> Float[Tensor, ""]:
+        """Return D, without its part for structure."""
+        squared = (rendered - self.images).square().mean(dim=(-3, -2, -1))
+        return LogDistortion.log_weight * torch.log(squared + LogDistortion.least_error).mean()
+
+    @torch.no_grad()
+    def distortion_of_file(self, values: Values) -> Float[Tensor, ""]:
+        """Return D of what is decoded."""
+        return self.distortion(self.as_decoded(values))
 
 
 def find_detail(
@@ -52,18 +69,21 @@ def find_detail(
     config: OptimisationConfig,
     on_fraction: OnFraction = lambda _fraction: None,
 ) -> Detail | None:
-    """Return the detail layer of one scene; None if no symbol is worth its bits.
+    """Return the detail layer of one scene; None if it gains less than its bits cost.
 
     last: the last stage, as coded. visibility: factors of opacities, as the decoder applies them. is_transparent:
     whether the photographs have transparent pixels, which are white. lambda_q: that the user chose. config: with one
     step of the detail layer or more. Raises ModelError if the model has no detail layer.
     """
-    values = values_of(encoder, last, visibility, is_transparent, lambda_q, config, on_fraction)
+    search = _search_of(encoder, last, visibility, is_transparent, lambda_q, config)
+    values = _descended(encoder, search, lambda_q, config, on_fraction)
     if not bool(values.isfinite().all()):
         return None
     tables = encoder.codec.receiver.detail_basis.tables.cpu().numpy()
     payload, symbols = encode_detail(tables, symbols_of(values), (len(values), values.shape[2], values.shape[3]))
-    return Detail(config.detail_step_of(lambda_q), payload) if symbols.any() else None
+    coded = torch.from_numpy(symbols).transpose(0, 1).to(values)
+    gain = float(search.distortion_of_file(torch.zeros_like(values)) - search.distortion_of_file(coded))
+    return Detail(config.detail_step_of(lambda_q), payload) if gain > search.price * 8 * len(payload) else None
 
 
 def values_of(
@@ -77,6 +97,12 @@ def values_of(
 ) -> Values:
     """Return the numbers before the choice of symbols. Arguments as for `find_detail`."""
     search = _search_of(encoder, last, visibility, is_transparent, lambda_q, config)
+    return _descended(encoder, search, lambda_q, config, on_fraction)
+
+
+def _descended(
+    encoder: SceneEncoder, search: Search, lambda_q: int, config: OptimisationConfig, on_fraction: OnFraction
+) -> Values:
     height, width = (side // BLOCK for side in encoder.size)
     planes = len(encoder.codec.receiver.detail_basis.basis)
     start = torch.zeros(encoder.num_views, planes, height, width, device=encoder.images.device)
@@ -96,7 +122,7 @@ def symbols_of(values: Values) -> Choose:
     return choose
 
 
-def descend(search: Search, start: Values, num_steps: int, on_fraction: OnFraction) -> Values:
+def descend(search: Search, start: Values, num_steps: int, on_fraction: OnFraction = lambda _fraction: None) -> Values:
     """Return the numbers after `num_steps` steps of descent on D + price * R from `start`."""
     values, mean, square, of_plane = start, torch.zeros_like(start), torch.zeros(()), torch.zeros(())
     threshold = search.price * BITS_OF_ONE
@@ -108,7 +134,7 @@ def descend(search: Search, start: Values, num_steps: int, on_fraction: OnFracti
         square = MEMORY * square + (1.0 - MEMORY) * gradient.square().mean(dim=1, keepdim=True)
         of_plane = MEMORY * of_plane + (1.0 - MEMORY) * gradient.square().mean(dim=(0, 2, 3), keepdim=True)
         of_block, scale = ((x / (1.0 - MEMORY**age)).sqrt() for x in (square, of_plane))
-        scale = (scale / scale.mean()).clamp(min=0.05) ** PLANE_EXPONENT
+        scale = (scale / scale.mean().clamp(min=1e-20)).clamp(min=0.05) ** PLANE_EXPONENT
         left = 1.0 - number / (num_steps + 1)
         length = LENGTH * left / ((of_block + LEAST_SCALE * of_block.mean()).clamp(min=1e-20) * scale)
         values = values - length * mean / (1.0 - MOMENTUM**age)
@@ -120,10 +146,7 @@ def descend(search: Search, start: Values, num_steps: int, on_fraction: OnFracti
 def _gradient(search: Search, values: Values) -> Values:
     """Return the gradient of D."""
     values = values.detach().requires_grad_()
-    rendered = search.rendered(values)
-    squared = (rendered - search.images).square().mean(dim=(-3, -2, -1))
-    distortion = LogDistortion.log_weight * torch.log(squared + LogDistortion.least_error).mean()
-    (gradient,) = torch.autograd.grad(distortion, values)
+    (gradient,) = torch.autograd.grad(search.distortion(search.rendered(values)), values)
     return gradient
 
 
@@ -135,17 +158,27 @@ def _search_of(
     lambda_q: int,
     config: OptimisationConfig,
 ) -> Search:
-    """Return the search of one scene. Colours are constant: view-dependent ones would compensate depth errors."""
+    """Return the search of one scene.
+
+    Colours are constant in the descent: view-dependent ones would compensate depth errors.
+    """
     predictor, basis = encoder.codec.receiver.predictor, encoder.codec.receiver.detail_basis
     cameras, images = encoder.cameras, encoder.images[0]
     inputs = predictor.before_head(last.state, cameras, last.inputs.condition)
     factors = None if visibility is None else torch.from_numpy(visibility).to(images)
     step, background = float(step_size(config.detail_step_of(lambda_q))), WHITE if is_transparent else BLACK
 
-    def rendered(values: Values) -> Tensor:
-        gaussians = predictor.gaussians(*inputs, cameras, basis(values * step)).gaussians.scene(0)
+    def drawn(gaussians: Gaussians) -> Tensor:
         if factors is not None:
             gaussians = replace(gaussians, opacities=gaussians.opacities * factors)
         return render(gaussians, cameras.scene(0), encoder.size, background).color
 
-    return Search(images, rendered, price_of_rate(config, lambda_q) / encoder.num_pixels)
+    def predicted(values: Values) -> Prediction:
+        return predictor.gaussians(*inputs, cameras, basis(values * step))
+
+    return Search(
+        images,
+        lambda values: drawn(predicted(values).gaussians.scene(0)),
+        lambda values: drawn(encoder.gaussians(predicted(values))),
+        price_of_rate(config, lambda_q) / encoder.num_pixels,
+    )

@@ -9,7 +9,6 @@ from fecocodec.errors import InputError
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.distortion import Distortion, LogDistortion
 
-
 DETAIL_LAMBDA_Q = 1179  # lambda 1e-3: below it, detail gets more steps
 FINE_LAMBDA_Q = 589  # lambda 1e-4: below it, detail is quantised more finely
 
@@ -32,6 +31,11 @@ class OptimisationConfig:
 
     held_weight, max_steps_unheld: with more steps than max_steps_unheld, changes of the renderings between the context
     views are penalised with this weight, because many steps overfit the context views.
+
+    detail_steps: steps of the detail layer at lambda 1e-3 and above; 0 for no such layer. detail_steps_per_decade: more
+    steps for each power of ten that lambda is below; none for scenes with more than `large_pixels`. detail_step: its
+    quantisation step at lambda 1e-4 and above; below, it is proportional to lambda ** detail_step_exponent.
+    least_latent_lambda_q: latents below the detail layer are not coded at a smaller lambda.
 
     max_views_of_direct_gradients: with more views, gradients also pass through the residual branches of the predictor.
     ssim_stride: stride of the SSIM windows, see `metrics.ssim`. distortion: D of the objective.
@@ -94,7 +98,9 @@ def _decades_below(bound: int, lambda_q: int) -> float:
 
 DEFAULT = OptimisationConfig()
 FAST = DEFAULT.with_steps(0)
-BEST = replace(DEFAULT, num_steps=16, num_steps_large=6, extra_step_below=())
+BEST = replace(
+    DEFAULT, num_steps=16, num_steps_large=6, extra_step_below=(), detail_steps=12, detail_steps_per_decade=16
+)
 EFFORTS = {"fast": FAST, "default": DEFAULT, "best": BEST}
 
 

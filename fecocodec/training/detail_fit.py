@@ -3,12 +3,9 @@
 The basis holds principal components. On each training scene, descent changes the raw outputs of the predictor's head,
 all of them freely, so that the context views are shown better. The components are those of these changes in blocks of
 8x8 pixels, each raw output divided by how strongly the pictures depend on it.
-
-python -m fecocodec.training.detail_fit MODEL_FOLDER SCENES INDEX.json OUT_FOLDER [--planes 64] [--entries 40]
+`benchmarks/fit_detail.py` is the command.
 """
 
-import argparse
-import math
 import random
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,25 +18,21 @@ from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
 from fecocodec.coding.detail import Choose, Size, buckets, encode_detail
 from fecocodec.coding.symbol_choice import symbol_bits
 from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES
-from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.formats.evaluation_index import read_index
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
-from fecocodec.receiver.load import serialise_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.detail_steps import symbols_of, values_of
 from fecocodec.sender.distortion import LogDistortion
 from fecocodec.sender.encode import write_stages
-from fecocodec.sender.load import serialise_sender
 from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -51,6 +44,7 @@ LAMBDAS_OF_DETAIL = (3e-3, 1e-3, 3e-4, 1e-4, 2e-5)
 NUM_STEPS, MOMENTUM = 30, 0.7
 FIRST_RMS = 0.0036  # of the first step, relative to the sensitivities
 SMOOTHING = 3  # planes on each side whose counts a plane's tables also use, each half as much as the one nearer
+UNCODED = 60.0  # bits that a symbol other than 0 counts as if its table codes nothing, so that it is lost
 LAST_MAGNITUDE = 8  # of symbols that are counted apart
 ROUNDS = 3  # of symbols chosen with the tables, and tables fitted to the symbols
 
@@ -58,25 +52,11 @@ Raw = Float[Tensor, "view raw h2 w2"]
 Coded = tuple[SceneEncoder, Stage[Any]]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("model", type=Path, help="folder of the weights, with or without a detail layer")
-    parser.add_argument("root", type=Path, help="folder with one folder per training scene")
-    parser.add_argument("index", type=Path, help="index (JSON) of pairs of training scenes")
-    parser.add_argument("out", type=Path, help="folder for the weights with a new detail layer")
-    parser.add_argument("--planes", type=int, default=64, help="[default: 64]")
-    parser.add_argument("--entries", type=int, default=40, help="number of pairs, drawn from the index  [default: 40]")
-    arguments = parser.parse_args()
-    codec = load_codec(arguments.model, "cpu")
-    coded = list(coded_scenes(codec, arguments.root, arguments.index, arguments.entries))
-    receiver = with_detail(codec.receiver, basis_of(coded, arguments.planes))
+def fit_detail(codec: Codec, coded: list[Coded], planes: int) -> Receiver:
+    """Return the codec's receiver with a new detail layer, fitted to these scenes."""
+    receiver = with_detail(codec.receiver, basis_of(coded, planes))
     fit_tables(receiver, [(replaced(encoder, receiver), last) for encoder, last in coded])
-    make_folder(arguments.out)
-    data = serialise_receiver(receiver)
-    for name, content in ((RECEIVER_FILE, data), (SENDER_FILE, serialise_sender(codec.sender, model_id_of(data)))):
-        with write_atomically(arguments.out / name, overwrite=True) as temporary:
-            temporary.write_bytes(content)
-    print(f"{arguments.out}: model id {model_id_of(data).hex()}")
+    return receiver
 
 
 @torch.no_grad()
@@ -188,13 +168,8 @@ def best_tables(counts: Int[np.ndarray, "plane 16 magnitude"]) -> np.ndarray:
         smooth[:-distance] += 0.5**distance * counts[distance:]
     smooth += 0.02 * smooth.mean(axis=0, keepdims=True)
     magnitude = torch.arange(LAST_MAGNITUDE + 1.0)
-    bits = symbol_bits(magnitude[None], torch.arange(float(NUM_TABLES))[:, None]).numpy()
-    bits[:FIRST_CODED_TABLE] = math.inf  # nothing but zeros is coded with these
+    bits = torch.stack([symbol_bits(magnitude, torch.tensor(float(table))) for table in range(NUM_TABLES)]).numpy()
+    bits[:FIRST_CODED_TABLE] = UNCODED
     bits[:FIRST_CODED_TABLE, 0] = 0.0
-    with np.errstate(invalid="ignore"):
-        cost = np.nan_to_num(smooth[..., None, :] * bits, nan=0.0).sum(axis=-1)
-    return cost.argmin(axis=-1).astype(np.uint8)
-
-
-if __name__ == "__main__":
-    main()
+    found: np.ndarray = (smooth[..., None, :] * bits).sum(axis=-1).argmin(axis=-1).astype(np.uint8)
+    return found

@@ -72,7 +72,7 @@ def test_a_page_that_was_not_built_is_one_sentence(tmp_path: Path) -> None:
 @pytest.mark.skipif(not (FOLDER / SCENE_PAGE).exists(), reason="the page was not built; run `make web`")
 def test_the_command_serves_until_it_is_interrupted(tmp_path: Path) -> None:
     path = tmp_path / "näme 1.fcs"
-    path.write_bytes((VECTORS / "valid/scene-compact-5.fcs").read_bytes())
+    path.write_bytes((VECTORS / "valid/scene-compact-6.fcs").read_bytes())
     command = [sys.executable, "-m", "fecosplat_cli", "view", str(path), "--no-browser"]
     # Whoever runs the tests in the background has the signal ignored, and children inherit that.
     heed = partial(signal.signal, signal.SIGINT, signal.default_int_handler)

@@ -16,7 +16,7 @@ from fecocodec.receiver.decode import decode
 from fecocodec.receiver.merging import MergingConfig, merged
 from fecocodec.rendering.rasterizer import render
 
-SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-5.fcs"
+SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-6.fcs"
 SIDE = 32  # Gaussians a side
 CONFIG = MergingConfig()
 

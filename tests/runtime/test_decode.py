@@ -29,7 +29,7 @@ from tests.vectors.gaussian_difference import beyond, difference, without_render
 from tests.vectors.gaussian_samples import table
 from tests.vectors.tiny_model import VECTORS
 
-SCENE = (VECTORS / "valid" / "scene-compact-5.fcs").read_bytes()
+SCENE = (VECTORS / "valid" / "scene-compact-6.fcs").read_bytes()
 MODEL_ID = read_stream(SCENE).header.model_id
 
 

@@ -16,7 +16,7 @@ PRIOR = {"hyper", "features_1", "features_2", "pass_1", "pass_2", "step_1", "ste
 NETWORKS = {"update", "points", "attend", "attributes"}
 STEPS = {"confirm", "free_space", "duplicates", "slope", "harmonics", "background", "hide"}
 MODELS = sorted(path.parent for path in SHIPPED.glob(f"*/{RECEIVER_FILE}"))
-SCENE = VECTORS / "valid" / "scene-compact-5.fcs"
+SCENE = VECTORS / "valid" / "scene-compact-6.fcs"
 COMMAND = "python -m fecocodec.training.graphs"
 
 
@@ -44,7 +44,7 @@ def require_graphs(folder: Path, names: set[str], weights: bytes) -> None:
 def model(tmp_path: Path) -> Path:
     """A copy of the model of the scene."""
     folder = tmp_path / "model"
-    shutil.copytree(SHIPPED / "compact-5", folder)
+    shutil.copytree(SHIPPED / "compact-6", folder)
     return folder
 
 

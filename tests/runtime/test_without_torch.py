@@ -9,7 +9,7 @@ import pytest
 from tests.vectors.tiny_model import VECTORS
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENE = VECTORS / "valid" / "scene-compact-5.fcs"
+SCENE = VECTORS / "valid" / "scene-compact-6.fcs"
 # Runs the command in a process in which the sender's libraries cannot be imported.
 COMMAND = """
 import sys

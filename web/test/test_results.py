@@ -28,7 +28,7 @@ from tests.vectors.tiny_model import VECTORS
 from web.test.make_scenes import NUM_VIEWS
 
 RESULTS = Path(__file__).parents[1] / "build" / "browser"
-STREAM = (VECTORS / "valid/scene-compact-5.fcs").read_bytes()
+STREAM = (VECTORS / "valid/scene-compact-6.fcs").read_bytes()
 LEAST_PSNR = 30.0  # dB; the browser sorts and rounds splats in its own way
 needs_decoder_page = pytest.mark.skipif(
     not (FOLDER / "index.html").exists(), reason="the page that decodes was not built: no model has all graphs"

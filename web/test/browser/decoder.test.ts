@@ -10,7 +10,7 @@ import { serve, type StaticServer } from "./static-server";
 
 const ROOT = join(process.cwd(), "..");
 const PAGE = join(ROOT, "fecocodec", "web");
-const SCENE = "scene-compact-5.fcs"; // a released model's scene, 2 views of 192x128
+const SCENE = "scene-compact-6.fcs"; // a released model's scene, 2 views of 192x128
 const hasPage = existsSync(join(PAGE, "index.html"));
 const needsPage = { skip: hasPage ? false : "the page that decodes was not built: no model has all graphs" };
 
@@ -54,10 +54,10 @@ test("a scene is decoded, shown and downloaded", needsPage, async () => {
   await page.keyboard.press("h");
   await page.setViewportSize({ width: 800, height: 600 });
   const [download] = await Promise.all([page.waitForEvent("download"), page.click("#download")]);
-  assert.equal(download.suggestedFilename(), "scene-compact-5.ply");
+  assert.equal(download.suggestedFilename(), "scene-compact-6.ply");
   await download.saveAs(join(RESULTS, "scene.ply"));
   const [spz] = await Promise.all([page.waitForEvent("download"), page.click("#download-spz")]);
-  assert.equal(spz.suggestedFilename(), "scene-compact-5.spz");
+  assert.equal(spz.suggestedFilename(), "scene-compact-6.spz");
   await spz.saveAs(join(RESULTS, "scene.spz"));
   writeFileSync(join(RESULTS, "facts.txt"), await page.innerText("#status"));
   await saveThumbnails(page, 2, "thumbnail");

@@ -8,7 +8,7 @@ import type { Browser, Page } from "playwright-core";
 import { changed, drawn, launch, open, RESULTS, saveThumbnails, settled, waitForScene } from "./chromium";
 import { serve } from "./static-server";
 
-const FROM_DISK = `file://${process.cwd()}/${RESULTS}/scene.html`; // of scene-compact-5.fcs, 2 views of 192x128
+const FROM_DISK = `file://${process.cwd()}/${RESULTS}/scene.html`; // of scene-compact-6.fcs, 2 views of 192x128
 let browser: Browser;
 
 before(async () => {

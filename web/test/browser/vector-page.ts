@@ -19,7 +19,7 @@ async function check(): Promise<string[]> {
   const expected = JSON.parse(new TextDecoder().decode(await read("/vectors/expected.json"))) as Expected;
   const decoding = decodingOf(await read("/entropy/symbol_tables.bin"), [
     await read("/vectors/tiny.safetensors"),
-    await read("/weights/compact-5/receiver.safetensors"),
+    await read("/weights/compact-6/receiver.safetensors"),
   ]);
   const failures: string[] = [];
   window.checked = 0;

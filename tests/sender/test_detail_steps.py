@@ -1,0 +1,81 @@
+"""Descent on the detail layer shows the photographs better, and sends nothing where bits cost too much."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec import encode, measure_decoded, read_views
+from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.geometry.views import Views
+from fecocodec.sender.detail_steps import Search, descend, symbols_of
+from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
+WITHOUT = replace(DEFAULT, detail_steps=0)
+
+
+@pytest.fixture(scope="module")
+def views() -> Views:
+    return read_views(EXAMPLE, size=(64, 96))
+
+
+def search_of(images: torch.Tensor, price: float = 0.0) -> Search:
+    """Pictures that depend on the numbers as if every plane were a colour."""
+    return Search(images, lambda values: 0.1 * values, lambda values: 0.1 * values, price)
+
+
+def test_steps_approach_the_photographs() -> None:
+    images = torch.rand(2, 3, 8, 8, generator=torch.Generator().manual_seed(0))
+    errors = [
+        float((0.1 * descend(search_of(images), torch.zeros(2, 3, 8, 8), steps) - images).square().mean())
+        for steps in (1, 5, 30)
+    ]
+    assert errors[0] < float(images.square().mean())
+    assert errors[2] < errors[1] < errors[0]
+    assert errors[2] < 0.05 * float(images.square().mean())
+
+
+def test_a_high_price_leaves_nothing() -> None:
+    images = torch.rand(2, 3, 8, 8, generator=torch.Generator().manual_seed(0))
+    assert not descend(search_of(images, price=10.0), torch.zeros(2, 3, 8, 8), 5).any()
+
+
+def test_photographs_that_are_shown_already_give_zeros() -> None:
+    found = descend(search_of(torch.zeros(1, 3, 8, 8)), torch.zeros(1, 3, 8, 8), 3)
+    assert torch.equal(found, torch.zeros(1, 3, 8, 8))
+
+
+def test_a_lone_number_needs_to_be_larger_than_half_a_step() -> None:
+    values = torch.zeros(1, 1, 1, 3)
+    values[0, 0, 0] = torch.tensor([0.55, 1.4, -2.9])
+    table = torch.full((1, 1, 3), 22, dtype=torch.uint8).numpy()  # standard deviation 1
+    assert symbols_of(values)(0, table).tolist() == [[[0, 1, -3]]]
+
+
+def test_detail_raises_the_quality_of_the_photographs(views: Views) -> None:
+    with_detail, without = (encode(views, lmbda=1e-4, effort=effort) for effort in (DEFAULT, WITHOUT))
+    assert read_stream(with_detail).detail is not None
+    assert read_stream(without).detail is None
+    better, plain = (measure_decoded(data, views)[-1].psnr for data in (with_detail, without))
+    assert better > plain + 0.5
+    assert len(with_detail) < 1.5 * len(without)
+    assert encode(views, lmbda=1e-4) == with_detail
+
+
+def test_smaller_lambdas_buy_more_detail(views: Views) -> None:
+    sizes = []
+    for lmbda in (1e-3, 1e-4, 1e-5):
+        detail = read_stream(encode(views, lmbda=lmbda)).detail
+        sizes.append(0 if detail is None else len(detail.payload))
+    assert sizes == sorted(set(sizes))
+
+
+def test_effort_fast_and_too_large_scenes_get_no_detail(views: Views) -> None:
+    assert read_stream(encode(views, effort="fast")).detail is None
+    lambda_q = quantise_lambda(1e-4)
+    assert FAST.detail_steps_of(2**17, lambda_q) == 0
+    assert DEFAULT.detail_steps_of(2**22 + 1, lambda_q) == 0
+    assert 0 < DEFAULT.detail_steps_of(2**22, lambda_q) < DEFAULT.detail_steps_of(2**17, lambda_q)
+    assert BEST.detail_steps_of(2**17, lambda_q) > DEFAULT.detail_steps_of(2**17, lambda_q)
