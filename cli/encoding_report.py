@@ -43,5 +43,7 @@ def say_result(
 
 
 def _stage_kib(summary: StreamSummary) -> list[float]:
-    """Return the size of each stage's section in KiB."""
-    return [section.total_bytes / 1024 for section in summary.sections if section.name in ("B1", "B2")]
+    """Return the size of each stage in KiB. Detail counts as a part of the last one."""
+    sizes = [section.total_bytes / 1024 for section in summary.sections if section.name in ("B1", "B2")]
+    sizes[-1] += sum(section.total_bytes / 1024 for section in summary.sections if section.name == "detail")
+    return sizes

@@ -194,7 +194,7 @@ def command(
                         say(f"{name}: " + "  ".join(f"{key} {value:.4g}" for key, value in row.items()))
         if model is not None and is_first():
             _require_finished(trainer.step, configuration.schedule.num_steps, model)
-            export_model(trainer.checkpoint, model, configuration)
+            export_model(trainer.checkpoint, model, configuration, start)
             if not configuration.is_paper:  # torch decodes the paper's method
                 export_receiver(model)
 

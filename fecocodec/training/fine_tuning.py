@@ -20,6 +20,7 @@ from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 
 TRAINED_ALONE = ("extractor.completion.", "steps.")  # parts that a model may lack
+DETAIL = "detail."
 FREEZABLE = ("receiver", "extractor", "matching")
 
 
@@ -27,12 +28,15 @@ def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
     """Copy the weights of a model's folder, except those of an extractor of another kind.
 
     A sender keeps the initial weights of its depth completion and of its step network if the model has none, and does
-    without them if it has none itself.
+    without them if it has none itself. The detail layer is left out, because it has to be fitted to the trained receiver.
     Raises ModelError if the model is missing or has other sizes.
     """
     released, model_id = load_receiver(model / RECEIVER_FILE)
     trained = load_sender(model / SENDER_FILE, released.config, model_id)
-    load_into(receiver, released.state_dict(), model)
+    known = receiver.state_dict()
+    load_into(
+        receiver, {n: v for n, v in released.state_dict().items() if n in known or not n.startswith(DETAIL)}, model
+    )
     if trained.config.extractor == sender.config.extractor:
         own = sender.state_dict()
         initial = {name: value for name, value in own.items() if name.startswith(TRAINED_ALONE)}

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from fecocodec.checkpoint import find_receiver
-from fecocodec.container import read_stream, write_stream
+from fecocodec.container import inspect, read_stream, write_stream
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
@@ -135,11 +135,21 @@ def test_networks_agree_for_any_number_of_views_and_any_size(num_views: int, hei
 
 
 def test_intact_stages_of_a_damaged_stream_are_decoded() -> None:
-    damaged = SCENE[:-40] + bytes(40)
-    found = decode(damaged, stages="intact")
-    assert found.stages == 1 and found.damage is not None and "section B2" in found.damage
-    with pytest.raises(BitstreamError, match="section B2"):
-        decode(damaged)
+    cut = {section.name: section.offset + 20 for section in inspect(SCENE).sections}
+    for name, stages in (("B2", 1), ("detail", 2)):
+        damaged = SCENE[: cut[name]] + bytes(len(SCENE) - cut[name])
+        found = decode(damaged, stages="intact")
+        assert found.stages == stages and found.damage is not None and f"section {name}" in found.damage
+        with pytest.raises(BitstreamError, match=f"section {name}"):
+            decode(damaged)
+
+
+def test_detail_changes_the_gaussians_as_with_torch() -> None:
+    plain = write_stream(replace(read_stream(SCENE), detail=None))
+    with_detail, without = decode(SCENE).gaussians, decode(plain).gaussians
+    assert with_detail.count != without.count or not np.array_equal(with_detail.means, without.means)
+    expected = decode_with_torch(plain).gaussians
+    assert without.count == pytest.approx(expected.count, abs=2)
 
 
 def test_arguments_are_checked() -> None:
