@@ -28,7 +28,7 @@ def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
     """Copy the weights of a model's folder, except those of an extractor of another kind.
 
     A sender keeps the initial weights of its depth completion and of its step network if the model has none, and does
-    without them if it has none itself. The detail layer is left out, because it has to be fitted to the trained receiver.
+    without them if it has none itself. The detail layer is left out: it is fitted to a trained receiver.
     Raises ModelError if the model is missing or has other sizes.
     """
     released, model_id = load_receiver(model / RECEIVER_FILE)
