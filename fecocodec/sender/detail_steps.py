@@ -20,7 +20,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.distortion import LogDistortion
-from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate
+from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_detail
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import OnFraction, Stage
 
@@ -180,5 +180,5 @@ def _search_of(
         images,
         lambda values: drawn(predicted(values).gaussians.scene(0)),
         lambda values: drawn(encoder.gaussians(predicted(values))),
-        price_of_rate(config, lambda_q) / encoder.num_pixels,
+        price_of_detail(config, lambda_q) / encoder.num_pixels,
     )

@@ -9,7 +9,9 @@ from fecocodec.errors import InputError
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.distortion import Distortion, LogDistortion
 
-DETAIL_LAMBDA_Q = 1179  # lambda 1e-3: below it, detail gets more steps
+DETAIL_LAMBDA_Q = 1179  # lambda 1e-3: from it on there is no detail; below it, detail gets more steps
+FULL_DETAIL_LAMBDA_Q = 871  # lambda 3e-4: above it, the price of a bit of detail rises, so that detail begins with few
+DETAIL_PRICE_EXPONENT = 1.15  # of lambda there, beyond the exponent of the price
 FINE_LAMBDA_Q = 589  # lambda 1e-4: below it, detail is quantised more finely
 
 
@@ -32,7 +34,7 @@ class OptimisationConfig:
     held_weight, max_steps_unheld: with more steps than max_steps_unheld, changes of the renderings between the context
     views are penalised with this weight, because many steps overfit the context views.
 
-    detail_steps: steps of the detail layer at lambda 1e-3 and above; 0 for no such layer. detail_steps_per_decade: more
+    detail_steps: steps of the detail layer just below lambda 1e-3; 0 for no such layer. detail_steps_per_decade: more
     steps for each power of ten that lambda is below; none for scenes with more than `large_pixels`. detail_step: its
     quantisation step at lambda 1e-4 and above; below, it is proportional to lambda ** detail_step_exponent.
     least_latent_lambda_q: latents below the detail layer are not coded at a smaller lambda.
@@ -70,7 +72,7 @@ class OptimisationConfig:
 
     def detail_steps_of(self, num_pixels: int, lambda_q: int) -> int:
         """Return the number of steps of the detail layer; 0 for none. Arguments as for `steps_of_last`."""
-        if num_pixels > self.max_pixels or self.detail_steps == 0:
+        if num_pixels > self.max_pixels or self.detail_steps == 0 or lambda_q >= DETAIL_LAMBDA_Q:
             return 0
         if num_pixels > self.large_pixels:
             return self.detail_steps
@@ -121,6 +123,16 @@ def steps_of_first(num_steps: int) -> int:
 def price_of_rate(config: OptimisationConfig, lambda_q: int) -> float:
     """Return the price of a bit per pixel, in units of D. The lambda of stage 1 may exceed 1e-2."""
     return config.rate_weight * LAMBDA_MAX * math.exp(config.price_exponent * (lambda_q - LAMBDA_Q_MAX) / STEPS_PER_E)
+
+
+def price_of_detail(config: OptimisationConfig, lambda_q: int) -> float:
+    """Return the price of a bit of detail per pixel, in units of D.
+
+    At lambda 1e-3 and above, latents buy more at target views; below 3e-4, both buy the same, and detail far more at
+    context views.
+    """
+    rise = math.exp(DETAIL_PRICE_EXPONENT * max(0, lambda_q - FULL_DETAIL_LAMBDA_Q) / STEPS_PER_E)
+    return price_of_rate(config, lambda_q) * rise
 
 
 def step_size(config: OptimisationConfig, condition: RateCondition) -> float:

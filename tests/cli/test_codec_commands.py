@@ -59,7 +59,7 @@ def test_encode_chooses_views_by_name_size_and_bounds(fecosplat, photographs: Pa
     assert result.code == 0
     assert (summary.header.num_views, summary.header.width, summary.header.height) == (2, 64, 72)
     assert (summary.near, summary.far) == (1.0, 8.0)
-    assert [section.name for section in summary.sections] == ["cameras", "B1", "detail"]
+    assert [section.name for section in summary.sections] == ["cameras", "B1"]
 
 
 def test_overwrite_replaces_the_output(fecosplat, coded_scene: Path, photographs: Path, tmp_path: Path) -> None:
@@ -137,7 +137,7 @@ def test_damaged_file_keeps_the_old_output(fecosplat, coded_scene: Path, tmp_pat
     output.write_text("precious")
     result = fecosplat("decode", damaged, "-o", output, "--overwrite")
     assert result.code == 1
-    assert result.err.startswith(f"fecosplat: {damaged}: section detail at byte ")
+    assert result.err.startswith(f"fecosplat: {damaged}: section B2 at byte ")
     assert output.read_text() == "precious"
 
 

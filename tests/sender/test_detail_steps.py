@@ -66,15 +66,17 @@ def test_detail_raises_the_quality_of_the_photographs(views: Views) -> None:
 
 def test_smaller_lambdas_buy_more_detail(views: Views) -> None:
     sizes = []
-    for lmbda in (1e-3, 1e-4, 1e-5):
+    for lmbda in (1e-3, 3e-4, 1e-5):
         detail = read_stream(encode(views, lmbda=lmbda)).detail
         sizes.append(0 if detail is None else len(detail.payload))
+    assert sizes[0] == 0
     assert sizes == sorted(set(sizes))
 
 
 def test_effort_fast_and_too_large_scenes_get_no_detail(views: Views) -> None:
     assert read_stream(encode(views, effort="fast")).detail is None
     lambda_q = quantise_lambda(1e-4)
+    assert DEFAULT.detail_steps_of(2**17, quantise_lambda(1e-3)) == 0
     assert FAST.detail_steps_of(2**17, lambda_q) == 0
     assert DEFAULT.detail_steps_of(2**22 + 1, lambda_q) == 0
     assert 0 < DEFAULT.detail_steps_of(2**22, lambda_q) < DEFAULT.detail_steps_of(2**17, lambda_q)
