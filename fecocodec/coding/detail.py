@@ -7,7 +7,8 @@ from jaxtyping import Float32, Int32, Integer, UInt8
 
 from fecocodec.container import Detail, Header
 from fecocodec.entropy.symbol_coders import SymbolCoder, SymbolReader, SymbolWriter
-from fecocodec.errors import BitstreamError
+from fecocodec.entropy.tables import NUM_TABLES
+from fecocodec.errors import BitstreamError, ModelError
 
 BLOCK = 8  # side in pixels of what has one symbol of each plane
 LARGEST_COUNTED = 15  # magnitude of a symbol from which on larger ones change no context
@@ -55,8 +56,13 @@ def code_detail(
     """Code all planes with a symbol writer or reader; returns the symbols that a receiver decodes.
 
     choose: for a writer, called for plane after plane; None for a reader. Chosen symbols are clamped to +-2^20; those
-    of elements that are not coded are replaced by 0. Raises BitstreamError if a reader decodes an impossible value.
+    of elements that are not coded are replaced by 0. Raises BitstreamError if a reader decodes an impossible value,
+    ModelError for tables that do not exist.
     """
+    if int(tables.max()) >= NUM_TABLES:
+        raise ModelError(
+            f"weights: detail.tables names table {tables.max()} of {NUM_TABLES}, counted from 0; reinstall the package."
+        )
     symbols = np.zeros((len(tables), *size), np.int32)
     earlier = np.zeros(size, np.int32)
     for plane in range(len(tables)):

@@ -75,8 +75,8 @@ def find_detail(
     whether the photographs have transparent pixels, which are white. lambda_q: that the user chose. config: with one
     step of the detail layer or more. Raises ModelError if the model has no detail layer.
     """
-    search = _search_of(encoder, last, visibility, is_transparent, lambda_q, config)
-    values = _descended(encoder, search, lambda_q, config, on_fraction)
+    search = search_of(encoder, last, visibility, is_transparent, lambda_q, config)
+    values = values_of(encoder, search, lambda_q, config, on_fraction)
     if not bool(values.isfinite().all()):
         return None
     tables = encoder.codec.receiver.detail_basis.tables.cpu().numpy()
@@ -88,21 +88,12 @@ def find_detail(
 
 def values_of(
     encoder: SceneEncoder,
-    last: Stage[Any],
-    visibility: Float32[np.ndarray, " n"] | None,
-    is_transparent: bool,
+    search: Search,
     lambda_q: int,
     config: OptimisationConfig,
     on_fraction: OnFraction = lambda _fraction: None,
 ) -> Values:
-    """Return the numbers before the choice of symbols. Arguments as for `find_detail`."""
-    search = _search_of(encoder, last, visibility, is_transparent, lambda_q, config)
-    return _descended(encoder, search, lambda_q, config, on_fraction)
-
-
-def _descended(
-    encoder: SceneEncoder, search: Search, lambda_q: int, config: OptimisationConfig, on_fraction: OnFraction
-) -> Values:
+    """Return the numbers before the choice of symbols. search: `search_of` the same scene."""
     height, width = (side // BLOCK for side in encoder.size)
     planes = len(encoder.codec.receiver.detail_basis.basis)
     start = torch.zeros(encoder.num_views, planes, height, width, device=encoder.images.device)
@@ -150,7 +141,7 @@ def _gradient(search: Search, values: Values) -> Values:
     return gradient
 
 
-def _search_of(
+def search_of(
     encoder: SceneEncoder,
     last: Stage[Any],
     visibility: Float32[np.ndarray, " n"] | None,
@@ -158,7 +149,7 @@ def _search_of(
     lambda_q: int,
     config: OptimisationConfig,
 ) -> Search:
-    """Return the search of one scene.
+    """Return the search of one scene. Arguments as for `find_detail`.
 
     Colours are constant in the descent: view-dependent ones would compensate depth errors.
     """

@@ -10,7 +10,7 @@ from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.distortion import Distortion, LogDistortion
 
 DETAIL_LAMBDA_Q = 1179  # lambda 1e-3: from it on there is no detail; below it, detail gets more steps
-FULL_DETAIL_LAMBDA_Q = 871  # lambda 3e-4: above it, the price of a bit of detail rises, so that detail begins with few
+FULL_DETAIL_LAMBDA_Q = 871  # lambda 3e-4: above it, bits of detail cost more, so that files near 1e-3 have few of them
 DETAIL_PRICE_EXPONENT = 1.15  # of lambda there, beyond the exponent of the price
 FINE_LAMBDA_Q = 589  # lambda 1e-4: below it, detail is quantised more finely
 

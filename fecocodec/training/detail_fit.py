@@ -30,7 +30,7 @@ from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.detail_steps import symbols_of, values_of
+from fecocodec.sender.detail_steps import search_of, symbols_of, values_of
 from fecocodec.sender.distortion import LogDistortion
 from fecocodec.sender.encode import write_stages
 from fecocodec.sender.optimisation_config import DEFAULT
@@ -40,7 +40,7 @@ from fecocodec.sender.stages import Stage
 
 SIZE = (256, 256)
 LAMBDA_OF_LATENTS = 1e-3
-LAMBDAS_OF_DETAIL = (3e-3, 1e-3, 3e-4, 1e-4, 2e-5)
+LAMBDAS_OF_DETAIL = (5e-4, 3e-4, 1e-4, 3e-5, 1e-5)  # from 1e-3 on there is no detail
 NUM_STEPS, MOMENTUM = 30, 0.7
 FIRST_RMS = 0.0036  # of the first step, relative to the sensitivities
 SMOOTHING = 3  # planes on each side whose counts a plane's tables also use, each half as much as the one nearer
@@ -135,7 +135,9 @@ def fit_tables(receiver: Receiver, coded: list[Coded]) -> None:
     with torch.no_grad():
         for encoder, last in coded:
             for lmbda in LAMBDAS_OF_DETAIL:
-                values = values_of(encoder, last, None, False, quantise_lambda(lmbda), DEFAULT)
+                lambda_q = quantise_lambda(lmbda)
+                search = search_of(encoder, last, None, False, lambda_q, DEFAULT)
+                values = values_of(encoder, search, lambda_q, DEFAULT)
                 found.append((symbols_of(values), (len(values), *values.shape[2:])))
     for _ in range(ROUNDS):
         counts = sum(_counts(detail.tables.numpy(), *scene) for scene in found)

@@ -19,7 +19,7 @@ from fecocodec.coding.detail import (
 from fecocodec.container import Detail
 from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT
-from fecocodec.errors import BitstreamError
+from fecocodec.errors import BitstreamError, ModelError
 from tests.container.example_streams import example_stream
 from tests.entropy.ans_reference import ReferenceAns, decode_batch
 
@@ -209,3 +209,10 @@ def test_a_model_without_detail_refuses_it() -> None:
 def test_a_damaged_payload_is_named_by_its_section() -> None:
     with pytest.raises(BitstreamError, match=r"^section detail: payload: its 5 bytes are not 32-bit words"):
         detail_values(random_tables(0), Detail(0, b"12345"), HEADER)
+
+
+def test_tables_that_do_not_exist_are_refused() -> None:
+    tables = random_tables(0)
+    tables[3, 5] = 64
+    with pytest.raises(ModelError, match="names table 64"):
+        decode_detail(tables, b"", SIZE)

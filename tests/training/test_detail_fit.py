@@ -11,10 +11,20 @@ from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import write_stages
-from fecocodec.sender.optimisation_config import FAST
+from fecocodec.sender.optimisation_config import DEFAULT, FAST
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.training.detail_fit import LAST_MAGNITUDE, Coded, basis_of, best_tables, with_detail
+from fecocodec.training.detail_fit import (
+    LAMBDAS_OF_DETAIL,
+    LAST_MAGNITUDE,
+    SIZE,
+    Coded,
+    basis_of,
+    best_tables,
+    fit_tables,
+    replaced,
+    with_detail,
+)
 from tests.example_scenes import MODEL, example_views
 
 PLANES = 5
@@ -71,3 +81,12 @@ def test_best_tables_need_fewer_bytes_than_one_table_for_all() -> None:
         assert np.array_equal(coded, symbols)
         sizes.append(len(payload))
     assert sizes[0] < 0.9 * sizes[1]
+
+
+def test_tables_are_fitted_at_lambdas_that_have_detail(codec: Codec, coded: list[Coded]) -> None:
+    pixels = 2 * SIZE[0] * SIZE[1]
+    assert all(DEFAULT.detail_steps_of(pixels, quantise_lambda(lmbda)) > 0 for lmbda in LAMBDAS_OF_DETAIL)
+    receiver = with_detail(codec.receiver, basis_of(coded, PLANES))
+    before = receiver.detail_basis.tables.clone()
+    fit_tables(receiver, [(replaced(encoder, receiver), last) for encoder, last in coded])
+    assert not torch.equal(receiver.detail_basis.tables, before)
