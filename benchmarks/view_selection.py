@@ -88,7 +88,7 @@ def targets_between(poses: np.ndarray, chosen: list[int], candidates: list[int])
 def confirmed_shares(codec: Codec, views: Views) -> list[float]:
     """Return the share of each view's pixels that the best other view confirms, as `overlap_warnings` has it."""
     scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    encoder = SceneEncoder.of(codec, scene)
     overlap = view_overlap(scene.images[0], encoder.matching.depth.relative_disparity, scene.cameras.scene(0))
     shares: list[float] = torch.maximum(overlap.confirmed, overlap.confirmed.T).amax(dim=1).tolist()
     return shares

@@ -12,8 +12,10 @@ def grid_size(height: int, width: int) -> tuple[int, int]:
     return grid_side(height), grid_side(width)
 
 
-def resample_to_grid(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 3 grid_h grid_w"]:
-    """Resample images (sRGB in [0, 1]) to their coding grid, bicubic with antialiasing.
+def resample_to_grid(
+    images: Float[Tensor, "view channel height width"],
+) -> Float[Tensor, "view channel grid_h grid_w"]:
+    """Resample images or opacities, in [0, 1], to their coding grid, bicubic with antialiasing.
 
     The grid covers exactly the image, so the normalised intrinsics do not change.
     """

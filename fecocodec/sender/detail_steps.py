@@ -19,6 +19,7 @@ from fecocodec.container import Detail
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.cut_out import Pictures
 from fecocodec.sender.distortion import LogDistortion
 from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_detail
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -33,23 +34,22 @@ LEAST_SCALE = 0.2  # of a block's gradients, as a share of the mean over the blo
 PLANE_EXPONENT = 0.5  # of the scale of a plane
 BITS_OF_ONE = 9.0  # bits that the threshold takes a symbol of magnitude 1 for
 PRICE_OF_CHOICE = 0.12  # of a bit, in squared steps, for the choice of symbols
-WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Search:
     """What a search of one scene needs.
 
-    rendered: pictures of the views, with constant colours. as_decoded: the same with those of a decoder. price: of
-    a bit, in units of D.
+    images: photographs; of cut-outs on white, then on black. rendered: pictures of the views, like the photographs,
+    with constant colours. as_decoded: the same with those of a decoder. price: of a bit, in units of D.
     """
 
-    images: Float[Tensor, "view 3 h w"]
-    rendered: Callable[[Values], Float[Tensor, "view 3 h w"]]
-    as_decoded: Callable[[Values], Float[Tensor, "view 3 h w"]]
+    images: Pictures
+    rendered: Callable[[Values], Pictures]
+    as_decoded: Callable[[Values], Pictures]
     price: float
 
-    def distortion(self, rendered: Float[Tensor, "view 3 h w"]) -> Float[Tensor, ""]:
+    def distortion(self, rendered: Pictures) -> Float[Tensor, ""]:
         """Return D, without its part for structure."""
         squared = (rendered - self.images).square().mean(dim=(-3, -2, -1))
         return LogDistortion.log_weight * torch.log(squared + LogDistortion.least_error).mean()
@@ -64,18 +64,16 @@ def find_detail(
     encoder: SceneEncoder,
     last: Stage[Any],
     visibility: Float32[np.ndarray, " n"] | None,
-    is_transparent: bool,
     lambda_q: int,
     config: OptimisationConfig,
     on_fraction: OnFraction = lambda _fraction: None,
 ) -> Detail | None:
     """Return the detail layer of one scene; None if it gains less than its bits cost.
 
-    last: the last stage, as coded. visibility: factors of opacities, as the decoder applies them. is_transparent:
-    whether the photographs have transparent pixels, which are white. lambda_q: that the user chose. config: with one
-    step of the detail layer or more. Raises ModelError if the model has no detail layer.
+    last: the last stage, as coded. visibility: factors of opacities, as the decoder applies them. lambda_q: that the
+    user chose. config: with one step of the detail layer or more. Raises ModelError if the model has no detail layer.
     """
-    search = search_of(encoder, last, visibility, is_transparent, lambda_q, config)
+    search = search_of(encoder, last, visibility, lambda_q, config)
     values = values_of(encoder, search, lambda_q, config, on_fraction)
     if not bool(values.isfinite().all()):
         return None
@@ -145,7 +143,6 @@ def search_of(
     encoder: SceneEncoder,
     last: Stage[Any],
     visibility: Float32[np.ndarray, " n"] | None,
-    is_transparent: bool,
     lambda_q: int,
     config: OptimisationConfig,
 ) -> Search:
@@ -154,22 +151,22 @@ def search_of(
     Colours are constant in the descent: view-dependent ones would compensate depth errors.
     """
     predictor, basis = encoder.codec.receiver.predictor, encoder.codec.receiver.detail_basis
-    cameras, images = encoder.cameras, encoder.images[0]
+    cameras = encoder.cameras
     inputs = predictor.before_head(last.state, cameras, last.inputs.condition)
-    factors = None if visibility is None else torch.from_numpy(visibility).to(images)
-    step, background = float(step_size(config.detail_step_of(lambda_q))), WHITE if is_transparent else BLACK
-
-    def drawn(gaussians: Gaussians) -> Tensor:
-        if factors is not None:
-            gaussians = replace(gaussians, opacities=gaussians.opacities * factors)
-        return render(gaussians, cameras.scene(0), encoder.size, background).color
+    factors = None if visibility is None else torch.from_numpy(visibility).to(encoder.images)
+    step = float(step_size(config.detail_step_of(lambda_q)))
 
     def predicted(values: Values) -> Prediction:
         return predictor.gaussians(*inputs, cameras, basis(values * step))
 
+    def pictures(gaussians: Gaussians) -> Pictures:
+        if factors is not None:
+            gaussians = replace(gaussians, opacities=gaussians.opacities * factors)
+        return encoder.pictures(render(gaussians, cameras.scene(0), encoder.size))
+
     return Search(
-        images,
-        lambda values: drawn(predicted(values).gaussians.scene(0)),
-        lambda values: drawn(encoder.gaussians(predicted(values))),
+        encoder.photographs,
+        lambda values: pictures(predicted(values).gaussians.scene(0)),
+        lambda values: pictures(encoder.gaussians(predicted(values))),
         price_of_detail(config, lambda_q) / encoder.num_pixels,
     )

@@ -78,7 +78,7 @@ def encode_with(
     Raises InputError for cameras that a stream cannot represent.
     """
     scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    encoder = SceneEncoder.of(codec, scene)
     on_progress("matching views", 0.0)
     warn_of_overlap(encoder, views.names, on_warning)
     return write_scene(encoder, scene, lambda_q, num_stages, config, on_progress)
@@ -110,7 +110,6 @@ def write_scene(
         encoder,
         stages[-1],
         visibility_of(stream, receiver.config.gaussians_per_side),
-        scene.alpha is not None,
         lambda_q,
         config,
         lambda done: on_progress("finding detail", share + SHARE_OF_DETAIL * done),
@@ -147,7 +146,7 @@ def write_stages(
     if model.method != PAPER:
         optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
         if config.num_steps > 0 and encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS:
-            fade = fader(encoder.images[0], encoder.cameras.scene(0))
+            fade = fader(encoder.images[0], encoder.cameras.scene(0), encoder.background)
     return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, fade, on_progress)
 
 

@@ -54,16 +54,18 @@ class Fading:
 Fade = Callable[[Gaussians, Fading | None], Fading]  # (all Gaussians after a stage, fading before it)
 
 
-def fader(images: Float[Tensor, "view 3 h w"], cameras: Cameras) -> Fade:
+def fader(
+    images: Float[Tensor, "view 3 h w"], cameras: Cameras, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Fade:
     """Return a function that finds the fading of a scene.
 
-    images: sRGB in [0, 1], on the coding grid. cameras: normalised.
+    images: sRGB in [0, 1], on the coding grid. cameras: normalised. background: behind the Gaussians, sRGB.
     """
     size = (images.shape[-2], images.shape[-1])
     grid = (len(images), images.shape[-2] // FADING_BLOCKS.side, images.shape[-1] // FADING_BLOCKS.side)
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
-        color = render(gaussians, cameras.select([view]), size).color.clamp(0, 1)
+        color = render(gaussians, cameras.select([view]), size, background).color.clamp(0, 1)
         return finite_psnr(color, images[[view]])[0]
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:

@@ -14,22 +14,20 @@ from pathlib import Path
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.container import COVERAGE_CELLS, Header, quantise_lambda
+from fecocodec.container import quantise_lambda
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.limits import MIN_SIDE, grid_side
 from fecocodec.rendering.metrics import finite_psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.coverage import covered_cells
-from fecocodec.sender.decoded_quality import BLACK, WHITE
 from fecocodec.sender.encode import check_views
 from fecocodec.sender.latent_coding import EstimatedLatent, estimate_bits
-from fecocodec.sender.scene import Scene, prepare_scene
+from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import Stage
 
@@ -120,16 +118,13 @@ class _Trial:
 
     encoder: SceneEncoder
     stage: Stage[EstimatedLatent]
-    is_covered: Bool[Tensor, "view n"]
-    background: tuple[float, float, float]
 
     @staticmethod
     def of(codec: Codec, views: Views, lambda_q: int) -> "_Trial":
         scene = prepare_scene(views, codec.device)
-        encoder = SceneEncoder(codec, scene.images, scene.cameras)
+        encoder = SceneEncoder.of(codec, scene)
         (stage,) = encoder.run(torch.tensor([lambda_q]), 1, estimate_bits(codec))
-        covered = _covered(codec, scene, lambda_q)
-        return _Trial(encoder, stage, covered, BLACK if scene.alpha is None else WHITE)
+        return _Trial(encoder, stage)
 
     @cached_property
     def photographs(self) -> Float[Tensor, "view 3 h w"]:
@@ -146,7 +141,7 @@ class _Trial:
             with torch.enable_grad():
                 others = gaussians.keep(is_other)
                 others = replace(others, opacities=others.opacities * opacity[view_of[is_other]])
-                color = render(others, cameras.select([view]), self.encoder.size, self.background).color
+                color = render(others, cameras.select([view]), self.encoder.size, self.encoder.background).color
                 quality = finite_psnr(color.clamp(0, 1), self.photographs[[view]])[0] / count
             total += float(quality)
             if others.count:
@@ -154,24 +149,16 @@ class _Trial:
         return _Judgement(total, (-growth).tolist())
 
     def _predict(self, kept: list[int]) -> tuple[Gaussians, Tensor]:
-        """Return the Gaussians in covered cells, and the index of the view of each."""
+        """Return the Gaussians that a decoder would emit, and the index of the view of each."""
         receiver, cameras = self.encoder.codec.receiver, self.encoder.cameras.scene(0).select(kept)
         condition = receiver.condition(self.stage.inputs.lambda_q[kept], self.stage.inputs.stage)
         prediction = receiver.predict(self.stage.state[kept], cameras.as_batch(), condition)
-        gaussians, covered = receiver.appearance(prediction, cameras), self.is_covered[kept]
-        view_of = torch.tensor(kept, device=covered.device)[:, None].expand_as(covered)
-        return gaussians.keep(covered.flatten()), view_of[covered]
-
-
-def _covered(codec: Codec, scene: Scene, lambda_q: int) -> Bool[Tensor, "view n"]:
-    """Return which Gaussians of each view a decoder would emit: those in cells that are not transparent."""
-    per_side = codec.receiver.config.gaussians_per_side
-    header = Header(codec.model_id, scene.num_views, *scene.image_size, lambda_q, (b"",))
-    cells = torch.ones(COVERAGE_CELLS.shape(header), dtype=torch.bool)
-    if scene.alpha is not None:
-        cells = covered_cells(scene.alpha, COVERAGE_CELLS.shape(header))
-    covered = cells.repeat_interleave(per_side, dim=1).repeat_interleave(per_side, dim=2)
-    return covered.flatten(1).to(codec.device)
+        gaussians, cut_out = receiver.appearance(prediction, cameras), self.encoder.cut_out
+        view_of = torch.tensor(kept, device=gaussians.means.device).repeat_interleave(gaussians.count // len(kept))
+        if cut_out is None:
+            return gaussians, view_of
+        is_covered = cut_out.is_covered[kept].flatten()
+        return gaussians.keep(is_covered), view_of[is_covered]
 
 
 def _at_judged_size(views: Views) -> Views:

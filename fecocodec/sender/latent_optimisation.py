@@ -94,7 +94,7 @@ def optimise_latents(
     propose: see `proposer`. on_fraction: called before each step.
     """
     lambda_q = int(inputs.lambda_q[0])
-    price = price_of_rate(config, lambda_q) / encoder.num_pixels
+    price, photographs = price_of_rate(config, lambda_q) / encoder.num_pixels, encoder.photographs
 
     held = None
     if num_steps > config.max_steps_unheld:
@@ -108,11 +108,12 @@ def optimise_latents(
         num_evaluated += 1
         estimated = estimate(y, inputs)
         gaussians = gaussians_of(encoder, config, inputs, estimated.y_hat)
-        rendered = render(gaussians, encoder.cameras.scene(0), encoder.size).color
-        distortion = config.distortion(rendered, encoder.images[0], config.ssim_stride).mean()
+        pictures = encoder.pictures(render(gaussians, encoder.cameras.scene(0), encoder.size))
+        distortion = config.distortion(pictures, photographs, config.ssim_stride).mean()
         if held is not None:
             distortion = distortion + config.held_weight * _change(gaussians, held, encoder.size)
-        return Objective(distortion, price * estimated.bits.sum(), encoder.images[0] - rendered.detach())
+        errors = (photographs - pictures.detach())[: encoder.num_views]  # on white, if there is a choice
+        return Objective(distortion, price * estimated.bits.sum(), errors)
 
     return descend(y, evaluate, num_steps, step_size(config, inputs.condition), propose)
 
@@ -181,7 +182,7 @@ def _change(gaussians: Gaussians, held: HeldViews, size: tuple[int, int]) -> Flo
 def gaussians_of(
     encoder: SceneEncoder, config: OptimisationConfig, inputs: StageInputs, y_hat: Float[Tensor, "view latent h8 w8"]
 ) -> Gaussians:
-    """Predict the Gaussians of a stage, faded if there is fading.
+    """Predict the Gaussians of a stage, faded if there is fading, without those that a cut-out does not emit.
 
     Colours are constant: view-dependent colours would compensate depth errors. For few views, gradients skip the
     residual branches of the predictor. Gradients through these branches improve only the context views, and cost rate
@@ -190,6 +191,7 @@ def gaussians_of(
     is_direct = encoder.num_views <= config.max_views_of_direct_gradients
     with direct_gradients() if is_direct else nullcontext():
         gaussians = encoder.predict(encoder.update(inputs, y_hat), inputs.condition).gaussians.scene(0)
+    gaussians = encoder.emitted(gaussians)
     return gaussians if inputs.fading is None else inputs.fading.faded(gaussians)
 
 

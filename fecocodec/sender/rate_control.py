@@ -112,7 +112,7 @@ def encode_to_target_with(
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
     scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    encoder = SceneEncoder.of(codec, scene)
     on_progress("matching views", 0.0)
     warn_of_overlap(encoder, views.names, on_warning)
 

@@ -17,12 +17,14 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.decode import OnProgress
 from fecocodec.receiver.predictor import Prediction
-from fecocodec.rendering.rasterizer import render
+from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.codec import Codec
+from fecocodec.sender.cut_out import BLACK, WHITE, CutOut, Pictures, cut_out_of
 from fecocodec.sender.extractors.adapter import ConditionedAdapter
 from fecocodec.sender.fading import Fade
 from fecocodec.sender.matched_depth import depth_feedback
 from fecocodec.sender.model import NO_CONTEXT, NO_FEEDBACK
+from fecocodec.sender.scene import Scene
 from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
 from fecocodec.sender.stages import (
     Coded,
@@ -42,9 +44,21 @@ class SceneEncoder:
     S1 -> P -> rendering -> E_fb(I, .) -> F2 -> g_a(., S1) -> y2 -> coder -> y2_hat -> U(S1, g_s(.)) -> S2
     """
 
-    def __init__(self, codec: Codec, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> None:
-        """images: sRGB in [0, 1], sides multiples of 32. cameras: a batch of normalised scenes."""
-        self.codec, self.images, self.cameras = codec, images, cameras
+    def __init__(
+        self,
+        codec: Codec,
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        cut_out: CutOut | None = None,
+    ) -> None:
+        """images: sRGB in [0, 1], sides multiples of 32. cameras: normalised, a batch. cut_out: of one scene."""
+        self.codec, self.images, self.cameras, self.cut_out = codec, images, cameras, cut_out
+
+    @staticmethod
+    def of(codec: Codec, scene: Scene) -> "SceneEncoder":
+        """Return the encoder of one scene."""
+        cut_out = cut_out_of(scene, codec.receiver.config.gaussians_per_side)
+        return SceneEncoder(codec, scene.images, scene.cameras, cut_out)
 
     @property
     def num_views(self) -> int:
@@ -119,7 +133,7 @@ class SceneEncoder:
             y_hat, state = coded.y_hat, self.update(inputs, coded.y_hat)  # S_k = U(S_{k-1}, g_s(y_k_hat))
             if fade is not None:
                 on_progress("fading what hides other views", end)
-                fading = fade(self.gaussians(self.predict(state, condition)), fading)
+                fading = fade(self.emitted(self.gaussians(self.predict(state, condition))), fading)
             stages.append(Stage(inputs, y, coded, state, rendering, fading))
         return tuple(stages)
 
@@ -150,14 +164,32 @@ class SceneEncoder:
     def render(self, stage: Stage[Any]) -> StageRendering:
         """Render the context views as the receiver does after a stage. Requires a batch of one scene."""
         prediction = self.predict(stage.state, stage.inputs.condition)
-        gaussians = self.gaussians(prediction)
+        gaussians = self.emitted(self.gaussians(prediction))
         if stage.fading is not None:
             gaussians = stage.fading.faded(gaussians)
-        return StageRendering(prediction, (render(gaussians, self.cameras.scene(0), self.size),))
+        return StageRendering(prediction, (render(gaussians, self.cameras.scene(0), self.size, self.background),))
 
     def gaussians(self, prediction: Prediction) -> Gaussians:
         """Return all Gaussians with view-dependent colours. Requires a batch of one scene."""
         return self.codec.receiver.appearance(prediction, self.cameras.scene(0))
+
+    def emitted(self, gaussians: Gaussians) -> Gaussians:
+        """Return all Gaussians of a scene, with an opacity of 0 for those that a cut-out does not emit."""
+        return gaussians if self.cut_out is None else self.cut_out.emitted(gaussians)
+
+    @property
+    def background(self) -> tuple[float, float, float]:
+        """What is behind the Gaussians in `images`, sRGB: cut-outs are on white."""
+        return BLACK if self.cut_out is None else WHITE
+
+    @property
+    def photographs(self) -> Pictures:
+        """What the pictures of one scene are compared with: the context views; of cut-outs on white, then on black."""
+        return self.images[0] if self.cut_out is None else self.cut_out.photographs(self.images[0])
+
+    def pictures(self, rendering: Rendering) -> Pictures:
+        """Return the renderings of the context views on the backgrounds of `photographs`. rendering: on black."""
+        return rendering.color if self.cut_out is None else self.cut_out.pictures(rendering)
 
     def feedback(self, rendering: StageRendering, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
         """F_{k+1} = E_fb(I, I_k_hat, depth errors). Gradients do not reach the previous stage.

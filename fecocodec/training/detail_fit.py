@@ -67,7 +67,7 @@ def coded_scenes(codec: Codec, root: Path, index: Path, count: int) -> Iterator[
     for entry in entries[:count]:
         views = read_views(root / entry.scene, views=entry.context, size=SIZE, background="white")
         scene = prepare_scene(views, codec.device)
-        encoder = SceneEncoder(codec, scene.images, scene.cameras)
+        encoder = SceneEncoder.of(codec, scene)
         yield encoder, write_stages(encoder, quantise_lambda(LAMBDA_OF_LATENTS), 2, DEFAULT)[-1]
 
 
@@ -136,7 +136,7 @@ def fit_tables(receiver: Receiver, coded: list[Coded]) -> None:
         for encoder, last in coded:
             for lmbda in LAMBDAS_OF_DETAIL:
                 lambda_q = quantise_lambda(lmbda)
-                search = search_of(encoder, last, None, False, lambda_q, DEFAULT)
+                search = search_of(encoder, last, None, lambda_q, DEFAULT)
                 values = values_of(encoder, search, lambda_q, DEFAULT)
                 found.append((symbols_of(values), (len(values), *values.shape[2:])))
     for _ in range(ROUNDS):

@@ -120,7 +120,7 @@ def latents_of(
 ) -> list[SceneLatents]:
     """Return the latents that the sender codes for these views; a single stage at the last `num_alone` lambdas."""
     scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    encoder = SceneEncoder.of(codec, scene)
     found = []
     for position, lambda_q in enumerate(lambdas_q):
         num_stages = 2 if position < len(lambdas_q) - num_alone else 1

@@ -29,7 +29,7 @@ def estimated_system(codec: Codec, lmbda: float) -> System:
 def _reconstruct(codec: Codec, lambda_q: int, views: Views, num_context: int) -> Reconstruction:
     begin = perf_counter()
     scene = prepare_scene(views.select(list(range(num_context))), codec.device)
-    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    encoder = SceneEncoder.of(codec, scene)
     stages = encoder.run(torch.tensor([lambda_q]), codec.receiver.config.num_stages, write_latents(codec))
     num_bytes, last = sum(len(stage.coded.payload) for stage in stages), stages[-1]
     encoded = perf_counter()

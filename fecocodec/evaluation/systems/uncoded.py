@@ -26,7 +26,7 @@ def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) ->
     config: of the latent optimisation towards these views, which minimises D alone.
     """
     scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    encoder = SceneEncoder.of(codec, scene)
     optimise = optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q)
     last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, optimise)[-1]
     return emit(codec.receiver, State(last.state, last.inputs.condition), unpack(scene.packed), None, EmissionConfig())

@@ -1,0 +1,101 @@
+"""Cut-out photographs: what is emitted of them, and that optimisation judges them on more than one background."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec import read_views
+from fecocodec.coding.visibility import visibility_of
+from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_with
+from fecocodec.rendering.metrics import psnr
+from fecocodec.rendering.rasterizer import Rendering, render
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.cut_out import CutOut
+from fecocodec.sender.encode import write_scene
+from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder
+
+ROOT = Path(__file__).parents[2]
+SIZE = (64, 96)
+WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def codec() -> Codec:
+    return load_codec(ROOT / "fecocodec" / "weights" / "compact-6", "cpu")
+
+
+@pytest.fixture(scope="module")
+def cut_out_views() -> Views:
+    """The bundled pair, cut out by an ellipse with a soft rim."""
+    views = read_views(ROOT / "examples" / "motorcycle", size=SIZE)
+    rows, columns = torch.meshgrid(torch.linspace(-1, 1, SIZE[0]), torch.linspace(-1, 1, SIZE[1]), indexing="ij")
+    opacity = (8.0 * (0.8 - torch.hypot(rows, columns))).clamp(0, 1).expand(len(views.images), *SIZE)
+    return replace(views, images=views.images * opacity[:, None] + 1.0 - opacity[:, None], alpha=opacity)
+
+
+def test_pictures_and_photographs_are_on_white_then_on_black() -> None:
+    cut_out = CutOut(torch.tensor([0.0, 0.25, 1.0]).reshape(1, 1, 1, 3), torch.ones(1, 1, dtype=torch.bool))
+    on_white = torch.tensor([0.5, 0.5, 1.0]).expand(1, 3, 1, 3)
+    on_black = torch.tensor([0.5, 0.25, 0.0]).expand(1, 3, 1, 3)
+    assert torch.equal(cut_out.photographs(on_white), torch.cat((on_white, on_black)))
+    rendering = Rendering(on_black, torch.zeros(1, 1, 3), torch.tensor([1.0, 0.75, 0.0]).reshape(1, 1, 3))
+    assert torch.equal(cut_out.pictures(rendering), torch.cat((on_white, on_black)))
+
+
+@torch.no_grad()
+def test_opaque_photographs_are_compared_as_they_are(codec: Codec) -> None:
+    views = read_views(ROOT / "examples" / "motorcycle", size=SIZE)
+    encoder = SceneEncoder.of(codec, prepare_scene(views, codec.device))
+    assert encoder.cut_out is None
+    assert torch.equal(encoder.photographs, encoder.images[0])
+
+
+@torch.no_grad()
+def test_the_emitted_gaussians_are_those_of_the_decoder(codec: Codec, cut_out_views: Views) -> None:
+    scene = prepare_scene(cut_out_views, codec.device)
+    encoder = SceneEncoder.of(codec, scene)
+    assert encoder.cut_out is not None
+    visibility = visibility_of(read_stream(write_scene(encoder, scene, quantise_lambda(1e-2), 1, DEFAULT)))
+    assert visibility is not None
+    assert torch.equal(encoder.cut_out.is_covered.flatten().float(), torch.from_numpy(visibility))
+    plain = Gaussians(
+        torch.zeros(len(visibility), 3),
+        torch.ones(len(visibility), 3),
+        torch.ones(len(visibility), 4),
+        torch.full((len(visibility),), 0.5),
+        torch.zeros(len(visibility), 1, 3),
+    )
+    assert torch.equal(encoder.cut_out.emitted(plain).opacities, 0.5 * torch.from_numpy(visibility))
+
+
+@pytest.mark.parametrize("lmbda", [1e-3, 1e-4])  # without and with detail
+@torch.no_grad()
+def test_cut_outs_come_out_better_than_when_judged_on_white_alone(
+    codec: Codec, cut_out_views: Views, lmbda: float
+) -> None:
+    scene = prepare_scene(cut_out_views, codec.device)
+    assert cut_out_views.alpha is not None
+    opacity = cut_out_views.alpha[:, None]
+    quality = {}
+    for name, encoder in (
+        ("both", SceneEncoder.of(codec, scene)),
+        ("white", SceneEncoder(codec, scene.images, scene.cameras)),
+    ):
+        gaussians = decode_with(
+            codec.receiver, write_scene(encoder, scene, quantise_lambda(lmbda), 2, DEFAULT)
+        ).gaussians
+        for background, image in (
+            (WHITE, cut_out_views.images),
+            (BLACK, cut_out_views.images - (1.0 - opacity)),
+        ):
+            picture = render(gaussians, cut_out_views.cameras, SIZE, background).color.clamp(0, 1)
+            quality[name, background] = float(psnr(picture, image).mean())
+    assert quality["both", BLACK] > quality["white", BLACK] + 1.0
+    assert quality["both", WHITE] > quality["white", WHITE]
