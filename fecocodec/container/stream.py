@@ -125,12 +125,7 @@ def read_prefix(data: bytes, num_stages: int) -> Stream:
     parsed = read_header(data)
     if not 1 <= num_stages <= parsed.header.num_stages:
         raise InputError(f"{num_stages} stages asked for, the stream has {parsed.header.num_stages}; ask for fewer.")
-    sections = []
-    for section in _sections(data, parsed):
-        sections.append(section)
-        if section.head.kind == STAGE_KINDS[num_stages - 1]:
-            break
-    return _assemble(parsed.header, sections, num_stages)
+    return _read_until(data, parsed, STAGE_KINDS[num_stages - 1], num_stages)
 
 
 def read_packed_cameras(data: bytes) -> PackedCameras:
@@ -138,31 +133,41 @@ def read_packed_cameras(data: bytes) -> PackedCameras:
 
     Raises BitstreamError for a rule broken in or before the camera section.
     """
-    parsed = read_header(data)
-    sections = []
-    for section in _sections(data, parsed):
-        sections.append(section)
-        if section.head.kind == SectionKind.CAMERAS:
-            break
-    return _assemble(parsed.header, sections, 0).cameras
+    return _read_until(data, read_header(data), SectionKind.CAMERAS, 0).cameras
 
 
 def read_intact(data: bytes) -> IntactPart:
-    """Parse as many stages as are intact. Raises BitstreamError if not even stage 1 is.
+    """Parse as many stages as are intact, and detail if it is. Raises BitstreamError if not even stage 1 is.
 
-    If anything is damaged, the result has neither detail nor metadata.
+    If anything is damaged, the result has no metadata.
     """
     try:
         return IntactPart(read_stream(data), None)
     except BitstreamError as error:
         damage = error
-    for num_stages in range(read_header(data).header.num_stages, 0, -1):
+    parsed = read_header(data)
+    count = parsed.header.num_stages
+    ends = [(SectionKind.DETAIL, count), *((STAGE_KINDS[stage - 1], stage) for stage in range(count, 0, -1))]
+    for end, num_stages in ends:
         try:
             # Omit the advice to decode what is intact, because that is being done here.
-            return IntactPart(read_prefix(data, num_stages), without_fallback(str(damage)))
+            return IntactPart(_read_until(data, parsed, end, num_stages), without_fallback(str(damage)))
         except BitstreamError:
             continue  # a shorter prefix may be intact; `damage` is reported in any case
     raise damage
+
+
+def _read_until(data: bytes, parsed: ParsedHeader, end: SectionKind, num_stages: int) -> Stream:
+    """Parse the sections up to the one of this kind, or all if there is none, without metadata.
+
+    num_stages: among them. Raises BitstreamError for a rule broken before the end.
+    """
+    sections = []
+    for section in _sections(data, parsed):
+        sections.append(section)
+        if section.head.kind == end:
+            break
+    return _assemble(parsed.header, sections, num_stages)
 
 
 def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[_Section]:

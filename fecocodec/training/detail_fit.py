@@ -82,7 +82,7 @@ def with_detail(receiver: Receiver, basis: Float[Tensor, "plane block"]) -> Rece
 
 def replaced(encoder: SceneEncoder, receiver: Receiver) -> SceneEncoder:
     """Return the encoder of the same scene with another receiver."""
-    return SceneEncoder(replace(encoder.codec, receiver=receiver), encoder.images, encoder.cameras)
+    return SceneEncoder(replace(encoder.codec, receiver=receiver), encoder.images, encoder.cameras, encoder.cut_out)
 
 
 def basis_of(coded: list[Coded], planes: int) -> Float[Tensor, "plane block"]:

@@ -138,6 +138,13 @@ def test_the_intact_part_of_a_stream_cut_in_its_detail_is_every_stage(cut: int) 
     assert part.damage is not None and f"the file ends after {cut} bytes" in part.damage
 
 
+@pytest.mark.parametrize("damaged", [write_stream(WITH_DETAIL)[:-1], write_stream(WITH_DETAIL) + b"more"])
+def test_damage_behind_detail_leaves_detail_intact(damaged: bytes) -> None:
+    part = read_intact(damaged)
+    assert part.stream == replace(WITH_DETAIL, metadata=None)
+    assert part.damage is not None
+
+
 def test_damaged_detail_is_answered_with_the_way_out() -> None:
     damaged = write_stream(WITH_DETAIL).replace(b"fine", b"fins")
     with pytest.raises(
