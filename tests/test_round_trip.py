@@ -202,12 +202,12 @@ def transparent(views: Views) -> Views:
     return replace(views, alpha=alpha)
 
 
-def test_no_gaussians_are_emitted_for_transparent_cells(transparent: Views, data: bytes, random_weights: Path) -> None:
+def test_no_gaussians_are_emitted_for_transparent_cells(transparent: Views, random_weights: Path) -> None:
     coded = encode(transparent, lmbda=1e-4, model=random_weights / MODEL)
-    assert read_stream(coded).payloads == read_stream(data).payloads
+    without_coverage = write_stream(replace(read_stream(coded), coverage=None))
     is_emitted = torch.zeros(2, 32, 32, dtype=torch.bool)
     is_emitted[:, :, 18:], is_emitted[1, 2:4, 2:4] = True, True  # two Gaussians a cell of four pixels, each way
-    everything = decode(data, model=random_weights / MODEL, background=None).gaussians
+    everything = decode(without_coverage, model=random_weights / MODEL, background=None).gaussians
     received = decode(coded, model=random_weights / MODEL, background=None).gaussians
     assert_equal(received, everything.keep(is_emitted.flatten()))
 

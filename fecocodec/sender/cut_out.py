@@ -42,11 +42,13 @@ class CutOut:
 
 
 def cut_out_of(scene: Scene, gaussians_per_side: int) -> CutOut | None:
-    """Return the cut-out of a scene; None if no photograph has transparency. gaussians_per_side: of a cell."""
+    """Return the cut-out of a scene; None if all Gaussians are emitted. gaussians_per_side: of a cell."""
     if scene.alpha is None:
         return None
     rows, columns = (side // COVERAGE_CELLS.side for side in scene.images.shape[-2:])
     cells = covered_cells(scene.alpha, (scene.num_views, rows, columns))
+    if bool(cells.all()):
+        return None
     covered = cells.repeat_interleave(gaussians_per_side, dim=1).repeat_interleave(gaussians_per_side, dim=2)
     opacity = resample_to_grid(scene.alpha[:, None].float())
     return CutOut((1.0 - opacity).to(scene.images), covered.flatten(1).to(scene.images.device))
