@@ -15,8 +15,8 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import load_codec
+from fecocodec.sender.cut_out import BLACK, WHITE
 
-BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite
 LEAST_LOSS = 0.1  # of the mean PSNR, in dB, that is worth a warning
 # Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between

@@ -19,6 +19,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.metrics import finite_psnr
 from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.cut_out import BLACK
 
 LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them
 # Chosen on captures that the weights were not trained on (docs/experiments.md, More views).
@@ -55,7 +56,7 @@ Fade = Callable[[Gaussians, Fading | None], Fading]  # (all Gaussians after a st
 
 
 def fader(
-    images: Float[Tensor, "view 3 h w"], cameras: Cameras, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    images: Float[Tensor, "view 3 h w"], cameras: Cameras, background: tuple[float, float, float] = BLACK
 ) -> Fade:
     """Return a function that finds the fading of a scene.
 
