@@ -10,16 +10,17 @@ from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
-from einops import rearrange, repeat
+from einops import rearrange
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, rays_through
-from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
-from fecocodec.geometry.rotations import quaternion_from_matrix
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.receiver.facing import facing_gaussians
 from fecocodec.receiver.hidden import ExtendedDepth, is_hidden
+from fecocodec.receiver.sampling import SMALLEST_DEPTH
+from fecocodec.receiver.view_maps import view_maps
 
-SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 SMALLEST_OPACITY = 0.01  # a border of smaller mean opacity is transparent and not extrapolated
 
 
@@ -35,9 +36,6 @@ class BackgroundConfig:
     cells_inside: int = 12  # along a side of the image
     blur: float = 0.03  # standard deviation of the blur at the border
     blur_growth: float = 0.25  # growth of the blur per distance from the border
-    cell_scale: float = 0.6  # standard deviation of a Gaussian, relative to the width of its cell
-    thickness: float = 0.3  # standard deviation along the optical axis, relative to the smaller lateral one
-    opacity: float = 0.95
 
 
 @dataclass(frozen=True)
@@ -121,16 +119,8 @@ def _extrapolated(
     They are blurred means over the view's Gaussians around that point. Colour and depth are weighted by opacity; depth
     is a root mean square, which favours farther surfaces.
     """
-    views = cameras.num_views
-    means = rearrange(gaussians.means, "(v h w) xyz -> v h w xyz", v=views, h=grid[0], w=grid[1])
-    offset = means - cameras.extrinsics[:, None, None, :3, 3]
-    depth = (offset * cameras.extrinsics[:, None, None, :3, 2]).sum(dim=-1)
-    is_usable = means.isfinite().all(dim=-1) & (depth > SMALLEST_DEPTH)
-    opacity = rearrange(gaussians.opacities, "(v h w) -> v h w", v=views, h=grid[0], w=grid[1])
-    colour = rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v h w rgb", v=views, h=grid[0], w=grid[1])
-    values = torch.stack((*(0.5 + SH_DEGREE_0 * colour).clamp(0.0, 1.0).unbind(dim=-1), depth.square()))
-    values = torch.where(is_usable, values, 0.0)
-    weight = is_usable * opacity
+    maps = view_maps(gaussians, cameras, grid)
+    weight, values = maps.opacity, torch.cat((maps.colour, maps.depth.square()[None]))
     rows, columns = (_blur_weights(axis, side, config) for side in grid)
     total = (rows @ weight @ columns.T).clamp_min(SMALLEST_DEPTH)
     red, green, blue, square = rows @ (values * weight) @ columns.T / total
@@ -157,25 +147,16 @@ def _candidates(
 ) -> Gaussians:
     """Return one Gaussian per layer, view and cell outside the image, facing its view; ordered (layer, view, cell).
 
-    opacity: of the border. The opacity of a Gaussian is `config.opacity`, or 0 if the border is transparent.
+    opacity: of the border; where it is transparent, Gaussians have an opacity of 0.
     """
     factors = depth.new_tensor(config.depth_factors)
     depths = rearrange(factors, "layer -> layer 1 1") * axis.outside(depth)
-    uv = torch.stack((axis.centres[axis.column], axis.centres[axis.row]), dim=-1)
-    uv = uv.expand(cameras.num_views, 1, -1, -1)
-    rays = (rays_through(cameras, uv) @ cameras.extrinsics[:, None, :3, :3].mT)[:, 0]
-    means = cameras.extrinsics[:, None, :3, 3] + rays * depths[..., None]
-    focal = cameras.intrinsics.diagonal(dim1=-2, dim2=-1)[:, None, :2]
-    lateral = torch.stack((axis.widths[axis.column], axis.widths[axis.row]), dim=-1) * config.cell_scale / focal
-    shape = torch.cat((lateral, config.thickness * lateral.amin(dim=-1, keepdim=True)), dim=-1)
-    rotations = quaternion_from_matrix(cameras.extrinsics[:, :3, :3])
-    layers, cells = len(factors), len(axis.row)
-    return Gaussians(
-        means=means.flatten(0, 2),
-        scales=(shape * depths[..., None]).flatten(0, 2),
-        rotations=repeat(rotations, "v q -> (layer v cell) q", layer=layers, cell=cells),
-        opacities=(config.opacity * (axis.outside(opacity) > SMALLEST_OPACITY)).repeat(layers, 1).flatten(),
-        harmonics=repeat(
-            (axis.outside(colour) - 0.5) / SH_DEGREE_0, "v cell rgb -> (layer v cell) 1 rgb", layer=layers
-        ),
+    layers = len(factors)
+    return facing_gaussians(
+        cameras,
+        torch.stack((axis.centres[axis.column], axis.centres[axis.row]), dim=-1),
+        torch.stack((axis.widths[axis.column], axis.widths[axis.row]), dim=-1),
+        depths,
+        axis.outside(colour).expand(layers, -1, -1, -1),
+        (axis.outside(opacity) > SMALLEST_OPACITY).expand(layers, -1, -1),
     )

@@ -12,6 +12,7 @@ from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_sc
 from fecocodec.receiver.background import DEFAULT_BACKGROUND, BackgroundConfig, append, background_layer
 from fecocodec.receiver.merging import MergingConfig, merged
 from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.occluded import occluded_layer
 from fecocodec.receiver.state import State
 
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
@@ -54,6 +55,7 @@ def emit(
     if config.background is not None and receiver.config.method != PAPER:
         plain = replace(plain.to("cpu"), opacities=gaussians.opacities * is_emitted)
         emitted = append(emitted, background_layer(plain, normalised, (height, width), config.background))
+        emitted = append(emitted, occluded_layer(plain, normalised, (height, width)))
     return denormalise_gaussians(emitted, frame)
 
 

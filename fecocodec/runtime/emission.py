@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Float32
 
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.merging.merge import MergingConfig, merged_fields
@@ -52,23 +52,37 @@ def emit(
             *merged_fields(gaussians.fields(), is_emitted, prediction.grid, *poses, config.merging)
         )
     if config.has_background:
-        emitted = _append(emitted, _background(graphs, prediction, is_emitted, normalised))
+        opacities = prediction.opacities * is_emitted.reshape(prediction.opacities.shape)
+        for part in (_outside, _occluded):
+            emitted = _append(emitted, part(graphs, replace(prediction, opacities=opacities), normalised))
     return frame.to_world(emitted)
 
 
-def _background(
-    graphs: Graphs, prediction: Prediction, is_emitted: Bool[np.ndarray, " n"], cameras: SceneCameras
-) -> GaussianArrays:
-    """Return the background layer, with harmonics of degree 0."""
+def _outside(graphs: Graphs, emitted: Prediction, cameras: SceneCameras) -> GaussianArrays:
+    """Return the background layer outside all images, with harmonics of degree 0.
+
+    emitted: with an opacity of 0 where no Gaussian is emitted.
+    """
     poses = poses_of(cameras)
-    opacities = prediction.opacities * is_emitted.reshape(prediction.opacities.shape)
-    *fields, extended = graphs.run("background", **prediction.maps(), opacities=opacities, **poses)
+    *fields, extended = graphs.run("background", **emitted.maps(), opacities=emitted.opacities, **poses)
     candidates = GaussianArrays(*fields)
     shapes = {"means": candidates.means, "scales": candidates.scales, "rotations": candidates.rotations}
     hidden = candidates.opacities > 0
     for view in range(cameras.num_views):
         (hidden,) = graphs.run("hide", view=view, **shapes, extended=extended, **poses, hidden=hidden)
     return candidates.keep(hidden)
+
+
+def _occluded(graphs: Graphs, emitted: Prediction, cameras: SceneCameras) -> GaussianArrays:
+    """Return the background layer behind near surfaces, with harmonics of degree 0. emitted: as for `_outside`."""
+    poses = poses_of(cameras)
+    *fields, surface = graphs.run("occluded", **emitted.maps(), opacities=emitted.opacities, **poses)
+    candidates = GaussianArrays(*fields)
+    hidden = candidates.opacities > 0
+    for view in range(cameras.num_views):
+        (hidden,) = graphs.run("behind", view=view, means=candidates.means, surface=surface, **poses, hidden=hidden)
+    of_blur = hidden.reshape(-1, surface.size)
+    return candidates.keep((of_blur & (of_blur.cumsum(axis=0) == 1)).ravel())
 
 
 def _append(gaussians: GaussianArrays, layer: GaussianArrays) -> GaussianArrays:

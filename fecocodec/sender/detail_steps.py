@@ -159,14 +159,23 @@ def search_of(
     def predicted(values: Values) -> Prediction:
         return predictor.gaussians(*inputs, cameras, basis(values * step))
 
-    def pictures(gaussians: Gaussians) -> Pictures:
+    def pictures(gaussians: Gaussians, prediction: Prediction) -> Pictures:
         if factors is not None:
             gaussians = replace(gaussians, opacities=gaussians.opacities * factors)
+        gaussians = encoder.completed(gaussians, prediction)
         return encoder.pictures(render(gaussians, cameras.scene(0), encoder.size))
+
+    def rendered(values: Values) -> Pictures:
+        prediction = predicted(values)
+        return pictures(prediction.gaussians.scene(0), prediction)
+
+    def as_decoded(values: Values) -> Pictures:
+        prediction = predicted(values)
+        return pictures(encoder.gaussians(prediction), prediction)
 
     return Search(
         encoder.photographs,
-        lambda values: pictures(predicted(values).gaussians.scene(0)),
-        lambda values: pictures(encoder.gaussians(predicted(values))),
+        rendered,
+        as_decoded,
         price_of_detail(config, lambda_q) / encoder.num_pixels,
     )

@@ -184,15 +184,19 @@ def gaussians_of(
 ) -> Gaussians:
     """Predict the Gaussians of a stage, faded if there is fading, without those that a cut-out does not emit.
 
+    Those behind near surfaces are added, as by a decoder.
+
     Colours are constant: view-dependent colours would compensate depth errors. For few views, gradients skip the
     residual branches of the predictor. Gradients through these branches improve only the context views, and cost rate
     and time (docs/experiments.md).
     """
     is_direct = encoder.num_views <= config.max_views_of_direct_gradients
     with direct_gradients() if is_direct else nullcontext():
-        gaussians = encoder.predict(encoder.update(inputs, y_hat), inputs.condition).gaussians.scene(0)
-    gaussians = encoder.emitted(gaussians)
-    return gaussians if inputs.fading is None else inputs.fading.faded(gaussians)
+        prediction = encoder.predict(encoder.update(inputs, y_hat), inputs.condition)
+    gaussians = encoder.emitted(prediction.gaussians.scene(0))
+    if inputs.fading is not None:
+        gaussians = inputs.fading.faded(gaussians)
+    return encoder.completed(gaussians, prediction)
 
 
 @torch.enable_grad()

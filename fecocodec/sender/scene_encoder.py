@@ -4,6 +4,7 @@ Used by encoding, rate control, training, the entropy phase, ablations and the u
 coder of the latents (bytes, additive noise, none) and in the optimisation of the latents before coding.
 """
 
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -12,10 +13,13 @@ from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from fecocodec.config import PAPER
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition
+from fecocodec.receiver.background import append
 from fecocodec.receiver.decode import OnProgress
+from fecocodec.receiver.occluded import occluded_layer
 from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.codec import Codec
@@ -167,6 +171,7 @@ class SceneEncoder:
         gaussians = self.emitted(self.gaussians(prediction))
         if stage.fading is not None:
             gaussians = stage.fading.faded(gaussians)
+        gaussians = self.completed(gaussians, prediction)
         return StageRendering(prediction, (render(gaussians, self.cameras.scene(0), self.size, self.background),))
 
     def gaussians(self, prediction: Prediction) -> Gaussians:
@@ -176,6 +181,18 @@ class SceneEncoder:
     def emitted(self, gaussians: Gaussians) -> Gaussians:
         """Return all Gaussians of a scene, with an opacity of 0 for those that a cut-out does not emit."""
         return gaussians if self.cut_out is None else self.cut_out.emitted(gaussians)
+
+    def completed(self, gaussians: Gaussians, prediction: Prediction, scene: int = 0) -> Gaussians:
+        """Add the Gaussians behind near surfaces, as a decoder does (`receiver/occluded.py`); they are constant.
+
+        gaussians: all of one scene, with the opacities that are emitted. prediction: from which they come.
+        """
+        if self.codec.receiver.config.method == PAPER:
+            return gaussians
+        with torch.no_grad():
+            plain = replace(prediction.gaussians.scene(scene), opacities=gaussians.opacities)
+            layer = occluded_layer(plain, self.cameras.scene(scene), (self.size[0] // 2, self.size[1] // 2))
+        return append(gaussians, layer)
 
     @property
     def background(self) -> tuple[float, float, float]:

@@ -24,10 +24,10 @@ from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES
 from fecocodec.formats.evaluation_index import read_index
 from fecocodec.formats.scene_folder import read_views
-from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
 from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.detail_steps import search_of, symbols_of, values_of
@@ -121,7 +121,8 @@ def _slope(encoder: SceneEncoder, last: Stage[Any], change: Raw | None) -> Raw:
         change = torch.zeros(encoder.num_views, sum(RAW.values()), height, width)
     change = change.detach().requires_grad_()
     inputs = predictor.before_head(last.state, cameras, last.inputs.condition)
-    gaussians: Gaussians = predictor.gaussians(*inputs, cameras, change).gaussians.scene(0)
+    prediction: Prediction = predictor.gaussians(*inputs, cameras, change)
+    gaussians = encoder.completed(prediction.gaussians.scene(0), prediction)
     rendered = render(gaussians, cameras.scene(0), encoder.size).color
     squared = (rendered - encoder.images[0]).square().mean(dim=(-3, -2, -1))
     (gradient,) = torch.autograd.grad(torch.log(squared + LogDistortion.least_error).mean(), change)

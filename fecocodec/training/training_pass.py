@@ -9,7 +9,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.coding.rate import estimate_latents, rounding, uniform_noise
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.latent_coding import EstimatedLatent
@@ -98,10 +100,13 @@ class BatchEncoder(SceneEncoder):
         prediction = self.predict(stage.state, stage.inputs.condition)
         cameras = self.batch.cameras.select(list(range(num_views)))
         scenes = (
-            render(prediction.gaussians.scene(scene), cameras.scene(scene), self.size)
+            render(self._completed(prediction, scene), cameras.scene(scene), self.size)
             for scene in range(len(self.images))
         )
         return StageRendering(prediction, tuple(scenes))
+
+    def _completed(self, prediction: Prediction, scene: int) -> Gaussians:
+        return self.completed(prediction.gaussians.scene(scene), prediction, scene)
 
 
 @torch.no_grad()

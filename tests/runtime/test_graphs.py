@@ -14,7 +14,7 @@ from tests.vectors.tiny_model import TINY_MODEL, VECTORS
 
 PRIOR = {"hyper", "features_1", "features_2", "pass_1", "pass_2", "step_1", "step_2", "step_3"}
 NETWORKS = {"update", "points", "attend", "attributes"}
-STEPS = {"confirm", "free_space", "duplicates", "slope", "harmonics", "background", "hide"}
+STEPS = {"confirm", "free_space", "duplicates", "slope", "harmonics", "background", "hide", "occluded", "behind"}
 MODELS = sorted(path.parent for path in SHIPPED.glob(f"*/{RECEIVER_FILE}"))
 SCENE = VECTORS / "valid" / "scene-compact-6.fcs"
 COMMAND = "python -m fecocodec.training.graphs"

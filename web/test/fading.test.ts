@@ -8,9 +8,10 @@ import { deflateRawSync } from "node:zlib";
 import { Kind } from "../src/container/sections";
 import { readPrefix, readStream, type Stream } from "../src/container/stream";
 import { emit } from "../src/receiver/emission";
-import { emptyGaussians, type Gaussians } from "../src/receiver/gaussians";
-import { normalise, rayThrough } from "../src/receiver/normalised-cameras";
+import type { Gaussians } from "../src/receiver/gaussians";
+import { normalise } from "../src/receiver/normalised-cameras";
 import { refusalOf, withSection } from "./changed-streams";
+import { surfaceGaussians } from "./surface-gaussians";
 
 const VALID = join(process.cwd(), "..", "bitstream_spec", "vectors", "valid");
 const FILE = new Uint8Array(readFileSync(join(VALID, "landscape.fcs")));
@@ -28,19 +29,8 @@ function packed(levels: number[]): Uint8Array {
 
 /** Return Gaussians at depth 10 before the cameras of the stream, one for each 2x2 pixels. */
 function predicted(opacityOf: (index: number) => number): Gaussians {
-  const [height, width] = [8 * ROWS, 8 * COLUMNS];
-  const gaussians = emptyGaussians(VIEWS * height * width, 1);
-  gaussians.scales.fill(0.01);
-  normalise(STREAM.cameras).views.forEach((camera, view) => {
-    for (let at = 0; at < height * width; at++) {
-      const index = view * height * width + at;
-      const ray = rayThrough(camera, ((at % width) + 0.5) / width, (Math.floor(at / width) + 0.5) / height);
-      gaussians.means.set(ray.map((value, axis) => camera.centre[axis] + 10 * value), 3 * index);
-      gaussians.rotations[4 * index] = 1;
-      gaussians.opacities[index] = opacityOf(index);
-    }
-  });
-  return gaussians;
+  const { views } = normalise(STREAM.cameras);
+  return surfaceGaussians(views, [8 * ROWS, 8 * COLUMNS], ({ index }) => ({ depth: 10, opacity: opacityOf(index) }));
 }
 
 function emitted(gaussians: Gaussians, sections: Partial<Stream>): Gaussians {

@@ -6,7 +6,7 @@ from fecocodec.config import ReceiverConfig
 from fecocodec.receiver.background import DEFAULT_BACKGROUND, cell_centres
 from fecocodec.receiver.model import Receiver
 from fecocodec.training.graphs import pairs, prediction
-from fecocodec.training.graphs.background import BackgroundGraph, HideGraph
+from fecocodec.training.graphs.background import BackgroundGraph, BehindGraph, HideGraph, OccludedGraph
 from fecocodec.training.graphs.specification import Graph, GraphInput
 from fecocodec.training.graphs.update import UpdateGraph
 
@@ -131,6 +131,14 @@ def _background_graphs() -> dict[str, Graph]:
         "hide": Graph(
             HideGraph(),
             {"view": _SCALAR} | fields | {"extended": _floats(f"views {cells} {cells}")} | _POSES | hidden,
+            ("hidden_after",),
+        ),
+        "occluded": Graph(
+            OccludedGraph(), maps | _POSES, (*fields, "candidate_opacities", "candidate_colours", "surface")
+        ),
+        "behind": Graph(
+            BehindGraph(),
+            {"view": _SCALAR, "means": fields["means"], "surface": _floats("views 4*rows 4*columns")} | _POSES | hidden,
             ("hidden_after",),
         ),
     }

@@ -1,5 +1,7 @@
 /** Cells of the background layer along one image axis, and the blur that extrapolates a view to them. */
 
+import { weightsAround } from "./blur";
+
 const REACH = 1.5; // extent of the layers beyond each border, as a share of a side
 const GAP = 0.024; // between the border and the first cell
 const FIRST_CELL = 0.015; // width of the first cell
@@ -43,28 +45,6 @@ function weights({ centres }: Axis, side: number, growth: number): Float64Array[
   return centres.map((centre) => {
     const nearest = Math.min(Math.max(centre, 0), 1);
     const deviation = Math.max(growth * Math.abs(centre - nearest), BLUR);
-    const row = Float64Array.from({ length: side }, (_, pixel) => {
-      return Math.exp(-0.5 * (((pixel + 0.5) / side - nearest) / deviation) ** 2);
-    });
-    const total = row.reduce((sum, value) => sum + value, 0);
-    return row.map((value) => value / total);
+    return weightsAround(nearest, deviation, side);
   });
-}
-
-/** Return the values [cell row][cell column] of a map [height, width], weighted along both axes. */
-export function resampled(map: Float64Array, rows: Float64Array[], columns: Float64Array[]): Float64Array[] {
-  const width = columns[0].length;
-  return rows.map((row) => {
-    const line = new Float64Array(width);
-    for (let i = 0; i < row.length; i++) {
-      for (let j = 0; j < width; j++) line[j] += row[i] * map[i * width + j];
-    }
-    return Float64Array.from(columns, (column) => dot(column, line));
-  });
-}
-
-function dot(a: Float64Array, b: Float64Array): number {
-  let sum = 0;
-  for (let i = 0; i < a.length; i++) sum += a[i] * b[i];
-  return sum;
 }

@@ -4,12 +4,13 @@ import type { Stream } from "../container/stream";
 import { backgroundLayer } from "./background";
 import { append, type Gaussians, keep } from "./gaussians";
 import type { NormalisedCameras } from "./normalised-cameras";
+import { occludedLayer } from "./occluded";
 
 const LEAST_OPACITY = Math.fround(1 / 255); // renderers skip fainter Gaussians
 const FACTORS = Float32Array.of(1, 2 / 3, 1 / 3, 0); // of opacities, by the two bits of a block of fading
 
 /**
- * Return the Gaussians in the frame of the stored cameras; the background layer comes last.
+ * Return the Gaussians in the frame of the stored cameras; the background layer comes last, with its occluded part.
  *
  * predicted: ordered (view, row, column) on the 1/2 grid, in the normalised frame. plain: their harmonics of degree 0
  * before colours by direction were fitted, [n, 3]. stream: its coverage and fading reduce opacities.
@@ -29,7 +30,8 @@ export function emit(
   }
   const emitted = opacities.map((opacity, index) => opacity * isEmitted[index]);
   const surface = { ...predicted, numHarmonics: 1, opacities: emitted, harmonics: plain };
-  return toStoredFrame(append(keep(faded, isEmitted), backgroundLayer(surface, cameras, grid)), cameras);
+  const layers = [backgroundLayer(surface, cameras, grid), occludedLayer(surface, cameras, grid)];
+  return toStoredFrame(layers.reduce(append, keep(faded, isEmitted)), cameras);
 }
 
 function isDrawable({ means, opacities }: Gaussians, index: number): boolean {

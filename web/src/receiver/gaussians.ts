@@ -30,6 +30,11 @@ export function emptyGaussians(count: number, numHarmonics: number): Gaussians {
   };
 }
 
+/** Return the centre of a Gaussian. */
+export function meanOf({ means }: Gaussians, index: number): [number, number, number] {
+  return [means[3 * index], means[3 * index + 1], means[3 * index + 2]];
+}
+
 /** Return the Gaussians with a mask of 1, in the same order. */
 export function keep(gaussians: Gaussians, mask: Uint8Array): Gaussians {
   const kept = new Uint32Array(mask.reduce((count, isKept) => count + isKept, 0));

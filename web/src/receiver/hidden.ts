@@ -1,10 +1,9 @@
 /** Visibility test of the background layer: find the Gaussians that no context view renders. */
 
-import type { Gaussians } from "./gaussians";
-import { type NormalisedCamera, type NormalisedCameras, toCamera } from "./normalised-cameras";
+import { type Gaussians, meanOf } from "./gaussians";
+import { type NormalisedCamera, type NormalisedCameras, SMALLEST_DEPTH, toCamera, toImage } from "./normalised-cameras";
 import { matrixOfQuaternion } from "./quaternions";
 
-const SMALLEST_DEPTH = 1e-6;
 const VISIBLE_DEVIATIONS = 3.2; // radius of a Gaussian; alpha is 0.6% there
 const JACOBIAN_MARGIN = 0.15; // renderers evaluate the projection's Jacobian at most this share outside the image
 const DEPTH_REACH = 0.5; // as a share of a side: distance outside the image up to which extended depth is used
@@ -34,10 +33,10 @@ export function isHidden(
 }
 
 function isHiddenFrom(gaussians: Gaussians, index: number, extended: ExtendedDepth, camera: NormalisedCamera): boolean {
-  const [x, y, z] = toCamera(camera, ...triple(gaussians.means, index));
+  const [x, y, z] = toCamera(camera, ...meanOf(gaussians, index));
   if (Math.sqrt(x * x + y * y + z * z) < CLEARANCE * extended.smallest) return false;
   if (!(z > SMALLEST_DEPTH)) return true;
-  const uv = [(x / z) * camera.fx + camera.cx, (y / z) * camera.fy + camera.cy];
+  const uv = toImage(camera, x, y, z);
   const radius = deviations(gaussians, index, camera, uv, z).map((deviation) => VISIBLE_DEVIATIONS * deviation);
   const isSeen = uv.every((value, axis) => value > -radius[axis] && value < 1 + radius[axis]);
   return !isSeen && !(z < depthAt(extended, uv));
@@ -84,8 +83,4 @@ function axesInCamera(gaussians: Gaussians, index: number, { rotation: r }: Norm
     const world = [m[own] * scale, m[3 + own] * scale, m[6 + own] * scale];
     return [0, 1, 2].map((axis) => r[axis] * world[0] + r[3 + axis] * world[1] + r[6 + axis] * world[2]);
   });
-}
-
-function triple(values: Float32Array, index: number): [number, number, number] {
-  return [values[3 * index], values[3 * index + 1], values[3 * index + 2]];
 }

@@ -5,6 +5,8 @@ import type { StoredCameras } from "../container/cameras";
 const CENTRE_STEPS = 2 ** 13; // grid steps of a camera centre per near
 const RATIO_BITS = 11; // significant bits of far / near
 
+export const SMALLEST_DEPTH = 1e-6; // of a point in front of a camera
+
 export interface NormalisedCamera {
   /** Camera-to-world rotation, row-major, OpenCV axes. */
   rotation: number[];
@@ -45,6 +47,11 @@ export function normalise({ near, far, views }: StoredCameras): NormalisedCamera
 export function toCamera({ rotation: r, centre }: NormalisedCamera, x: number, y: number, z: number): number[] {
   const [dx, dy, dz] = [x - centre[0], y - centre[1], z - centre[2]];
   return [0, 1, 2].map((axis) => r[axis] * dx + r[3 + axis] * dy + r[6 + axis] * dz);
+}
+
+/** Return the normalised image position of a point in the camera frame, in front of the camera. */
+export function toImage({ fx, fy, cx, cy }: NormalisedCamera, x: number, y: number, z: number): [number, number] {
+  return [(x / z) * fx + cx, (y / z) * fy + cy];
 }
 
 /** Return the direction in the world frame through a normalised image position, with depth 1. */
