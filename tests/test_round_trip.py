@@ -10,13 +10,16 @@ import pytest
 import torch
 
 from fecocodec.checkpoint import SENDER_FILE
+from fecocodec.coding.visibility import MOST_VIEWS_FILLED
 from fecocodec.container import Stream, list_sections, read_prefix, read_stream, write_stream
 from fecocodec.errors import BitstreamError, InputError, ModelError
 from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
+from fecocodec.receiver import emission
 from fecocodec.receiver.background import DEFAULT_BACKGROUND
 from fecocodec.receiver.decode import decode
+from fecocodec.receiver.occluded import occluded_layer
 from fecocodec.sender.coverage import cells_to_bits
 from fecocodec.sender.encode import encode
 from fecocodec.sender.optimisation_config import DEFAULT, steps_of_first
@@ -283,3 +286,24 @@ def test_the_background_layer_comes_after_the_gaussians_of_the_views(random_weig
     assert filled.count > plain.count
     for mine, theirs in zip(plain.fields(), filled.fields(), strict=True):
         assert torch.equal(mine, theirs[: plain.count])
+
+
+def test_nothing_is_added_behind_the_surfaces_of_a_cut_out_or_of_many_views(
+    data: bytes, views: Views, random_weights: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alpha = torch.ones(2, 64, 64)
+    alpha[:, :16] = 0.0
+    cut_out = encode(replace(views, alpha=alpha), lmbda=1e-4, effort="fast", model=random_weights / MODEL)
+    added: list[int] = []
+
+    def counted(*scene: object) -> Gaussians:
+        added.append(1)
+        return occluded_layer(*scene)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(emission, "occluded_layer", counted)
+    decode(cut_out, model=random_weights / MODEL)
+    many = encode(example_views(MOST_VIEWS_FILLED + 1), lmbda=1e-2, effort="fast", model=random_weights / MODEL)
+    decode(many, model=random_weights / MODEL)
+    assert added == []
+    decode(data, model=random_weights / MODEL)
+    assert added == [1]

@@ -1,10 +1,11 @@
-"""Factors of the Gaussians' opacities, from the coverage and fading sections (FORMAT.md, sections 8.1 and 8.2)."""
+"""What of a scene is emitted: factors of opacities (FORMAT.md, sections 8.1 and 8.2), parts of the background layer."""
 
 import numpy as np
 from jaxtyping import Float32, UInt8
 
 from fecocodec.container import COVERAGE_CELLS, FADING_BLOCKS, Header, Stream
 
+MOST_VIEWS_FILLED = 8
 FACTOR_OF_LEVEL = (3 - np.arange(4, dtype=np.float32)) / np.float32(3)
 
 
@@ -21,6 +22,14 @@ def visibility_of(stream: Stream, gaussians_per_side: int = 2) -> Float32[np.nda
         levels = unpack_levels(stream.fading, stream.header)
         factors.append(_enlarged(FACTOR_OF_LEVEL[levels], 4 * gaussians_per_side))
     return np.prod(factors, axis=0).reshape(-1) if factors else None
+
+
+def is_filled_behind(num_views: int, has_coverage: bool) -> bool:
+    """Return whether the background layer of a scene has a part behind near surfaces.
+
+    Behind a cut-out object nothing is to be seen, and many views together show most of what is behind their surfaces.
+    """
+    return num_views <= MOST_VIEWS_FILLED and not has_coverage
 
 
 def pack_levels(levels: UInt8[np.ndarray, "view row column"]) -> bytes:

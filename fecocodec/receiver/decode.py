@@ -11,7 +11,7 @@ from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.coding.detail import detail_values
 from fecocodec.coding.payload import decode_latents
-from fecocodec.coding.visibility import visibility_of
+from fecocodec.coding.visibility import is_filled_behind, visibility_of
 from fecocodec.container import (
     Detail,
     Header,
@@ -134,7 +134,8 @@ def _decode_part(
         on_progress("predicting Gaussians", 0.8)
         visibility = visibility_of(stream, receiver.config.gaussians_per_side)
         factors = None if visibility is None else torch.from_numpy(visibility)
-        gaussians = emit(receiver, state, cameras, factors, config)
+        is_filled = is_filled_behind(header.num_views, stream.coverage is not None)
+        gaussians = emit(receiver, state, cameras, factors, config, is_filled)
     # Clone outside inference mode, so that a caller can compute gradients of the tensors.
     gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
     return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)

@@ -32,12 +32,18 @@ class EmissionConfig:
 
 
 def emit(
-    receiver: Receiver, state: State, cameras: Cameras, visibility: Float[Tensor, " n"] | None, config: EmissionConfig
+    receiver: Receiver,
+    state: State,
+    cameras: Cameras,
+    visibility: Float[Tensor, " n"] | None,
+    config: EmissionConfig,
+    is_filled: bool,
 ) -> Gaussians:
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`, on the CPU.
 
     cameras: of the context views, as stored in the stream. visibility: factors in [0, 1] of the
     opacities, ordered (view, row, column); None for 1. The background layer comes last; the method "paper" has none.
+    is_filled: whether the background layer has a part behind near surfaces, see `is_filled_behind`.
     """
     normalised, frame = normalise_scene(cameras)
     on_device = normalised.to(state.state.device)
@@ -55,7 +61,8 @@ def emit(
     if config.background is not None and receiver.config.method != PAPER:
         plain = replace(plain.to("cpu"), opacities=gaussians.opacities * is_emitted)
         emitted = append(emitted, background_layer(plain, normalised, (height, width), config.background))
-        emitted = append(emitted, occluded_layer(plain, normalised, (height, width)))
+        if is_filled:
+            emitted = append(emitted, occluded_layer(plain, normalised, (height, width)))
     return denormalise_gaussians(emitted, frame)
 
 

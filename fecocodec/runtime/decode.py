@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fecocodec.coding.detail import detail_values
-from fecocodec.coding.visibility import visibility_of
+from fecocodec.coding.visibility import is_filled_behind, visibility_of
 from fecocodec.container import (
     Detail,
     Header,
@@ -78,7 +78,8 @@ def _decode_part(
         last, damage = _with_detail(graphs, header, stream.detail, last, stages)
     on_progress("predicting Gaussians", 0.8)
     cameras = SceneCameras.unpack(stream.cameras)
-    gaussians = emit(graphs, last, cameras, visibility_of(stream), config)
+    is_filled = is_filled_behind(header.num_views, stream.coverage is not None)
+    gaussians = emit(graphs, last, cameras, visibility_of(stream), config, is_filled)
     return DecodedScene(gaussians, cameras, (header.height, header.width), last.stage, part.damage or damage)
 
 

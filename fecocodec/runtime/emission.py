@@ -29,11 +29,13 @@ def emit(
     cameras: SceneCameras,
     visibility: Float32[np.ndarray, " n"] | None,
     config: EmissionConfig,
+    is_filled: bool,
 ) -> GaussianArrays:
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`.
 
     cameras: of the context views, as stored in the stream. visibility: factors in [0, 1] of the opacities of the
     Gaussians of the 1/2 grids, ordered (view, row, column); None for 1. The background layer comes last.
+    is_filled: whether the background layer has a part behind near surfaces, see `is_filled_behind`.
     """
     normalised, frame = normalise(cameras)
     prediction = predict(graphs, last, normalised)
@@ -53,7 +55,7 @@ def emit(
         )
     if config.has_background:
         opacities = prediction.opacities * is_emitted.reshape(prediction.opacities.shape)
-        for part in (_outside, _occluded):
+        for part in (_outside, _occluded) if is_filled else (_outside,):
             emitted = _append(emitted, part(graphs, replace(prediction, opacities=opacities), normalised))
     return frame.to_world(emitted)
 

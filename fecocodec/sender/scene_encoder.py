@@ -13,6 +13,7 @@ from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from fecocodec.coding.visibility import is_filled_behind
 from fecocodec.config import PAPER
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
@@ -182,12 +183,18 @@ class SceneEncoder:
         """Return all Gaussians of a scene, with an opacity of 0 for those that a cut-out does not emit."""
         return gaussians if self.cut_out is None else self.cut_out.emitted(gaussians)
 
+    @property
+    def is_filled(self) -> bool:
+        """Whether a decoder adds Gaussians behind near surfaces."""
+        is_compact = self.codec.receiver.config.method != PAPER
+        return is_compact and is_filled_behind(self.num_views, self.cut_out is not None)
+
     def completed(self, gaussians: Gaussians, prediction: Prediction, scene: int = 0) -> Gaussians:
-        """Add the Gaussians behind near surfaces, as a decoder does (`receiver/occluded.py`); they are constant.
+        """Add the Gaussians behind near surfaces as a decoder does (`receiver/occluded.py`). No gradient reaches them.
 
         gaussians: all of one scene, with the opacities that are emitted. prediction: from which they come.
         """
-        if self.codec.receiver.config.method == PAPER:
+        if not self.is_filled:
             return gaussians
         with torch.no_grad():
             plain = replace(prediction.gaussians.scene(scene), opacities=gaussians.opacities)

@@ -55,7 +55,7 @@ def test_the_wall_is_continued_behind_the_post_and_nowhere_else() -> None:
     columns = columns_of(layer)
     assert bool(((columns > BEFORE.start) & (columns < BEFORE.stop)).all())
     depth, colour = layer.means[:, 2], 0.5 + SH_DEGREE_0 * layer.harmonics[:, 0]
-    assert POST * LEAST_STEP < float(depth.min()) and float(depth.max()) < 1.05 * WALL
+    assert float(depth.min()) > POST * LEAST_STEP and float(depth.max()) < 1.05 * WALL
     assert bool(((colour - GREY).norm(dim=1) < (colour - RED).norm(dim=1)).all())
 
 

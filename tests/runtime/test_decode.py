@@ -112,8 +112,13 @@ def cameras_in_a_row(num_views: int) -> Cameras:
     return Cameras(extrinsics, intrinsics, torch.tensor(0.5), torch.tensor(40.0))
 
 
-@pytest.mark.parametrize(("num_views", "height", "width"), [(1, 64, 64), (3, 64, 96), (16, 64, 64), (2, 128, 64)])
-def test_networks_agree_for_any_number_of_views_and_any_size(num_views: int, height: int, width: int) -> None:
+@pytest.mark.parametrize(
+    ("num_views", "height", "width", "is_filled"),
+    [(1, 64, 64, True), (3, 64, 96, True), (16, 64, 64, False), (2, 128, 64, True)],
+)
+def test_networks_agree_for_any_number_of_views_and_any_size(
+    num_views: int, height: int, width: int, is_filled: bool
+) -> None:
     receiver, _ = load_receiver(find_receiver(MODEL_ID))
     cameras = cameras_in_a_row(num_views)
     generator = torch.Generator().manual_seed(num_views)
@@ -121,10 +126,10 @@ def test_networks_agree_for_any_number_of_views_and_any_size(num_views: int, hei
     with torch.inference_mode():
         before = State(state, receiver.condition(torch.full((num_views,), 900), 2))
         config = torch_emission.EmissionConfig(1, DEFAULT_BACKGROUND, None)
-        expected = torch_emission.emit(receiver, before, cameras, None, config)
+        expected = torch_emission.emit(receiver, before, cameras, None, config, is_filled)
     arrays = SceneCameras(cameras.extrinsics.numpy(), cameras.intrinsics.numpy(), 0.5, 40.0)
     last = LastState(state.numpy(), 900, 2)
-    found = emit(graphs_of(MODEL_ID, None, 1), last, arrays, None, EmissionConfig(1, True, None))
+    found = emit(graphs_of(MODEL_ID, None, 1), last, arrays, None, EmissionConfig(1, True, None), is_filled)
     assert found.count == pytest.approx(expected.count, rel=1e-3)
     assert found.harmonics.shape[1:] == expected.harmonics.shape[1:]
     if found.count == expected.count:

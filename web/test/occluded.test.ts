@@ -157,3 +157,23 @@ test("it comes last in a scene, with plain colours and from the Gaussians that a
   const means = occluded.means.map((value, at) => value * cameras.scale + cameras.origin[at % 3]);
   assert.deepEqual(scene.means.slice(-3 * occluded.count), means);
 });
+
+test("a cut-out and more than eight views have none", () => {
+  const vector = join(process.cwd(), "..", "bitstream_spec", "vectors", "valid", "landscape.fcs"); // 2 views of 64x128
+  const stream = readStream(new Uint8Array(readFileSync(vector)));
+  const grid: [number, number] = [32, 64];
+  const [camera] = normalise(stream.cameras).views;
+  const countOf = (numViews: number, coverage: Uint8Array | null) => {
+    const views = Array.from({ length: numViews }, () => camera);
+    const cameras = { ...normalise(stream.cameras), views };
+    const scene = surfaceGaussians(views, grid, squareBeforeWall);
+    const occluded = occludedLayer(scene, cameras, grid).count;
+    const rest = scene.count + backgroundLayer(scene, cameras, grid).count;
+    return { occluded, added: emit(scene, scene.harmonics, cameras, { ...stream, coverage }).count - rest };
+  };
+  const eight = countOf(8, null);
+  assert.ok(eight.occluded > 0);
+  assert.equal(eight.added, eight.occluded);
+  assert.equal(countOf(9, null).added, 0);
+  assert.equal(countOf(2, new Uint8Array((2 * 16 * 32) / 8).fill(255)).added, 0);
+});

@@ -33,7 +33,6 @@ def _reconstruct(codec: Codec, lambda_q: int, views: Views, num_context: int) ->
     stages = encoder.run(torch.tensor([lambda_q]), codec.receiver.config.num_stages, write_latents(codec))
     num_bytes, last = sum(len(stage.coded.payload) for stage in stages), stages[-1]
     encoded = perf_counter()
-    gaussians = emit(
-        codec.receiver, State(last.state, last.inputs.condition), unpack(scene.packed), None, EmissionConfig()
-    )
+    state, cameras = State(last.state, last.inputs.condition), unpack(scene.packed)
+    gaussians = emit(codec.receiver, state, cameras, None, EmissionConfig(), encoder.is_filled)
     return rendered(gaussians, views, num_bytes, encoded - begin, perf_counter() - encoded, codec.device)

@@ -29,7 +29,8 @@ def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) ->
     encoder = SceneEncoder.of(codec, scene)
     optimise = optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q)
     last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, optimise)[-1]
-    return emit(codec.receiver, State(last.state, last.inputs.condition), unpack(scene.packed), None, EmissionConfig())
+    state, cameras = State(last.state, last.inputs.condition), unpack(scene.packed)
+    return emit(codec.receiver, state, cameras, None, EmissionConfig(), encoder.is_filled)
 
 
 def without_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:

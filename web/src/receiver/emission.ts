@@ -7,6 +7,7 @@ import type { NormalisedCameras } from "./normalised-cameras";
 import { occludedLayer } from "./occluded";
 
 const LEAST_OPACITY = Math.fround(1 / 255); // renderers skip fainter Gaussians
+const MOST_VIEWS_FILLED = 8; // with more views, and for cut-outs, nothing is added behind near surfaces
 const FACTORS = Float32Array.of(1, 2 / 3, 1 / 3, 0); // of opacities, by the two bits of a block of fading
 
 /**
@@ -30,7 +31,9 @@ export function emit(
   }
   const emitted = opacities.map((opacity, index) => opacity * isEmitted[index]);
   const surface = { ...predicted, numHarmonics: 1, opacities: emitted, harmonics: plain };
-  const layers = [backgroundLayer(surface, cameras, grid), occludedLayer(surface, cameras, grid)];
+  const layers = [backgroundLayer(surface, cameras, grid)];
+  const isFilled = !stream.coverage && cameras.views.length <= MOST_VIEWS_FILLED;
+  if (isFilled) layers.push(occludedLayer(surface, cameras, grid));
   return toStoredFrame(layers.reduce(append, keep(faded, isEmitted)), cameras);
 }
 
