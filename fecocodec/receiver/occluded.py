@@ -25,7 +25,7 @@ CELL = 4  # Gaussians along a side of a cell
 BLURS = (0.03, 0.08)  # standard deviations of the blur, as fractions of the image's width; the first is preferred
 FARNESS = 8.0  # exponent of the depth in the weights of the blur: farther surfaces count
 SETBACK = 1.03  # depth of a Gaussian, relative to the blurred depth
-LEAST_STEP = 1.1  # depth of a Gaussian, relative to the surface before it
+LEAST_STEP, MOST_STEP = 1.1, 4.0  # depth of a Gaussian, relative to the surface before it
 CLEARANCE = 1.03  # the same for surfaces of other views
 LEAST_EMITTED = 0.9  # share of the Gaussians in and around a cell that are emitted; others are cut-outs or holes
 SMALLEST_OPACITY = 0.01  # of a Gaussian that counts as a surface
@@ -60,7 +60,7 @@ def occluded_candidates(
     depths, colours, is_used = [], [], []
     for blur in BLURS:
         depth, colour = _continued(maps, rows, columns, blur)
-        depths.append(depth.flatten(1))
+        depths.append(depth.minimum(MOST_STEP * surface).flatten(1))
         colours.append(colour.flatten(2).permute(1, 2, 0))
         is_used.append((is_filled & (depth > LEAST_STEP * surface)).flatten(1))
     centres = _centres(columns, surface).expand(rows, -1), _centres(rows, surface)[:, None].expand(-1, columns)

@@ -8,7 +8,7 @@ from einops import rearrange
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.receiver.background import append
-from fecocodec.receiver.occluded import LEAST_DISTANCE, LEAST_STEP, occluded_layer
+from fecocodec.receiver.occluded import LEAST_DISTANCE, LEAST_STEP, MOST_STEP, occluded_layer
 from fecocodec.rendering.rasterizer import render
 from fecocodec.rendering.rendering import Rendering
 from tests.receiver.test_background import GREY, RED, cameras_at
@@ -140,3 +140,11 @@ def test_a_faint_gaussian_far_away_is_not_continued() -> None:
     scene.means[0] *= 100.0
     scene.opacities[0] = 0.005
     torch.testing.assert_close(layer_of(scene, cameras).means, expected.means, atol=1e-3, rtol=1e-3)
+
+
+def test_no_gaussian_is_much_farther_than_the_surface_before_it() -> None:
+    """Else a little transparency would multiply rendered depths."""
+    cameras = cameras_at(0.0)
+    layer = layer_of(post_before_wall(cameras, 0.1 * WALL), cameras)
+    assert layer.count > 0
+    torch.testing.assert_close(layer.means[:, 2], torch.full((layer.count,), MOST_STEP * 0.1 * WALL))

@@ -16,7 +16,7 @@ import { type ViewMaps, viewMaps } from "./view-maps";
 const BLURS = [0.03, 0.08]; // standard deviations, as fractions of the image's width; the first is preferred
 const FARNESS = 8; // exponent of the depth in the weights of the blur: farther surfaces count
 const SETBACK = 1.03; // depth of a Gaussian, relative to the blurred depth
-const LEAST_STEP = 1.1; // depth of a Gaussian, relative to the surface before it
+const [LEAST_STEP, MOST_STEP] = [1.1, 4]; // depth of a Gaussian, relative to the surface before it
 const SMALLEST_WEIGHT = 1e-30;
 
 /** The cells of an image: their centres and, for each of BLURS, the weights of its Gaussians in each of them. */
@@ -82,7 +82,8 @@ function candidatesOf(maps: ViewMaps, surface: ShownSurface, view: number, grid:
         if (!surface.isFilled[row][column] || !(depth > LEAST_STEP * surface.depth[row][column])) return [];
         const colour = colours.map((map) => map[row][column]);
         const place = (view * grid.rows.length + row) * grid.columns.length + column;
-        return [{ view, centre: [x, y], widths, depth, colour, place }];
+        const placed = Math.min(depth, MOST_STEP * surface.depth[row][column]);
+        return [{ view, centre: [x, y], widths, depth: placed, colour, place }];
       }),
     );
   });
