@@ -5,8 +5,9 @@ import torch
 from fecocodec.config import ReceiverConfig
 from fecocodec.receiver.background import DEFAULT_BACKGROUND, cell_centres
 from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.occluded import occluded_candidates
 from fecocodec.training.graphs import pairs, prediction
-from fecocodec.training.graphs.background import BackgroundGraph, BehindGraph, HideGraph, OccludedGraph
+from fecocodec.training.graphs.background import BehindGraph, CandidatesGraph, HideGraph, outside_candidates
 from fecocodec.training.graphs.specification import Graph, GraphInput
 from fecocodec.training.graphs.update import UpdateGraph
 
@@ -126,7 +127,9 @@ def _background_graphs() -> dict[str, Graph]:
     hidden = {"hidden": GraphInput("candidates", torch.bool)}
     return {
         "background": Graph(
-            BackgroundGraph(), maps | _POSES, (*fields, "candidate_opacities", "candidate_colours", "extended")
+            CandidatesGraph(outside_candidates),
+            maps | _POSES,
+            (*fields, "candidate_opacities", "candidate_colours", "extended"),
         ),
         "hide": Graph(
             HideGraph(),
@@ -134,7 +137,9 @@ def _background_graphs() -> dict[str, Graph]:
             ("hidden_after",),
         ),
         "occluded": Graph(
-            OccludedGraph(), maps | _POSES, (*fields, "candidate_opacities", "candidate_colours", "surface")
+            CandidatesGraph(occluded_candidates),
+            maps | _POSES,
+            (*fields, "candidate_opacities", "candidate_colours", "surface"),
         ),
         "behind": Graph(
             BehindGraph(),
