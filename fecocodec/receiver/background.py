@@ -1,5 +1,7 @@
 """Background layer: blurred Gaussians outside all context views, so that other views show no black areas there.
 
+Its part behind near surfaces, inside the views, is in `receiver/occluded.py`.
+
 The border of each view is extrapolated outwards, with more blur and larger cells at larger distances, on several layers
 behind the surface at the border. Only candidates that are visible in no context view are kept (`receiver/hidden.py`),
 because the codec optimises colours against a black background and any Gaussian behind them would brighten the context

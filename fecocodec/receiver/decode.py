@@ -72,7 +72,7 @@ def decode(
     stream may be damaged or missing. "intact" decodes the stages before the first damage, which `Decoded.damage` then
     describes.
     sh_degree: 1 for view-dependent colours (spherical harmonics of degree 1), 0 for constant colours.
-    background: parameters of the layer that fills areas outside all context views; None for no layer.
+    background: parameters of the layer that fills what no context view shows; None for no layer.
     merging: parameters for merging similar neighbouring Gaussians; None keeps all Gaussians.
     device: torch device of the networks. model: folder of the model; None for the shipped model with the model id of
     the stream. max_pixels: limit on the pixels of all views, to which time and memory are proportional.

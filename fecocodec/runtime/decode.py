@@ -57,7 +57,7 @@ def decode(
 ) -> DecodedScene:
     """Decode a `.fcs` stream on the CPU. Arguments and errors are those of `receiver.decode.decode`.
 
-    has_background: whether to add the layer that fills areas outside all context views. num_threads: 0 for all cores.
+    has_background: whether to add the layer that fills what no context view shows. num_threads: 0 for all cores.
     Also raises ModelError if the model's graphs are missing or were exported from other weights.
     """
     part = read_stages(data, stages)
