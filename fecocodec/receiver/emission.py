@@ -22,8 +22,8 @@ LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 class EmissionConfig:
     """Options of the emitted Gaussians.
 
-    sh_degree: degree of the spherical harmonics, 0 or 1. background: parameters of the background layer outside all
-    views, None for neither of its parts. merging: parameters for merging similar neighbours, None to emit every Gaussian.
+    sh_degree: degree of the spherical harmonics, 0 or 1. background: parameters of the background layer, None for no
+    layer. merging: parameters for merging similar neighbours, None to emit every Gaussian.
     """
 
     sh_degree: int = 1
