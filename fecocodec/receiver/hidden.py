@@ -58,7 +58,19 @@ def is_hidden_from(
     world_to_camera: Float[Tensor, "4 4"],
     intrinsics: Float[Tensor, "3 3"],
 ) -> Bool[Tensor, " n"]:
-    """Return `is_hidden` for one view. axes: of `standard_deviations`.
+    """Return `is_hidden` for one view. axes: of `standard_deviations`."""
+    points, is_in_front, depth, uv = projected(means, world_to_camera, intrinsics)
+    radius = VISIBLE_DEVIATIONS * _deviations(world_to_camera[:3, :3] @ axes, intrinsics, uv, depth)
+    is_seen = is_in_front & ((uv > -radius) & (uv < 1.0 + radius)).all(dim=0)
+    is_before = is_in_front & (depth < _extended_depth_at(extended, bounds, uv))
+    is_close = points.square().sum(dim=0).sqrt() < CLEARANCE * extended.amin(dim=(0, 1))
+    return ~(is_seen | is_before | is_close)
+
+
+def projected(
+    means: Float[Tensor, "3 n"], world_to_camera: Float[Tensor, "4 4"], intrinsics: Float[Tensor, "3 3"]
+) -> tuple[Float[Tensor, "3 n"], Bool[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, "2 n"]]:
+    """Return points in the camera frame, whether they are in front, their depths, and normalised image positions.
 
     Coordinates are the first dimension, because it is several times as fast as the last.
     """
@@ -66,11 +78,7 @@ def is_hidden_from(
     is_in_front = points[2] > SMALLEST_DEPTH
     depth = points[2].clamp_min(SMALLEST_DEPTH)
     uv = points[:2] / depth * intrinsics.diagonal()[:2, None] + intrinsics[:2, 2:]
-    radius = VISIBLE_DEVIATIONS * _deviations(world_to_camera[:3, :3] @ axes, intrinsics, uv, depth)
-    is_seen = is_in_front & ((uv > -radius) & (uv < 1.0 + radius)).all(dim=0)
-    is_before = is_in_front & (depth < _extended_depth_at(extended, bounds, uv))
-    is_close = points.square().sum(dim=0).sqrt() < CLEARANCE * extended.amin(dim=(0, 1))
-    return ~(is_seen | is_before | is_close)
+    return points, is_in_front, depth, uv
 
 
 def _extended_depth_at(

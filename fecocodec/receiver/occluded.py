@@ -17,6 +17,7 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.facing import facing_gaussians
+from fecocodec.receiver.hidden import projected
 from fecocodec.receiver.sampling import SMALLEST_DEPTH
 from fecocodec.receiver.view_maps import ViewMaps, view_maps
 
@@ -80,10 +81,7 @@ def is_behind(
 
     Where the surface is 0, nothing is emitted, so nothing is behind it.
     """
-    points = world_to_camera[:3, :3] @ means + world_to_camera[:3, 3:]
-    is_in_front = points[2] > SMALLEST_DEPTH
-    depth = points[2].clamp_min(SMALLEST_DEPTH)
-    uv = points[:2] / depth * intrinsics.diagonal()[:2, None] + intrinsics[:2, 2:]
+    points, is_in_front, depth, uv = projected(means, world_to_camera, intrinsics)
     rows, columns = surface.shape
     column = (uv[0].clamp(0.0, 1.0) * columns).long().clamp(max=columns - 1)
     row = (uv[1].clamp(0.0, 1.0) * rows).long().clamp(max=rows - 1)
