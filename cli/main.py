@@ -49,7 +49,10 @@ def missing_module(error: ModuleNotFoundError) -> str:
     library = (error.name or "").partition(".")[0]
     if library not in SENDER_LIBRARIES:
         raise error
-    return f"fecosplat: this needs {library}, which is not installed; install all with pip install 'fecosplat[sender]'."
+    return (
+        f"fecosplat: this needs {library}, which is not installed; run pip install 'fecosplat[sender]' (README.md, "
+        "Install, has the line for machines without a GPU)."
+    )
 
 
 def main() -> NoReturn:

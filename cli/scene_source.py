@@ -44,7 +44,7 @@ def scene_source(
     Nothing is written if the block raises. num_frames: number of frames to take from a video. focal_px: as for
     `posed_folder`. Raises InputError as `posed_folder` and `video_frames` do.
     """
-    from fecocodec.formats.camera_files import has_cameras, read_cameras
+    from fecocodec.formats.camera_files import cameras_above, has_cameras, read_cameras
     from fecocodec.formats.video_frames import is_video, write_sharp_frames
 
     if num_frames is not None and not is_video(views):
@@ -66,6 +66,8 @@ def scene_source(
             write_sharp_frames(views, photographs, num_frames or DEFAULT_FRAMES)
         posed = stack.enter_context(posed_folder(photographs, name=str(views), focal_px=focal_px))
         notes = list(posed.notes)
+        if not is_video(views) and (cameras := cameras_above(views)):
+            notes.append(f"note: {cameras} has cameras; to use them instead, give the folder {views.absolute().parent}.")
         if cameras_file is not None and is_video(views):  # its frames are temporary files
             beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)
             posed = replace(posed, photographs=beside)

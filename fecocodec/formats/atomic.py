@@ -40,9 +40,23 @@ def made_folder(folder: Path) -> Iterator[None]:
 def require_writable(path: Path, *, overwrite: bool) -> None:
     """Check an output path before any work is done. Its folder may be missing, as writing creates it.
 
-    Raises OutputError if the folder cannot be one, the path cannot be a regular file, or it exists and `overwrite` is
-    false.
+    Raises OutputError if the folder cannot be one or takes no new file, the path cannot be a regular file, or it exists
+    and `overwrite` is false.
     """
+    _require_file_path(path, overwrite=overwrite)
+    folder = _nearest_existing(path.resolve())  # through a symbolic link, as `_written` does
+    probe = folder / f".{secrets.token_hex(6)}.part"  # permissions alone do not tell
+    try:
+        probe.touch(exist_ok=False)
+        probe.unlink()
+    except OSError as error:
+        raise OutputError(
+            f"{path}: no file can be made in {folder} ({error.strerror}); choose another output path."
+        ) from error
+
+
+def _require_file_path(path: Path, *, overwrite: bool) -> None:
+    """Raise OutputError as `require_writable` does, but without trying whether the folder takes a new file."""
     folder = path.parent if not _is_missing(path.parent) else _nearest_existing(path)
     if not os.path.isdir(folder):
         raise OutputError(f"{path}: {folder} is not a folder; choose another output path.")
@@ -97,7 +111,7 @@ def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
     change. Without `overwrite`, a file that was created at `path` in the meantime is kept.
     Raises OutputError as `require_writable` does, and if writing fails (disk full, no permission).
     """
-    require_writable(path, overwrite=overwrite)
+    _require_file_path(path, overwrite=overwrite)
     with made_folder(path.parent):
         yield from _written(path, overwrite=overwrite)
 

@@ -38,6 +38,8 @@ def _missing(path: Path) -> str:
     if not _has_images(path):
         if unread := sorted({file.suffix.lower() for file in _files(path)} & set(UNREAD_SUFFIXES)):
             return f"photographs of this kind cannot be read ({', '.join(unread)}); convert them to JPEG, PNG or WebP."
+        if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _camera_file(folder)]:
+            return f"no photographs found, but {len(scenes)} folders with cameras; give one of them, as {scenes[0]}."
         return "no photographs and no camera file found; give a folder that holds two or more photographs."
     return "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
 
@@ -63,6 +65,18 @@ def has_cameras(path: StrPath) -> bool:
         return is_known or not find_photographs(path)
     except (OSError, ValueError):  # `read_cameras` reports it
         return True
+
+
+def cameras_above(folder: Path) -> Path | None:
+    """Return the camera file in the parent of a folder of photographs, None if there is none.
+
+    Raises InputError or OSError if the parent cannot be read.
+    """
+    return _camera_file(folder.absolute().parent)
+
+
+def _camera_file(folder: Path) -> Path | None:
+    return find_transforms_json(folder) or find_colmap_model(folder)
 
 
 def _find_cameras(path: Path) -> PosedPhotographs | None:

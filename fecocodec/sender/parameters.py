@@ -27,8 +27,9 @@ class ParameterRow:
 
 RECEIVER_SUM, SENDER_SUM = "receiver, all that decode loads", "sender, all that encode loads"
 PUBLISHED = {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6}  # the paper's Table 1
+SHIPPED_DETAIL_PLANES = 64
 _PROFILES: dict[str, tuple[CodecConfig, ReceiverConfig]] = {
-    "compact": (COMPACT_SENDER, ReceiverConfig()),
+    "compact": (COMPACT_SENDER, ReceiverConfig(detail_planes=SHIPPED_DETAIL_PLANES)),
     "paper": (PaperSenderConfig(), ReceiverConfig(method=PAPER)),
 }
 

@@ -135,6 +135,15 @@ def test_focal_px_is_not_in_millimetres(fecosplat, unposed: Path, tmp_path: Path
     assert "give --focal-px in pixels of the photographs, not in millimetres.\n" in result.err
 
 
+def test_cameras_in_the_folder_above_are_named(fecosplat, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = Path(shutil.copytree(EXAMPLE, tmp_path / "scene"))
+    result = fecosplat("encode", scene / "images", "-o", tmp_path / "a.fcs", *FAST)
+    assert result.code == 0, result.err
+    note = f"note: {scene / 'transforms.json'} has cameras; to use them instead, give the folder {scene}.\n"
+    assert note in result.err
+
+
 def test_save_cameras_for_an_empty_folder(fecosplat, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     result = fecosplat("encode", tmp_path / "empty", "-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "c.json")

@@ -222,6 +222,21 @@ def test_names_that_no_file_can_have(overwrite, tmp_path):
         assert str(caught.value) == f"{refused}: cannot be written ({reason}); choose another output path."
 
 
+def test_a_folder_that_takes_no_new_file_is_found_before_any_work():
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o555)
+        for path in (folder / "out", folder / "missing" / "out"):
+            with _without_privileges(), pytest.raises(OutputError) as caught:
+                require_writable(path, overwrite=False)
+            assert str(caught.value) == (
+                f"{path}: no file can be made in {folder} (Permission denied); choose another output path."
+            )
+        folder.chmod(0o755)
+        require_writable(folder / "missing" / "out", overwrite=False)
+        assert not list(folder.iterdir())
+
+
 def test_a_folder_without_access():
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "closed"

@@ -74,6 +74,15 @@ def test_no_photographs(tmp_path):
     assert "no cameras found" in message(tmp_path)
 
 
+def test_a_folder_of_scenes_names_one(tmp_path: Path) -> None:
+    for name in ("b", "a"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "transforms.json").write_text("{}")
+    assert message(tmp_path) == (
+        f"{tmp_path}: no photographs found, but 2 folders with cameras; give one of them, as {tmp_path / 'a'}."
+    )
+
+
 def test_a_photograph_is_not_a_camera_file(tmp_path: Path) -> None:
     photograph = tmp_path / "left.JPG"
     photograph.write_bytes(b"not looked at")

@@ -3,9 +3,11 @@
 import pytest
 import torch
 
+from fecocodec.checkpoint import model_folder
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.geometry.normalisation import normalise_scene
 from fecocodec.layers.blocks import RateEmbedding
+from fecocodec.sender.codec import load_codec
 from fecocodec.sender.model import Sender
 from fecocodec.sender.parameters import parameter_table
 from tests.example_scenes import example_views
@@ -63,10 +65,11 @@ def test_wild_features_give_latents_that_can_be_coded(sender: Sender) -> None:
 
 
 def test_numbers_of_parameters_are_what_was_promised() -> None:
-    table = parameter_table()
+    table, receiver = parameter_table(), load_codec(model_folder(None), "cpu").receiver
     totals = {row.module.split(",")[0]: row.parameters for row in table if row.side == "sum"}
     assert "steps" in {row.module for row in table}  # what ships proposes its steps
     assert totals["receiver"] == pytest.approx(3.45e6, rel=0.01)
+    assert totals["receiver"] == sum(parameter.numel() for parameter in receiver.parameters())
     assert totals["sender"] <= 12e6
     assert sum(row.parameters for row in table if row.side == "receiver") == totals["receiver"]
     assert sum(row.parameters for row in table if row.side != "sum") == totals["sender"]

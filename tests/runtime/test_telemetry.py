@@ -1,0 +1,16 @@
+"""Decoding must not report to anybody: wheels of onnxruntime do, unless they are told not to before the import."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+
+def test_loading_graphs_leaves_nothing_in_the_home_folder(tmp_path: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("XDG_", "ORT_"))}
+    subprocess.run(
+        [sys.executable, "-B", "-c", "import fecocodec.runtime.graphs"],
+        env={**environment, "HOME": str(tmp_path)},
+        check=True,
+    )
+    assert list(tmp_path.rglob("*")) == []
