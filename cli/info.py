@@ -112,7 +112,7 @@ def print_summary(summary: StreamSummary) -> None:
             ("model", header.model_id.hex()),
             ("views", f"{header.num_views} of {header.width}x{header.height}"),
             ("depth", depth),
-            ("lambda", _lambda(header)),
+            ("lambda", _lambda(header, has_detail=any(section.name == "detail" for section in summary.sections))),
             ("stages", f"{header.num_stages}"),
             *([] if summary.covered is None else [("covered", f"{100 * summary.covered:.1f}% of the views")]),
             ("size", f"{summary.total_bytes:,} bytes, {summary.bits_per_pixel:.4f} bits per pixel"),
@@ -135,12 +135,14 @@ def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
     return [(name, printable(value)) for name, value in values if isinstance(value, str)]
 
 
-def _lambda(header: Header) -> str:
+def _lambda(header: Header, *, has_detail: bool) -> str:
     """Return lambda with its meaning. Stage 1 is coded at a larger lambda, to fewer bytes, because stage 2 follows.
 
-    With detail, the last stage may also be coded at a larger lambda than the user's.
+    With detail, the last stage may be coded at a larger lambda than the user's, which the file does not hold.
     """
     text = f"{header.lambda_of_stage(2):.4g} of the last stage (a larger one gives a smaller, coarser file"
+    if has_detail:
+        text += "; with detail, this may exceed the --lambda that was given"
     if not header.first_stage_excess:
         return f"{text})"
     return f"{text}; stage 1, which stage 2 corrects, has lambda {header.lambda_of_stage(1):.4g})"

@@ -10,16 +10,17 @@ _LARGEST_TRIM_THRESHOLD = 2**28  # bytes of free memory that the process keeps
 
 
 def prepare_process() -> None:
-    """Tune OpenMP and malloc, and hide Python and NumPy warnings, which are meant for developers.
+    """Tune OpenMP and malloc, hide Python and NumPy warnings, which are meant for developers, and forbid telemetry.
 
     OpenMP threads of torch spin for milliseconds while they wait and occupy cores that the rasteriser needs; a lower
     spin count lets them sleep earlier. malloc gives each large block and each thread memory of its own, which the
     system clears at every allocation; without that, all threads use freed memory again as it is. Settings in the
-    environment take precedence, PYTHONWARNINGS included.
+    environment take precedence, PYTHONWARNINGS included. onnxruntime would report to its vendor from its import on.
     """
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     if sys.platform != "linux" or any(name.startswith("MALLOC_") for name in os.environ):
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)

@@ -67,7 +67,8 @@ def scene_source(
         posed = stack.enter_context(posed_folder(photographs, name=str(views), focal_px=focal_px))
         notes = list(posed.notes)
         if not is_video(views) and (cameras := cameras_above(views)):
-            notes.append(f"note: {cameras} has cameras; to use them instead, give the folder {views.absolute().parent}.")
+            above = views.absolute().parent
+            notes.append(f"note: {cameras} has cameras; to use them instead, give the folder {above}.")
         if cameras_file is not None and is_video(views):  # its frames are temporary files
             beside = tuple(cameras_file.parent / frame.name for frame in posed.photographs)
             posed = replace(posed, photographs=beside)

@@ -1,7 +1,7 @@
 """Graphs of a receiver, run by onnxruntime. Only this file imports onnxruntime.
 
-Its wheels for Linux and Windows send telemetry to their vendor and keep a device number in the home folder. Decoding
-sends nothing: the switch is set before the import, which is the only moment when it works.
+Its wheels send telemetry to their vendor, which is switched off here. That is too late for a first event on import: the
+command line sets ORT_DISABLE_TELEMETRY before, and programs should do so too (docs/python.md).
 """
 
 import os
@@ -13,17 +13,17 @@ from threading import Lock
 from typing import TypeVar
 
 import numpy as np
+import onnxruntime
 from jaxtyping import Shaped, UInt8
 
 from fecocodec.errors import ModelError
 from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, find_receiver, read_bytes
 from fecocodec.runtime.weights_file import bytes_tensor
 
-os.environ["ORT_DISABLE_TELEMETRY"] = "1"
-import onnxruntime  # noqa: E402 - after the switch
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+onnxruntime.disable_telemetry_events()
 
 
 class Graphs:

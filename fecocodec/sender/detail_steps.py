@@ -95,7 +95,7 @@ def values_of(
     height, width = (side // BLOCK for side in encoder.size)
     planes = len(encoder.codec.receiver.detail_basis.basis)
     start = torch.zeros(encoder.num_views, planes, height, width, device=encoder.images.device)
-    return descend(search, start, config.detail_steps_of(encoder.num_pixels, lambda_q), on_fraction)
+    return descend(search, start, config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q), on_fraction)
 
 
 def symbols_of(values: Values) -> Choose:
@@ -177,5 +177,5 @@ def search_of(
         encoder.photographs,
         rendered,
         as_decoded,
-        price_of_detail(config, lambda_q) / encoder.num_pixels,
+        price_of_detail(config, encoder.num_views, lambda_q) / encoder.num_pixels,
     )

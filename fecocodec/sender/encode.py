@@ -99,7 +99,8 @@ def write_scene(
     """
     receiver = encoder.codec.receiver
     check_lambda(receiver.config, lambda_q)
-    has_detail = receiver.detail is not None and config.detail_steps_of(encoder.num_pixels, lambda_q) > 0
+    detail_steps = config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q)
+    has_detail = receiver.detail is not None and detail_steps > 0
     of_latents = config.latent_lambda_q(lambda_q) if has_detail else lambda_q
     share = 1.0 - SHARE_OF_DETAIL if has_detail else 1.0
     stages = write_stages(encoder, of_latents, num_stages, config, lambda task, done: on_progress(task, share * done))

@@ -9,7 +9,7 @@ from fecocodec.errors import InputError
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.distortion import Distortion, LogDistortion
 
-DETAIL_LAMBDA_Q = 1179  # lambda 1e-3: from it on there is no detail; below it, detail gets more steps
+DETAIL_LAMBDA_Q = 1179  # lambda 1e-3: from it on a few views have no detail; below it, detail gets more steps
 FULL_DETAIL_LAMBDA_Q = 871  # lambda 3e-4: above it, bits of detail cost more, so that files near 1e-3 have few of them
 DETAIL_PRICE_EXPONENT = 1.15  # of lambda there, beyond the exponent of the price
 FINE_LAMBDA_Q = 589  # lambda 1e-4: below it, detail is quantised more finely
@@ -35,8 +35,10 @@ class OptimisationConfig:
     views are penalised with this weight, because many steps overfit the context views.
 
     detail_steps: steps of the detail layer just below lambda 1e-3; 0 for no such layer. detail_steps_per_decade: more
-    steps for each power of ten that lambda is below; none for scenes with more than `large_pixels`. detail_step: its
-    quantisation step at lambda 1e-4 and above; below, it is proportional to lambda ** detail_step_exponent.
+    steps for each power of ten that lambda is below; none for scenes with more than `large_pixels`. many_views,
+    detail_steps_many: from this number of views on, there is detail at every lambda, with so many more steps; views
+    that contradict each other gain more from it than from finer latents. detail_step: its quantisation step at lambda
+    1e-4 and above; below, it is proportional to lambda ** detail_step_exponent.
     least_latent_lambda_q: latents below the detail layer are not coded at a smaller lambda.
 
     max_views_of_direct_gradients: with more views, gradients also pass through the residual branches of the predictor.
@@ -58,6 +60,8 @@ class OptimisationConfig:
     ssim_stride: int = 3
     detail_steps: int = 4
     detail_steps_per_decade: int = 8
+    many_views: int = 4
+    detail_steps_many: int = 8
     detail_step: float = 0.3
     detail_step_exponent: float = 0.15
     least_latent_lambda_q: int = 1088  # lambda 7e-4
@@ -70,13 +74,15 @@ class OptimisationConfig:
         num_steps = self.num_steps if num_pixels <= self.large_pixels else self.num_steps_large
         return num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
 
-    def detail_steps_of(self, num_pixels: int, lambda_q: int) -> int:
-        """Return the number of steps of the detail layer; 0 for none. Arguments as for `steps_of_last`."""
-        if num_pixels > self.max_pixels or self.detail_steps == 0 or lambda_q >= DETAIL_LAMBDA_Q:
+    def detail_steps_of(self, num_views: int, num_pixels: int, lambda_q: int) -> int:
+        """Return the number of steps of the detail layer; 0 for none. Other arguments as for `steps_of_last`."""
+        has_many = num_views >= self.many_views
+        if num_pixels > self.max_pixels or self.detail_steps == 0 or (lambda_q >= DETAIL_LAMBDA_Q and not has_many):
             return 0
+        num_steps = self.detail_steps + (self.detail_steps_many if has_many else 0)
         if num_pixels > self.large_pixels:
-            return self.detail_steps
-        return self.detail_steps + round(self.detail_steps_per_decade * _decades_below(DETAIL_LAMBDA_Q, lambda_q))
+            return num_steps
+        return num_steps + round(self.detail_steps_per_decade * _decades_below(DETAIL_LAMBDA_Q, lambda_q))
 
     def detail_step_of(self, lambda_q: int) -> int:
         """Return the index of the quantisation step of the detail layer (FORMAT.md, section 8)."""
@@ -125,12 +131,14 @@ def price_of_rate(config: OptimisationConfig, lambda_q: int) -> float:
     return config.rate_weight * LAMBDA_MAX * math.exp(config.price_exponent * (lambda_q - LAMBDA_Q_MAX) / STEPS_PER_E)
 
 
-def price_of_detail(config: OptimisationConfig, lambda_q: int) -> float:
+def price_of_detail(config: OptimisationConfig, num_views: int, lambda_q: int) -> float:
     """Return the price of a bit of detail per pixel, in units of D.
 
-    At lambda 1e-3 and above, latents buy more at target views; below 3e-4, both buy the same, and detail far more at
-    context views.
+    At lambda 1e-3 and above, latents of a few views buy more at target views; below 3e-4, both buy the same, and detail
+    far more at context views.
     """
+    if num_views >= config.many_views:
+        return price_of_rate(config, lambda_q)
     rise = math.exp(DETAIL_PRICE_EXPONENT * max(0, lambda_q - FULL_DETAIL_LAMBDA_Q) / STEPS_PER_E)
     return price_of_rate(config, lambda_q) * rise
 

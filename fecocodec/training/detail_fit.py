@@ -40,7 +40,7 @@ from fecocodec.sender.stages import Stage
 
 SIZE = (256, 256)
 LAMBDA_OF_LATENTS = 1e-3
-LAMBDAS_OF_DETAIL = (5e-4, 3e-4, 1e-4, 3e-5, 1e-5)  # from 1e-3 on there is no detail
+LAMBDAS_OF_DETAIL = (5e-4, 3e-4, 1e-4, 3e-5, 1e-5)  # from 1e-3 on pairs have no detail
 NUM_STEPS, MOMENTUM = 30, 0.7
 FIRST_RMS = 0.0036  # of the first step, relative to the sensitivities
 SMOOTHING = 3  # planes on each side whose counts a plane's tables also use, each half as much as the one nearer

@@ -44,6 +44,13 @@ def test_text_shows_size_and_sections(fecosplat, stream_file: Path, stream_bytes
     assert result.out.endswith("  stage 2: corrections to stage 1\n")
 
 
+def test_detail_is_said_to_hide_the_lambda_that_was_given(fecosplat, stream_file: Path) -> None:
+    sentence = "with detail, this may exceed the --lambda that was given"
+    with_detail = Path(__file__).parents[2] / "bitstream_spec/vectors/valid/detail-of-one-stage.fcs"
+    assert sentence in fecosplat("info", with_detail).out
+    assert sentence not in fecosplat("info", stream_file).out
+
+
 def test_damaged_section_is_described_and_fails(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
     stream_file.write_bytes(stream_bytes[:-1] + bytes([stream_bytes[-1] ^ 1]))
     result = fecosplat("info", stream_file, "--json")

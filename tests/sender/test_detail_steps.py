@@ -10,7 +10,9 @@ from fecocodec import encode, measure_decoded, read_views
 from fecocodec.container import quantise_lambda, read_stream
 from fecocodec.geometry.views import Views
 from fecocodec.sender.detail_steps import Search, descend, symbols_of
-from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST
+from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, price_of_detail
+from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.textures import pattern_textures
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 WITHOUT = replace(DEFAULT, detail_steps=0)
@@ -73,11 +75,24 @@ def test_smaller_lambdas_buy_more_detail(views: Views) -> None:
     assert sizes == sorted(set(sizes))
 
 
+def test_many_views_have_detail_at_every_lambda() -> None:
+    lambda_q = quantise_lambda(1e-3)
+    assert DEFAULT.detail_steps_of(3, 2**17, lambda_q) == 0 < DEFAULT.detail_steps_of(4, 2**17, lambda_q)
+    assert price_of_detail(DEFAULT, 3, lambda_q) > price_of_detail(DEFAULT, 4, lambda_q)
+    generator = torch.Generator().manual_seed(3)
+    four = ProceduralWorld(pattern_textures(8)).sample(generator, num_context=4, num_target=0, size=(64, 96)).views
+    with_detail = encode(four, lmbda=1e-3)
+    assert read_stream(with_detail).detail is not None
+    without = encode(four, lmbda=1e-3, effort=WITHOUT)
+    better, plain = (measure_decoded(data, four)[-1].psnr for data in (with_detail, without))
+    assert better > plain + 0.1
+
+
 def test_effort_fast_and_too_large_scenes_get_no_detail(views: Views) -> None:
     assert read_stream(encode(views, effort="fast")).detail is None
     lambda_q = quantise_lambda(1e-4)
-    assert DEFAULT.detail_steps_of(2**17, quantise_lambda(1e-3)) == 0
-    assert FAST.detail_steps_of(2**17, lambda_q) == 0
-    assert DEFAULT.detail_steps_of(2**22 + 1, lambda_q) == 0
-    assert 0 < DEFAULT.detail_steps_of(2**22, lambda_q) < DEFAULT.detail_steps_of(2**17, lambda_q)
-    assert BEST.detail_steps_of(2**17, lambda_q) > DEFAULT.detail_steps_of(2**17, lambda_q)
+    assert DEFAULT.detail_steps_of(2, 2**17, quantise_lambda(1e-3)) == 0
+    assert FAST.detail_steps_of(2, 2**17, lambda_q) == 0
+    assert DEFAULT.detail_steps_of(2, 2**22 + 1, lambda_q) == 0
+    assert 0 < DEFAULT.detail_steps_of(2, 2**22, lambda_q) < DEFAULT.detail_steps_of(2, 2**17, lambda_q)
+    assert BEST.detail_steps_of(2, 2**17, lambda_q) > DEFAULT.detail_steps_of(2, 2**17, lambda_q)

@@ -85,7 +85,7 @@ def test_best_tables_need_fewer_bytes_than_one_table_for_all() -> None:
 
 def test_tables_are_fitted_at_lambdas_that_have_detail(codec: Codec, coded: list[Coded]) -> None:
     pixels = 2 * SIZE[0] * SIZE[1]
-    assert all(DEFAULT.detail_steps_of(pixels, quantise_lambda(lmbda)) > 0 for lmbda in LAMBDAS_OF_DETAIL)
+    assert all(DEFAULT.detail_steps_of(2, pixels, quantise_lambda(lmbda)) > 0 for lmbda in LAMBDAS_OF_DETAIL)
     receiver = with_detail(codec.receiver, basis_of(coded, PLANES))
     before = receiver.detail_basis.tables.clone()
     fit_tables(receiver, [(replaced(encoder, receiver), last) for encoder, last in coded])
