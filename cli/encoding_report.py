@@ -32,8 +32,10 @@ def say_result(
     say(first_line)
     other = summary.total_bytes / 1024 - sum(_stage_kib(summary))
     say(f"  header, cameras and the like: {other:.2f} KiB")
+    detail = _detail_kib(summary)
     for stage, (kib, after) in enumerate(zip(_stage_kib(summary), quality, strict=True), start=1):
-        say(f"  stage {stage}: {kib:8.2f} KiB  {after.psnr:6.2f} dB")
+        of_detail = f" ({detail:.2f} KiB of it detail)" if detail and stage == len(quality) else ""
+        say(f"  stage {stage}: {kib:8.2f} KiB  {after.psnr:6.2f} dB{of_detail}")
     worst, name = min(zip(quality[-1].psnr_of_view, names, strict=True))
     count = len(names)
     size = f"{summary.header.width}x{summary.header.height}"
@@ -45,5 +47,9 @@ def say_result(
 def _stage_kib(summary: StreamSummary) -> list[float]:
     """Return the size of each stage in KiB. Detail counts as a part of the last one."""
     sizes = [section.total_bytes / 1024 for section in summary.sections if section.name in ("B1", "B2")]
-    sizes[-1] += sum(section.total_bytes / 1024 for section in summary.sections if section.name == "detail")
+    sizes[-1] += _detail_kib(summary)
     return sizes
+
+
+def _detail_kib(summary: StreamSummary) -> float:
+    return sum(section.total_bytes / 1024 for section in summary.sections if section.name == "detail")

@@ -24,6 +24,14 @@ def test_sizes_and_quality_of_each_stage(stream_bytes: bytes, capsys: pytest.Cap
     assert "(worst 24.50 dB, b.png) as decoded\n" in printed
 
 
+def test_the_share_of_detail_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    data = (Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "detail-of-one-stage.fcs").read_bytes()
+    summary = inspect(data)
+    (detail,) = [section.total_bytes for section in summary.sections if section.name == "detail"]
+    say_result("scene.fcs: written", summary, (DecodedQuality((20.0, 22.0, 21.0)),), ("a.png", "b.png", "c.png"))
+    assert f"   21.00 dB ({detail / 1024:.2f} KiB of it detail)\n" in capsys.readouterr().err
+
+
 def test_the_same_as_json(stream_bytes: bytes) -> None:
     fields = quality_fields(inspect(stream_bytes), QUALITY, ("a.png", "b.png"))
     assert fields["context_psnr"] == 25.0
