@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-
 PROGRAM = "from cli.process import prepare_process; prepare_process(); import fecocodec.runtime.graphs"
 
 
