@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 from fecocodec.errors import OutputError
 
@@ -45,10 +46,9 @@ def require_writable(path: Path, *, overwrite: bool) -> None:
     """
     _require_file_path(path, overwrite=overwrite)
     folder = _nearest_existing(path.resolve())  # through a symbolic link, as `_written` does
-    probe = folder / f".{secrets.token_hex(6)}.part"  # permissions alone do not tell
     try:
-        probe.touch(exist_ok=False)
-        probe.unlink()
+        with NamedTemporaryFile(dir=folder, prefix=".", suffix=".part"):  # permissions alone do not tell
+            pass
     except OSError as error:
         raise OutputError(
             f"{path}: no file can be made in {folder} ({error.strerror}); choose another output path."

@@ -95,7 +95,7 @@ def test_a_read_only_folder(
     source = photographs if command == "encode" else tmp_path / "wall.fcs"
     target = read_only / ("a.fcs" if command == "encode" else "a.ply")
     result = fecosplat(command, source, "-o", target, *options)
-    assert_refused(result, output, f"{target}: writing failed (...")
+    assert_refused(result, output, f"{target}: no file can be made in {read_only} (...")
 
 
 def test_decoding_into_the_input_is_refused(fecosplat, wall: bytes, tmp_path: Path, output: Path) -> None:
