@@ -61,7 +61,7 @@ class OptimisationConfig:
     detail_steps: int = 4
     detail_steps_per_decade: int = 8
     many_views: int = 4
-    detail_steps_many: int = 8
+    detail_steps_many: int = 4
     detail_step: float = 0.3
     detail_step_exponent: float = 0.15
     least_latent_lambda_q: int = 1088  # lambda 7e-4
