@@ -20,8 +20,9 @@ class OptimisationConfig:
     """Number and size of the steps, and the objective.
 
     num_steps: number of steps for the last stage; stage 1 of two gets half of them plus one. extra_step_below: one step
-    is added for each of these values that exceeds the quantised lambda. num_steps_large: replaces `num_steps` for
-    scenes with more than `large_pixels`. max_pixels: larger scenes get no steps: gradients at this size take encoding
+    is added for each of these values that exceeds the quantised lambda. extra_step_above: one step is added for each of
+    these values that the quantised lambda exceeds, unless the scene has more than `large_pixels`. num_steps_large:
+    replaces `num_steps` for these. max_pixels: larger scenes get no steps: gradients at this size take encoding
     from 2.1 to 4.4 GiB. Pixels are counted over all views on the coding grid.
 
     step_size, step_size_unscaled: RMS of the first step, in quantisation steps and in units of y / gain. The larger of
@@ -47,6 +48,7 @@ class OptimisationConfig:
 
     num_steps: int = 4
     extra_step_below: tuple[int, ...] = (944, 256, 256, 256)  # lambda 4e-4 and, for three steps, 2.7e-5
+    extra_step_above: tuple[int, ...] = (1356, 1356)  # lambda 2e-3
     num_steps_large: int = 2
     large_pixels: int = 2**19
     max_pixels: int = 2**22
@@ -71,7 +73,9 @@ class OptimisationConfig:
         """Return the number of steps of the last stage. num_pixels: of all views. lambda_q: quantised lambda."""
         if num_pixels > self.max_pixels:
             return 0
-        num_steps = self.num_steps if num_pixels <= self.large_pixels else self.num_steps_large
+        num_steps = self.num_steps_large
+        if num_pixels <= self.large_pixels:
+            num_steps = self.num_steps + sum(lambda_q > bound for bound in self.extra_step_above)
         return num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
 
     def detail_steps_of(self, num_views: int, num_pixels: int, lambda_q: int) -> int:
@@ -95,7 +99,7 @@ class OptimisationConfig:
 
     def with_steps(self, num_steps: int) -> "OptimisationConfig":
         """Return a copy with exactly `num_steps` steps, for all scenes of up to `max_pixels`."""
-        changed = replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=())
+        changed = replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=(), extra_step_above=())
         return changed if num_steps else replace(changed, detail_steps=0)
 
 
@@ -106,9 +110,7 @@ def _decades_below(bound: int, lambda_q: int) -> float:
 
 DEFAULT = OptimisationConfig()
 FAST = DEFAULT.with_steps(0)
-BEST = replace(
-    DEFAULT, num_steps=16, num_steps_large=6, extra_step_below=(), detail_steps=12, detail_steps_per_decade=16
-)
+BEST = replace(DEFAULT.with_steps(16), num_steps_large=6, detail_steps=12, detail_steps_per_decade=16)
 EFFORTS = {"fast": FAST, "default": DEFAULT, "best": BEST}
 
 
