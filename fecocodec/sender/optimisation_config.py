@@ -99,7 +99,9 @@ class OptimisationConfig:
 
     def with_steps(self, num_steps: int) -> "OptimisationConfig":
         """Return a copy with exactly `num_steps` steps, for all scenes of up to `max_pixels`."""
-        changed = replace(self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=(), extra_step_above=())
+        changed = replace(
+            self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=(), extra_step_above=()
+        )
         return changed if num_steps else replace(changed, detail_steps=0)
 
 
