@@ -73,9 +73,10 @@ def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[s
         return (f"{found}; use a smaller lambda, a larger `size` or more `effort`.",)
     worst = quality.worst_view
     found += f" (worst {names[worst]}, {quality.psnr_of_view[worst]:.1f} dB), and images between them will be worse"
+    found += "; check that each camera belongs to its photograph, or"
     if len(names) == 2:
-        return (f"{found}; use a smaller lambda, a larger `size` or more `effort`, or two views closer together.",)
-    return (f"{found}; choose fewer `views`, which are closer together, or use a smaller lambda or more `effort`.",)
+        return (f"{found} use a smaller lambda, a larger `size`, more `effort`, or two views closer together.",)
+    return (f"{found} choose fewer `views`, which are closer together, a smaller lambda or more `effort`.",)
 
 
 def stage_warnings(quality: Sequence[DecodedQuality]) -> tuple[str, ...]:

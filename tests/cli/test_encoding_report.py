@@ -103,11 +103,13 @@ def test_poor_views_are_said() -> None:
     assert quality_warnings(DecodedQuality((25.0, 19.0)), ("a.png", "b.png")) == ()
     assert quality_warnings(DecodedQuality((23.0, 18.9)), ("a.png", "b.png")) == (
         "the decoded views are poor, with a PSNR of 20.9 dB (worst b.png, 18.9 dB), and images between them will be "
-        "worse; use a smaller lambda, a larger `size` or more `effort`, or two views closer together.",
+        "worse; check that each camera belongs to its photograph, or use a smaller lambda, a larger `size`, more "
+        "`effort`, or two views closer together.",
     )
     assert quality_warnings(DecodedQuality((23.0, 18.9, 21.0)), ("a.png", "b.png", "c.png")) == (
         "the decoded views are poor, with a PSNR of 21.0 dB (worst b.png, 18.9 dB), and images between them will be "
-        "worse; choose fewer `views`, which are closer together, or use a smaller lambda or more `effort`.",
+        "worse; check that each camera belongs to its photograph, or choose fewer `views`, which are closer together, "
+        "a smaller lambda or more `effort`.",
     )
     assert quality_warnings(DecodedQuality((18.0,)), ("a.png",)) == (
         "the decoded views are poor, with a PSNR of 18.0 dB; use a smaller lambda, a larger `size` or more `effort`.",
