@@ -76,8 +76,9 @@ def leave_gradients(folder: Path) -> None:
     with joined_processes():
         it = trainer(folder)
         backward(it, batch_of(it, process_rank()))
+        own = {name: gradient.clone() for name, gradient in gradients_of(it.networks).items()}
         average_gradients(it.networks)
-        torch.save(gradients_of(it.networks), folder / f"{process_rank()}.pt")
+        torch.save((own, gradients_of(it.networks)), folder / f"{process_rank()}.pt")
 
 
 def leave_weights(folder: Path) -> None:
@@ -111,15 +112,20 @@ def run_group(task: str, folder: Path) -> list[object]:
 
 @pytest.mark.slow
 def test_two_processes_have_the_gradients_of_one_with_the_joint_batch(tmp_path: Path) -> None:
-    first, second = run_group("leave_gradients", tmp_path)
+    """Averaging is exact. The joint batch has the same gradients up to rounding, by their norms: convolutions of one
+    and of two scenes round differently, and a splat at a threshold of the renderer then counts in one of them alone.
+    """
+    (own, first), (other, second) = run_group("leave_gradients", tmp_path)  # type: ignore[misc]
     alone = trainer(tmp_path / "alone")
     backward(alone, joined(batch_of(alone, 0), batch_of(alone, 1)))
     expected = gradients_of(alone.networks)
-    assert isinstance(first, dict) and isinstance(second, dict)
     assert first.keys() == second.keys() == expected.keys() and len(expected) > 100
     for name, gradient in expected.items():
-        assert torch.equal(first[name], second[name])
-        torch.testing.assert_close(first[name], gradient, rtol=1e-3, atol=1e-4 * float(gradient.abs().max()) + 1e-9)
+        mean = (own[name] + other[name]) / 2
+        assert torch.equal(first[name], mean) and torch.equal(second[name], mean)
+        assert float((mean - gradient).norm()) <= 2e-3 * float(gradient.norm()) + 1e-9
+        if bool(mean.any()):
+            assert float((own[name] - gradient).norm()) > 0.05 * float(gradient.norm())  # the scenes differ
 
 
 @pytest.mark.slow
