@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.config import COMPACT_SENDER, ReceiverConfig
 from fecocodec.evaluation.quality import measure_quality
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.png import write_png
@@ -37,7 +37,7 @@ ERRORS = ("bytes", "ST-LPIPS (trained on)", "MSE", "1 - MS-SSIM", "FLIP", "DINOv
 
 def networks_of(model: Path) -> torch.nn.ModuleDict:
     receiver = Receiver(ReceiverConfig())
-    sender = Sender(SenderConfig(), receiver.config)
+    sender = Sender(COMPACT_SENDER, receiver.config)
     load_model_weights(sender, receiver, model)
     return torch.nn.ModuleDict({"receiver": receiver, "sender": sender}).eval().requires_grad_(False)
 

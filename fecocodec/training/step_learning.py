@@ -3,7 +3,8 @@
 The latents after a step are the first latents plus all steps so far. So the gradient of the loss by these latents is
 also the gradient by each of these steps, if the reaction of later steps to earlier ones is neglected. The next step
 needs most of this gradient anyway, so training costs little more than encoding. The loss also contains target views,
-which encoding does not see: the network learns steps that improve them, too.
+which encoding does not see, and may contain ST-LPIPS, which would be slow in encoding: the network learns steps that
+improve them, too.
 
 The analysis transform learns to give what the steps end at, as far as it can be told without them.
 """
@@ -26,6 +27,7 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import OnFraction, Optimise, StageInputs
 from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training.batch import Batch
+from fecocodec.training.loss import perceptual_distance
 
 CONTEXT_SHARE = 0.4  # of the context views in the loss; the rest is the target views'
 ANALYSIS_WEIGHT = 2e-4  # of the squared distance from g_a's latents to the optimised ones, in first steps
@@ -46,11 +48,16 @@ class Targets:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """Latents and what is computed from them, with a graph. objective: of encoding. target: D of the target views."""
+    """Latents and what is computed from them, with a graph.
+
+    objective: of encoding. target: D of the target views. perceptual: returns ST-LPIPS of one context view and one
+    target view, drawn anew, weighted as their D.
+    """
 
     y: Latent
     objective: Objective
     target: Float[Tensor, ""]
+    perceptual: Callable[[], Float[Tensor, ""]]
     parts: Parts
 
 
@@ -60,12 +67,14 @@ class StepLearner:
 
     Unlike in encoding, no step is undone, no views are held, and nothing is faded.
 
-    config: of the optimisation. generator: draws numbers of steps.
+    config: of the optimisation. generator: draws numbers of steps. perceptual_weight: of ST-LPIPS in the loss of the
+    latents after the last step; the objective of encoding has no such term.
     """
 
     network: StepNetwork
     config: OptimisationConfig
     generator: torch.Generator
+    perceptual_weight: float = 0.0
     _distances: list[Float[Tensor, ""]] = field(default_factory=list)
 
     def optimiser(
@@ -132,8 +141,9 @@ class StepLearner:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
         evaluate = partial(_evaluate, alone, self.config, own, targets)
         given = features[items].detach(), own.state, own.condition
+        first_length = step_size(self.config, own.condition)
         found, before, after = learn(
-            self.network, evaluate, y[items], steps, step_size(self.config, own.condition), given
+            self.network, evaluate, y[items], steps, first_length, given, self.perceptual_weight
         )
         report({f"{name}{inputs.stage}": after[name] - before[name] for name in after})
         return found
@@ -154,10 +164,11 @@ def learn(
     num_steps: int,
     first_length: float,
     given: tuple[Float[Tensor, "view channel h4 w4"], Float[Tensor, "view channel _ _"], RateCondition],
+    perceptual_weight: float = 0.0,
 ) -> tuple[Latent, Parts, Parts]:
     """Take the steps that the network proposes, and add to its gradients.
 
-    first_length: as in `descend`. given: F_k, S_{k-1} and the condition.
+    first_length: as in `descend`. given: F_k, S_{k-1} and the condition. perceptual_weight: see `StepLearner`.
     Returns y after the last step, and the parts of the loss before the first and after the last step.
     """
     features, state, condition = given
@@ -176,6 +187,9 @@ def learn(
         if proposed:
             (of_target,) = _gradients(found.y, found.target)
             arrows.append(CONTEXT_SHARE * of_distortion + (1.0 - CONTEXT_SHARE) * of_target + of_rate)
+        if proposed and is_last and perceptual_weight:
+            (of_perceptual,) = _gradients(found.y, found.perceptual())
+            arrows[-1] = arrows[-1] + perceptual_weight * of_perceptual
         if is_last:
             break
         gradient = of_distortion + of_rate
@@ -217,12 +231,20 @@ def _evaluate(
     def render_at(cameras: Cameras) -> Tensor:
         return render(gaussians, cameras, encoder.size).color
 
-    rendered = render_at(encoder.cameras.scene(0))
+    rendered, between = render_at(encoder.cameras.scene(0)), render_at(targets.cameras)
     context = config.distortion(rendered, encoder.images[0], config.ssim_stride).mean()
-    target = config.distortion(render_at(targets.cameras), targets.images, config.ssim_stride).mean()
+    target = config.distortion(between, targets.images, config.ssim_stride).mean()
     bits = estimated.bits.sum()
     rate = price_of_rate(config, int(inputs.lambda_q[0])) / encoder.num_pixels * bits
     loss = CONTEXT_SHARE * context + (1.0 - CONTEXT_SHARE) * target + rate
     values = {"loss": loss, "context": context, "target": target, "log_bits": bits.clamp_min(1.0).log()}
     objective = Objective(context, rate, encoder.images[0] - rendered.detach())
-    return Evaluated(y, objective, target, {name: float(value.detach()) for name, value in values.items()})
+
+    @torch.enable_grad()
+    def perceptual() -> Tensor:
+        pictures, truth = torch.cat((rendered, between)), torch.cat((encoder.images[0], targets.images))
+        weights = pictures.new_full((len(pictures),), (1.0 - CONTEXT_SHARE) * len(pictures) / len(between))
+        weights[: len(rendered)] = CONTEXT_SHARE * len(pictures) / len(rendered)
+        return perceptual_distance(pictures[None], truth[None], len(rendered), weights)
+
+    return Evaluated(y, objective, target, perceptual, {name: float(value.detach()) for name, value in values.items()})

@@ -55,7 +55,8 @@ def train_step_network(trainer: Trainer, phase: StepPhase) -> Iterator[dict[str,
     network.requires_grad_(True)
     average = {name: value.clone() for name, value in network.state_dict().items()}
     optimiser = torch.optim.AdamW(network.parameters(), lr=1.0, betas=(0.9, 0.99), weight_decay=1e-4)
-    learner = StepLearner(network, phase.optimisation, trainer.generator)
+    perceptual_weight = trainer.settings.configuration.perceptual_weight
+    learner = StepLearner(network, phase.optimisation, trainer.generator, perceptual_weight)
     window: list[dict[str, float]] = []
     num_skipped = 0
     for update in range(phase.num_updates):

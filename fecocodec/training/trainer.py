@@ -194,10 +194,11 @@ class Trainer:
 
     def _draw_learner(self) -> StepLearner | None:
         """Return what optimises the latents of this step, None for latents as g_a gives them."""
-        share, network = self.settings.configuration.optimised_share, self.sender.steps
+        configuration, network = self.settings.configuration, self.sender.steps
+        share = configuration.optimised_share
         if not share or network is None or float(torch.rand((), generator=self.generator)) >= share:
             return None
-        return StepLearner(network, DEFAULT, self.generator)
+        return StepLearner(network, DEFAULT, self.generator, configuration.perceptual_weight)
 
     def _draw_background(self, batch: Batch) -> Tensor | None:
         """Return a colour per scene for the loss, None for black."""

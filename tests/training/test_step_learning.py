@@ -3,6 +3,7 @@
 import copy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -16,7 +17,7 @@ from fecocodec.sender.latent_optimisation import Objective
 from fecocodec.sender.optimisation_config import OptimisationConfig, step_size
 from fecocodec.sender.stages import StageInputs
 from fecocodec.sender.step_network import StepNetwork
-from fecocodec.training import step_learning
+from fecocodec.training import loss, step_learning
 from fecocodec.training import trainer as trainer_module
 from fecocodec.training.batch import Batch
 from fecocodec.training.batch_shapes import BatchShape, BatchShapes
@@ -55,15 +56,20 @@ def new_trainer(folder: Path, share: float) -> Trainer:
 
 @torch.enable_grad()
 def two_parabolas(y: Tensor) -> Evaluated:
-    """Encoding lowers the distance of y to 1 and to 0; target views want 2."""
+    """Encoding lowers the distance of y to 1 and to 0; target views want 2, perception 3."""
     y = y.detach().requires_grad_()
     distortion, rate, target = ((y - wanted).square().mean() for wanted in (1.0, 0.0, 2.0))
-    loss = CONTEXT_SHARE * distortion + (1.0 - CONTEXT_SHARE) * target + rate
+    total = CONTEXT_SHARE * distortion + (1.0 - CONTEXT_SHARE) * target + rate
     objective = Objective(distortion, rate, torch.ones(1, 3, 32, 32))
-    return Evaluated(y, objective, target, {"loss": float(loss.detach())})
+
+    def perceptual() -> Tensor:
+        return (y - 3.0).square().mean()
+
+    return Evaluated(y, objective, target, perceptual, {"loss": float(total.detach())})
 
 
-def test_gradients_are_those_of_the_loss_by_the_network(codec: Codec) -> None:
+@pytest.mark.parametrize("perceptual_weight", [0.0, 0.5])
+def test_gradients_are_those_of_the_loss_by_the_network(codec: Codec, perceptual_weight: float) -> None:
     condition = codec.receiver.condition(torch.tensor([300]), 1)
     torch.manual_seed(1)
     network, y = StepNetwork(32, 128, 16), torch.randn(1, 32, 4, 4)
@@ -74,9 +80,9 @@ def test_gradients_are_those_of_the_loss_by_the_network(codec: Codec) -> None:
 
     def loss_of(other: StepNetwork) -> float:
         """Of the latents after the one step."""
-        found, before, after = learn(other, two_parabolas, y, 1, 0.5, given)
+        found, before, after = learn(other, two_parabolas, y, 1, 0.5, given, perceptual_weight)
         assert before["loss"] == two_parabolas(y).parts["loss"] and after == two_parabolas(found).parts
-        return LAST_WEIGHT * after["loss"]
+        return LAST_WEIGHT * (after["loss"] + perceptual_weight * float((found - 3.0).square().mean()))
 
     loss_of(network)
     direction = {name: torch.randn_like(parameter) for name, parameter in network.named_parameters()}
@@ -96,7 +102,7 @@ def new_learner(seed: int) -> StepLearner:
 
 
 def optimised(
-    codec: Codec, batch: Batch, scenes: list[int], seed: int, learner: StepLearner | None = None
+    codec: Codec, batch: Batch, scenes: list[int], seed: int, learner: StepLearner | None = None, num_views: int = 2
 ) -> tuple[Tensor, Tensor, list[dict[str, float]]]:
     """Latents of stage 1 of these scenes before and after their steps, and what the steps change."""
     batch = replace(
@@ -110,11 +116,12 @@ def optimised(
     torch.manual_seed(2)
     rows: list[dict[str, float]] = []
     learner = new_learner(seed) if learner is None else learner
-    lambda_q = batch.lambda_q.repeat_interleave(2)
+    lambda_q = batch.lambda_q.repeat_interleave(num_views)
     condition = codec.receiver.condition(lambda_q, 1)
     inputs = StageInputs(1, True, lambda_q, condition, encoder.initial_state, None)
-    y = (4.0 * torch.randn(2 * len(scenes), 32, 8, 8, generator=torch.Generator().manual_seed(7))).requires_grad_()
-    features = torch.ones(2 * len(scenes), 128, 16, 16)
+    items = num_views * len(scenes)
+    y = (4.0 * torch.randn(items, 32, 8, 8, generator=torch.Generator().manual_seed(7))).requires_grad_()
+    features = torch.ones(items, 128, 16, 16)
     return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, lambda _fraction: None), rows
 
 
@@ -124,6 +131,34 @@ def test_optimised_latents_differ_and_pass_no_gradient_to_the_sender(codec: Code
     assert [set(row) for row in rows] == 2 * [{"loss1", "context1", "target1", "log_bits1"}]
     assert not torch.equal(found, y)
     assert not found.requires_grad
+
+
+def test_the_perceptual_part_of_the_loss_is_st_lpips_weighted_as_d(
+    codec: Codec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With every ST-LPIPS at 1, the part is 1 for any number of views."""
+    seen: list[Tensor] = []
+
+    def one(images: Tensor, targets: Tensor) -> Tensor:
+        assert images.shape == targets.shape == (1, 2, 3, 64, 64)
+        seen.append(targets)
+        return torch.ones(1, 2) + 0.0 * images.sum()
+
+    batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(1, 3, 2, (64, 64)), 0.0)
+    monkeypatch.setattr(loss, "st_lpips", one)
+    values: list[float] = []
+    learned = step_learning.learn
+
+    def watched(network: StepNetwork, evaluate: Any, y: Tensor, *others: Any) -> Any:
+        values.append(float(evaluate(y).perceptual().detach()))
+        return learned(network, evaluate, y, *others)
+
+    monkeypatch.setattr(step_learning, "learn", watched)
+    optimised(codec, batch, [0], 1, replace(new_learner(1), perceptual_weight=0.5), num_views=3)
+    assert values == [pytest.approx(1.0)] and len(seen) == 2
+    for context, target in (pictures[0] for pictures in seen):
+        assert any(torch.equal(context, image) for image in batch.images[0, :3])
+        assert any(torch.equal(target, image) for image in batch.images[0, 3:])
 
 
 def test_scenes_of_a_batch_are_optimised_as_if_alone(codec: Codec) -> None:
@@ -175,9 +210,9 @@ def test_the_distance_of_g_a_counts_in_first_steps(codec: Codec) -> None:
     assert fine > 2.0 * coarse
     lengths = torch.tensor([fine, fine, coarse, coarse])[:, None, None, None]
     expected = ((y - found).detach() / lengths).square().mean()
-    loss = learner.analysis_loss()
-    assert float(loss.detach()) == pytest.approx(float(step_learning.ANALYSIS_WEIGHT * expected), rel=1e-5)
-    loss.backward()
+    distance = learner.analysis_loss()
+    assert float(distance.detach()) == pytest.approx(float(step_learning.ANALYSIS_WEIGHT * expected), rel=1e-5)
+    distance.backward()
     assert y.grad is not None and bool(((y - found) * y.grad >= 0.0).all()) and float(y.grad.abs().sum()) > 0.0
 
 
