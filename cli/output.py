@@ -23,6 +23,7 @@ _OPTIONS = {
     'stages="intact"': "decode --partial",
     "stages=1": "--stages 1",
     "views=all": "--views all",
+    "workers=1": "--workers 1",
 }
 
 

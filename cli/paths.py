@@ -7,7 +7,8 @@ from pathlib import Path
 from fecocodec.errors import InputError, OutputError
 
 STDOUT = Path("-")
-_IS_EXTENSION = re.compile(r"\.[A-Za-z]{2,5}")  # a file format; `.v2` and `.1` are parts of a name
+# A file format; `.v2`, `.1` and `.renders` are parts of a name.
+_IS_EXTENSION = re.compile(r"\.([a-z]{2,5}|ksplat|splatv|geojson|\d[a-z]{1,2}|[a-z]\d[a-z]|h5|mp4|e57)")
 
 
 def require_ending(output: Path, endings: tuple[str, ...]) -> None:
@@ -31,8 +32,12 @@ def require_output_folder(folder: Path) -> None:
 
 
 def require_photographs(folder: Path) -> None:
-    """Raise InputError if a folder of photographs does not exist, with the message of the library."""
-    require_input(folder, "no such folder; give the folder that holds images and cameras.")
+    """Raise InputError if a folder of photographs, or a video, does not exist."""
+    is_file = _IS_EXTENSION.fullmatch(folder.suffix.lower()) is not None
+    missing = (
+        "no such file; check the path." if is_file else "no such folder; give the folder that holds images and cameras."
+    )
+    require_input(folder, missing)
 
 
 def require_model(folder: Path | None) -> None:

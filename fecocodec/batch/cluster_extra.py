@@ -5,10 +5,15 @@ from importlib.util import find_spec
 from fecocodec.errors import InputError
 
 
+def has_cluster_extra() -> bool:
+    """Return whether Dask distributed is installed."""
+    return find_spec("distributed") is not None
+
+
 def require_cluster_extra() -> None:
     """Raise InputError, which names the extra to install, if Dask distributed is missing."""
-    if find_spec("distributed") is None:
+    if not has_cluster_extra():
         raise InputError(
-            "several processes need the package distributed; pip install 'fecosplat[cluster]', or use one process with "
-            "a `shard` such as 1/1."
+            "several processes need the package distributed; pip install 'fecosplat[cluster]', or use one process by "
+            "`workers=1`."
         )

@@ -62,6 +62,8 @@ def _require_file_path(path: Path, *, overwrite: bool) -> None:
         raise OutputError(f"{path}: {folder} is not a folder; choose another output path.")
     if _is_missing(path):
         return
+    if os.path.isdir(path):
+        raise OutputError(f"{path}: this is a folder; give the name of a file, such as {path / 'NAME'}.")
     if not os.path.isfile(path):
         raise OutputError(f"{path}: this exists and is not a plain file; choose another output path.")
     if not overwrite:

@@ -61,12 +61,14 @@ def posed_folder(
 ) -> Iterator[PosedFolder]:
     """Estimate cameras and yield a scene folder that exists until the block ends. Photographs in it are upright.
 
-    Photographs that cannot be registered are left out, with a note. num_threads: -1 for all cores. name: of the input
-    in messages, by default the folder. focal_px: known focal length in pixels of the photographs, None to estimate it.
+    Photographs that cannot be registered are left out, with a warning. num_threads: -1 for all cores. name: of the
+    input in messages, by default the folder. focal_px: known focal length in pixels of the photographs, None to
+    estimate it.
     Raises InputError if fewer than two photographs can be registered, all are taken from one position, or pycolmap is
     missing.
     """
     photographs, notes = _chosen(folder, name or str(folder))
+    warnings = _unread(folder)
     with TemporaryDirectory(prefix="fecosplat-") as temporary:
         root = Path(temporary)
         groups = upright_copies(photographs, root, focal_px)
@@ -77,18 +79,13 @@ def posed_folder(
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
         notes += _notes(photographs, reconstruction, groups)
-        warnings = reliability_warnings(reconstruction, groups)
+        warnings += _left_out(photographs, reconstruction) + reliability_warnings(reconstruction, groups)
         yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes), tuple(warnings))
 
 
 def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
-    """Return at most MAX_PHOTOGRAPHS photographs, evenly spread over the folder, with notes on those left out."""
-    photographs, notes = find_photographs(folder), list[str]()
-    if unread := unread_photographs(folder):
-        kinds = ", ".join(sorted({path.suffix.lower() for path in unread}))
-        notes.append(
-            f"files of these kinds are not read ({kinds}; {len(unread)} in all); convert them to JPEG, PNG or WebP."
-        )
+    """Return at most MAX_PHOTOGRAPHS photographs, evenly spread over the folder, with notes on those not used."""
+    photographs = find_photographs(folder)
     if len(photographs) < 2:
         found = "one photograph" if photographs else "no photographs"
         raise InputError(
@@ -96,12 +93,19 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
             "file."
         )
     if len(photographs) <= MAX_PHOTOGRAPHS:
-        return photographs, notes
+        return photographs, []
     kept = [photographs[index] for index in np.linspace(0, len(photographs) - 1, MAX_PHOTOGRAPHS).round().astype(int)]
-    return kept, [
-        *notes,
-        f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras.",
-    ]
+    return kept, [f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras."]
+
+
+def _unread(folder: Path) -> list[str]:
+    """Return a warning about photographs of kinds that cannot be read."""
+    unread = [path.name for path in unread_photographs(folder)]
+    if not unread:
+        return []
+    more = f" and {len(unread) - 3} more" if len(unread) > 3 else ""
+    verb = "is" if len(unread) == 1 else "are"
+    return [f"{', '.join(unread[:3])}{more} {verb} of a kind that cannot be read; convert to JPEG, PNG or WebP."]
 
 
 def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
@@ -137,28 +141,32 @@ def _pairs(count: int) -> str:
 
 
 def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
-    """Return what was estimated, and which photographs are left out."""
+    """Return what was estimated."""
     cameras = found.cameras
     focal = "started from EXIF data" if all(group.is_known for group in groups) else "started from a standard lens"
     if all(group.is_fixed for group in groups):
         focal = "as given"
     lens = cameras[0].lens
     shared = [count for count in found.matches.values() if count >= _FEW_MATCHES]
-    notes = [
+    return [
         f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
         f"{found.reprojection_error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
         f"{len(shared)} {_pairs(len(shared))} with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
         f"for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
     ]
-    registered = {camera.name for camera in cameras}
+
+
+def _left_out(photographs: list[Path], found: Reconstruction) -> list[str]:
+    """Return a warning for each photograph whose camera could not be estimated."""
+    registered, warnings = {camera.name for camera in found.cameras}, list[str]()
     for path in photographs:
         if path.name not in registered:
-            counts = [count for pair, count in found.matches.items() if path.name in pair]
-            notes.append(
-                f"{path.name} is left out: at most {max(counts, default=0)} matches with another photograph; "
-                "take it again with more overlap."
+            most = max((count for pair, count in found.matches.items() if path.name in pair), default=0)
+            matches = f"at most {most} matches" if most else "no matches"
+            warnings.append(
+                f"{path.name} is left out: {matches} with another photograph; take it again with more overlap."
             )
-    return notes
+    return warnings
 
 
 def _relative_path(file: Path, folder: Path) -> str:

@@ -18,6 +18,7 @@ from fecocodec.errors import InputError
 from fecocodec.formats.input_file import read_json
 from fecocodec.formats.lens import ASPECT_TOLERANCE, MAX_SIDE_PX, Lens
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
+from fecocodec.formats.reference_cameras import read_reference_cameras
 
 _FILE_NAMES = ("transforms.json", "transforms_train.json")
 _SUPPORTED_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
@@ -34,21 +35,21 @@ def find_transforms_json(path: Path) -> Path | None:
 
 
 def read_transforms_json(path: Path) -> PosedPhotographs:
-    """Read the cameras of all frames. Raises InputError if the file or a camera is not valid."""
-    scene = _load(path)
+    """Read the cameras of all frames; a list is read as `cameras.json` of the 3DGS reference.
+
+    Raises InputError if the file or a camera is not valid.
+    """
+    scene = read_json(path)
+    if isinstance(scene, list):
+        return read_reference_cameras(path, scene)
+    if not isinstance(scene, dict):
+        raise InputError(f"{path}: the outermost value is not an object; export it again.")
     frames = scene.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InputError(f"{path}: no frames; add a list `frames` with one camera per image.")
     photographs = [_photograph(path, scene, index, frame) for index, frame in enumerate(frames)]
     near, far = (_number(scene, key, str(path)) for key in ("near", "far"))
     return PosedPhotographs(path, photographs, near, far)
-
-
-def _load(path: Path) -> dict[str, Any]:
-    scene = read_json(path)
-    if not isinstance(scene, dict):
-        raise InputError(f"{path}: the outermost value is not an object; export it again.")
-    return scene
 
 
 def _photograph(path: Path, scene: dict[str, Any], index: int, frame: object) -> PosedPhotograph:

@@ -4,12 +4,14 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from PIL import ExifTags, Image, ImageOps
 
 from fecocodec.errors import InputError
 from fecocodec.formats.estimated_cameras import ImageGroup
 from fecocodec.formats.image_headers import UNREAD_SUFFIXES, has_image_name
 from fecocodec.formats.pillow_images import decode_with_pillow, unreadable
+from fecocodec.limits import MIN_SIDE
 
 MAX_PHOTOGRAPHS = 60
 MAX_SIDE_PX = 1600  # of the copies from which features are extracted
@@ -41,13 +43,18 @@ def upright_copies(photographs: list[Path], target: Path, focal_px: float | None
     Copies hold PNG data whatever their suffix; readers recognise the format by the content.
     focal_px: known focal length in pixels of the photographs, None to start from EXIF data or a standard lens.
     Returns groups of photographs of one size and focal length. Raises InputError for a photograph that cannot be read,
-    two that are equal, or a focal length that cannot be that of all.
+    is too small, two that are equal, or a focal length that cannot be that of all.
     """
     members: dict[tuple[tuple[int, int], float | None], list[str]] = defaultdict(list)
     name_of_pixels: dict[bytes, str] = {}
     sides: dict[int, str] = {}
     for path in photographs:
         image, focal, longer_side = _upright(path)
+        if min(image.size) < MIN_SIDE:
+            raise InputError(
+                f"{path}: {image.size[0]}x{image.size[1]} pixels are too few, sides must be {MIN_SIDE} or more; give a "
+                "larger photograph, or leave it out."
+            )
         if focal_px is not None:
             focal = _given_focal(focal_px, path, longer_side, sides)
         pixels = image.tobytes()
@@ -93,17 +100,25 @@ def _upright(path: Path) -> tuple[Image.Image, float | None, int]:
 
     The longer side is in pixels of the stored photograph.
     """
-    decode_with_pillow(path, path)  # reports damage and sizes beyond the limits as one sentence
+    samples = decode_with_pillow(path, path)  # reports damage and sizes beyond the limits as one sentence
     try:
         with Image.open(path) as stored:
             focal = _focal_of_exif(stored)
-            image = ImageOps.exif_transpose(stored)
-            image = _on_white(image)
+            image = _in_eight_bits(stored, samples) if stored.mode.startswith("I") else stored
+            image = _on_white(ImageOps.exif_transpose(image))
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(unreadable(path, error)) from error
     longer_side = max(image.size)
     image.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX), Image.Resampling.LANCZOS)
     return image, focal, longer_side
+
+
+def _in_eight_bits(stored: Image.Image, samples: Float[np.ndarray, "3 height width"]) -> Image.Image:
+    """Return a grey image of 16 bits as RGB, with its EXIF data. Pillow would clip its values at 255."""
+    pixels = np.rint(255.0 * samples).astype(np.uint8).transpose(1, 2, 0)
+    image = Image.fromarray(np.ascontiguousarray(pixels))
+    image.info = dict(stored.info)
+    return image
 
 
 def _on_white(image: Image.Image) -> Image.Image:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
@@ -22,6 +22,9 @@ DARKEST, BRIGHTEST = 0.04, 0.96  # mean sRGB value of all views
 # reached a fraction of 0.15 after negation, or a gain of 2.2.
 LEAST_AGREEMENT = 0.15
 LEAST_GAIN = 6.0
+# Mean distance of the channels from their mean, over mean brightness. Grey views are below the first, views in colour
+# above the second: 511 photographs of 86 captures have 0.010 to 0.45.
+LARGEST_GREY, LEAST_COLOUR = 0.003, 0.009
 _GRID = 8  # sample points per image side
 
 
@@ -33,6 +36,7 @@ def check_input(views: Views, effort: str | OptimisationConfig = "default") -> t
     return (
         *_warnings_about_cameras(views.cameras, views.names),
         *_warnings_about_images(views.images),
+        *_warnings_about_kinds(views),
         *_warnings_about_axes(views),
         *_warnings_about_size(views, config_of_effort(effort)),
     )
@@ -85,6 +89,34 @@ def _warnings_about_images(images: Float[Tensor, "view 3 height width"]) -> list
     if not DARKEST <= float(brightness.mean()) <= BRIGHTEST:
         warnings.append("the views are almost black or white; expose them so that surfaces can be distinguished.")
     return warnings
+
+
+def _warnings_about_kinds(views: Views) -> list[str]:
+    """Detect views that differ in kind from the others: grey among colours, transparent among opaque ones."""
+    warnings = []
+    grey = views.images.mean(dim=1, keepdim=True)
+    brightness = grey.mean(dim=(1, 2, 3)).clamp_min(DARKEST)
+    colourfulness = (views.images - grey).abs().mean(dim=(1, 2, 3)) / brightness
+    if grey_views := _names(views.names, colourfulness < LARGEST_GREY, colourfulness > LEAST_COLOUR):
+        warnings.append(
+            f"{grey_views} without colours, the other views are coloured; give all views in colour, or none."
+        )
+    if views.alpha is not None:
+        transparency = 1.0 - views.alpha.mean(dim=(1, 2))
+        if cut_outs := _names(views.names, transparency > 0.0, transparency == 0.0):
+            warnings.append(
+                f"{cut_outs} transparent in part, the other views are opaque; cut out the object in all views, or give "
+                "all without transparency."
+            )
+    return warnings
+
+
+def _names(names: tuple[str, ...], is_odd: Bool[Tensor, " view"], is_usual: Bool[Tensor, " view"]) -> str:
+    """Return "NAME is" or "NAME, NAME are" of the odd views; empty if there are none, or none is usual."""
+    odd = [name for name, found in zip(names, is_odd.tolist(), strict=True) if found]
+    if not odd or not bool(is_usual.any()):
+        return ""
+    return f"{', '.join(odd)} {'is' if len(odd) == 1 else 'are'}"
 
 
 def _warnings_about_axes(views: Views) -> list[str]:

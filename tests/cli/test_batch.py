@@ -156,9 +156,12 @@ def test_a_missing_extra_names_it_and_the_way_without(
     assert (result.code, result.out) == (1, "")
     assert result.err == (
         "fecosplat: several processes need the package distributed; pip install 'fecosplat[cluster]', or use one "
-        "process with a --shard such as 1/1.\n"
+        "process by --workers 1.\n"
     )
     assert not (tmp_path / "output").exists()
+    alone = fecosplat("batch", "encode", scenes, "-o", tmp_path / "output", "--workers", "1")
+    assert "several processes" not in alone.err
+    assert list((tmp_path / "output").glob("*.fcs"))
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,8 @@ sys.exit(run(sys.argv[1:]))
     ("arguments", "sentence"),
     [
         (("encode", "missing", "-o", "a.fcs"), "missing: no such folder; give the folder that holds images"),
+        (("encode", "missing.mp4", "-o", "a.fcs"), "missing.mp4: no such file; check the path."),
+        (("encode", ".", "-o", "."), ".: this is a folder; give the name of a file, such as NAME."),
         (("encode", ".", "-o", "a.splat"), "a.splat: files of kind .splat are not written here; use .fcs."),
         (("encode", ".", "-o", "in.fcs/a.fcs"), "in.fcs/a.fcs: in.fcs is not a folder; choose another output path."),
         (("encode", ".", "-o", "a.fcs", "--lambda", "7"), "lambda is 7"),

@@ -18,7 +18,7 @@ def test_encode_writes_fcs_only(fecosplat, photographs: Path, output: Path, name
     assert_refused(result, output, f"{output / name}: files of kind .{name[2:]} are not written here; use .fcs.")
 
 
-@pytest.mark.parametrize("name", ["a.splat", "a.fcs", "a.jpg"])
+@pytest.mark.parametrize("name", ["a.splat", "a.fcs", "a.jpg", "a.ksplat", "a.h5", "a.7z", "a.x3d"])
 def test_decode_refuses_other_endings(fecosplat, stream_file: Path, output: Path, name: str) -> None:
     result = fecosplat("decode", stream_file, "-o", output / name)
     assert_refused(

@@ -97,6 +97,26 @@ def test_a_signal_while_cameras_are_estimated_is_one_line(number: signal.Signals
     assert list(output.iterdir()) == []
 
 
+def test_a_signal_waits_for_the_end_of_an_import(tmp_path: Path) -> None:
+    """An exception through the C++ code of a library that is being imported would abort the process."""
+    (tmp_path / "imported.py").write_text(
+        "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(0.2)\nprint('imported', flush=True)\n"
+    )
+    program = (
+        "import time\n"
+        "from fecosplat_cli.signals import EndingSignals\n"
+        "with EndingSignals() as signals:\n"
+        "    try:\n"
+        "        import imported\n"
+        "        time.sleep(60)\n"
+        "    except SystemExit:\n"
+        "        print(signals.description)\n"
+    )
+    command = [sys.executable, "-c", program]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, preexec_fn=heed_all, timeout=30)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "imported\ninterrupted\n", "")
+
+
 def heed_all() -> None:
     """Whoever runs the tests in the background has signals ignored, and children inherit that."""
     for number in LINES:

@@ -84,7 +84,10 @@ def test_paths_that_cannot_hold_a_file(tmp_path):
             os.mkfifo(place)
         with pytest.raises(OutputError) as caught:
             require_writable(place, overwrite=True)
-        assert str(caught.value) == f"{place}: this exists and is not a plain file; choose another output path."
+        reason = "this exists and is not a plain file; choose another output path."
+        if place == tmp_path:
+            reason = f"this is a folder; give the name of a file, such as {tmp_path / 'NAME'}."
+        assert str(caught.value) == f"{place}: {reason}"
 
 
 def test_missing_folders_are_made_and_go_again_if_the_block_fails(tmp_path, monkeypatch):

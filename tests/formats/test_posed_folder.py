@@ -152,13 +152,39 @@ def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
     assert set(views.names) == {first.name, "turned.jpg"}
 
 
-def test_photographs_of_kinds_that_are_not_read_are_noted(tmp_path):
+def test_photographs_of_kinds_that_are_not_read_get_a_warning(tmp_path):
     copies(tmp_path / "photos")
-    for name in ("a.HEIC", "b.heic"):
+    for name in ("a.HEIC", "b.heic", "c.heic", "d.tif", "e.tif"):
         (tmp_path / "photos" / name).write_bytes(b"-")
     with posed_folder(tmp_path / "photos", num_threads=1) as posed:
-        assert posed.notes[0].startswith("files of these kinds are not read (.heic; 2 in all);")
-        assert "2 of 2" in posed.notes[1]
+        assert posed.warnings[0].startswith("a.HEIC, b.heic, c.heic and 2 more are of a kind that cannot be read;")
+        assert len(posed.notes) == 1 and "2 of 2" in posed.notes[0]
+
+
+@pytest.mark.parametrize("mode", ["I;16", "L"])
+def test_features_are_found_in_grey_photographs_of_16_bits(tmp_path, mode):
+    pytest.importorskip("imagecodecs")
+    (tmp_path / "photos").mkdir()
+    for path in PHOTOGRAPHS:
+        grey = np.asarray(Image.open(path).convert("L"))
+        stored = Image.fromarray(grey.astype(np.uint16) * 257 if mode == "I;16" else grey)
+        assert stored.mode == mode
+        stored.save(tmp_path / "photos" / f"{path.stem}.png")
+    (tmp_path / "copies").mkdir()
+    upright_copies(sorted((tmp_path / "photos").iterdir()), tmp_path / "copies")
+    for path in PHOTOGRAPHS:
+        copied = np.asarray(Image.open(tmp_path / "copies" / f"{path.stem}.png"))
+        grey = np.asarray(Image.open(path).convert("L"))
+        assert copied.shape == (*grey.shape, 3) and int(np.abs(copied[..., 1].astype(int) - grey).max()) == 0
+
+
+def test_a_photograph_that_is_too_small_is_named(tmp_path):
+    copies(tmp_path / "photos")
+    small = Path(shutil.copy(PHOTOGRAPHS[0], tmp_path / "photos" / "zz.png"))
+    Image.open(small).resize((48, 64)).save(small)
+    assert refusal(tmp_path / "photos") == (
+        f"{small}: 48x64 pixels are too few, sides must be 64 or more; give a larger photograph, or leave it out."
+    )
 
 
 def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
@@ -174,13 +200,13 @@ def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
         assert "started from EXIF data" in posed.notes[0]
 
 
-def test_an_unrelated_photograph_is_left_out_with_a_note(tmp_path):
+def test_an_unrelated_photograph_is_left_out_with_a_warning(tmp_path):
     copies(tmp_path / "photos")
     noise = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
     Image.fromarray(noise).resize((512, 384), Image.Resampling.BICUBIC).save(tmp_path / "photos" / "zz.png")
     with posed_folder(tmp_path / "photos", num_threads=1) as posed:
         assert "2 of 3" in posed.notes[0]
-        assert "zz.png is left out" in posed.notes[1]
+        assert posed.warnings[0].startswith("zz.png is left out: ")
         frames = json.loads((posed.path / "transforms.json").read_text())["frames"]
         assert len(frames) == 2
 

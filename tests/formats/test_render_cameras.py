@@ -9,6 +9,8 @@ import torch
 from wall_scene import shots, write_colmap_binary, write_colmap_text, write_realestate10k, write_transforms
 
 from fecocodec.errors import InputError
+from fecocodec.formats.camera_json import write_camera_json
+from fecocodec.formats.gaussian_arrays import CameraArrays
 from fecocodec.formats.render_cameras import read_render_cameras
 from fecocodec.formats.scene_folder import read_views
 
@@ -35,6 +37,48 @@ def test_photographs_are_not_needed(write, size, tmp_path):
     expected = read_views(folder, views=(2, 0), size=size)
     remove_photographs(folder)
     assert_same_cameras(read_render_cameras(folder, views=(2, 0), size=size), expected)
+
+
+def test_cameras_of_the_3dgs_reference_are_read(tmp_path):
+    """As `decode --save-cameras cameras.json` writes them, and training with the reference implementation."""
+    folder = write_transforms(tmp_path / "scene", shots(3))
+    views = read_views(folder)
+    remove_photographs(folder)
+    cameras = CameraArrays(
+        views.cameras.extrinsics.numpy(), views.cameras.intrinsics.numpy(), 1.0, 9.0, views.image_size
+    )
+    path = tmp_path / "scene" / "cameras.json"
+    write_camera_json(path, cameras, list(views.names))
+    found = read_render_cameras(path)
+    assert torch.allclose(found.cameras.extrinsics, views.cameras.extrinsics, atol=1e-6)
+    expected = views.cameras.intrinsics.clone()
+    expected[:, :2, 2] = 0.5  # the format has no principal point
+    assert torch.allclose(found.cameras.intrinsics, expected, atol=1e-6)
+    assert found.image_size == views.image_size and not found.has_depth_bounds
+    assert found.names == tuple(name.removesuffix(".png") for name in views.names)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"img_name": 3}, "camera 1: no `img_name`; name the image of this camera."),
+        ({"rotation": [[1, 0, 0], [0, 1, 0]]}, "camera 1 (b), rotation: "),
+        ({"fx": "wide"}, "camera 1 (b), width, height, fx, fy: "),
+        ({"fy": 0}, "camera 1 (b): no positive focal length; give fx and fy in pixels."),
+        ({"width": 0}, "camera 1 (b): width and height are no size of an image"),
+    ],
+)
+def test_a_camera_of_the_3dgs_reference_that_is_not_valid_is_named(change, sentence, tmp_path):
+    camera = {"img_name": "a", "width": 96, "height": 64, "position": [0, 0, 0], "fx": 90, "fy": 90}
+    camera["rotation"] = np.eye(3).tolist()
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps([camera, camera | {"img_name": "b"} | change]))
+    with pytest.raises(InputError) as refused:
+        read_render_cameras(path)
+    assert str(refused.value).startswith(f"{path}, {sentence}")
+    path.write_text("[]")
+    with pytest.raises(InputError, match="no cameras; export it again"):
+        read_render_cameras(path)
 
 
 def test_depth_bounds_are_those_of_the_file_or_its_points(tmp_path):

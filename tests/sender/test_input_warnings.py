@@ -49,6 +49,22 @@ def test_cameras_in_the_axes_of_another_convention() -> None:
     assert any("y and z axes reversed" in warning for warning in check_input(turned))
 
 
+def test_views_of_other_kinds_than_the_rest() -> None:
+    views = context_of(sideways())
+    grey = views.images.mean(dim=1, keepdim=True).expand(-1, 3, -1, -1)
+    one_grey = replace(views, images=torch.stack((views.images[0], grey[1])))
+    (warning,) = check_input(one_grey)
+    assert warning.startswith("view 1 is without colours, the other views are coloured; give all")
+    assert check_input(replace(views, images=grey)) == ()
+    opaque = torch.ones(2, 64, 64)
+    in_part = opaque.clone()
+    in_part[0, :8] = 0.0
+    (warning,) = check_input(replace(views, alpha=in_part))
+    assert warning.startswith("view 0 is transparent in part, the other views are opaque; cut out the object in all")
+    in_part[1, :8] = 0.5
+    assert check_input(replace(views, alpha=in_part)) == check_input(replace(views, alpha=opaque)) == ()
+
+
 def test_photographs_and_bounds_that_reconstruct_badly() -> None:
     views = context_of(sideways())
     wide = replace(views, cameras=replace(views.cameras, far=views.cameras.near * 5000))
