@@ -1,6 +1,7 @@
 """Measure rate, PSNR, SSIM and ST-LPIPS on an evaluation index, from encoded and decoded bytes.
 
 python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--effort best]
+    [--sharpness 0.5]
 """
 
 import argparse
@@ -24,6 +25,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=2, help="number of context views of the entries  [default: 2]")
     parser.add_argument("--stages", type=int, default=2, help="number of stages  [default: 2]")
     parser.add_argument("--effort", choices=EFFORTS, default="default", help="as for `fecosplat encode`")
+    parser.add_argument("--sharpness", type=float, default=0.0, help="as for `fecosplat encode`")
     parser.add_argument("--size", type=int, default=256, help="image side in pixels  [default: 256]")
     arguments = parser.parse_args()
     codec = load_codec(arguments.model, "cpu")
@@ -31,7 +33,7 @@ def main() -> None:
     size = (arguments.size, arguments.size)
     print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tcontext PSNR\tGaussians\tby kind")
     for lmbda in arguments.lambdas:
-        system = codec_system(codec, lmbda, arguments.stages, arguments.effort)
+        system = codec_system(codec, lmbda, arguments.stages, arguments.effort, arguments.sharpness)
         scores = list(evaluate(system, arguments.root, entries, size))
         print(
             f"{lmbda:g}\t{mean(s.num_bytes for s in scores) / 1024:.2f}\t{mean(s.target_psnr for s in scores):.2f}\t"

@@ -1,10 +1,11 @@
-"""Show what perceptual training changes, in metrics that it was trained on and in others.
+"""Show what sharpness, or perceptual training, changes, in metrics that it was trained on and in others.
 
-    python benchmarks/perceptual_trade.py PLAIN TRAINED ROOT INDEX.json --dinov2 dinov2_vits14.safetensors
+    python benchmarks/perceptual_trade.py MODEL ROOT INDEX.json --dinov2 dinov2_vits14.safetensors [--trained OTHER]
 
-PLAIN, TRAINED: model folders, the second trained on from the first with `fecosplat train --perceptual-weight`. Weights
-between the two are measured too. Prints one line per mixture, and writes the change of each error at target views
-against PLAIN to docs/perceptual_trade.png. DINOv2's distance is 1 - cosine similarity of patch features, at 196x196.
+By default, measures a model at several values of `encode --sharpness`. With OTHER, a model folder trained on from MODEL
+with `fecosplat train --perceptual-weight`, measures weights between the two. Prints one line per share, and writes the
+change of each error at target views against MODEL as it is to a chart. DINOv2's distance is 1 - cosine similarity of
+patch features, at 196x196.
 """
 
 import argparse
@@ -23,7 +24,7 @@ from fecocodec.evaluation.systems.codec import codec_system
 from fecocodec.formats.evaluation_index import read_index
 from fecocodec.formats.scene_folder import read_views
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.codec import Codec
+from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
@@ -64,13 +65,14 @@ def dinov2_distance(extractor: DepthSplatSmall, images: Tensor, targets: Tensor)
 @torch.no_grad()
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("plain", "trained", "root", "index"):
+    for name in ("model", "root", "index"):
         parser.add_argument(name, type=Path)
+    parser.add_argument("--trained", type=Path, help="model folder trained on from MODEL")
     parser.add_argument("--dinov2", type=Path, required=True, help="weights of DINOv2 ViT-S/14")
     parser.add_argument("--lmbda", type=float, default=1e-3)
     parser.add_argument("--size", type=int, default=192, help="image side in pixels  [default: 192]")
     parser.add_argument("--every", type=int, default=1, help="measure every so many entries  [default: 1]")
-    parser.add_argument("--output", type=Path, default=Path("docs/perceptual_trade.png"))
+    parser.add_argument("--output", type=Path, default=Path("docs/sharpness.png"))
     arguments = parser.parse_args()
     extractor = DepthSplatSmall().eval()
     load_public_weights(extractor, arguments.dinov2)
@@ -78,7 +80,10 @@ def main() -> None:
     rows = []
     print("share\tKiB\tcontext PSNR\ttarget PSNR\t" + "\t".join(ERRORS[1:]))
     for share in SHARES:
-        system = codec_system(mixed(arguments.plain, arguments.trained, share), arguments.lmbda)
+        if arguments.trained is None:
+            system = codec_system(load_codec(arguments.model, "cpu"), arguments.lmbda, sharpness=share)
+        else:
+            system = codec_system(mixed(arguments.model, arguments.trained, share), arguments.lmbda)
         measured = []
         for entry in entries:
             names, size = (*entry.context, *entry.target), (arguments.size, arguments.size)
@@ -104,11 +109,11 @@ def main() -> None:
         )
         for k, name in enumerate(ERRORS)
     )
-    title = f"Perceptual training, {len(entries)} pairs, lambda {arguments.lmbda:g}"
-    write_png(
-        Chart("perceptual_trade", title, "share of the trained weights", "change at target views, %", series),
-        arguments.output,
-    )
+    what, axis = "Sharpness", "sharpness"
+    if arguments.trained is not None:
+        what, axis = "Perceptual training", "share of the trained weights"
+    title = f"{what}, {len(entries)} pairs, lambda {arguments.lmbda:g}"
+    write_png(Chart("perceptual_trade", title, axis, "change at target views, %", series), arguments.output)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from .batch_options import BatchOptions, batch_options
-from .encode_options import encoding_options
+from .encode_options import encoding_options, require_steps
 from .metadata_options import metadata_of
 from .options import FILE_PATH
 from .rate_control import target_of
@@ -37,6 +37,7 @@ def command(source: Path, batch: BatchOptions, is_measured: bool, **encoding: An
 
     from fecocodec.batch.scenes import scene_folders
 
+    require_steps(encoding["sharpness"], encoding["effort"])
     scenes = scene_folders(source, output=batch.output)
 
     from fecocodec.batch.encode_scene import EncodeScene

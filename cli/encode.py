@@ -14,7 +14,7 @@ from fecocodec.formats.atomic import require_other_file, require_writable, write
 from fecocodec.formats.view_selection import Selection, may_leave_out, resolve
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
-from .encode_options import encoding_options
+from .encode_options import encoding_options, require_steps
 from .encoding_report import quality_fields, say_result
 from .error_context import OF_VIEWS, error_context
 from .info import summary_fields
@@ -82,6 +82,7 @@ def command(
     background: Literal["white", "black"] | None,
     stages: int,
     effort: str,
+    sharpness: float,
     is_strict: bool,
     title: str | None,
     author: str | None,
@@ -102,6 +103,7 @@ def command(
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
     require_ending(output, (".fcs",))
+    require_steps(sharpness, effort)
     quantise_lambda(lmbda)  # raises for a value outside the range, before any view is read
     target = target_of(target_kib, target_psnr, stages)
     metadata = metadata_of(title, author, licence, date)
@@ -166,7 +168,15 @@ def command(
                 coder = partial(encode, lmbda=lmbda, num_stages=stages)
             else:
                 coder = partial(encode_to_target, target=target)
-            data = coder(scene, effort=effort, device=device, model=model, on_progress=on_progress, on_warning=report)
+            data = coder(
+                scene,
+                effort=effort,
+                sharpness=sharpness,
+                device=device,
+                model=model,
+                on_progress=on_progress,
+                on_warning=report,
+            )
         if metadata:
             data = with_metadata(data, metadata)
         with write_atomically(output, overwrite=overwrite) as temporary:

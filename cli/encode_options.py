@@ -16,9 +16,9 @@ _OF_VIEWS = (
         "--views",
         callback=parse_selection,
         metavar="WHICH",
-        help="Views to encode: numbers (0,5), file names (a.jpg,b.jpg), spread:N for N overlapping views, auto for at "
-        "most eight overlapping views, or all. Unless they are named, or all, views that harm the others are left "
-        "out.  [default: all of them, or auto for more than 16 photographs]",
+        help="Views to encode: numbers (0,5), file names (a.jpg,b.jpg), all, spread:N for N overlapping views, or auto "
+        "for at most eight. Of spread:N, auto and the default, views that harm the others are left out.  [default: "
+        "every photograph; auto for more than 16]",
     ),
     click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels."),
     click.option(
@@ -46,9 +46,15 @@ _OF_VIEWS = (
         type=click.Choice(["fast", "default", "best"]),
         default="default",
         show_default=True,
-        help="Encoding effort: more effort gives a smaller file at equal quality. Compared with default, fast takes "
-        "about a quarter of the time and needs more than twice the bytes; best takes three to four times as long and "
-        "comes closer to the photographs.",
+        help="Time spent on the file. fast takes a quarter of the time of default and more than twice the bytes at "
+        "equal quality; best takes three to four times as long and comes closer to the photographs.",
+    ),
+    click.option(
+        "--sharpness",
+        type=click.FloatRange(0.0, 1.0),
+        default=0.0,
+        show_default=True,
+        help="Sharper pictures for a larger file. PSNR of views between the photographs falls slightly.",
     ),
     click.option(
         "--strict",
@@ -57,6 +63,12 @@ _OF_VIEWS = (
         help="Make every warning an error: the exit code is then 1, and no file is written.",
     ),
 )
+
+
+def require_steps(sharpness: float, effort: str) -> None:
+    """Raise UsageError for a sharpness that no step of optimisation can bring about."""
+    if sharpness > 0.0 and effort == "fast":
+        raise click.UsageError("--sharpness needs the steps that --effort fast leaves out; give one of them.")
 
 
 def encoding_options(function: Function) -> Function:

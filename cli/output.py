@@ -15,6 +15,7 @@ from .verbosity import Verbosity, verbosity
 # Arguments of the library, which its messages name in backticks, and the options with that meaning.
 _OPTIONS = {
     **{name: f"--{name}" for name in ("views", "size", "near", "far", "background", "overwrite", "effort", "device")},
+    "sharpness": "--sharpness",
     **{name: f"--{name}" for name in ("stages", "photographs", "shard", "strict")},
     "focal_px": "--focal-px",
     "max_pixels": "--max-pixels",

@@ -64,7 +64,8 @@ class CodecConfig:
 
     extractor: name of the feature extractor in weights files. ablation: "no-context" gives g_a the state S0 in stage 2,
     "no-feedback" gives E_fb the photographs in place of the renderings; "" for the whole sender. step_channels: width
-    of the network that proposes the steps of latent optimisation; 0 for steps along the gradient.
+    of the network that proposes the steps of latent optimisation; 0 for steps along the gradient. has_sharp_steps:
+    whether there is a second one, for sharper pictures.
     """
 
     extractor: ClassVar[str]
@@ -72,6 +73,7 @@ class CodecConfig:
     fine_hidden: int = 96
     ablation: str = field(default="", metadata=OPTIONAL, kw_only=True)
     step_channels: int = field(default=0, metadata=OPTIONAL, kw_only=True)
+    has_sharp_steps: bool = field(default=False, metadata=OPTIONAL, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class SenderConfig(CodecConfig):
     is_monocular: bool = field(default=False, metadata=OPTIONAL)  # depth is completed with DINOv2
 
 
-COMPACT_SENDER = SenderConfig(step_channels=96)  # the sender that ships
+COMPACT_SENDER = SenderConfig(step_channels=96)  # the sender that is trained; what ships has sharp steps, too
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.background import DEFAULT_BACKGROUND
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
+from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.encode import encode_with
@@ -153,6 +154,22 @@ def failures(measured: Measured) -> set[str]:
 @pytest.mark.parametrize("name", MOST_BYTES)
 def test_shipped_weights_keep_all_bounds(name: str) -> None:
     assert failures(measure_shipped(name)) == set()
+
+
+@pytest.mark.timeout(600)
+def test_sharpness_makes_pictures_sharper() -> None:
+    """By ST-LPIPS of the target views of a drawn scene, for a file that is a little larger."""
+    scene = drawn_scene("drawn 2")
+    found = {
+        sharpness: measure(scene, partial(fecocodec.encode, lmbda=LMBDA, sharpness=sharpness), decoded_by_command)
+        for sharpness in (0.0, 1.0)
+    }
+    distance = {
+        sharpness: float(st_lpips(it.rendering.color.clamp(0, 1), scene.views.images)[NUM_CONTEXT:].mean())
+        for sharpness, it in found.items()
+    }
+    assert distance[1.0] < 0.97 * distance[0.0]
+    assert found[0.0].num_bytes < found[1.0].num_bytes < 1.3 * found[0.0].num_bytes
 
 
 def perturb(network: nn.Module, noise: float) -> None:

@@ -51,6 +51,7 @@ class EncodeScene:
     background: Background | None = None
     num_stages: int = 2
     effort: str = "default"
+    sharpness: float = 0.0
     metadata: dict[str, str] = field(default_factory=dict)
     device: str = "cpu"
     model: str | None = None
@@ -58,9 +59,9 @@ class EncodeScene:
     is_strict: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InputError for a lambda or an effort that no scene can be encoded with."""
+        """Raise InputError for a lambda, an effort or a sharpness that no scene can be encoded with."""
         quantise_lambda(self.lmbda)
-        config_of_effort(self.effort)
+        config_of_effort(self.effort, self.sharpness)
 
     @property
     def suffix(self) -> str:
@@ -70,8 +71,10 @@ class EncodeScene:
         """Return what changes the files, as JSON. The device is not part of it: its files decode alike."""
         names = ("views", "size", "near", "far", "background", "num_stages", "effort", "metadata")
         rate = {"lambda": self.lmbda} if self.target is None else _tagged(self.target)
-        strict = {"strict": True} if self.is_strict else {}  # files that were encoded without it stay valid
-        return {**rate, **{name: _tagged(getattr(self, name)) for name in names}, **strict}
+        # Files that were encoded without these stay valid.
+        added: dict[str, Any] = {"strict": True} if self.is_strict else {}
+        added |= {"sharpness": self.sharpness} if self.sharpness else {}
+        return {**rate, **{name: _tagged(getattr(self, name)) for name in names}, **added}
 
     def weights(self, path: Path) -> dict[str, str]:
         """Return the ids of the weights of receiver and sender. Raises ModelError if a file cannot be read."""
@@ -121,7 +124,7 @@ class EncodeScene:
         return Result(data, tuple(warnings), details)
 
     def _encoded(self, codec: Codec, views: Views, on_warning: OnWarning) -> bytes:
-        config = config_of_effort(self.effort)
+        config = config_of_effort(self.effort, self.sharpness)
         if self.target is not None:
             return encode_to_target_with(codec, views, self.target, config, on_warning=on_warning)
         lambda_q = quantise_lambda(self.lmbda)

@@ -42,8 +42,8 @@ def _ambiguities(ambiguity: Ambiguity, focal_px: float) -> list[str]:
         )
     if ambiguity.direction > _OTHER_DIRECTION:
         reasons.append(
-            f"a camera position that differs by {ambiguity.direction:.0f} degrees in direction explains the matches of "
-            "two photographs nearly as well"
+            f"the matches of two photographs fit another direction from the first camera to the second nearly as well "
+            f"({ambiguity.direction:.0f} degrees away)"
         )
     return reasons
 

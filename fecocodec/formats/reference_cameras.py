@@ -1,7 +1,7 @@
 """Cameras in `cameras.json`, the list that training with the 3DGS reference implementation writes.
 
-Each camera has a position and the columns of its camera-to-world rotation in OpenCV axes, the size of its image, and
-focal lengths in pixels; the principal point is the centre of the image (`camera_to_JSON` of the reference).
+Each camera has a position and a camera-to-world rotation in OpenCV axes, the size of its image, and focal lengths in
+pixels; the principal point is the centre of the image (`camera_to_JSON` of the reference).
 """
 
 from functools import partial

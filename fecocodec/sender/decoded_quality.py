@@ -76,7 +76,7 @@ def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[s
     found += "; check that each camera belongs to its photograph, or"
     if len(names) == 2:
         return (f"{found} use a smaller lambda, a larger `size`, more `effort`, or two views closer together.",)
-    return (f"{found} choose fewer `views`, which are closer together, a smaller lambda or more `effort`.",)
+    return (f"{found} choose fewer `views`, which are closer together, or use more `effort`.",)
 
 
 def stage_warnings(quality: Sequence[DecodedQuality]) -> tuple[str, ...]:

@@ -37,6 +37,7 @@ def encode(
     *,
     lmbda: float = 1e-3,
     effort: str | OptimisationConfig = "default",
+    sharpness: float = 0.0,
     num_stages: int = 2,
     device: str = "cpu",
     model: Path | str | None = None,
@@ -47,7 +48,8 @@ def encode(
 
     lmbda: weight of the rate (bits per pixel) against the distortion, in [1e-5, 1e-2]; larger values give smaller
     files. effort: "fast", "default" or "best", or an `OptimisationConfig`; more effort gives a smaller file at equal
-    quality; "fast" neither optimises latents nor fades what hides other views. num_stages: 1 omits the feedback stage.
+    quality; "fast" neither optimises latents nor fades what hides other views. sharpness: 0 to 1; more of it gives
+    sharper pictures at the price of a larger file, see `OptimisationConfig`. num_stages: 1 omits the feedback stage.
     device: "cpu", "cuda" or "cuda:N". model: folder of the weights of sender and receiver, None for the default shipped
     model. on_progress: called with the name of the current step and the completed fraction. on_warning: called with a
     sentence about each view that does not fit the others.
@@ -56,7 +58,7 @@ def encode(
 
     Raises InputError for views or options that cannot be encoded, ModelError if weights cannot be loaded.
     """
-    lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort)
+    lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort, sharpness)
     check_views(views, num_stages)
     codec = load_codec(model_folder(model), device)
     return encode_with(codec, views, lambda_q, num_stages, config, on_progress, on_warning)
@@ -95,10 +97,12 @@ def write_scene(
     """Return the bytes of the stream of one scene: its stages, then the detail layer if the model has one.
 
     With detail, stages are coded at `OptimisationConfig.latent_lambda_q`, because detail buys more with further bits.
-    Raises InputError for a lambda outside the range of the model.
+    Raises InputError for a lambda outside the range of the model, and for a sharpness that it does not have.
     """
     receiver = encoder.codec.receiver
     check_lambda(receiver.config, lambda_q)
+    if config.sharpness > 0.0 and encoder.codec.sender.sharp_steps is None:
+        raise InputError("this model has no network for `sharpness`; leave it out, or choose another model.")
     detail_steps = config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q)
     has_detail = receiver.detail is not None and detail_steps > 0
     of_latents = config.latent_lambda_q(lambda_q) if has_detail else lambda_q

@@ -72,7 +72,7 @@ def optimiser(
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
         if steps == 0:
             return y
-        propose = proposer(encoder, features, inputs)
+        propose = proposer(encoder, features, inputs, config.sharpness)
         return optimise_latents(encoder, config, estimate, inputs, y, steps, propose, on_fraction)
 
     return optimise
@@ -119,14 +119,18 @@ def optimise_latents(
 
 
 @torch.no_grad()
-def proposer(encoder: SceneEncoder, features: Float[Tensor, "view channel h4 w4"], inputs: StageInputs) -> Propose:
+def proposer(
+    encoder: SceneEncoder, features: Float[Tensor, "view channel h4 w4"], inputs: StageInputs, sharpness: float = 0.0
+) -> Propose:
     """Return the function that proposes steps: the sender's step network, or the negative gradient if it has none.
 
-    features: F_k.
+    features: F_k. sharpness: see `OptimisationConfig`.
     """
     network = encoder.codec.sender.steps
     if network is None:
         return against_gradient
+    if (sharp := encoder.codec.sender.sharp_steps) is not None:
+        network = network.blended(sharp, sharpness)
     known = network.prepare(features, inputs.state)
 
     @torch.no_grad()

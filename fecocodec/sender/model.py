@@ -19,7 +19,8 @@ NO_CONTEXT, NO_FEEDBACK = "no-context", "no-feedback"
 class Sender(nn.Module):
     """E_mv, E_fb, g_a and h_a. g_a and h_a are shared by both stages; E_mv depends on the profile.
 
-    steps: proposes the steps of latent optimisation; None for steps along the gradient.
+    steps: proposes the steps of latent optimisation; None for steps along the gradient. sharp_steps: proposes steps
+    towards sharper pictures; None if there are none.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Sender(nn.Module):
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)
         self.steps = _step_network(config, receiver)
+        self.sharp_steps = _step_network(config, receiver) if config.has_sharp_steps else None
 
 
 def _step_network(config: CodecConfig, receiver: ReceiverConfig) -> StepNetwork | None:

@@ -42,6 +42,9 @@ class OptimisationConfig:
     1e-4 and above; below, it is proportional to lambda ** detail_step_exponent.
     least_latent_lambda_q: latents below the detail layer are not coded at a smaller lambda.
 
+    sharpness: share of the weights of the network that proposes sharper steps, from 0 to 1. More of it gives sharper
+    pictures, larger files, and a slightly lower PSNR of views between the photographs (docs/performance.md).
+
     max_views_of_direct_gradients: with more views, gradients also pass through the residual branches of the predictor.
     ssim_stride: stride of the SSIM windows, see `metrics.ssim`. distortion: D of the objective.
     """
@@ -58,6 +61,7 @@ class OptimisationConfig:
     price_exponent: float = 0.6
     held_weight: float = 0.5
     max_steps_unheld: int = 8
+    sharpness: float = 0.0
     max_views_of_direct_gradients: int = 4
     ssim_stride: int = 3
     detail_steps: int = 4
@@ -68,6 +72,15 @@ class OptimisationConfig:
     detail_step_exponent: float = 0.15
     least_latent_lambda_q: int = 1088  # lambda 7e-4
     distortion: Distortion = LogDistortion()  # noqa: RUF009 - frozen
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a sharpness that is not in [0, 1], or that no step can bring about."""
+        if not 0.0 <= self.sharpness <= 1.0:
+            raise InputError(f"sharpness is {self.sharpness:g}; it must be from 0 to 1.")
+        if self.sharpness > 0.0 and self.num_steps == 0:
+            raise InputError(
+                f"sharpness {self.sharpness:g} needs steps, which `effort` fast does not take; choose another."
+            )
 
     def steps_of_last(self, num_pixels: int, lambda_q: int) -> int:
         """Return the number of steps of the last stage. num_pixels: of all views. lambda_q: quantised lambda."""
@@ -116,13 +129,16 @@ BEST = replace(DEFAULT.with_steps(16), num_steps_large=6, detail_steps=12, detai
 EFFORTS = {"fast": FAST, "default": DEFAULT, "best": BEST}
 
 
-def config_of_effort(effort: "str | OptimisationConfig") -> OptimisationConfig:
-    """Return the preset with this name; a configuration is returned unchanged. Raises InputError for unknown names."""
+def config_of_effort(effort: "str | OptimisationConfig", sharpness: float = 0.0) -> OptimisationConfig:
+    """Return the preset with this name, with a sharpness above 0 if it is given; a configuration is kept as it is.
+
+    Raises InputError for unknown names and for a sharpness that is not possible.
+    """
     if isinstance(effort, OptimisationConfig):
-        return effort
+        return replace(effort, sharpness=sharpness) if sharpness else effort
     if effort not in EFFORTS:
         raise InputError(f"there is no effort '{effort}'; choose one of {', '.join(EFFORTS)}.")
-    return EFFORTS[effort]
+    return replace(EFFORTS[effort], sharpness=sharpness)
 
 
 def steps_of_first(num_steps: int) -> int:

@@ -1,6 +1,6 @@
 """Number of parameters of each module of sender and receiver."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import nn
@@ -29,7 +29,7 @@ RECEIVER_SUM, SENDER_SUM = "receiver, all that decode loads", "sender, all that 
 PUBLISHED = {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6}  # the paper's Table 1
 SHIPPED_DETAIL_PLANES = 64
 _PROFILES: dict[str, tuple[CodecConfig, ReceiverConfig]] = {
-    "compact": (COMPACT_SENDER, ReceiverConfig(detail_planes=SHIPPED_DETAIL_PLANES)),
+    "compact": (replace(COMPACT_SENDER, has_sharp_steps=True), ReceiverConfig(detail_planes=SHIPPED_DETAIL_PLANES)),
     "paper": (PaperSenderConfig(), ReceiverConfig(method=PAPER)),
 }
 

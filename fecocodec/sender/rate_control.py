@@ -84,6 +84,7 @@ def encode_to_target(
     target: Target,
     *,
     effort: str | OptimisationConfig = "default",
+    sharpness: float = 0.0,
     device: str = "cpu",
     model: Path | str | None = None,
     on_progress: OnProgress = lambda _task, _fraction: None,
@@ -95,7 +96,7 @@ def encode_to_target(
     lambda reaches, ModelError if weights cannot be loaded.
     """
     check_views(views, num_stages=2)
-    config = config_of_effort(effort)
+    config = config_of_effort(effort, sharpness)
     codec = load_codec(model_folder(model), device)
     return encode_to_target_with(codec, views, target, config, on_progress, on_warning)
 

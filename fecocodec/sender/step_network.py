@@ -5,6 +5,8 @@ Its loss in training also contains other views than the context views, which enc
 the context views less than the plain gradient does (`training/step_learning.py`).
 """
 
+import copy
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -41,6 +43,14 @@ class StepNetwork(nn.Module):
         for layer in (self.output, self.log_scale):
             nn.init.zeros_(layer.weight)
             nn.init.zeros_(layer.get_parameter("bias"))
+
+    def blended(self, other: "StepNetwork", share: float) -> "StepNetwork":
+        """Return the network whose weights are (1 - share) times these and share times the other's."""
+        if share == 0.0:
+            return self
+        network, others = copy.deepcopy(self), other.state_dict()
+        network.load_state_dict({name: torch.lerp(own, others[name], share) for name, own in self.state_dict().items()})
+        return network
 
     def prepare(
         self, features: Float[Tensor, "item channel h4 w4"], state: Float[Tensor, "item channel _ _"]

@@ -19,7 +19,7 @@ from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSma
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 
-TRAINED_ALONE = ("extractor.completion.", "steps.")  # parts that a model may lack
+TRAINED_ALONE = ("extractor.completion.", "steps.", "sharp_steps.")  # parts that a model may lack
 DETAIL = "detail."
 FREEZABLE = ("receiver", "extractor", "matching")
 

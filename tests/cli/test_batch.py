@@ -171,6 +171,7 @@ def test_a_missing_extra_names_it_and_the_way_without(
         (("--shard", "1/2", "--workers", "2"), "--scheduler, --workers and --shard exclude each other"),
         (("--workers", "0"), "0 is not in the range x>=1"),
         (("--target-kib", "4", "--target-psnr", "20"), "exclude each other"),
+        (("--effort", "fast", "--sharpness", "1"), "--sharpness needs the steps that --effort fast leaves out"),
     ],
 )
 def test_wrong_usage_exits_with_2(fecosplat, scenes: Path, output: Path, arguments, message: str) -> None:

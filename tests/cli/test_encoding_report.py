@@ -109,7 +109,7 @@ def test_poor_views_are_said() -> None:
     assert quality_warnings(DecodedQuality((23.0, 18.9, 21.0)), ("a.png", "b.png", "c.png")) == (
         "the decoded views are poor, with a PSNR of 21.0 dB (worst b.png, 18.9 dB), and images between them will be "
         "worse; check that each camera belongs to its photograph, or choose fewer `views`, which are closer together, "
-        "a smaller lambda or more `effort`.",
+        "or use more `effort`.",
     )
     assert quality_warnings(DecodedQuality((18.0,)), ("a.png",)) == (
         "the decoded views are poor, with a PSNR of 18.0 dB; use a smaller lambda, a larger `size` or more `effort`.",

@@ -346,7 +346,7 @@ def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons
     [
         (Ambiguity((0.8, 1.25), 14.0), None),
         (Ambiguity((0.7, 1.25), 14.0), "their focal length here (202 to 360 pixels explain the matches equally well)"),
-        (Ambiguity((1.0, 1.0), 16.0), "a camera position that differs by 16 degrees in direction explains the matches"),
+        (Ambiguity((1.0, 1.0), 16.0), "to the second nearly as well (16 degrees away)"),
     ],
 )
 def test_what_two_photographs_leave_open_is_warned_of(ambiguity: Ambiguity, reason: str | None):

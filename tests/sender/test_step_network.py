@@ -9,12 +9,13 @@ from torch import Tensor
 
 from fecocodec.config import SenderConfig
 from fecocodec.container.lambda_quantisation import quantise_lambda
+from fecocodec.errors import InputError
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.latent_optimisation import Objective, Slope, against_gradient, descend
 from fecocodec.sender.load import load_sender, serialise_sender
 from fecocodec.sender.model import Sender
-from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.optimisation_config import DEFAULT, config_of_effort
 from fecocodec.sender.step_network import LARGEST_LOG_SCALE, StepNetwork
 from tests.example_scenes import MODEL, example_views
 
@@ -45,6 +46,36 @@ def test_an_untrained_network_changes_no_byte_and_a_changed_one_does(codec: Code
     assert longer[0] == longer[1] != plain
 
 
+def test_sharpness_is_the_share_of_the_sharp_network(codec: Codec) -> None:
+    views, config = example_views(2), DEFAULT.with_steps(3)
+    both = with_steps(codec)
+    sender = Sender(replace(both.sender.config, has_sharp_steps=True), codec.receiver.config)
+    sharp = {f"sharp_{name}": value for name, value in both.sender.state_dict().items() if name.startswith("steps.")}
+    sender.load_state_dict(dict(both.sender.state_dict()) | sharp)
+    assert sender.sharp_steps is not None and both.sender.steps is not None
+    torch.nn.init.constant_(sender.sharp_steps.log_scale.bias, 1.0)
+    both = replace(both, sender=sender.eval().requires_grad_(False))
+    assert both.sender.steps is not None
+
+    def coded(bias: float, sharpness: float = 0.0) -> bytes:
+        assert both.sender.steps is not None
+        torch.nn.init.constant_(both.sender.steps.log_scale.bias, bias)
+        return encode_with(both, views, LAMBDA_Q, config=replace(config, sharpness=sharpness))
+
+    assert coded(0.0, 0.25) == coded(0.25) != coded(0.0) == encode_with(codec, views, LAMBDA_Q, config=config)
+    assert coded(0.0, 1.0) == coded(1.0) == coded(0.5, 1.0)
+
+
+def test_a_sharpness_that_is_not_possible_is_refused(codec: Codec) -> None:
+    with pytest.raises(InputError, match="this model has no network for `sharpness`; leave it out"):
+        encode_with(with_steps(codec), example_views(2), LAMBDA_Q, config=replace(DEFAULT, sharpness=0.5))
+    with pytest.raises(InputError, match=r"sharpness is 1.5; it must be from 0 to 1"):
+        config_of_effort("best", 1.5)
+    with pytest.raises(InputError, match=r"sharpness 0.5 needs steps, which `effort` fast does not take"):
+        config_of_effort("fast", 0.5)
+    assert config_of_effort(DEFAULT) is DEFAULT and config_of_effort("best", 0.5).sharpness == 0.5
+
+
 def test_the_scale_of_the_gradient_is_bounded(codec: Codec) -> None:
     network = StepNetwork(32, 128, 32)
     torch.nn.init.constant_(network.log_scale.bias, 1e6)
@@ -63,7 +94,7 @@ def test_weights_files_hold_the_network_only_where_there_is_one(codec: Codec, tm
     assert load_sender(path, codec.receiver.config, codec.model_id).steps is not None
     path.write_bytes(serialise_sender(codec.sender, codec.model_id))
     assert load_sender(path, codec.receiver.config, codec.model_id).steps is None
-    assert b"step_channels" not in path.read_bytes()
+    assert b"step_channels" not in path.read_bytes() and b"has_sharp_steps" not in path.read_bytes()
     assert SenderConfig().step_channels == 0
 
 

@@ -22,10 +22,12 @@ FAST, BEST = "fecosplat, effort fast", "fecosplat, effort best"
 _NAME_OF_EFFORT = {"fast": FAST, "default": OURS, "best": BEST}
 
 
-def codec_system(codec: Codec, lmbda: float, num_stages: int = 2, effort: str = "default") -> System:
-    """Return the codec at one lambda. num_stages, effort: see `encode`."""
+def codec_system(
+    codec: Codec, lmbda: float, num_stages: int = 2, effort: str = "default", sharpness: float = 0.0
+) -> System:
+    """Return the codec at one lambda. num_stages, effort, sharpness: see `encode`."""
     name = _NAME_OF_EFFORT[effort] if num_stages == 2 else "stage 1 alone"
-    config, lambda_q = config_of_effort(effort), quantise_lambda(lmbda)
+    config, lambda_q = config_of_effort(effort, sharpness), quantise_lambda(lmbda)
     encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=num_stages, config=config)
     return stream_system(codec, name, f"lambda {lmbda:g}", encoder)
 
