@@ -115,8 +115,8 @@ def command(
     if output is None and video is None:
         raise click.UsageError("Give -o for images, --video for a video, or both.")
     if cameras_path is None and (views or size or is_ply):
-        given = "A .ply file needs" if is_ply else "--views needs" if views else "--size needs"
-        raise click.UsageError(f"{given} --cameras, the cameras to render at.")
+        in_need = "A .ply file needs" if is_ply else "--views needs" if views else "--size needs"
+        raise click.UsageError(f"{in_need} --cameras, the cameras to render at.")
     if is_ply and (stages or model):
         raise click.UsageError("--stages and --model say how a .fcs file is decoded; leave them out for a .ply file.")
     if (frames and path_name is None) or (fps and video is None):
