@@ -26,7 +26,7 @@ def test_numbers_of_a_block_change_its_own_gaussians() -> None:
     for view, output, row, column in ((0, 0, 0, 0), (1, 13, 7, 11), (0, 5, 4, 2), (1, 3, 2, 9)):
         place = ((row % CELLS) * CELLS + column % CELLS) * sum(RAW.values()) + output
         expected = sum(
-            float(values[view, plane, row // CELLS, column // CELLS]) * float(basis.basis[plane, place])
+            float(values[view, plane, row // CELLS, column // CELLS]) * float(basis.basis[plane, place].detach())
             for plane in range(PLANES)
         )
         assert float(added[view, output, row, column]) == pytest.approx(expected, abs=1e-6)
