@@ -112,6 +112,7 @@ def command(
     require_cameras_file(cameras_file, views_folder, overwrite=overwrite)
 
     from fecocodec.formats.chosen_photographs import choose_photographs
+    from fecocodec.formats.reading_notes import scaling_remark
 
     if device != "cpu":  # the check loads torch
         from .device import require_encoding_device
@@ -138,6 +139,8 @@ def command(
         chosen = choose_photographs(source.path, views=resolve(source.path, views), size=size)
         for warning in chosen.notes:
             report(warning)
+        if size is None and (remark := scaling_remark([pinhole for _, pinhole in chosen.lenses], chosen.image_size)):
+            say(f"note: {remark}")
 
         from fecocodec import (
             check_input,

@@ -51,10 +51,10 @@ _OF_VIEWS = (
     ),
     click.option(
         "--sharpness",
-        type=click.FloatRange(0.0, 1.0),
+        type=click.FloatRange(-1.0, 1.0),
         default=0.0,
         show_default=True,
-        help="Sharper pictures for a larger file. PSNR of views between the photographs falls slightly.",
+        help="From -1 (smoothest pictures, highest PSNR for the size of the file) to 1 (sharpest pictures).",
     ),
     click.option(
         "--strict",
@@ -67,7 +67,7 @@ _OF_VIEWS = (
 
 def require_steps(sharpness: float, effort: str) -> None:
     """Raise UsageError for a sharpness that no step of optimisation can bring about."""
-    if sharpness > 0.0 and effort == "fast":
+    if sharpness != 0.0 and effort == "fast":
         raise click.UsageError("--sharpness needs the steps that --effort fast leaves out; give one of them.")
 
 

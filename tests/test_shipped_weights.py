@@ -162,7 +162,7 @@ def test_sharpness_makes_pictures_sharper() -> None:
     scene = drawn_scene("drawn 2")
     found = {
         sharpness: measure(scene, partial(fecocodec.encode, lmbda=LMBDA, sharpness=sharpness), decoded_by_command)
-        for sharpness in (0.0, 1.0)
+        for sharpness in (-1.0, 0.0, 1.0)
     }
     distance = {
         sharpness: float(st_lpips(it.rendering.color.clamp(0, 1), scene.views.images)[NUM_CONTEXT:].mean())

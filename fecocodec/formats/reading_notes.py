@@ -6,6 +6,7 @@ from pathlib import Path
 from fecocodec.formats.framing import kept_share
 from fecocodec.formats.image_headers import is_upright
 from fecocodec.formats.lens import Lens
+from fecocodec.limits import MAX_SIDE
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
@@ -33,6 +34,14 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
             f"({lens.width}x{lens.height}); choose a `size` of the photographs' shape to keep more."
         )
     return notes
+
+
+def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:
+    """Return a sentence if photographs exceed the largest side, None otherwise. size: (height, width) of the result."""
+    (width, height), _ = Counter((lens.width, lens.height) for lens in pinholes).most_common(1)[0]
+    if max(width, height) <= MAX_SIDE:
+        return None
+    return f"photographs of {width}x{height} are coded at {size[1]}x{size[0]}; no side may exceed {MAX_SIDE} pixels."
 
 
 def orientation_notes(paths: list[Path]) -> list[str]:

@@ -48,7 +48,7 @@ def encode(
 
     lmbda: weight of the rate (bits per pixel) against the distortion, in [1e-5, 1e-2]; larger values give smaller
     files. effort: "fast", "default" or "best", or an `OptimisationConfig`; more effort gives a smaller file at equal
-    quality; "fast" neither optimises latents nor fades what hides other views. sharpness: 0 to 1; more of it gives
+    quality; "fast" neither optimises latents nor fades what hides other views. sharpness: -1 to 1; more of it gives
     sharper pictures at the price of a larger file, see `OptimisationConfig`. num_stages: 1 omits the feedback stage.
     device: "cpu", "cuda" or "cuda:N". model: folder of the weights of sender and receiver, None for the default shipped
     model. on_progress: called with the name of the current step and the completed fraction. on_warning: called with a
@@ -101,7 +101,7 @@ def write_scene(
     """
     receiver = encoder.codec.receiver
     check_lambda(receiver.config, lambda_q)
-    if config.sharpness > 0.0 and encoder.codec.sender.sharp_steps is None:
+    if config.sharpness != 0.0 and encoder.codec.sender.sharp_steps is None:
         raise InputError("this model has no network for `sharpness`; leave it out, or choose another model.")
     detail_steps = config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q)
     has_detail = receiver.detail is not None and detail_steps > 0

@@ -42,8 +42,8 @@ class OptimisationConfig:
     1e-4 and above; below, it is proportional to lambda ** detail_step_exponent.
     least_latent_lambda_q: latents below the detail layer are not coded at a smaller lambda.
 
-    sharpness: share of the weights of the network that proposes sharper steps, from 0 to 1. More of it gives sharper
-    pictures, larger files, and a slightly lower PSNR of views between the photographs (docs/performance.md).
+    sharpness: share of the network that proposes sharper steps in the weights of the usual one, from -1 to 1; below 0,
+    the usual one moves away from it. More of it gives sharper pictures and larger files (docs/performance.md).
 
     max_views_of_direct_gradients: with more views, gradients also pass through the residual branches of the predictor.
     ssim_stride: stride of the SSIM windows, see `metrics.ssim`. distortion: D of the objective.
@@ -74,10 +74,10 @@ class OptimisationConfig:
     distortion: Distortion = LogDistortion()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
-        """Raise InputError for a sharpness that is not in [0, 1], or that no step can bring about."""
-        if not 0.0 <= self.sharpness <= 1.0:
-            raise InputError(f"sharpness is {self.sharpness:g}; it must be from 0 to 1.")
-        if self.sharpness > 0.0 and self.num_steps == 0:
+        """Raise InputError for a sharpness that is not in [-1, 1], or that no step can bring about."""
+        if not -1.0 <= self.sharpness <= 1.0:
+            raise InputError(f"sharpness is {self.sharpness:g}; it must be from -1 to 1.")
+        if self.sharpness != 0.0 and self.num_steps == 0:
             raise InputError(
                 f"sharpness {self.sharpness:g} needs steps, which `effort` fast does not take; choose another."
             )
@@ -130,7 +130,7 @@ EFFORTS = {"fast": FAST, "default": DEFAULT, "best": BEST}
 
 
 def config_of_effort(effort: "str | OptimisationConfig", sharpness: float = 0.0) -> OptimisationConfig:
-    """Return the preset with this name, with a sharpness above 0 if it is given; a configuration is kept as it is.
+    """Return the preset with this name, with a sharpness other than 0 if it is given; a configuration is kept as it is.
 
     Raises InputError for unknown names and for a sharpness that is not possible.
     """

@@ -35,7 +35,8 @@ def test_targets_out_of_reach_are_refused(fecosplat: CommandLine, photographs: P
     [
         (("--target-kib", "8", "--target-psnr", "25"), "exclude each other"),
         (("--effort", "fast", "--sharpness", "1"), "--sharpness needs the steps that --effort fast leaves out"),
-        (("--sharpness", "1.5"), "1.5 is not in the range 0.0<=x<=1.0"),
+        (("--effort", "fast", "--sharpness", "-0.5"), "--sharpness needs the steps that --effort fast leaves out"),
+        (("--sharpness", "1.5"), "1.5 is not in the range -1.0<=x<=1.0"),
         (("--target-kib", "8", "--stages", "1"), "has no rate control"),
         (("--target-kib", "8", "--lambda", "1e-3"), "leave out --lambda"),
     ],

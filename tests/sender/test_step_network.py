@@ -64,15 +64,18 @@ def test_sharpness_is_the_share_of_the_sharp_network(codec: Codec) -> None:
 
     assert coded(0.0, 0.25) == coded(0.25) != coded(0.0) == encode_with(codec, views, LAMBDA_Q, config=config)
     assert coded(0.0, 1.0) == coded(1.0) == coded(0.5, 1.0)
+    assert coded(0.25, -1.0) == coded(-0.5)  # as far on the other side
 
 
 def test_a_sharpness_that_is_not_possible_is_refused(codec: Codec) -> None:
     with pytest.raises(InputError, match="this model has no network for `sharpness`; leave it out"):
         encode_with(with_steps(codec), example_views(2), LAMBDA_Q, config=replace(DEFAULT, sharpness=0.5))
-    with pytest.raises(InputError, match=r"sharpness is 1.5; it must be from 0 to 1"):
+    with pytest.raises(InputError, match=r"sharpness is 1.5; it must be from -1 to 1"):
         config_of_effort("best", 1.5)
-    with pytest.raises(InputError, match=r"sharpness 0.5 needs steps, which `effort` fast does not take"):
-        config_of_effort("fast", 0.5)
+    with pytest.raises(InputError, match=r"sharpness is nan; it must be from -1 to 1"):
+        config_of_effort("best", float("nan"))
+    with pytest.raises(InputError, match=r"sharpness -0.5 needs steps, which `effort` fast does not take"):
+        config_of_effort("fast", -0.5)
     assert config_of_effort(DEFAULT) is DEFAULT and config_of_effort("best", 0.5).sharpness == 0.5
 
 
