@@ -4,7 +4,7 @@
 
 By default, measures a model at several values of `encode --sharpness`. With OTHER, a model folder trained on from MODEL
 with `fecosplat train --perceptual-weight`, measures weights between the two. Prints one line per share, and writes the
-change of each error at target views against MODEL as it is to a chart. DINOv2's distance is 1 - cosine similarity of
+change of each error at target views, against the first share, to a chart. DINOv2's distance is 1 - cosine similarity of
 patch features, at 196x196.
 """
 
@@ -30,7 +30,7 @@ from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSma
 from fecocodec.sender.model import Sender
 from fecocodec.training.fine_tuning import load_model_weights
 
-SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+SHARES, SHARPNESS = (0.0, 0.25, 0.5, 0.75, 1.0), (-1.0, -0.5, 0.0, 0.5, 1.0)
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of DINOv2's input
 DINO_SIDE = 196  # pixels
 ERRORS = ("bytes", "ST-LPIPS (trained on)", "MSE", "1 - MS-SSIM", "FLIP", "DINOv2")
@@ -79,7 +79,8 @@ def main() -> None:
     entries = [e for e in read_index(arguments.index) if len(e.context) == 2][:: arguments.every]
     rows = []
     print("share\tKiB\tcontext PSNR\ttarget PSNR\t" + "\t".join(ERRORS[1:]))
-    for share in SHARES:
+    shares = SHARPNESS if arguments.trained is None else SHARES
+    for share in shares:
         if arguments.trained is None:
             system = codec_system(load_codec(arguments.model, "cpu"), arguments.lmbda, sharpness=share)
         else:
@@ -105,7 +106,7 @@ def main() -> None:
     series = tuple(
         Series(
             name,
-            tuple(Mark(share, 100 * (row[k] / rows[0][k] - 1), name) for share, row in zip(SHARES, rows, strict=True)),
+            tuple(Mark(share, 100 * (row[k] / rows[0][k] - 1), name) for share, row in zip(shares, rows, strict=True)),
         )
         for k, name in enumerate(ERRORS)
     )

@@ -20,7 +20,7 @@ from fecocodec.evaluation.systems.codec import codec_system
 from fecocodec.formats.evaluation_index import read_index
 from fecocodec.sender.codec import load_codec
 
-SHARPNESS, LAMBDAS, SIZE = (0.0, 0.5, 1.0), (1e-2, 3e-3, 1e-3, 1e-4), 256
+SHARPNESS, LAMBDAS, SIZE = (-1.0, 0.0, 1.0), (1e-2, 3e-3, 1e-3, 1e-4), 256
 ANCHORS = ("AVIF", "AVIF, optimised at the receiver", "WebP", "JPEG XL", "JPEG")
 
 Row = tuple[float, float, float]  # bytes, PSNR, ST-LPIPS

@@ -1,15 +1,17 @@
-"""A gate on the shipped weights, sender and receiver together: bytes, PSNR and depth from encoded and decoded files.
+"""A gate on the shipped weights, sender and receiver together: bytes, PSNR, depth and ST-LPIPS from decoded files.
 
-Every scene is encoded with the defaults. Bounds are 2 to 4% of the bytes, 0.2 to 0.3 dB and 10% of the depth error away
-from measured values, because last bits change results on another processor or with other threads.
-`test_worse_weights_fail` (slow) perturbs the weights and asserts that the gate fails.
+Every scene is encoded with the defaults. Last bits change results on another processor or with other threads, and move
+the target views of a single drawn scene by 0.15 dB; so bounds are on the bundled scene and on the mean of eight drawn
+scenes. `test_worse_weights_fail` (slow) perturbs the weights and asserts that the gate fails.
 """
 
 import copy
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -36,21 +38,9 @@ from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 
 LMBDA = 1e-3
-# By scene: most bytes, least PSNR of context and of target views in dB, largest median of |depth - exact| / exact.
-# Measured with compact-6, model id ed2ef3a39903f16e, which codes no detail at this lambda: 15664, 7861, 7469 bytes;
-# context 24.47, 29.64, 30.52 dB; target 23.42, 30.04 dB; depth 0.0129, 0.0166, 0.0064. Before Gaussians were added
-# behind near surfaces: 15608, 7905, 7421 bytes; 24.47, 29.77, 30.51 dB; 23.41, 29.98 dB; 0.0132, 0.0184, 0.0066.
-# `python -m tests.test_shipped_weights` measures new weights; move the
-# bounds with them, never to a worse trade of bytes and quality. compact-4 had 16212, 8105, 7765 bytes; 24.49, 29.52,
-# 30.64 dB; 23.44, 30.06 dB; 0.0129, 0.0161, 0.0067: 3 to 4% fewer bytes, but a larger median depth error of drawn 1
-# (the mean over 40 drawn scenes fell). Bounds of quality are those of compact-4.
-MOST_BYTES = {"motorcycle": 16_230, "drawn 1": 8_140, "drawn 2": 7_720}
-LEAST_CONTEXT_PSNR = {"motorcycle": 24.29, "drawn 1": 29.47, "drawn 2": 30.34}
-LEAST_TARGET_PSNR = {"drawn 1": 23.19, "drawn 2": 29.76}
-LARGEST_DEPTH_ERROR = {"motorcycle": 0.0142, "drawn 1": 0.0202, "drawn 2": 0.0073}
 
 EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "motorcycle"
-DRAWN_SEEDS = {"drawn 1": 20_261_124_001, "drawn 2": 20_261_124_002}  # training seeds its generators with small numbers
+DRAWN_SEEDS = [20_261_124_000 + number for number in range(1, 9)]  # training seeds its generators with small numbers
 DRAWN_SIZE = (256, 256)  # height, width in pixels
 NUM_CONTEXT, NUM_TARGET = 2, 2
 NUM_PATTERNS = 100
@@ -61,10 +51,43 @@ Decode = Callable[[bytes, bool], fecocodec.Gaussians]  # (stream, whether to add
 
 
 @dataclass(frozen=True)
+class Scores:
+    """Bytes of a file, PSNR of context and target views in dB, relative depth error, and ST-LPIPS of target views.
+
+    Without target views, ST-LPIPS is that of the context views, and target is infinite.
+    """
+
+    num_bytes: float
+    context: float
+    target: float
+    depth_error: float
+    st_lpips: float
+
+    def failures(self, bounds: "Scores") -> set[str]:
+        """Return the names of the bounds that these scores violate."""
+        is_within = {
+            "bytes": self.num_bytes <= bounds.num_bytes,
+            "context": self.context >= bounds.context,
+            "target": self.target >= bounds.target,
+            "depth": self.depth_error <= bounds.depth_error,
+            "ST-LPIPS": self.st_lpips <= bounds.st_lpips,
+        }
+        return {bound for bound, is_kept in is_within.items() if not is_kept}
+
+
+# Measured with compact-6 (`python -m tests.test_shipped_weights`), with AVX-512 / AVX2, which codes no detail at this
+# lambda. Bundled scene: 16024 / 16044 bytes, context 24.52 / 24.53 dB, depth 0.0131 / 0.0133, ST-LPIPS 0.162 / 0.161.
+# Mean of the drawn scenes: 7019 / 7021 bytes, context 30.95 / 30.94 dB, target 28.01 / 28.01 dB, depth 0.0578 / 0.0578,
+# ST-LPIPS 0.214 / 0.212. With the step network of compact-5 (AVX-512): 15656 bytes, 24.47 dB, 0.0129, 0.183; 6889
+# bytes, 30.88 dB, 28.02 dB, 0.0591, 0.226. Move the bounds with the weights, never to a worse trade.
+MOTORCYCLE = Scores(16_230, 24.29, -math.inf, 0.0142, 0.168)
+DRAWN = Scores(7_130, 30.85, 27.93, 0.061, 0.218)
+
+
+@dataclass(frozen=True)
 class Scene:
     """Two context views, then target views (perhaps none), with exact depth of the first views; 0 where unknown."""
 
-    name: str
     views: Views
     depth: Float[Tensor, "view height width"]
 
@@ -82,9 +105,17 @@ class Measured:
     surfaces: Rendering
 
     @property
-    def view_psnr(self) -> Float[Tensor, " view"]:
-        """PSNR of every view in dB."""
-        return psnr(self.rendering.color.clamp(0, 1), self.scene.views.images)
+    def scores(self) -> Scores:
+        pictures, photographs = self.rendering.color.clamp(0, 1), self.scene.views.images
+        context, target = psnr(pictures, photographs).tensor_split([NUM_CONTEXT])
+        first = NUM_CONTEXT if len(target) else 0
+        return Scores(
+            self.num_bytes,
+            float(context.mean()),
+            float(target.mean()) if len(target) else math.inf,
+            self.depth_error,
+            float(st_lpips(pictures[first:], photographs[first:]).mean()),
+        )
 
     @property
     def depth_error(self) -> float:
@@ -98,15 +129,15 @@ class Measured:
 def bundled_scene() -> Scene:
     views = fecocodec.read_views(EXAMPLE)
     millimetres = np.asarray(Image.open(EXAMPLE / "left_depth.png")).astype(np.float32)
-    return Scene("motorcycle", views, torch.from_numpy(millimetres / 1000)[None])
+    return Scene(views, torch.from_numpy(millimetres / 1000)[None])
 
 
-def drawn_scene(name: str) -> Scene:
-    generator = torch.Generator().manual_seed(DRAWN_SEEDS[name])
+def drawn_scene(seed: int) -> Scene:
+    generator = torch.Generator().manual_seed(seed)
     world = ProceduralWorld(pattern_textures(NUM_PATTERNS))
     sample = world.sample(generator, num_context=NUM_CONTEXT, num_target=NUM_TARGET, size=DRAWN_SIZE)
     assert sample.depth is not None
-    return Scene(name, sample.views, sample.depth)
+    return Scene(sample.views, sample.depth)
 
 
 def decoded_by_command(data: bytes, has_background: bool) -> fecocodec.Gaussians:
@@ -131,45 +162,33 @@ def measure(scene: Scene, encode: Encode, decode: Decode) -> Measured:
         return Measured(scene, len(data), *renderings)
 
 
-def measure_shipped(name: str) -> Measured:
+def mean_scores(measured: Sequence[Measured]) -> Scores:
+    return Scores(*map(fmean, zip(*(astuple(it.scores) for it in measured), strict=True)))
+
+
+def shipped(scene: Scene, sharpness: float = 0.0) -> Measured:
     """Measure the shipped weights on a scene, with `encode` and `fecosplat decode`."""
-    scene = bundled_scene() if name == "motorcycle" else drawn_scene(name)
-    return measure(scene, partial(fecocodec.encode, lmbda=LMBDA), decoded_by_command)
-
-
-def failures(measured: Measured) -> set[str]:
-    """Return the names of the bounds that a measurement violates."""
-    name = measured.scene.name
-    context, target = measured.view_psnr[:NUM_CONTEXT], measured.view_psnr[NUM_CONTEXT:]
-    is_within = {
-        "bytes": measured.num_bytes <= MOST_BYTES[name],
-        "context": float(context.mean()) >= LEAST_CONTEXT_PSNR[name],
-        "target": len(target) == 0 or float(target.mean()) >= LEAST_TARGET_PSNR[name],
-        "depth": measured.depth_error <= LARGEST_DEPTH_ERROR[name],
-    }
-    return {bound for bound, is_kept in is_within.items() if not is_kept}
+    return measure(scene, partial(fecocodec.encode, lmbda=LMBDA, sharpness=sharpness), decoded_by_command)
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("name", MOST_BYTES)
-def test_shipped_weights_keep_all_bounds(name: str) -> None:
-    assert failures(measure_shipped(name)) == set()
+def test_the_bundled_scene_keeps_all_bounds() -> None:
+    assert shipped(bundled_scene()).scores.failures(MOTORCYCLE) == set()
+
+
+@pytest.mark.timeout(600)
+def test_drawn_scenes_keep_all_bounds() -> None:
+    assert mean_scores([shipped(drawn_scene(seed)) for seed in DRAWN_SEEDS]).failures(DRAWN) == set()
 
 
 @pytest.mark.timeout(600)
 def test_sharpness_makes_pictures_sharper() -> None:
     """By ST-LPIPS of the target views of a drawn scene, for a file that is a little larger."""
-    scene = drawn_scene("drawn 2")
-    found = {
-        sharpness: measure(scene, partial(fecocodec.encode, lmbda=LMBDA, sharpness=sharpness), decoded_by_command)
-        for sharpness in (-1.0, 0.0, 1.0)
-    }
-    distance = {
-        sharpness: float(st_lpips(it.rendering.color.clamp(0, 1), scene.views.images)[NUM_CONTEXT:].mean())
-        for sharpness, it in found.items()
-    }
-    assert distance[1.0] < 0.97 * distance[0.0]
-    assert found[0.0].num_bytes < found[1.0].num_bytes < 1.3 * found[0.0].num_bytes
+    smoothest, default, sharpest = (
+        shipped(drawn_scene(DRAWN_SEEDS[1]), sharpness).scores for sharpness in (-1.0, 0.0, 1.0)
+    )
+    assert sharpest.st_lpips < 0.97 * default.st_lpips < 0.97 * 0.98 * smoothest.st_lpips
+    assert smoothest.num_bytes < default.num_bytes < sharpest.num_bytes < 1.3 * smoothest.num_bytes
 
 
 def perturb(network: nn.Module, noise: float) -> None:
@@ -189,18 +208,19 @@ def test_worse_weights_fail(end: str) -> None:
     """
     codec = copy.deepcopy(load_codec(model_folder(None), "cpu"))
     perturb(codec.sender if end == "sender" else codec.receiver, NOISE)
-    measured = measure(
-        drawn_scene("drawn 1"),
-        lambda views: encode_with(codec, views, quantise_lambda(LMBDA)),
-        lambda data, has_background: (
-            decode_with(codec.receiver, data, background=DEFAULT_BACKGROUND if has_background else None).gaussians
-        ),
-    )
-    assert failures(measured) & {"bytes", "target"}
+
+    def decoded(data: bytes, has_background: bool) -> fecocodec.Gaussians:
+        background = DEFAULT_BACKGROUND if has_background else None
+        return decode_with(codec.receiver, data, background=background).gaussians
+
+    encode = partial(encode_with, codec, lambda_q=quantise_lambda(LMBDA))
+    measured = [measure(drawn_scene(seed), encode, decoded) for seed in DRAWN_SEEDS]
+    assert mean_scores(measured).failures(DRAWN) & {"bytes", "target"}
 
 
 if __name__ == "__main__":
-    for name in MOST_BYTES:
-        result = measure_shipped(name)
-        context, target = result.view_psnr[:NUM_CONTEXT].mean(), result.view_psnr[NUM_CONTEXT:].mean()
-        print(f"{name}: {result.num_bytes} bytes, {context:.2f} dB, {target:.2f} dB, depth {result.depth_error:.4f}")
+    print("bundled scene:", shipped(bundled_scene()).scores)
+    drawn = [shipped(drawn_scene(seed)) for seed in DRAWN_SEEDS]
+    for seed, it in zip(DRAWN_SEEDS, drawn, strict=True):
+        print(f"drawn scene {seed}:", it.scores)
+    print("mean of drawn scenes:", mean_scores(drawn))

@@ -57,7 +57,7 @@ class OptimisationConfig:
     max_pixels: int = 2**22
     step_size: float = 0.12
     step_size_unscaled: float = 0.055
-    rate_weight: float = 2.0
+    rate_weight: float = 2.15
     price_exponent: float = 0.6
     held_weight: float = 0.5
     max_steps_unheld: int = 8
