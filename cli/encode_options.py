@@ -54,7 +54,7 @@ _OF_VIEWS = (
         type=click.FloatRange(-1.0, 1.0),
         default=0.0,
         show_default=True,
-        help="From -1 (smoothest pictures, highest PSNR for the size of the file) to 1 (sharpest pictures).",
+        help="From -1 (smoothest pictures, smallest file) to 1 (sharpest pictures, largest file).",
     ),
     click.option(
         "--strict",
