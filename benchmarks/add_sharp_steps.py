@@ -25,7 +25,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path, help="folder of the weights")
     parser.add_argument("out", type=Path, help="folder for the weights with the new network")
-    parser.add_argument("sharp", type=Path, nargs="+", help="folders of models whose step network is meant")
+    parser.add_argument("sharp", type=Path, nargs="+", help="folders of models whose step networks are averaged")
     parser.add_argument("--between", action="store_true", help="put the model's own network half-way to the new one")
     arguments = parser.parse_args()
     codec = load_codec(arguments.model, "cpu")

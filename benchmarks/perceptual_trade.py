@@ -30,7 +30,7 @@ from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSma
 from fecocodec.sender.model import Sender
 from fecocodec.training.fine_tuning import load_model_weights
 
-SHARES, SHARPNESS = (0.0, 0.25, 0.5, 0.75, 1.0), (-1.0, -0.5, 0.0, 0.5, 1.0)
+SHARES, SHARPNESS = (0.0, 0.25, 0.5, 0.75, 1.0), (-1.0, 0.0, 1.0)
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of DINOv2's input
 DINO_SIDE = 196  # pixels
 ERRORS = ("bytes", "ST-LPIPS (trained on)", "MSE", "1 - MS-SSIM", "FLIP", "DINOv2")

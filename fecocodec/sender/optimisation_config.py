@@ -42,8 +42,8 @@ class OptimisationConfig:
     1e-4 and above; below, it is proportional to lambda ** detail_step_exponent.
     least_latent_lambda_q: latents below the detail layer are not coded at a smaller lambda.
 
-    sharpness: share of the network that proposes sharper steps in the weights of the usual one, from -1 to 1; below 0,
-    the usual one moves away from it. More of it gives sharper pictures and larger files (docs/performance.md).
+    sharpness: -1 to 1. 0: the usual network proposes the steps; 1: the one for sharper pictures; between, a blend of
+    their weights; below 0, as far to the other side. More gives sharper pictures and larger files.
 
     max_views_of_direct_gradients: with more views, gradients also pass through the residual branches of the predictor.
     ssim_stride: stride of the SSIM windows, see `metrics.ssim`. distortion: D of the objective.
