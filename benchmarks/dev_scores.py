@@ -1,7 +1,7 @@
 """Measure rate, PSNR, SSIM and ST-LPIPS on an evaluation index, from encoded and decoded bytes.
 
 python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--effort best]
-    [--sharpness 0.5]
+    [--sharpness 0.5] [--device cuda]
 """
 
 import argparse
@@ -27,8 +27,9 @@ def main() -> None:
     parser.add_argument("--effort", choices=EFFORTS, default="default", help="as for `fecosplat encode`")
     parser.add_argument("--sharpness", type=float, default=0.0, help="as for `fecosplat encode`")
     parser.add_argument("--size", type=int, default=256, help="image side in pixels  [default: 256]")
+    parser.add_argument("--device", default="cpu", help="as for `fecosplat encode`  [default: cpu]")
     arguments = parser.parse_args()
-    codec = load_codec(arguments.model, "cpu")
+    codec = load_codec(arguments.model, arguments.device)
     entries = tuple(e for e in read_index(arguments.index) if len(e.context) == arguments.views)
     size = (arguments.size, arguments.size)
     print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tcontext PSNR\tGaussians\tby kind")

@@ -1,6 +1,7 @@
 """Measure what further context views give: the same target from its nearest 2, 4, 8, ... views.
 
     python benchmarks/nearest_views.py MODEL_FOLDER ROOT [--counts 2 4 8] [--effort default] [--size 192] [--all]
+        [--device cuda]
 
 ROOT: a folder of scene folders, each with a `transforms.json`. One photograph of each scene is the target: of all
 photographs in the order of how much they share with the others, the one after a third of them. Its context views are
@@ -61,8 +62,9 @@ def main() -> None:
     parser.add_argument("--lmbda", type=float, default=1e-3)
     parser.add_argument("--size", type=int, default=192, help="image side in pixels  [default: 192]")
     parser.add_argument("--all", action="store_true", help="encode views that harm the others, too")
+    parser.add_argument("--device", default="cpu", help="as for `fecosplat encode`  [default: cpu]")
     arguments = parser.parse_args()
-    codec = load_codec(arguments.model, "cpu")
+    codec = load_codec(arguments.model, arguments.device)
     system = codec_system(codec, arguments.lmbda, effort=arguments.effort)
 
     def select(views: Views) -> list[int]:

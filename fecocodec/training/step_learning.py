@@ -65,7 +65,7 @@ class Evaluated:
 class StepLearner:
     """Optimises the latents of training batches, and adds to the gradients of the step network.
 
-    Unlike in encoding, no step is undone, no views are held, and nothing is faded.
+    Unlike in encoding, no step is undone, and no views are held.
 
     config: of the optimisation. generator: draws numbers of steps. perceptual_weight: of ST-LPIPS in the loss of the
     latents after the last step; the objective of encoding has no such term.
@@ -154,7 +154,7 @@ def _inputs_of(inputs: StageInputs, items: slice) -> StageInputs:
     condition = RateCondition(inputs.condition.embedding[items].detach(), inputs.condition.latent_gain[items].detach())
     y_hat = None if inputs.y_hat is None else inputs.y_hat[items].detach()
     state = inputs.state[items].detach()
-    return StageInputs(inputs.stage, inputs.is_last, inputs.lambda_q[items], condition, state, y_hat)
+    return StageInputs(inputs.stage, inputs.is_last, inputs.lambda_q[items], condition, state, y_hat, inputs.fading)
 
 
 def learn(

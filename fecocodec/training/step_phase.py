@@ -11,6 +11,7 @@ import torch
 
 from fecocodec.errors import InputError
 from fecocodec.sender.codec import Codec
+from fecocodec.sender.fading import LEAST_VIEWS, fader
 from fecocodec.sender.latent_coding import estimate_bits
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -91,7 +92,10 @@ def learn_from_scene(trainer: Trainer, learner: StepLearner) -> dict[str, float]
     changes: dict[str, float] = {}
     with torch.no_grad():
         optimise = learner.optimiser(encoder, batch, changes.update)
-        encoder.run(batch.lambda_q, 2, estimate_bits(encoder.codec), optimise)
+        fade = None
+        if len(context) >= LEAST_VIEWS:  # as in encoding
+            fade = fader(encoder.images[0], encoder.cameras.scene(0), encoder.background)
+        encoder.run(batch.lambda_q, 2, estimate_bits(encoder.codec), optimise, fade)
     return changes
 
 
@@ -100,4 +104,5 @@ def _draw(trainer: Trainer) -> Batch:
     configuration = trainer.settings.configuration
     shape = replace(configuration.shapes.draw(trainer.generator), num_scenes=1)
     share = configuration.schedule.photograph_share[1]
-    return draw_batch(trainer.sources, trainer.generator, shape, share, configuration.lambda_q_range)
+    batch = draw_batch(trainer.sources, trainer.generator, shape, share, configuration.lambda_q_range)
+    return batch.to(trainer.settings.device)
