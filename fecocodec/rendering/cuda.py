@@ -1,7 +1,9 @@
 """Rendering on CUDA by gsplat, equal to the CPU renderer up to rounding."""
 
 import math
+import sys
 from collections.abc import Callable
+from contextlib import nullcontext, redirect_stdout
 from typing import Any
 
 import torch
@@ -10,6 +12,12 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.rendering import Rendering
+
+BACKEND = "gsplat.cuda._backend"
+REMEDY = (
+    "install the CUDA toolkit of the version that PyTorch was built with, or gsplat's compiled wheel "
+    "(https://docs.gsplat.studio/whl), or use the CPU by `device`."
+)
 
 
 def render_on_cuda(
@@ -21,7 +29,7 @@ def render_on_cuda(
 ) -> Rendering:
     """Render as `rasterizer.render` does. near: Gaussians whose mean is closer than this depth are not drawn.
 
-    Raises InputError if gsplat is not installed.
+    Raises InputError as `gsplat_rasterization` does.
     """
     rasterization = gsplat_rasterization()
     height, width = image_size
@@ -52,16 +60,31 @@ def render_on_cuda(
 
 
 def gsplat_rasterization() -> Callable[..., Any]:
-    """Return gsplat's `rasterization`. Raises InputError if gsplat is not installed."""
+    """Return gsplat's `rasterization`. Its first import compiles kernels, which takes minutes, unless it is compiled.
+
+    Raises InputError if gsplat is not installed or its kernels cannot be compiled.
+    """
+    is_first = BACKEND not in sys.modules
     try:
-        from gsplat import rasterization  # imported here, because most installations lack it
+        # Imported here, because most installations lack it. It reports what it compiles on stdout, which may be ours.
+        with redirect_stdout(sys.stderr) if is_first else nullcontext():
+            from gsplat import rasterization
+            from gsplat.cuda._backend import _C
     except ImportError as error:
         raise InputError(
             "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
             "run `pip install gsplat`, or use the CPU by `device`."
         ) from error
+    except (RuntimeError, OSError) as error:
+        raise InputError(f"gsplat could not compile its kernels ({_first_line(error)}); {REMEDY}") from error
+    if _C is None:
+        raise InputError(f"gsplat found no CUDA toolkit (nvcc) with which it could compile its kernels; {REMEDY}")
     function: Callable[..., Any] = rasterization
     return function
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)
 
 
 def _finite(gaussians: Gaussians) -> Gaussians:

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +12,7 @@ from small_scenes import random_gaussians, two_cameras
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.rendering.cuda import render_on_cuda
+from fecocodec.rendering.cuda import BACKEND, render_on_cuda
 from fecocodec.rendering.rasterizer import render
 
 IMAGE_SIZE = (24, 40)
@@ -40,7 +41,14 @@ def rasterization(**arguments) -> tuple[torch.Tensor, torch.Tensor, dict]:
 
 @pytest.fixture
 def gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, kernels=object())
+
+
+def install(monkeypatch: pytest.MonkeyPatch, kernels: object) -> None:
+    """Stand in for gsplat. kernels: its compiled module, None if it has found no compiler."""
     monkeypatch.setitem(sys.modules, "gsplat", SimpleNamespace(rasterization=rasterization))
+    monkeypatch.setitem(sys.modules, "gsplat.cuda", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, BACKEND, SimpleNamespace(_C=kernels))
 
 
 @pytest.mark.usefixtures("gsplat")
@@ -73,3 +81,26 @@ def test_missing_gsplat_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(InputError, match="gsplat, which is not installed; run `pip install gsplat`"):
         render_on_cuda(random_gaussians(1), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
+
+
+def test_gsplat_without_a_compiler_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, kernels=None)
+    with pytest.raises(InputError, match=r"gsplat found no CUDA toolkit \(nvcc\) .* or use the CPU by `device`"):
+        render_on_cuda(random_gaussians(1), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
+
+
+def test_the_first_import_keeps_stdout_clean_and_names_a_failed_compilation(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package = tmp_path / "gsplat" / "cuda"
+    package.mkdir(parents=True)
+    (package.parent / "__init__.py").write_text("rasterization = None\n")
+    (package / "__init__.py").touch()
+    (package / "_backend.py").write_text('print("compiling")\nraise RuntimeError("Error building\\nlong output")\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("gsplat", "gsplat.cuda"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    with pytest.raises(InputError, match=r"could not compile its kernels \(Error building\); install the CUDA toolkit"):
+        render_on_cuda(random_gaussians(1), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
+    written = capsys.readouterr()
+    assert (written.out, written.err) == ("", "compiling\n")
