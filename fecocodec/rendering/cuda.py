@@ -15,8 +15,8 @@ from fecocodec.rendering.rendering import Rendering
 
 BACKEND = "gsplat.cuda._backend"
 REMEDY = (
-    "install the CUDA toolkit of the version that PyTorch was built with, or gsplat's compiled wheel "
-    "(https://docs.gsplat.studio/whl), or use the CPU by `device`."
+    "install the packages that it needs, and the CUDA toolkit of PyTorch's version or gsplat's compiled wheel "
+    "(https://docs.gsplat.studio/whl); or use the CPU by `device`."
 )
 
 
@@ -62,7 +62,7 @@ def render_on_cuda(
 def gsplat_rasterization() -> Callable[..., Any]:
     """Return gsplat's `rasterization`. Its first import compiles kernels, which takes minutes, unless it is compiled.
 
-    Raises InputError if gsplat is not installed or its kernels cannot be compiled.
+    Raises InputError if gsplat is not installed or cannot be loaded, for example because its kernels do not compile.
     """
     is_first = BACKEND not in sys.modules
     try:
@@ -70,21 +70,18 @@ def gsplat_rasterization() -> Callable[..., Any]:
         with redirect_stdout(sys.stderr) if is_first else nullcontext():
             from gsplat import rasterization
             from gsplat.cuda._backend import _C
-    except ImportError as error:
-        raise InputError(
-            "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
-            "run `pip install gsplat`, or use the CPU by `device`."
-        ) from error
-    except (RuntimeError, OSError) as error:
-        raise InputError(f"gsplat could not compile its kernels ({_first_line(error)}); {REMEDY}") from error
+    except (ImportError, RuntimeError, OSError) as error:
+        if isinstance(error, ImportError) and (error.name or "gsplat").split(".")[0] == "gsplat":
+            raise InputError(
+                "Gaussians on a CUDA device are rendered by gsplat, which is not installed; "
+                "run `pip install gsplat`, or use the CPU by `device`."
+            ) from error
+        reason = next(iter(str(error).splitlines()), type(error).__name__)
+        raise InputError(f"gsplat, which renders on a CUDA device, cannot be loaded ({reason}); {REMEDY}") from error
     if _C is None:
         raise InputError(f"gsplat found no CUDA toolkit (nvcc) with which it could compile its kernels; {REMEDY}")
     function: Callable[..., Any] = rasterization
     return function
-
-
-def _first_line(error: Exception) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)
 
 
 def _finite(gaussians: Gaussians) -> Gaussians:

@@ -100,7 +100,15 @@ def test_the_first_import_keeps_stdout_clean_and_names_a_failed_compilation(
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("gsplat", "gsplat.cuda"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    with pytest.raises(InputError, match=r"could not compile its kernels \(Error building\); install the CUDA toolkit"):
+    with pytest.raises(InputError, match=r"cannot be loaded \(Error building\); install .* the CUDA toolkit"):
         render_on_cuda(random_gaussians(1), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
     written = capsys.readouterr()
     assert (written.out, written.err) == ("", "compiling\n")
+
+
+def test_what_gsplat_lacks_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "gsplat.py").write_text("import a_missing_package\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "gsplat", raising=False)
+    with pytest.raises(InputError, match=r"gsplat, .*, cannot be loaded \(No module named 'a_missing_package'\);"):
+        render_on_cuda(random_gaussians(1), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
