@@ -74,7 +74,7 @@ def _report(outcomes: "Sequence[Outcome]", seconds: float, summary: str, options
     if len(failures) > LISTED_FAILURES:
         warn(f"{len(failures) - LISTED_FAILURES} more scenes failed; {summary} lists them")
     if failures and not options.retry_failed:
-        say("--retry-failed processes failed scenes again; without it, only those with other input or options are")
+        say("the next run tries a failed scene again if its input or options have changed, or with --retry-failed")
     count = Counter(outcome.status for outcome in outcomes)
     num_warned = sum(outcome.num_warnings > 0 for outcome in outcomes)
     if options.as_json:

@@ -8,6 +8,7 @@ from time import perf_counter
 import click
 
 from fecocodec import __version__
+from fecocodec.errors import installation
 
 from .options import json_option, threads_option
 from .output import print_fields, print_json
@@ -50,7 +51,7 @@ def command(as_json: bool) -> None:
         "processor": f"{platform.machine()}, {os.cpu_count()} threads",
         "cuda": cuda_device() if has_torch else NOT_MEASURED,
         **{name.lower(): installed(name) or "missing" for name in LIBRARIES},
-        **{f"extra {extra}": installed(name) or f"missing: {install_line(extra)}" for extra, name in EXTRAS.items()},
+        **{f"extra {extra}": installed(name) or f"missing: {installation(extra)}" for extra, name in EXTRAS.items()},
         "kernels": NOT_MEASURED if first is None else f"ready, first use took {first:.2f} s",
         "speed": NOT_MEASURED if later is None else f"{DRAWN} in {1000 * later:.0f} ms",
     }
@@ -67,10 +68,6 @@ def installed(distribution: str) -> str | None:
         return version(distribution)
     except PackageNotFoundError:
         return None
-
-
-def install_line(extra: str) -> str:
-    return f"pip install 'fecosplat[{extra}]'"
 
 
 def cuda_device() -> str:

@@ -164,6 +164,8 @@ def command(
                 )
             if left_out:
                 say(printable(f"note: {in_options(left_out_note(left_out))}"))
+        if may_leave_out(views) and views is not None and not as_json:  # JSON names them anyway
+            say(printable(f"note: coded views: {', '.join(scene.names)}."))
         for warning in check_input(scene, effort):
             report(warning)
         with error_context(views_folder, OF_VIEWS):

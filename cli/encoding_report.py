@@ -7,6 +7,8 @@ from fecocodec.container import StreamSummary
 from .output import say
 from .terminal import printable
 
+NEW_VIEWS = "2 to 8"  # the middle two thirds of pairs of the report at lambda 1e-3 (docs/report.md)
+
 if TYPE_CHECKING:
     from fecocodec import DecodedQuality
 
@@ -42,6 +44,8 @@ def say_result(
     of_worst = f" (worst {worst:.2f} dB, {printable(name)})"
     views = f"coded view of {size}" if count == 1 else f"{count} coded views of {size}{of_worst}"
     say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the {views} as decoded")
+    if count > 1:
+        say(f"  new views between these usually have {NEW_VIEWS} dB less")
 
 
 def _stage_kib(summary: StreamSummary) -> list[float]:

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from fecocodec.errors import installation
+
 from .signals import EndingSignals
 
 COMMANDS = ("encode", "decode", "info", "render", "view", "train", "eval", "stress", "batch", "doctor")
@@ -50,8 +52,8 @@ def missing_module(error: ModuleNotFoundError) -> str:
     if library not in SENDER_LIBRARIES:
         raise error
     return (
-        f"fecosplat: this needs {library}, which is not installed; run pip install 'fecosplat[sender]' (README.md, "
-        "Install, has the line for machines without a GPU)."
+        f"fecosplat: this needs {library}, which is not installed; run {installation('sender')} (README.md, Install, "
+        "has the line for machines without a GPU)."
     )
 
 

@@ -25,6 +25,11 @@ class StrictError(FecoError):
     """A warning that the option `strict` makes an error, see `strict_error`."""
 
 
+def installation(extra: str) -> str:
+    """Return how an extra is installed. Not by the project's name, because it is not on a package index."""
+    return f"`pip install '.[{extra}]'` in the project's folder"
+
+
 def strict_error(place: str, warning: str) -> StrictError:
     """Return the error for a warning, which is one sentence. place: file or folder that it is about."""
     return StrictError(f"{place}: {warning.removesuffix('.')} (`strict` makes this warning an error).")

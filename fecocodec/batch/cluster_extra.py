@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, installation
 
 
 def has_cluster_extra() -> bool:
@@ -14,6 +14,6 @@ def require_cluster_extra() -> None:
     """Raise InputError, which names the extra to install, if Dask distributed is missing."""
     if not has_cluster_extra():
         raise InputError(
-            "several processes need the package distributed; pip install 'fecosplat[cluster]', or use one process by "
+            f"several processes need the package distributed; run {installation('cluster')}, or use one process by "
             "`workers=1`."
         )

@@ -5,7 +5,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, installation
 
 _PACKAGES_OF_SYSTEMS = {"images": ("imagecodecs",), "gaussians": ("gsply",)}
 
@@ -18,7 +18,7 @@ def require_packages(systems: Iterable[str]) -> None:
     needed = {"flip_evaluator"}.union(*(_PACKAGES_OF_SYSTEMS.get(name, ()) for name in systems))
     if missing := sorted(name for name in needed if find_spec(name) is None):
         raise InputError(
-            f"measuring needs packages that are not installed ({', '.join(missing)}); pip install 'fecosplat[eval]'."
+            f"measuring needs packages that are not installed ({', '.join(missing)}); run {installation('eval')}."
         )
 
 
@@ -28,5 +28,5 @@ def require_extra(library: str, purpose: str) -> ModuleType:
         return import_module(library)
     except ImportError as error:
         raise InputError(
-            f"{purpose} needs the package {library}, which is not installed; pip install 'fecosplat[eval]'."
+            f"{purpose} needs the package {library}, which is not installed; run {installation('eval')}."
         ) from error

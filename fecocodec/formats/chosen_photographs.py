@@ -12,7 +12,7 @@ from fecocodec.formats.input_file import StrPath
 from fecocodec.formats.lens import Lens
 from fecocodec.formats.posed_photographs import PosedPhotograph, PosedPhotographs, require_images, stored_lens
 from fecocodec.formats.poses import require_float32_range, rigid_pose
-from fecocodec.formats.reading_notes import framing_notes, lens_notes, orientation_notes
+from fecocodec.formats.reading_notes import framing_notes, lens_notes, orientation_notes, unposed_notes
 from fecocodec.formats.view_choice import choose_views
 from fecocodec.formats.view_spread import auto_views
 from fecocodec.limits import MAX_VIEWS
@@ -69,12 +69,13 @@ def choose_photographs(
 def _chosen_photographs(
     scene: PosedPhotographs, views: tuple[int | str, ...] | None, path: Path
 ) -> tuple[list[PosedPhotograph], list[str]]:
-    """Return the photographs to read, and a note if they were chosen automatically."""
+    """Return the photographs to read, and notes on those that are not, unless the caller has chosen."""
     if views is not None:
         return choose_views(scene.photographs, views, path), []
+    notes = unposed_notes(scene)
     if len(scene.photographs) <= MAX_VIEWS:
-        return scene.photographs, []
+        return scene.photographs, notes
     photographs = [scene.photographs[index] for index in auto_views(scene)]
     names = ", ".join(photograph.path.name for photograph in photographs)
     note = f"{len(photographs)} of {len(scene.photographs)} photographs are used ({names}); choose others by `views`."
-    return photographs, [note]
+    return photographs, [*notes, note]

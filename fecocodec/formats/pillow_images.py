@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, UnidentifiedImageError
 
 from fecocodec.errors import InputError
 from fecocodec.formats.input_file import MAX_IMAGE_PIXELS, require_regular_file
@@ -73,8 +73,9 @@ def unreadable(place: Path | str, error: Exception) -> str:
         return f"{place}: no such image; put it there or leave its view out."
     if isinstance(error, OSError) and error.strerror:  # from the system; Pillow's own errors have none
         return f"{place}: cannot be read ({error.strerror}); check the path and its permissions."
-    reason = f" ({error})" if str(error) else ""
-    return f"{place}: the image is damaged, cut short or not PNG, JPEG or WebP{reason}; store it again."
+    has_reason = str(error) and not isinstance(error, UnidentifiedImageError)  # which only repeats the path
+    reason = f" ({error})" if has_reason else ""
+    return f"{place}: the image is damaged, cut short or not PNG, JPEG or WebP{reason}; store it again or remove it."
 
 
 def _open(source: Path | BytesIO, place: Path | str) -> Image.Image:

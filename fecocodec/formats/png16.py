@@ -5,7 +5,7 @@ from types import ModuleType
 import numpy as np
 from jaxtyping import UInt16
 
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, installation
 
 _BIT_DEPTH_AT = 24  # byte of a PNG file: after the signature, and length, type, width and height of IHDR
 HEAD_BYTES = _BIT_DEPTH_AT + 1
@@ -27,7 +27,9 @@ def decode_sixteen_bits(data: bytes, place: str) -> UInt16[np.ndarray, "height w
     try:
         samples = imagecodecs.png_decode(data)
     except imagecodecs.PngError as error:
-        raise InputError(f"{place}: the image is damaged, cut short or not PNG ({error}); store it again.") from error
+        raise InputError(
+            f"{place}: the image is damaged, cut short or not PNG ({error}); store it again or remove it."
+        ) from error
     return samples.reshape(*samples.shape[:2], -1)
 
 
@@ -36,7 +38,7 @@ def _imagecodecs(place: str) -> ModuleType:
         import imagecodecs
     except ImportError as error:
         raise InputError(
-            f"{place}: a PNG with 16 bits per channel needs the package imagecodecs; pip install 'fecosplat[png16]', "
+            f"{place}: a PNG with 16 bits per channel needs the package imagecodecs; run {installation('png16')}, "
             "or store it with 8 bits."
         ) from error
     return imagecodecs

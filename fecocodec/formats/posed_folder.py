@@ -76,6 +76,8 @@ def posed_folder(
         workspace.mkdir()
         reconstruction = reconstruct(root, groups, workspace, num_threads)
         _require_cameras(name or str(folder), photographs, reconstruction)
+        for path in set(root.iterdir()) - {workspace, *(root / camera.name for camera in reconstruction.cameras)}:
+            path.unlink()  # a photograph without a camera, of which `_left_out` tells
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
         notes += _notes(photographs, reconstruction, groups)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, installation
 from fecocodec.formats.estimated_cameras import ImageGroup
 
 _SEED = 0
@@ -71,7 +71,7 @@ def load_pycolmap() -> Any:
     except ImportError as error:
         raise InputError(
             "cameras of photographs without poses are estimated with pycolmap, which is not installed; run "
-            "`pip install 'fecosplat[poses]'`."
+            f"{installation('poses')}."
         ) from error
     pycolmap.logging.minloglevel = 3  # fatal errors only; its messages go to stderr otherwise
     pycolmap.set_random_seed(_SEED)

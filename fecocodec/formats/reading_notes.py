@@ -1,11 +1,13 @@
 """Notes on results of `read_views` that the user may not expect, one sentence each."""
 
+import os
 from collections import Counter
 from pathlib import Path
 
 from fecocodec.formats.framing import kept_share
-from fecocodec.formats.image_headers import is_upright
+from fecocodec.formats.image_headers import IMAGE_SUFFIXES, is_upright
 from fecocodec.formats.lens import Lens
+from fecocodec.formats.posed_photographs import PosedPhotographs
 from fecocodec.limits import MAX_SIDE
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
@@ -34,6 +36,22 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
             f"({lens.width}x{lens.height}); choose a `size` of the photographs' shape to keep more."
         )
     return notes
+
+
+def unposed_notes(scene: PosedPhotographs) -> list[str]:
+    """Return a note if images beside the photographs of a scene have no camera."""
+    used = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
+    folders = sorted({path.parent for path in used})
+    beside = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
+    found = [path.name for path in beside if path.suffix.lower() in IMAGE_SUFFIXES and path not in used]
+    if not found:
+        return []
+    names = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
+    verb = "is" if len(found) == 1 else "are"
+    return [
+        f"{names} {verb} not used, without a camera in {scene.cameras_path.name}; add it, or name what is to be used "
+        "by `views`."
+    ]
 
 
 def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:

@@ -48,8 +48,20 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
     if not isinstance(frames, list) or not frames:
         raise InputError(f"{path}: no frames; add a list `frames` with one camera per image.")
     photographs = [_photograph(path, scene, index, frame) for index, frame in enumerate(frames)]
+    _require_one_camera_each(photographs)
     near, far = (_number(scene, key, str(path)) for key in ("near", "far"))
     return PosedPhotographs(path, photographs, near, far)
+
+
+def _require_one_camera_each(photographs: list[PosedPhotograph]) -> None:
+    """Raise InputError if two frames name one image."""
+    places: dict[Path, str] = {}
+    for photograph in photographs:
+        if photograph.path in places:
+            raise InputError(
+                f"{photograph.place}: another frame has this image, too ({places[photograph.path]}); remove one."
+            )
+        places[photograph.path] = photograph.place
 
 
 def _photograph(path: Path, scene: dict[str, Any], index: int, frame: object) -> PosedPhotograph:
@@ -79,6 +91,8 @@ def _declared_size(values: dict[str, Any], place: str) -> tuple[int, int] | None
 
 
 def _pose(matrix: object, place: str) -> Float[np.ndarray, "4 4"]:
+    if matrix is None:
+        raise InputError(f"{place}: no `transform_matrix`; add the pose of its camera, or remove the frame.")
     place = f"{place}, transform_matrix"
     if isinstance(matrix, list) and len(matrix) == 3:  # some exporters omit the constant last row
         matrix = [*matrix, [0, 0, 0, 1]]

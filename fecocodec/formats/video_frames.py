@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
 
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, installation
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi")
 _SMALL_WIDTH = 480  # pixels; sharpness is measured on small grey frames
@@ -39,7 +39,7 @@ def _frames(video: Path) -> Any:
         import av
     except ImportError as error:
         raise InputError(
-            f"{video}: videos are read with PyAV, which is not installed; run `pip install 'fecosplat[video]'`."
+            f"{video}: videos are read with PyAV, which is not installed; run {installation('video')}."
         ) from error
     if video.exists() and not video.is_file():
         raise InputError(f"{video}: a pipe or a device cannot be read here; give a video file.")

@@ -40,7 +40,8 @@ def _find_view(paths: list[Path], view: int | str, folder: Path) -> int:
             return found[0]
         if not view.isdecimal() or len(view) > _LONGEST_NUMBER:
             raise InputError(
-                f"{folder}: no view is called {view[:_LONGEST_SHOWN]} (the first is {paths[0].name}); change `views`."
+                f"{folder}: no view is called {view[:_LONGEST_SHOWN]} (the first is {paths[0].name}); "
+                "give indices or names, with commas between them, in `views`."
             )
         view = int(view)
     if not 0 <= view < len(paths):

@@ -238,9 +238,10 @@ def _expected(fast: Point, target: Target, num_steps: int) -> Point:
 def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, names: tuple[str, ...]) -> str:
     """Return the error message for a target that `attempt`, at the favourable end of the lambda range, misses."""
     if isinstance(target, AtMostKib):
+        lower = ", lower `sharpness`" if config.num_steps > 0 and config.sharpness > -1.0 else ""
         return (
             f"a file of {target.kib:g} KiB cannot be made, the smallest has {len(attempt.data) / 1024:.2f}; "
-            "raise the target, or give fewer or smaller views."
+            f"raise the target{lower}, or give fewer or smaller views."
         )
     worst = attempt.quality.worst_view
     effort = "" if config.num_steps >= BEST.num_steps else ", use more `effort`"

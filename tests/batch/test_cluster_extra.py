@@ -11,6 +11,6 @@ def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(InputError) as caught:
         cluster_extra.require_cluster_extra()
     assert str(caught.value) == (
-        "several processes need the package distributed; pip install 'fecosplat[cluster]', or use one process by "
-        "`workers=1`."
+        "several processes need the package distributed; run `pip install '.[cluster]'` in the project's folder, or "
+        "use one process by `workers=1`."
     )

@@ -155,8 +155,8 @@ def test_a_missing_extra_names_it_and_the_way_without(
     result = fecosplat("batch", "encode", scenes, "-o", tmp_path / "output")
     assert (result.code, result.out) == (1, "")
     assert result.err == (
-        "fecosplat: several processes need the package distributed; pip install 'fecosplat[cluster]', or use one "
-        "process by --workers 1.\n"
+        "fecosplat: several processes need the package distributed; run `pip install '.[cluster]'` in the "
+        "project's folder, or use one process by --workers 1.\n"
     )
     assert not (tmp_path / "output").exists()
     alone = fecosplat("batch", "encode", scenes, "-o", tmp_path / "output", "--workers", "1")

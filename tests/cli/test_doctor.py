@@ -30,4 +30,4 @@ def test_a_missing_extra_is_named_with_its_command(fecosplat, monkeypatch) -> No
     monkeypatch.setattr(doctor, "EXTRAS", {"poses": "no-such-distribution"})
     monkeypatch.setattr(doctor, "rendering_seconds", lambda: (0.5, 0.1))
     result = fecosplat("doctor")
-    assert "missing: pip install 'fecosplat[poses]'" in result.out
+    assert "missing: `pip install '.[poses]'` in the project's folder" in result.out

@@ -154,7 +154,8 @@ def test_missing_packages_are_reported_before_any_work(
     result = fecosplat("eval", tmp_path / "no", "--index", "no", "-o", tmp_path / "out", "--systems", systems)
     assert (result.code, result.out) == (1, "")
     assert result.err == (
-        f"fecosplat: measuring needs packages that are not installed ({package}); pip install 'fecosplat[eval]'.\n"
+        f"fecosplat: measuring needs packages that are not installed ({package}); run `pip install '.[eval]'` in the "
+        "project's folder.\n"
     )
 
 

@@ -81,7 +81,10 @@ def test_a_video_without_its_package_is_one_sentence(
     monkeypatch.setattr("fecocodec.formats.video_extra.find_spec", lambda _name: None)
     result = fecosplat("render", ply, "--video", output / "a.mp4", "--cameras", photographs)
     assert (result.code, list(output.iterdir())) == (1, [])
-    assert result.err == "fecosplat: writing a video needs the package av; pip install 'fecosplat[video]'.\n"
+    assert (
+        result.err
+        == "fecosplat: writing a video needs the package av; run `pip install '.[video]'` in the project's folder.\n"
+    )
 
 
 @pytest.mark.parametrize(

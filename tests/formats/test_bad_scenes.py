@@ -126,7 +126,7 @@ def test_truncated_image(scene):
     image.write_bytes(image.read_bytes()[:3000])
     assert re.fullmatch(
         re.escape(f"{image}: the image is damaged, cut short or not PNG, JPEG or WebP (")
-        + r"[^)]+\)+; store it again\.",
+        + r"[^)]+\)+; store it again or remove it\.",
         message(scene),
     )
 
@@ -134,7 +134,8 @@ def test_truncated_image(scene):
 def test_unreadable_image(scene):
     image = scene / "images" / "000.png"
     image.write_bytes(b"this is no image")
-    assert message(scene).startswith(f"{image}: the image is damaged, cut short or not PNG, JPEG or WebP (")
+    damaged = "the image is damaged, cut short or not PNG, JPEG or WebP"
+    assert message(scene) == f"{image}: {damaged}; store it again or remove it."
 
 
 def test_shapes_that_differ_too_much(tmp_path):
@@ -210,10 +211,39 @@ def test_value_that_is_no_number_in_a_lens(scene):
     assert "frame 1 (images/001.png), fl_x: a camera value is NaN or infinite" in message(scene)
 
 
-@pytest.mark.parametrize("matrix", ["text", [[1, 2], [3, 4]], [[1], [2, 3]], None, {}])
+@pytest.mark.parametrize("matrix", ["text", [[1, 2], [3, 4]], [[1], [2, 3]], {}])
 def test_pose_of_another_kind(matrix, scene):
     edit(scene, lambda cameras: cameras["frames"][1].update(transform_matrix=matrix))
     assert "frame 1 (images/001.png), transform_matrix: 4x4 numbers expected" in message(scene)
+
+
+def test_no_pose(scene):
+    edit(scene, lambda cameras: cameras["frames"][1].pop("transform_matrix"))
+    assert message(scene) == (
+        f"{scene}/transforms.json, frame 1 (images/001.png): no `transform_matrix`; add the pose of its camera, or "
+        "remove the frame."
+    )
+
+
+def test_one_image_in_two_frames(scene):
+    edit(scene, lambda cameras: cameras["frames"][1].update(file_path=cameras["frames"][0]["file_path"]))
+    assert message(scene) == (
+        f"{scene}/transforms.json, frame 1 (images/000.png): another frame has this image, too "
+        f"({scene}/transforms.json, frame 0 (images/000.png)); remove one."
+    )
+
+
+def test_an_image_without_a_camera_is_told(scene):
+    from shutil import copy
+
+    assert read_views(scene).notes == ()
+    for name in ("b.png", "a.png", "note.txt"):
+        copy(scene / "images" / "000.png", scene / "images" / name)
+    told = (
+        "a.png, b.png are not used, without a camera in transforms.json; add it, or name what is to be used by `views`."
+    )
+    assert read_views(scene).notes == (told,)
+    assert read_views(scene, views=(0, 1)).notes == ()
 
 
 def test_no_focal_length(scene):
@@ -452,5 +482,6 @@ def test_a_value_that_should_be_one_number(value, scene):
 
 def test_long_names_of_views_are_shortened(scene):
     assert message(scene, views=(DIGITS,)) == (
-        f"{scene}: no view is called {DIGITS[:80]} (the first is 000.png); change `views`."
+        f"{scene}: no view is called {DIGITS[:80]} (the first is 000.png); give indices or names, with commas "
+        "between them, in `views`."
     )

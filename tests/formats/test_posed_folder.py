@@ -273,7 +273,7 @@ def test_a_damaged_photograph_is_refused(tmp_path):
 def test_pycolmap_missing_names_the_extra(tmp_path, monkeypatch):
     copies(tmp_path / "photos")
     monkeypatch.setitem(__import__("sys").modules, "pycolmap", None)
-    assert "fecosplat[poses]" in refusal(tmp_path / "photos")
+    assert "pip install '.[poses]'" in refusal(tmp_path / "photos")
 
 
 def test_outliers_of_some_pixels_do_not_move_the_focal_length():

@@ -54,7 +54,7 @@ def test_a_file_that_is_no_video_is_refused(tmp_path):
 
 def test_pyav_missing_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(InputError, match=r"fecosplat\[video\]"):
+    with pytest.raises(InputError, match=r"pip install '\.\[video\]'"):
         write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 2)
 
 

@@ -38,7 +38,11 @@ def test_by_index_and_by_name():
         ((3,), "scene: there is no view 3; give indices from 0 to 2 in `views`."),
         (("3",), "scene: there is no view 3; give indices from 0 to 2 in `views`."),
         ((-1,), "scene: there is no view -1; give indices from 0 to 2 in `views`."),
-        (("c",), "scene: no view is called c (the first is a.png); change `views`."),
+        (
+            ("c",),
+            "scene: no view is called c (the first is a.png); give indices or names, with commas between them, in "
+            "`views`.",
+        ),
         (("b",), "scene: 2 views are called b; give more of its path, or an index, in `views`."),
         ((0, "a"), "scene: view a.png is chosen twice; name each view once in `views`."),
         ((), "scene: 0 views chosen, but 1 to 16 can be used; change `views`."),

@@ -63,4 +63,4 @@ def test_what_needs_more_names_what_to_install(arguments: list[str], tmp_path: P
     output = str(tmp_path / "out")
     result = fecosplat(*(argument.replace("{}", output) for argument in arguments))
     assert result.returncode == 1
-    assert result.stderr.count("\n") == 1 and "pip install 'fecosplat[sender]'" in result.stderr, result.stderr
+    assert result.stderr.count("\n") == 1 and "pip install '.[sender]'" in result.stderr, result.stderr
