@@ -84,7 +84,7 @@ def test_sixteen_bits_without_the_package_are_one_sentence(tmp_path, monkeypatch
     (tmp_path / "image.png").write_bytes(png_of_sixteen_bits(np.zeros((HEIGHT, WIDTH, 3))))
     monkeypatch.setitem(sys.modules, "imagecodecs", None)
     with pytest.raises(
-        InputError, match=r"image\.png: a PNG with 16 bits .* pip install '\.\[png16\]'` in .*, or store"
+        InputError, match=r"image\.png: a PNG with 16 bits .*`pip install '\.\[png16\]'` in .*, or store"
     ):
         read_image(tmp_path / "image.png")
     assert read_image_size(tmp_path / "image.png") == (HEIGHT, WIDTH)
