@@ -49,6 +49,16 @@ def test_encode_prints_size_and_quality_of_each_stage(fecosplat, photographs: Pa
     quality = r" +\d+\.\d\d KiB +\d+\.\d\d dB"
     rest = r"\n  header, cameras and the like: [\d.]+ KiB"
     assert re.search(rf"{rest}\n  stage 1:{quality}\n  stage 2:{quality}\n  in all: {quality}, PSNR of the", result.err)
+    assert result.err.endswith("\n  new views between these usually have 2 to 8 dB less\n")
+    assert "coded views: " not in result.err  # the user has named them
+
+
+def test_encode_names_the_views_that_it_has_chosen(fecosplat, photographs: Path, tmp_path: Path) -> None:
+    arguments = ("--views", "spread:1", "--effort", "fast")
+    result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
+    (name,) = re.findall(r"^note: coded views: (view_\d\.png)\.$", result.err, re.MULTILINE)
+    assert "coded view of" in result.err and name in {path.name for path in photographs.iterdir()}
+    assert "new views" not in result.err  # of one photograph, there are none between
 
 
 def test_encode_chooses_views_by_name_size_and_bounds(fecosplat, photographs: Path, tmp_path: Path) -> None:
