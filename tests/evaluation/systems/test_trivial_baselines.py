@@ -52,5 +52,5 @@ def test_floor_of_equal_cameras_is_exact() -> None:
 
 def test_a_missing_library_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imagecodecs", None)
-    with pytest.raises(InputError, match=r"AVIF needs the package imagecodecs.*pip install 'fecosplat"):
+    with pytest.raises(InputError, match=r"AVIF needs the package imagecodecs.*pip install '\.\[eval\]'"):
         encode_image(example_views(1).images[0], "AVIF", 50.0)
