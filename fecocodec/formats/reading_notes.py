@@ -40,18 +40,15 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
 
 def unposed_notes(scene: PosedPhotographs) -> list[str]:
     """Return a note if images beside the photographs of a scene have no camera."""
-    used = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
-    folders = sorted({path.parent for path in used})
+    posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
+    folders = sorted({path.parent for path in posed})
     beside = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
-    found = [path.name for path in beside if path.suffix.lower() in IMAGE_SUFFIXES and path not in used]
+    found = [path.name for path in beside if path.suffix.lower() in IMAGE_SUFFIXES and path not in posed]
     if not found:
         return []
     names = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
-    verb = "is" if len(found) == 1 else "are"
-    return [
-        f"{names} {verb} not used, without a camera in {scene.cameras_path.name}; add it, or name what is to be used "
-        "by `views`."
-    ]
+    has, used = ("has", "is not used") if len(found) == 1 else ("have", "are not used")
+    return [f"{names} {has} no camera in {scene.cameras_path.name} and {used}; add one for each, or choose by `views`."]
 
 
 def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:

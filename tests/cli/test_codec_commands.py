@@ -49,7 +49,7 @@ def test_encode_prints_size_and_quality_of_each_stage(fecosplat, photographs: Pa
     quality = r" +\d+\.\d\d KiB +\d+\.\d\d dB"
     rest = r"\n  header, cameras and the like: [\d.]+ KiB"
     assert re.search(rf"{rest}\n  stage 1:{quality}\n  stage 2:{quality}\n  in all: {quality}, PSNR of the", result.err)
-    assert result.err.endswith("\n  new views between these usually have 2 to 8 dB less\n")
+    assert result.err.endswith("\n  new views between these usually have 3 to 8 dB less\n")
     assert "coded views: " not in result.err  # the user has named them
 
 

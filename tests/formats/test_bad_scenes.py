@@ -239,9 +239,7 @@ def test_an_image_without_a_camera_is_told(scene):
     assert read_views(scene).notes == ()
     for name in ("b.png", "a.png", "note.txt"):
         copy(scene / "images" / "000.png", scene / "images" / name)
-    told = (
-        "a.png, b.png are not used, without a camera in transforms.json; add it, or name what is to be used by `views`."
-    )
+    told = "a.png, b.png have no camera in transforms.json and are not used; add one for each, or choose by `views`."
     assert read_views(scene).notes == (told,)
     assert read_views(scene, views=(0, 1)).notes == ()
 
