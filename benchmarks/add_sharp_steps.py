@@ -14,8 +14,8 @@ from pathlib import Path
 
 import torch
 
+from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
-from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.load import serialise_sender
 from fecocodec.sender.model import Sender

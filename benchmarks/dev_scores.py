@@ -8,9 +8,9 @@ import argparse
 from pathlib import Path
 from statistics import mean
 
+from fecocodec.captures.evaluation_index import read_index
 from fecocodec.evaluation.novel_views import Score, evaluate
 from fecocodec.evaluation.systems.codec import codec_system
-from fecocodec.formats.evaluation_index import read_index
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.optimisation_config import EFFORTS
 

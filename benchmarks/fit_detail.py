@@ -8,8 +8,8 @@ Then make its graphs: `python -m fecocodec.training.graphs OUT_FOLDER`.
 import argparse
 from pathlib import Path
 
+from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
-from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.receiver.load import serialise_receiver
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.load import serialise_sender

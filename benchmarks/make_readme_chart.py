@@ -7,6 +7,8 @@ out/report, prints the BD-rate and writes docs/rate_distortion.png.
 import argparse
 from pathlib import Path
 
+from fecocodec.atomic import make_folder
+from fecocodec.captures.evaluation_index import read_index
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
@@ -18,8 +20,6 @@ from fecocodec.evaluation.report.rate_section import comparison_table, curves_of
 from fecocodec.evaluation.run import measure_all
 from fecocodec.evaluation.summary import averages
 from fecocodec.evaluation.systems.groups import systems_of
-from fecocodec.formats.atomic import make_folder
-from fecocodec.formats.evaluation_index import read_index
 from fecocodec.sender.codec import load_codec
 
 BASELINES = ("AVIF", "best plane")

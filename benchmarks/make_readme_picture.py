@@ -12,7 +12,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from fecocodec.formats.images import read_image
+from fecocodec.photographs.images import read_image
 from fecocodec.rendering.metrics import psnr
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -16,11 +16,11 @@ from statistics import mean
 
 import numpy as np
 
+from fecocodec.captures.scene_folder import read_views
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.novel_views import Score, score
 from fecocodec.evaluation.systems.codec import codec_system
 from fecocodec.evaluation.systems.reconstruction import System
-from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.harmful_views import helpful_views

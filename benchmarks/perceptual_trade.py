@@ -16,13 +16,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from fecocodec.captures.evaluation_index import read_index
+from fecocodec.captures.scene_folder import read_views
 from fecocodec.config import COMPACT_SENDER, ReceiverConfig
 from fecocodec.evaluation.quality import measure_quality
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.png import write_png
 from fecocodec.evaluation.systems.codec import codec_system
-from fecocodec.formats.evaluation_index import read_index
-from fecocodec.formats.scene_folder import read_views
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights

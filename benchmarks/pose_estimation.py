@@ -25,14 +25,14 @@ import numpy as np
 import torch
 
 from fecocodec import decode, encode, read_views
+from fecocodec.camera_files.find import read_cameras
+from fecocodec.camera_files.posed_photographs import PosedPhotograph
+from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.novel_views import render_views
-from fecocodec.formats.camera_files import read_cameras
-from fecocodec.formats.evaluation_index import IndexEntry, read_index
-from fecocodec.formats.posed_folder import PosedFolder, posed_folder
-from fecocodec.formats.posed_photographs import PosedPhotograph
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
+from fecocodec.poses.posed_folder import PosedFolder, posed_folder
 from fecocodec.rendering.metrics import psnr
 
 COLUMNS = (

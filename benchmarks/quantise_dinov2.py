@@ -11,7 +11,7 @@ from pathlib import Path
 
 import torch
 
-from fecocodec.formats.images import read_image
+from fecocodec.photographs.images import read_image
 from fecocodec.sender.extractors import dinov2
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall

@@ -12,12 +12,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from statistics import fmean
 
+from fecocodec.captures.evaluation_index import read_index
 from fecocodec.evaluation.bd_rate import Point, bd_rate
 from fecocodec.evaluation.evaluation import choose_entries
 from fecocodec.evaluation.novel_views import evaluate
 from fecocodec.evaluation.records import RecordFile
 from fecocodec.evaluation.systems.codec import codec_system
-from fecocodec.formats.evaluation_index import read_index
 from fecocodec.sender.codec import load_codec
 
 SHARPNESS, LAMBDAS, SIZE = (-1.0, 0.0, 1.0), (1e-2, 3e-3, 1e-3, 1e-4), 256

@@ -23,12 +23,12 @@ import numpy as np
 import torch
 
 from fecocodec import DecodedQuality, check_input, quality_warnings
+from fecocodec.camera_files.find import read_cameras
+from fecocodec.captures.chosen_photographs import choose_photographs
+from fecocodec.captures.scene_folder import read_views
+from fecocodec.captures.view_spread import auto_views, spread_views
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
-from fecocodec.formats.camera_files import read_cameras
-from fecocodec.formats.chosen_photographs import choose_photographs
-from fecocodec.formats.scene_folder import read_views
-from fecocodec.formats.view_spread import auto_views, spread_views
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr

@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from fecocodec.errors import InputError
-from fecocodec.formats.input_file import read_text
+from fecocodec.input_file import read_text
 
 from .main import COMMANDS
 

@@ -5,8 +5,8 @@ from time import perf_counter
 
 import click
 
+from fecocodec.atomic import require_other_file, require_writable
 from fecocodec.container import check_pixels, read_stages, read_stream_file
-from fecocodec.formats.atomic import require_other_file, require_writable
 from fecocodec.model_files import find_receiver
 
 from .decode_options import decoding_options

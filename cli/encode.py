@@ -8,10 +8,10 @@ from typing import Literal
 
 import click
 
+from fecocodec.atomic import require_other_file, require_writable, write_atomically
+from fecocodec.captures.view_selection import Selection, may_leave_out, resolve
 from fecocodec.container import inspect, quantise_lambda, with_metadata
 from fecocodec.errors import strict_error
-from fecocodec.formats.atomic import require_other_file, require_writable, write_atomically
-from fecocodec.formats.view_selection import Selection, may_leave_out, resolve
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 from .encode_options import encoding_options, require_steps
@@ -111,8 +111,8 @@ def command(
     require_model(model)
     require_cameras_file(cameras_file, views_folder, overwrite=overwrite)
 
-    from fecocodec.formats.chosen_photographs import choose_photographs
-    from fecocodec.formats.reading_notes import scaling_remark
+    from fecocodec.captures.chosen_photographs import choose_photographs
+    from fecocodec.captures.reading_notes import scaling_remark
 
     if device != "cpu":  # the check loads torch
         from .device import require_encoding_device
@@ -150,7 +150,7 @@ def command(
             quality_warnings,
             without_harmful_views,
         )
-        from fecocodec.formats.scene_folder import read_pixels
+        from fecocodec.captures.scene_folder import read_pixels
         from fecocodec.sender.decoded_quality import stage_warnings
         from fecocodec.sender.harmful_views import left_out_note
 

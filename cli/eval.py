@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fecocodec.captures.evaluation_index import read_index
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
-from fecocodec.formats.evaluation_index import read_index
 
 from .options import FILE_PATH, device_option, json_option, model_option, parse_shard, parse_size, threads_option
 from .output import print_columns, print_json, say, warn

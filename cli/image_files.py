@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fecocodec.atomic import made_folder, require_writable
 from fecocodec.errors import OutputError
-from fecocodec.formats.atomic import made_folder, require_writable
 
 from .paths import require_ending
 
@@ -59,8 +59,8 @@ def image_writer(files: list[list[Path]], *, overwrite: bool) -> Iterator[Callab
     files: of all views. If a file cannot be written, the new files are removed. A file that existed before then holds
     either its old or its new contents, each complete. Raises OutputError.
     """
-    from fecocodec.formats.exr import ExrImage, write_exr
-    from fecocodec.formats.images import write_image
+    from fecocodec.photographs.exr import ExrImage, write_exr
+    from fecocodec.photographs.images import write_image
 
     def write(of_view: list[Path], rendering: "Rendering") -> None:
         color, depth = rendering.color[0], rendering.depth[0]

@@ -6,10 +6,10 @@ from time import perf_counter
 
 import click
 
+from fecocodec.atomic import require_writable
+from fecocodec.captures.view_selection import Selection
 from fecocodec.container import check_pixels, read_header, read_stream_file
-from fecocodec.formats.atomic import require_writable
-from fecocodec.formats.video_extra import require_video_extra
-from fecocodec.formats.view_selection import Selection
+from fecocodec.photographs.video_extra import require_video_extra
 
 from .error_context import error_context
 from .image_files import image_files, image_writer, is_image_file, require_image_output
@@ -139,8 +139,8 @@ def command(
     files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
     from fecocodec import decode, read_ply
-    from fecocodec.formats.video_writing import video_writer
     from fecocodec.geometry.camera_paths import PATHS
+    from fecocodec.photographs.video_writing import video_writer
     from fecocodec.rendering.rasterizer import render_each
 
     with progress_bar() as on_progress, ExitStack() as writers:

@@ -18,7 +18,7 @@ Frame = Literal["input", "first-camera"]
 def require_page(suffix: str) -> None:
     """Raise OutputError for `.html` if the viewer's page was not built, so that nothing is decoded in vain."""
     if suffix.lower() == ".html":
-        from fecocodec.formats.viewer_files import scene_page
+        from fecocodec.splat_files.viewer_files import scene_page
 
         scene_page()
 
@@ -36,10 +36,10 @@ def write_scene(
 
     If the cameras cannot be written, the Gaussians are not either.
     """
-    from fecocodec.formats.atomic import write_atomically
-    from fecocodec.formats.camera_json import write_camera_json
-    from fecocodec.formats.gaussian_arrays import camera_arrays, gaussian_arrays
-    from fecocodec.formats.gaussian_files import gaussian_bytes, in_frame_of_first_camera
+    from fecocodec.atomic import write_atomically
+    from fecocodec.splat_files.camera_json import write_camera_json
+    from fecocodec.splat_files.gaussian_arrays import camera_arrays, gaussian_arrays
+    from fecocodec.splat_files.gaussian_files import gaussian_bytes, in_frame_of_first_camera
 
     gaussians = gaussian_arrays(decoded.gaussians, "standard output" if output == STDOUT else str(output))
     cameras = camera_arrays(decoded.cameras, decoded.image_size)

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from fecocodec.formats.atomic import require_other_file, require_writable
+from fecocodec.atomic import require_other_file, require_writable
 
 from .paths import require_ending
 
@@ -44,8 +44,8 @@ def scene_source(
     Nothing is written if the block raises. num_frames: number of frames to take from a video. focal_px: as for
     `posed_folder`. Raises InputError as `posed_folder` and `video_frames` do.
     """
-    from fecocodec.formats.camera_files import cameras_above, has_cameras, read_cameras
-    from fecocodec.formats.video_frames import is_video, write_sharp_frames
+    from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras
+    from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 
     if num_frames is not None and not is_video(views):
         raise click.UsageError("--frames is for a video file.")
@@ -57,7 +57,7 @@ def scene_source(
         yield SceneSource(views)
         return
 
-    from fecocodec.formats.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
+    from fecocodec.poses.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
 
     with ExitStack() as stack:
         photographs = views

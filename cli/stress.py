@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.captures.evaluation_index import read_index
 from fecocodec.errors import InputError
-from fecocodec.formats.atomic import make_folder, write_atomically
-from fecocodec.formats.evaluation_index import read_index
 
 from .options import FILE_PATH, json_option, lambda_option, model_option, threads_option
 from .output import print_columns, print_json, say

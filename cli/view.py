@@ -45,7 +45,7 @@ def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: i
     data = read_stream_file(stream)
     require_model(model)
 
-    from fecocodec.formats.viewer_files import scene_page
+    from fecocodec.splat_files.viewer_files import scene_page
 
     from .page_server import PageServer
 
@@ -61,8 +61,8 @@ def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: i
 
 def _page_of(data: bytes, stream: Path, model: Path | None, max_pixels: int) -> bytes:
     """Decode a stream and return the page that shows its Gaussians."""
-    from fecocodec.formats.gaussian_arrays import camera_arrays, gaussian_arrays
-    from fecocodec.formats.gaussian_files import gaussian_bytes
+    from fecocodec.splat_files.gaussian_arrays import camera_arrays, gaussian_arrays
+    from fecocodec.splat_files.gaussian_files import gaussian_bytes
 
     options = DecodeOptions("all", 1, True, False, False, "cpu", model, max_pixels)
     with progress_bar() as on_progress:

@@ -4,14 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fecocodec.captures.view_selection import Selection, resolve
 from fecocodec.container import read_header
-from fecocodec.formats.view_selection import Selection, resolve
 
 from .error_context import error_context
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Decoded, Gaussians
-    from fecocodec.formats.render_cameras import RenderCameras
+    from fecocodec.captures.render_cameras import RenderCameras
 
 PATH_NAMES = ("spiral", "orbit", "between")
 DEFAULT_FRAMES, DEFAULT_FPS = 120, 30.0
@@ -19,7 +19,7 @@ DEFAULT_FRAMES, DEFAULT_FPS = 120, 30.0
 
 def read_given_cameras(path: Path, selection: Selection | None, size: tuple[int, int] | None) -> "RenderCameras":
     """Read the cameras of --cameras."""
-    from fecocodec.formats.render_cameras import read_render_cameras
+    from fecocodec.captures.render_cameras import read_render_cameras
 
     return read_render_cameras(path, views=resolve(path, selection), size=size)
 

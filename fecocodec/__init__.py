@@ -11,9 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from fecocodec.captures.scene_folder import read_views
     from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError, OutputError
-    from fecocodec.formats.ply import read_ply, write_ply
-    from fecocodec.formats.scene_folder import read_views
     from fecocodec.geometry.cameras import Cameras
     from fecocodec.geometry.gaussians import Gaussians
     from fecocodec.geometry.views import Views
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from fecocodec.sender.harmful_views import without_harmful_views
     from fecocodec.sender.input_warnings import check_input
     from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
+    from fecocodec.splat_files.ply import read_ply, write_ply
 
 __version__ = "0.1.0"
 
@@ -75,11 +75,11 @@ _MODULE_OF = {
     "encode_to_target": "fecocodec.sender.rate_control",
     "measure_decoded": "fecocodec.sender.decoded_quality",
     "quality_warnings": "fecocodec.sender.decoded_quality",
-    "read_ply": "fecocodec.formats.ply",
-    "read_views": "fecocodec.formats.scene_folder",
+    "read_ply": "fecocodec.splat_files.ply",
+    "read_views": "fecocodec.captures.scene_folder",
     "render": "fecocodec.rendering.rasterizer",
     "without_harmful_views": "fecocodec.sender.harmful_views",
-    "write_ply": "fecocodec.formats.ply",
+    "write_ply": "fecocodec.splat_files.ply",
 }
 
 

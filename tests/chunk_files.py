@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from tests.formats.wall_scene import Shot, shots, take
+from tests.wall_scene import Shot, shots, take
 
 VIDEO = "https://video.example/watch?v=0"
 

@@ -13,14 +13,21 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 # Rule 3: a foreign library that can change under us is known to one place only.
 HOME_OF_LIBRARY = {
     "constriction": ("fecocodec/entropy/symbol_coders.py",),
-    "zstandard": ("fecocodec/container/", "fecocodec/formats/spz.py", "bitstream_spec/"),
-    "OpenEXR": ("fecocodec/formats/exr.py",),
-    "av": ("fecocodec/formats/video_writing.py", "fecocodec/formats/video_frames.py"),
-    "imagecodecs": ("fecocodec/formats/png16.py", "fecocodec/evaluation/"),
-    "PIL": ("fecocodec/formats/",),
+    "zstandard": ("fecocodec/container/", "fecocodec/splat_files/spz.py", "bitstream_spec/"),
+    "OpenEXR": ("fecocodec/photographs/exr.py",),
+    "av": ("fecocodec/photographs/video_writing.py", "fecocodec/photographs/video_frames.py"),
+    "imagecodecs": ("fecocodec/photographs/png16.py", "fecocodec/evaluation/"),
+    "PIL": ("fecocodec/photographs/", "fecocodec/poses/", "fecocodec/splat_files/"),
     "gsplat": ("fecocodec/rendering/cuda.py",),
     # The receiver needs scipy for its neighbour search alone.
-    "scipy": ("fecocodec/geometry/neighbours.py", "fecocodec/formats/", "fecocodec/training/", "fecocodec/evaluation/"),
+    "scipy": (
+        "fecocodec/camera_files/",
+        "fecocodec/evaluation/",
+        "fecocodec/geometry/neighbours.py",
+        "fecocodec/poses/",
+        "fecocodec/splat_files/",
+        "fecocodec/training/",
+    ),
     "safetensors": ("fecocodec/checkpoint.py",),
     "onnxruntime": ("fecocodec/runtime/graphs.py",),
     "onnx": ("fecocodec/training/graphs/",),

@@ -27,7 +27,7 @@ from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.configurations import CONFIGURATIONS, configuration_named
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.example_scenes import example_views
-from tests.formats.wall_scene import shots, write_transforms
+from tests.wall_scene import shots, write_transforms
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs/paper_profile.md").read_text()

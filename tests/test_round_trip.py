@@ -274,7 +274,7 @@ def test_decoding_needs_nothing_of_the_sender(data: bytes, random_weights: Path,
     count, modules = json.loads(child.stdout)
     assert count == 2 * 32 * 32
     assert "fecocodec.receiver.decode" in modules
-    foreign = ("fecocodec.sender", "fecocodec.rendering", "fecocodec.training", "fecocodec.formats")
+    foreign = ("fecocodec.sender", "fecocodec.rendering", "fecocodec.training", "fecocodec.captures")
     assert [name for name in modules if name.startswith(foreign)] == []
 
 

@@ -12,10 +12,10 @@ import skimage.data
 import torch
 from PIL import Image
 
-from fecocodec.formats.images import write_image
-from fecocodec.formats.scene_folder import read_views
+from fecocodec.captures.scene_folder import read_views
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.views import Views
+from fecocodec.photographs.images import write_image
 
 SIZE = (256, 384)  # height, width in pixels
 REDUCTION = 4  # the pair of scikit-image is the original pair, downscaled by this factor

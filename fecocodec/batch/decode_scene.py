@@ -9,10 +9,10 @@ from typing import Any, Literal
 from fecocodec.batch.scene_task import Result
 from fecocodec.container import read_header, read_stream_file
 from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError
-from fecocodec.formats.gaussian_arrays import camera_arrays, gaussian_arrays
-from fecocodec.formats.gaussian_files import gaussian_bytes, in_frame_of_first_camera
-from fecocodec.formats.spz import SpzVersion
 from fecocodec.runtime.decode import decode
+from fecocodec.splat_files.gaussian_arrays import camera_arrays, gaussian_arrays
+from fecocodec.splat_files.gaussian_files import gaussian_bytes, in_frame_of_first_camera
+from fecocodec.splat_files.spz import SpzVersion
 
 Decode = Callable[[bytes], Any]  # to a DecodedScene, or a `receiver.decode.Decoded`
 _OF_STREAM = (BitstreamError, InputError, ModelError)

@@ -11,16 +11,16 @@ from typing import Any
 import torch
 
 from fecocodec.batch.scene_task import Result
+from fecocodec.camera_files.find import has_cameras
+from fecocodec.captures.scene_folder import read_views
+from fecocodec.captures.view_selection import Selection, may_leave_out, resolve
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder, model_id_of
 from fecocodec.container import quantise_lambda, with_metadata
 from fecocodec.errors import InputError, strict_error
-from fecocodec.formats.camera_files import has_cameras
-from fecocodec.formats.images import Background
-from fecocodec.formats.posed_folder import posed_folder
-from fecocodec.formats.scene_folder import read_views
-from fecocodec.formats.view_selection import Selection, may_leave_out, resolve
 from fecocodec.geometry.views import Views
 from fecocodec.model_files import read_bytes
+from fecocodec.photographs.images import Background
+from fecocodec.poses.posed_folder import posed_folder
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import decoded_quality, quality_warnings
 from fecocodec.sender.encode import OnWarning, check_views, encode_with

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.batch.outcome import Outcome, as_tsv
 from fecocodec.batch.scene_task import SceneTask, Work
 from fecocodec.batch.scenes import BatchScene
-from fecocodec.formats.atomic import make_folder, write_atomically
-from fecocodec.formats.input_file import StrPath
+from fecocodec.input_file import StrPath
 
 
 @runtime_checkable

@@ -10,12 +10,12 @@ from traceback import format_exception
 from typing import Any, Protocol, runtime_checkable
 
 from fecocodec import __version__
+from fecocodec.atomic import write_atomically
 from fecocodec.batch.digest import file_digest, input_digest
 from fecocodec.batch.outcome import Outcome, outcome_of
 from fecocodec.batch.scenes import BatchScene
 from fecocodec.batch.sidecar import ForeignFileError, Inputs, Record, Status, as_stored, read_sidecar, write_sidecar
 from fecocodec.errors import FecoError, OutputError
-from fecocodec.formats.atomic import write_atomically
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fecocodec.errors import InputError
-from fecocodec.formats.input_file import StrPath, read_text
+from fecocodec.input_file import StrPath, read_text
 
 _REMEDY = "give a folder of scenes, or a text file with one path a line"
 _CAMERAS_OF_A_SCENE = ("transforms.json", "sparse")  # in a folder that is a scene itself

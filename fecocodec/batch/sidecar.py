@@ -5,9 +5,9 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
+from fecocodec.atomic import write_atomically
 from fecocodec.errors import InputError, OutputError
-from fecocodec.formats.atomic import write_atomically
-from fecocodec.formats.input_file import read_json
+from fecocodec.input_file import read_json
 
 Status = Literal["done", "failed"]
 _REMEDY = "remove it, or choose another output folder"

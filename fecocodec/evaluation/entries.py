@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from fecocodec.camera_files.chunks import ChunkFolder, is_chunk_folder
+from fecocodec.captures.evaluation_index import IndexEntry
+from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
-from fecocodec.formats.chunks import ChunkFolder, is_chunk_folder
-from fecocodec.formats.evaluation_index import IndexEntry
-from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.views import Views
 
 PAIR_SIZE = (256, 256)  # (height, width) of the usual two-view protocol

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
+from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import InputError, ModelError
 from fecocodec.evaluation.entries import open_scenes
@@ -22,10 +24,8 @@ from fecocodec.evaluation.strips import strip
 from fecocodec.evaluation.summary import OURS, Average, Comparison, as_tsv, averages, compare
 from fecocodec.evaluation.systems.groups import lambdas_in_range, systems_of
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
-from fecocodec.formats.atomic import make_folder, write_atomically
-from fecocodec.formats.evaluation_index import IndexEntry, read_index
-from fecocodec.formats.images import write_image
 from fecocodec.geometry.views import Views
+from fecocodec.photographs.images import write_image
 from fecocodec.sender.codec import Codec, load_codec
 
 RECORDS = "measurements.jsonl"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from fecocodec.errors import InputError
-from fecocodec.formats.input_file import require_regular_file
+from fecocodec.input_file import require_regular_file
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fecocodec.captures.evaluation_index import IndexEntry
+from fecocodec.captures.scene_folder import read_views
 from fecocodec.evaluation.systems.reconstruction import System
-from fecocodec.formats.evaluation_index import IndexEntry
-from fecocodec.formats.scene_folder import read_views
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.rendering.metrics import psnr, ssim

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Iterator, Sequence
 
+from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.entries import EntryReader
 from fecocodec.evaluation.memory import forget_peak, peak_mib
 from fecocodec.evaluation.quality import measure_quality
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
-from fecocodec.formats.evaluation_index import IndexEntry
 from fecocodec.geometry.views import Views
 from fecocodec.rendering.metrics import psnr
 

@@ -7,9 +7,9 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from fecocodec.formats.lens import Lens
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
+from fecocodec.photographs.lens import Lens
 from fecocodec.training.posed_scene import Capture
 from fecocodec.training.samples import Sample
 

@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from fecocodec.camera_files.chunk_scene import VIDEO_BOUNDS, ChunkScene
+from fecocodec.camera_files.chunks import ChunkFolder
 from fecocodec.errors import InputError
-from fecocodec.formats.chunk_scene import VIDEO_BOUNDS, ChunkScene
-from fecocodec.formats.chunks import ChunkFolder
-from fecocodec.formats.lens import Lens
+from fecocodec.photographs.lens import Lens
 from fecocodec.training.augmentation import CROP_SPREAD, augment, mirrored
 from fecocodec.training.samples import Sample
 from fecocodec.training.video_protocol import VideoProtocol, choose_farthest_frames

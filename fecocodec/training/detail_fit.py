@@ -18,12 +18,12 @@ from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from fecocodec.captures.evaluation_index import read_index
+from fecocodec.captures.scene_folder import read_views
 from fecocodec.coding.detail import Choose, Size, buckets, encode_detail
 from fecocodec.coding.symbol_choice import symbol_bits
 from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES
-from fecocodec.formats.evaluation_index import read_index
-from fecocodec.formats.scene_folder import read_views
 from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
 from fecocodec.receiver.model import Receiver

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from fecocodec.atomic import write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
-from fecocodec.formats.atomic import write_atomically
 from fecocodec.model_files import read_bytes
 from fecocodec.receiver.load import serialise_receiver
 from fecocodec.receiver.model import Receiver

@@ -3,8 +3,8 @@
 import csv
 from pathlib import Path
 
+from fecocodec.atomic import write_atomically
 from fecocodec.errors import OutputError
-from fecocodec.formats.atomic import write_atomically
 
 LOG_COLUMNS = (
     "step", "minutes", "loss", "mse1", "mse2", "mse_context1", "mse_context2", "bpp1", "bpp2",

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Iterator
 
-from fecocodec.formats.atomic import make_folder
+from fecocodec.atomic import make_folder
 from fecocodec.training.log import append_row, mean_of_rows
 from fecocodec.training.processes import broadcast_from_first, is_first
 from fecocodec.training.run_monitor import RunMonitor

@@ -10,13 +10,13 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from fecocodec.camera_files.posed_photographs import require_numbers
+from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.errors import InputError
-from fecocodec.formats.image_headers import read_image_size
-from fecocodec.formats.images import read_image
-from fecocodec.formats.lens import Lens
-from fecocodec.formats.posed_photographs import require_numbers
-from fecocodec.formats.transforms_json import read_transforms_json
 from fecocodec.geometry.frustum_overlap import frustum_overlap
+from fecocodec.photographs.image_headers import read_image_size
+from fecocodec.photographs.images import read_image
+from fecocodec.photographs.lens import Lens
 
 
 @runtime_checkable

@@ -8,9 +8,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.container.lambda_quantisation import quantise_lambda
-from fecocodec.formats.images import write_image
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth import relative_disparity_from_depth
+from fecocodec.photographs.images import write_image
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
 from fecocodec.training.batch import Batch

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from fecocodec.camera_files.chunks import is_chunk_folder
 from fecocodec.config import CodecConfig, PaperSenderConfig
 from fecocodec.errors import InputError
-from fecocodec.formats.chunks import is_chunk_folder
 from fecocodec.training.augmentation import CROP_SPREAD
 from fecocodec.training.chunk_scenes import ChunkScenes
 from fecocodec.training.configurations import Configuration

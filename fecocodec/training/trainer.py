@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from fecocodec.atomic import make_folder
 from fecocodec.errors import ModelError
-from fecocodec.formats.atomic import make_folder
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.extractors.compact import CompactExtractor

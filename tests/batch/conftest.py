@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fecocodec.batch.scenes import BatchScene, scene_folders
-from fecocodec.formats.images import write_image
+from fecocodec.photographs.images import write_image
 from tests.example_scenes import example_views
 
 MakeScenes = Callable[..., tuple[BatchScene, ...]]

@@ -13,7 +13,7 @@ from fecosplat_cli.main import run
 import fecocodec
 from fecocodec import model_files
 from fecocodec.container import Header, PackedCameras, Stream, write_stream
-from fecocodec.formats.images import write_image
+from fecocodec.photographs.images import write_image
 from tests.example_scenes import MODEL
 
 IDENTITY_POSE = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)

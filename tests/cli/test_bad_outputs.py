@@ -24,7 +24,7 @@ def full_disk(output: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int, s
     if not Path("/dev/full").exists():
         pytest.skip("this system has no /dev/full")
     names = (f"{number:012x}" for number in range(100))
-    monkeypatch.setattr("fecocodec.formats.atomic.secrets.token_hex", lambda _: next(names))
+    monkeypatch.setattr("fecocodec.atomic.secrets.token_hex", lambda _: next(names))
 
     def fill(number: int, suffix: str) -> None:
         (output / f".{number:012x}.part{suffix}").symlink_to("/dev/full")
@@ -39,8 +39,8 @@ def full_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(source: object, target: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("fecocodec.formats.atomic.os.link", refuse)
-    monkeypatch.setattr("fecocodec.formats.atomic.os.replace", refuse)
+    monkeypatch.setattr("fecocodec.atomic.os.link", refuse)
+    monkeypatch.setattr("fecocodec.atomic.os.replace", refuse)
 
 
 NO_SPACE = "writing failed (No space left on device); check free space and permissions or choose another output path."

@@ -11,7 +11,7 @@ from PIL import Image
 from refusals import assert_refused
 
 from fecocodec.checkpoint import RECEIVER_FILE
-from fecocodec.formats.unposed_photographs import find_photographs
+from fecocodec.poses.unposed_photographs import find_photographs
 from tests.example_scenes import MODEL
 
 Damage = Callable[[Path], None]

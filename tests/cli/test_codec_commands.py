@@ -12,8 +12,8 @@ import torch
 
 import fecocodec
 from fecocodec.container import inspect, list_sections
-from fecocodec.formats.exr import read_exr
-from fecocodec.formats.images import read_image
+from fecocodec.photographs.exr import read_exr
+from fecocodec.photographs.images import read_image
 
 
 def cut_after_first_stage(data: bytes) -> bytes:

@@ -8,7 +8,7 @@ from refusals import assert_refused
 
 from fecocodec.container import list_sections, read_intact, read_stream
 from fecocodec.errors import BitstreamError
-from fecocodec.formats.ply import read_ply
+from fecocodec.splat_files.ply import read_ply
 from tests.fuzzing.mutations import VECTORS
 
 EVERY_KIND = (VECTORS / "uncommon" / "unknown-sections.fcs").read_bytes()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fecocodec.formats.images import read_image
+from fecocodec.photographs.images import read_image
 from fecocodec.rendering.metrics import psnr
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fecosplat_cli.output import in_options
 
-from fecocodec.formats import viewer_files
+from fecocodec.splat_files import viewer_files
 
 NO_TORCH = """
 import sys

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from refusals import assert_refused
 
-from fecocodec.formats.ply import read_ply
+from fecocodec.splat_files.ply import read_ply
 
 # Encodes or decodes until it writes, says so, and waits there to be killed: half of the output is on the disk then.
 CHILD = """
 import sys, time
 from pathlib import Path
 from fecocodec import model_files
-from fecocodec.formats import atomic
+from fecocodec import atomic
 model, weights, *arguments = sys.argv[1:]
 model_files.SHIPPED, model_files.DEFAULT_MODEL = Path(weights), model
 
@@ -65,7 +65,7 @@ def test_an_interrupted_command_leaves_nothing(
         os.kill(os.getpid(), signal.SIGINT)
 
     (tmp_path / "wall.fcs").write_bytes(wall)
-    monkeypatch.setattr("fecocodec.formats.atomic.os.link", interrupt)
+    monkeypatch.setattr("fecocodec.atomic.os.link", interrupt)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # shells ignore it for what they start with &
     try:
         result = fecosplat("decode", tmp_path / "wall.fcs", "-o", output / "a.ply")

@@ -9,7 +9,7 @@ import torch
 from fecocodec.container import inspect
 from fecocodec.evaluation.stress.box_room import Room, painted, photograph, waves
 from fecocodec.evaluation.stress.camera_paths import look
-from fecocodec.formats.images import write_image
+from fecocodec.photographs.images import write_image
 
 SIZE = (96, 128)  # height, width in pixels
 POSES = torch.stack([look((step, 0.05 * step, -1.5)) for step in (-1.0, -0.6, -0.2, 0.2, 0.6, 1.0)])

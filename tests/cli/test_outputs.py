@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from refusals import assert_refused
 
-from fecocodec.formats.images import read_image
-from fecocodec.formats.ply import read_ply
+from fecocodec.photographs.images import read_image
+from fecocodec.splat_files.ply import read_ply
 
 
 @pytest.mark.parametrize("name", ["a.splat", "a.ply", "a.jpg"])

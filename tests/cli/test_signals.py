@@ -30,7 +30,7 @@ WHILE_WRITING = """
 import sys, time
 from pathlib import Path
 import fecosplat_cli.main as command
-from fecocodec.formats.atomic import write_atomically
+from fecocodec.atomic import write_atomically
 
 def write(arguments=None):
     with write_atomically(Path(sys.argv[1]), overwrite=False) as temporary:
@@ -44,7 +44,7 @@ command.main()
 # Sends the signal to itself while cameras are estimated: when pycolmap is loaded and photographs are to be matched.
 WHILE_ESTIMATING = """
 import os, sys
-import fecocodec.formats.pose_estimation as estimation
+import fecocodec.poses.pose_estimation as estimation
 from fecosplat_cli.main import main
 
 number, match = int(sys.argv.pop(1)), estimation.match_features

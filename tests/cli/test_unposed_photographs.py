@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.container import inspect
-from fecocodec.formats.image_headers import read_image_size
-from fecocodec.formats.transforms_json import read_transforms_json
+from fecocodec.photographs.image_headers import read_image_size
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 FAST = ("--size", "96x64", "--stages", "1", "--effort", "fast")

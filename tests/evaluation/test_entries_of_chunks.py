@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from fecocodec.captures.evaluation_index import read_index
 from fecocodec.errors import InputError
 from fecocodec.evaluation.entries import open_scenes
-from fecocodec.formats.evaluation_index import read_index
 from tests.chunk_files import record, write_chunks
-from tests.formats.wall_scene import shots
+from tests.wall_scene import shots
 
 CAPTURE = "1f0e06e4388dd600"  # DL3DV's records name no video
 EIGHT = [0, 1, 3, 4, 6, 7, 9, 10]

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import InputError
 from fecocodec.evaluation.evaluation import RECORDS, Plan, choose_entries, evaluate_to_folder
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.summary import as_tsv, averages, compare
-from fecocodec.formats.evaluation_index import IndexEntry
 from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL
 

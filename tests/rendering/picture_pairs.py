@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.formats.scene_folder import read_views
+from fecocodec.captures.scene_folder import read_views
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "motorcycle"
 

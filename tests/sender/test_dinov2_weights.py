@@ -7,7 +7,7 @@ import torch
 from safetensors.torch import load, save_file
 
 from fecocodec.errors import ModelError
-from fecocodec.formats.images import read_image
+from fecocodec.photographs.images import read_image
 from fecocodec.sender.extractors.dinov2 import FEATURES, FILE, dinov2_features, load_dinov2, serialise_dinov2
 from fecocodec.sender.extractors.vision_transformer import VisionTransformer, normalised
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
+from fecocodec.camera_files.chunk_scene import VIDEO_BOUNDS
 from fecocodec.errors import InputError
-from fecocodec.formats.chunk_scene import VIDEO_BOUNDS
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.training.chunk_scenes import ChunkScenes, choose_stretch
 from fecocodec.training.configurations import configuration_named
 from fecocodec.training.samples import Sample
 from fecocodec.training.sources import open_sources
 from tests.chunk_files import record, write_chunks, write_wall_chunks
-from tests.formats.wall_scene import shots, wall_colour
+from tests.wall_scene import shots, wall_colour
 
 
 def draw(scenes: ChunkScenes, seed: int, num_context: int = 2, num_target: int = 1) -> Sample:

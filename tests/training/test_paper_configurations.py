@@ -12,7 +12,7 @@ import torch
 from fecocodec.training.checkpoint import load_checkpoint
 from fecocodec.training.configurations import CONFIGURATIONS, configuration_named
 from tests.chunk_files import record, write_chunks, write_wall_chunks
-from tests.formats.wall_scene import shots
+from tests.wall_scene import shots
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -34,7 +34,7 @@ from fecocodec.training.training_pass import bypass_coding, run_stages
 from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, choose_farthest_frames
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.example_scenes import example_views
-from tests.formats.wall_scene import shots
+from tests.wall_scene import shots
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.formats.images import write_image
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.photographs.images import write_image
 from fecocodec.training.augmentation import mirrored
 from fecocodec.training.photographs import Photographs
 from fecocodec.training.samples import Sample

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from fecocodec.formats.images import read_image
+from fecocodec.photographs.images import read_image
 from fecocodec.training.run_monitor import RunMonitor
 from fecocodec.training.sample_grids import NUM_SCENES
 from fecocodec.training.trainer import Trainer

@@ -1,5 +1,6 @@
 """Write the report: a Markdown file, one PNG per chart, and an HTML page with all charts."""
 
+from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.evaluation.evaluation import weights_label
 from fecocodec.evaluation.machine import describe_machine
 from fecocodec.evaluation.report.complexity_section import complexity_section
@@ -12,7 +13,6 @@ from fecocodec.evaluation.report.section import Section
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.stress_section import stress_section
 from fecocodec.evaluation.report.studies import OnStudy, Studies, measure_studies
-from fecocodec.formats.atomic import make_folder, write_atomically
 
 HEAD = """\
 # Report: rate, quality, speed, stability

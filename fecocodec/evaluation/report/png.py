@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fecocodec.atomic import write_atomically
 from fecocodec.evaluation.extras import require_extra
 from fecocodec.evaluation.report.charts import Chart
-from fecocodec.formats.atomic import write_atomically
 
 SIZE_INCHES, PANEL_INCHES, DPI = (7.6, 4.6), (4.0, 3.8), 100  # of a chart, of one of several charts
 MARKERS = "osD^vP*Xhp<>d8"

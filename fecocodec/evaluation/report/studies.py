@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
+from fecocodec.atomic import make_folder
+from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
@@ -20,8 +22,6 @@ from fecocodec.evaluation.stress.suite import STRESS_LAMBDA, Verdict
 from fecocodec.evaluation.systems.groups import systems_of
 from fecocodec.evaluation.systems.operating_points import speed_systems
 from fecocodec.evaluation.systems.reconstruction import System
-from fecocodec.formats.atomic import make_folder
-from fecocodec.formats.evaluation_index import IndexEntry, read_index
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
 from fecocodec.sender.codec import Codec, load_codec

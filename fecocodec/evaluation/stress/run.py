@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from fecocodec.captures.evaluation_index import read_index
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import choose_entries
 from fecocodec.evaluation.stress.cases import Trial, cases_of, room_cases
 from fecocodec.evaluation.stress.suite import StressSuite, Verdict
-from fecocodec.formats.evaluation_index import read_index
 from fecocodec.sender.codec import Codec
 
 

@@ -12,13 +12,13 @@ from fecocodec.errors import FecoError, InputError
 from fecocodec.evaluation.novel_views import render_views
 from fecocodec.evaluation.stress.cases import StressCase, Trial
 from fecocodec.evaluation.systems.image_compression import image_systems
-from fecocodec.formats.ply import write_ply
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.input_warnings import check_input
+from fecocodec.splat_files.ply import write_ply
 
 STRESS_LAMBDA = 1e-3
 BASELINE = ("JPEG XL", "quality 4")

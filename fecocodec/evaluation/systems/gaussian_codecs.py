@@ -8,8 +8,8 @@ import torch
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.extras import require_extra
-from fecocodec.formats.ply import read_ply, write_ply
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.splat_files.ply import read_ply, write_ply
 
 GAUSSIAN_FORMATS = ("PLY", "compressed PLY", "SPZ")
 

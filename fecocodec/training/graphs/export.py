@@ -13,10 +13,10 @@ from pathlib import Path
 import torch
 from onnxscript import optimizer
 
+from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
 from fecocodec.config import PAPER
 from fecocodec.errors import ModelError
-from fecocodec.formats.atomic import make_folder, write_atomically
 from fecocodec.receiver.load import load_receiver
 from fecocodec.training.graphs.canonical import make_canonical
 from fecocodec.training.graphs.channels_last import with_exported_blocks

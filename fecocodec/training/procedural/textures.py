@@ -11,8 +11,8 @@ from numpy import ndarray
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.formats.image_headers import IMAGE_SUFFIXES
-from fecocodec.formats.images import read_image
+from fecocodec.photographs.image_headers import IMAGE_SUFFIXES
+from fecocodec.photographs.images import read_image
 from fecocodec.training.procedural.patterns import draw_patterns
 
 TEXTURE_SIDE = 128

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.formats.images import write_image
+from fecocodec.photographs.images import write_image
 from fecocodec.training.procedural.textures import (
     TEXTURE_SIDE,
     pattern_textures,

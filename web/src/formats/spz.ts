@@ -1,4 +1,4 @@
-/** Gaussians as a .spz file of Niantic, version 3: axes RUB, gzip-compressed. fecocodec/formats/spz.py has the layout. */
+/** Gaussians as a .spz file of Niantic, version 3: axes RUB, gzip-compressed. fecocodec/splat_files/spz.py has the layout. */
 
 const LARGEST = 2 ** 23 - 1; // coordinates have 24 bits
 const MOST_FRACTIONAL_BITS = 23;

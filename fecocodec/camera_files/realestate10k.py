@@ -1,0 +1,78 @@
+"""RealEstate10K camera text (Zhou et al. 2018): one line per frame, after an optional line with the video's URL.
+
+    timestamp fx fy cx cy 0 0 r11 r12 r13 t1 r21 r22 r23 t2 r31 r32 r33 t3
+
+Intrinsics are normalised by image width and height; the 3x4 matrix is world-to-camera in OpenCV axes.
+Images are named by their timestamp and are beside the text file, in `images/`, or in a folder named like the text file.
+"""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
+from fecocodec.errors import InputError
+from fecocodec.input_file import read_text
+from fecocodec.photographs.lens import Lens
+
+_COLUMNS = 19
+_LONGEST_LINE = 1 << 16  # characters
+
+
+def find_realestate10k(path: Path) -> Path | None:
+    """Return the camera text of a scene folder: the first `.txt` with a line of 19 columns. `path` may be that file."""
+    candidates = [path] if path.is_file() else sorted(file for file in path.glob("*.txt") if file.is_file())
+    return next((candidate for candidate in candidates if _has_camera_line(candidate)), None)
+
+
+def read_realestate10k(path: Path) -> PosedPhotographs:
+    """Read the camera of every line. Raises InputError, with the line number, if one is not valid."""
+    lines = [(number, line.split()) for number, line in enumerate(_lines(path), start=1) if line.strip()]
+    if len(lines[0][1]) == 1:  # the video's URL
+        lines = lines[1:]
+    folder = _image_folder(path, lines[0][1][0])
+    return PosedPhotographs(path, [_photograph(path, folder, number, words) for number, words in lines])
+
+
+def _photograph(path: Path, folder: Path, number: int, words: list[str]) -> PosedPhotograph:
+    place = f"{path}, line {number}"
+    if len(words) != _COLUMNS:
+        raise InputError(f"{place}: {len(words)} columns found, {_COLUMNS} expected; export the cameras again.")
+    values = require_numbers(words[1:], (_COLUMNS - 1,), place)
+    fx, fy, cx, cy, *reserved = (float(value) for value in values[:6])
+    if fx <= 0 or fy <= 0:
+        raise InputError(f"{place}: the focal length is not positive; export the cameras again.")
+    if any(reserved):
+        raise InputError(f"{place}: columns 6 and 7 are not 0 0, and distortion is not defined here; undistort first.")
+    world_to_camera = np.eye(4)
+    world_to_camera[:3] = values[6:].reshape(3, 4)
+    if not np.abs(world_to_camera[:, :3]).max() < 1e6 or abs(np.linalg.det(world_to_camera)) < 1e-12:
+        raise InputError(f"{place}: the pose is singular (its axes span no volume); export the cameras again.")
+    return PosedPhotograph(
+        path=find_image(folder, words[0]),
+        place=place,
+        camera_to_world=np.linalg.inv(world_to_camera),
+        lens_for=partial(_lens, fx, fy, cx, cy),
+    )
+
+
+def _lens(fx: float, fy: float, cx: float, cy: float, width: int, height: int) -> Lens:
+    return Lens(width, height, fx * width, fy * height, cx * width, cy * height)
+
+
+def _image_folder(path: Path, first_name: str) -> Path:
+    folders = (path.parent, path.parent / "images", path.with_suffix(""))
+    return next((folder for folder in folders if find_image(folder, first_name).is_file()), path.parent)
+
+
+def _has_camera_line(path: Path) -> bool:
+    """Return whether one of the first two lines has 19 columns. Other text files need not be read further."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return any(
+            len(line.split()) == _COLUMNS for line in (file.readline(_LONGEST_LINE), file.readline(_LONGEST_LINE))
+        )
+
+
+def _lines(path: Path) -> list[str]:
+    return read_text(path, "check the file").splitlines()

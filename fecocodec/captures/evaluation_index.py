@@ -1,0 +1,43 @@
+"""Evaluation index: the context frames and target frames of each scene.
+
+    {"scene": {"context": [58, 133], "target": [84, 102, 129]}, "scene/wide": {...}, "skipped": null}
+
+pixelSplat and DepthSplat use this format. null marks scenes that are not evaluated; other fields, such as "overlap",
+are ignored. A label after a slash distinguishes several entries of one scene.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeGuard
+
+from fecocodec.errors import InputError
+from fecocodec.input_file import read_json
+
+
+@dataclass(frozen=True)
+class IndexEntry:
+    """One entry of an evaluation index: context frames and target frames of a scene, counted from 0."""
+
+    name: str
+    scene: str
+    context: tuple[int, ...]
+    target: tuple[int, ...]
+
+
+def read_index(path: Path) -> tuple[IndexEntry, ...]:
+    """Return the entries that are not null, in the order of the file. Raises InputError if the index is not valid."""
+    entries = read_json(path, "check the path, or write the index again")
+    if not isinstance(entries, dict):
+        raise InputError(f'{path}: not an evaluation index; write {{"scene": {{"context": [...], "target": [...]}}}}.')
+    return tuple(_entry(path, name, value) for name, value in entries.items() if value is not None)
+
+
+def _entry(path: Path, name: str, value: object) -> IndexEntry:
+    context, target = ((value.get(part) if isinstance(value, dict) else None) for part in ("context", "target"))
+    if not _is_frame_list(context) or not _is_frame_list(target):
+        raise InputError(f"{path}, entry {name}: `context` and `target` must be lists of frame numbers from 0.")
+    return IndexEntry(name, name.split("/")[0], tuple(context), tuple(target))
+
+
+def _is_frame_list(value: object) -> TypeGuard[list[int]]:
+    return isinstance(value, list) and len(value) > 0 and all(type(frame) is int and frame >= 0 for frame in value)

@@ -1,0 +1,91 @@
+"""Notes on results of `read_views` that the user may not expect, one sentence each."""
+
+import os
+from collections import Counter
+from pathlib import Path
+
+from fecocodec.camera_files.posed_photographs import PosedPhotographs
+from fecocodec.limits import MAX_SIDE
+from fecocodec.photographs.framing import kept_share
+from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, is_upright
+from fecocodec.photographs.lens import Lens
+
+LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
+LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
+LARGEST_FOCAL_WITHOUT_SIZE = 1.5  # 37 degrees; twice the focal length of a phone exceeds it
+
+
+def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int]) -> list[str]:
+    """Return notes on mixed sizes or orientations and on large crops. size: (height, width) of the result."""
+    notes = []
+    sizes = Counter((lens.width, lens.height) for lens in pinholes)
+    if len(sizes) > 1:
+        found = ", ".join(f"{count} of {width}x{height}" for (width, height), count in sizes.most_common(4))
+        kind = "orientations" if len({lens.width > lens.height for lens in pinholes}) > 1 else "sizes"
+        notes.append(
+            f"the photographs have several {kind} ({found}); all are cropped and resized to "
+            f"{size[1]}x{size[0]}; choose photographs of one size by `views`."
+        )
+    shares = [kept_share(lens, size) for lens in pinholes]
+    least = min(shares)
+    if least < LEAST_KEPT_SHARE:
+        worst = shares.index(least)
+        lens = pinholes[worst]
+        notes.append(
+            f"the crop to {size[1]}x{size[0]} leaves {100 * least:.0f}% of {names[worst]} "
+            f"({lens.width}x{lens.height}); choose a `size` of the photographs' shape to keep more."
+        )
+    return notes
+
+
+def unposed_notes(scene: PosedPhotographs) -> list[str]:
+    """Return a note if images beside the photographs of a scene have no camera."""
+    posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
+    folders = sorted({path.parent for path in posed})
+    beside = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
+    found = [path.name for path in beside if path.suffix.lower() in IMAGE_SUFFIXES and path not in posed]
+    if not found:
+        return []
+    names = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
+    has, used = ("has", "is not used") if len(found) == 1 else ("have", "are not used")
+    return [f"{names} {has} no camera in {scene.cameras_path.name} and {used}; add one for each, or choose by `views`."]
+
+
+def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:
+    """Return a sentence if photographs exceed the largest side, None otherwise. size: (height, width) of the result."""
+    (width, height), _ = Counter((lens.width, lens.height) for lens in pinholes).most_common(1)[0]
+    if max(width, height) <= MAX_SIDE:
+        return None
+    return f"photographs of {width}x{height} are coded at {size[1]}x{size[0]}; no side may exceed {MAX_SIDE} pixels."
+
+
+def orientation_notes(paths: list[Path]) -> list[str]:
+    """Return a note if the EXIF orientation of a photograph is not upright."""
+    turned = [path.name for path in paths if not is_upright(path)]
+    if not turned:
+        return []
+    what = f"{turned[0]} has" if len(turned) == 1 else f"{len(turned)} photographs, such as {turned[0]}, have"
+    return [
+        f"{what} an EXIF orientation, which is not applied, because cameras refer to the pixels as stored; if yours "
+        "refer to the upright photographs, store these upright."
+    ]
+
+
+def lens_notes(pinholes: list[Lens], names: list[str], sizes: list[tuple[int, int] | None]) -> list[str]:
+    """Return a note if a focal length in pixels seems to refer to a larger image than the stored one.
+
+    sizes: image sizes that the camera file states, None where it states none and the focal length is thus ambiguous.
+    """
+    suspects = [
+        (lens, name)
+        for lens, name, size in zip(pinholes, names, sizes, strict=True)
+        if lens.fx / max(lens.width, lens.height) > (LARGEST_FOCAL if size else LARGEST_FOCAL_WITHOUT_SIZE)
+    ]
+    if not suspects:
+        return []
+    lens, name = max(suspects, key=lambda suspect: suspect[0].fx / max(suspect[0].width, suspect[0].height))
+    return [
+        f"the focal length of {name} is {lens.fx:.0f} pixels for an image of {lens.width}x{lens.height}, a narrow "
+        "field of view; if the image was reduced after its camera was computed, give the camera file the size (w, h) "
+        "that fl_x is for."
+    ]

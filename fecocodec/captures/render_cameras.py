@@ -1,0 +1,83 @@
+"""Read cameras to render at: of a scene folder, a camera file or a camera path. Photographs are not needed."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from fecocodec.camera_files.find import read_cameras
+from fecocodec.camera_files.nerfstudio_path import read_camera_path
+from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
+from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
+from fecocodec.camera_files.view_choice import choose_views
+from fecocodec.errors import InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.depth_bounds import bounds_of_depths
+from fecocodec.input_file import StrPath
+from fecocodec.photographs.framing import common_size, framed_intrinsics
+
+LARGEST_SIDE = 4096  # pixels of a rendering
+
+
+@dataclass(frozen=True)
+class RenderCameras:
+    """Cameras to render at.
+
+    cameras: near and far are NaN if `has_depth_bounds` is false. image_size: (height, width) in pixels. names: one per
+    camera, without suffix. frames_per_second: that of a camera path, None if it states none.
+    """
+
+    cameras: Cameras
+    image_size: tuple[int, int]
+    names: tuple[str, ...]
+    has_depth_bounds: bool
+    frames_per_second: float | None
+
+
+def read_render_cameras(
+    path: StrPath, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
+) -> RenderCameras:
+    """Read cameras from a scene folder, one of its camera files, a COLMAP model or a nerfstudio camera path.
+
+    The image size is `size` = (height, width), else that of a camera path, else that of `read_views`: the most frequent
+    size of the photographs, or of the camera file where a photograph is missing. views: as for `read_views`.
+    Raises InputError if a camera cannot be used, or a size is neither known nor given.
+    """
+    path = Path(path)
+    if size and not all(1 <= side <= LARGEST_SIDE for side in size):
+        raise InputError(f"size {size[1]}x{size[0]}: renderings have sides of 1 to {LARGEST_SIDE}; change `size`.")
+    found = read_camera_path(path) if path.suffix.lower() == ".json" and path.is_file() else None
+    scene, frames_per_second = found or (read_cameras(path), None)
+    photographs = scene.photographs if views is None else choose_views(scene.photographs, views, path)
+    pinholes = [known_pinhole(photograph, size) for photograph in photographs]
+    if found and not size:
+        size = (min(pinholes[0].height, LARGEST_SIDE), min(pinholes[0].width, LARGEST_SIDE))
+    image_size = size or common_size(pinholes, [str(photograph.path) for photograph in photographs])
+    poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
+    require_float32_range(poses, str(scene.cameras_path))
+    intrinsics = np.stack([framed_intrinsics(pinhole, image_size) for pinhole in pinholes])
+    near, far = _depth_bounds(scene)
+    cameras = Cameras(
+        extrinsics=torch.from_numpy(poses.astype(np.float32)),
+        intrinsics=torch.from_numpy(intrinsics.astype(np.float32)),
+        near=torch.tensor(near, dtype=torch.float32),
+        far=torch.tensor(far, dtype=torch.float32),
+    )
+    names = _distinct(tuple(photograph.path.stem for photograph in photographs))
+    return RenderCameras(cameras, image_size, names, 0 < near < far < float("inf"), frames_per_second)
+
+
+def _depth_bounds(scene: PosedPhotographs) -> tuple[float, float]:
+    """Return near and far of the camera file, else of its sparse points, else NaN."""
+    if scene.near is not None and scene.far is not None:
+        return scene.near, scene.far
+    sparse = np.concatenate([np.zeros(0), *(photograph.sparse_depths for photograph in scene.photographs)])
+    return bounds_of_depths(sparse) or (float("nan"), float("nan"))
+
+
+def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return unique names: if two views share a name (left/a.png, right/a.png), each name gets a number in front."""
+    if len(set(names)) == len(names):
+        return names
+    return tuple(f"{view:02d}_{name}" for view, name in enumerate(names))

@@ -1,0 +1,89 @@
+"""Read and write photographs: PNG, JPEG, WebP and OpenEXR.
+
+The EXIF orientation is ignored, because camera files refer to the pixels as they are stored.
+Transparent pixels are composited on white by default, the convention of NeRF's synthetic scenes.
+"""
+
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from einops import rearrange
+from jaxtyping import Float
+from PIL import Image
+from torch import Tensor
+
+from fecocodec.atomic import write_atomically
+from fecocodec.errors import OutputError
+from fecocodec.input_file import StrPath
+from fecocodec.photographs.exr import ExrImage, read_exr, write_exr
+from fecocodec.photographs.image_headers import IMAGE_SUFFIXES
+from fecocodec.photographs.pillow_images import decode_with_pillow
+
+Background = Literal["white", "black"]
+LEVELS: dict[Background, float] = {"white": 1.0, "black": 0.0}  # the same in sRGB and in linear light
+_SAVE_OPTIONS: dict[str, dict[str, Any]] = {
+    ".png": {},
+    ".jpg": {"quality": 95, "subsampling": 0},
+    ".jpeg": {"quality": 95, "subsampling": 0},
+    ".webp": {"quality": 95},
+}
+
+
+def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
+    """Read an image as sRGB in [0, 1], float32. Supports 8 and 16 bits, grey, palettes and transparency.
+
+    Raises InputError if the file is missing, damaged, too large (64 megapixels, 512 MiB), or of another format.
+    """
+    return read_image_and_alpha(path)[0]
+
+
+def read_image_and_alpha(
+    path: StrPath, background: Background = "white"
+) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
+    """Read an image like `read_image`, composited on `background`, and its opacity in [0, 1].
+
+    The opacity is None for an image without alpha, and for one that is opaque everywhere.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".exr":
+        image = read_exr(path, LEVELS[background])
+        colour, alpha = image.colour, image.alpha
+    else:
+        colour, alpha = _composited(torch.from_numpy(decode_with_pillow(path, path)), LEVELS[background])
+    return colour, None if alpha is None or bool((alpha == 1.0).all()) else alpha
+
+
+def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:
+    """Decode the bytes of a PNG, JPEG or WebP file like `read_image`; error messages begin with `place`."""
+    return _composited(torch.from_numpy(decode_with_pillow(BytesIO(data), place)), LEVELS["white"])[0]
+
+
+def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwrite: bool = False) -> None:
+    """Write an sRGB image in [0, 1]. The suffix selects 8 bits (.png, .jpg, .jpeg, .webp) or linear float32 (.exr).
+
+    Raises OutputError if the suffix is not supported, a value is NaN, or the file cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix == ".exr":
+        return write_exr(path, ExrImage(image, None), overwrite=overwrite)
+    if suffix not in _SAVE_OPTIONS:
+        raise OutputError(f"{path}: images of kind {suffix!r} are not written; use one of {', '.join(IMAGE_SUFFIXES)}.")
+    pixels = image.detach().cpu().float()
+    if pixels.isnan().any():
+        raise OutputError(f"{path}: the image holds NaN; nothing was written, check where it comes from.")
+    bytes_hwc = rearrange((pixels.clamp(0, 1) * 255).round().to(torch.uint8), "rgb h w -> h w rgb").numpy()
+    with write_atomically(path, overwrite=overwrite) as temporary:
+        Image.fromarray(bytes_hwc).save(temporary, **_SAVE_OPTIONS[suffix])
+
+
+def _composited(
+    pixels: Float[Tensor, "channel height width"], level: float
+) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
+    """Composite 4 channels on a grey level and return colour and opacity; 3 channels are returned unchanged."""
+    if len(pixels) == 3:
+        return pixels, None
+    colour, alpha = pixels[:3], pixels[3].clone()
+    return colour.mul_(alpha).add_(level * (1 - alpha)), alpha

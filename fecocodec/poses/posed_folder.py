@@ -1,0 +1,210 @@
+"""Estimate the cameras of a folder of photographs without poses, and write them as a scene folder."""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from fecocodec.atomic import write_atomically
+from fecocodec.errors import InputError
+from fecocodec.geometry.depth_bounds import bounds_of_depths
+from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
+from fecocodec.poses.pose_estimation import LEAST_ANGLE, reconstruct
+from fecocodec.poses.pose_warnings import reliability_warnings
+from fecocodec.poses.unposed_photographs import (
+    MAX_PHOTOGRAPHS,
+    find_photographs,
+    unread_photographs,
+    upright_copies,
+)
+
+_FEW_MATCHES = 30  # of a pair; named in messages
+# Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
+_DEPTH_MARGIN = 1.3
+_OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+_REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
+
+
+@dataclass(frozen=True)
+class PosedFolder:
+    """A temporary scene folder with estimated cameras.
+
+    notes: what was done. warnings: why the cameras may be wrong. Both are one sentence each, for the user.
+    """
+
+    path: Path
+    photographs: tuple[Path, ...]
+    reconstruction: Reconstruction
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
+        """Write the estimated cameras as `transforms.json`, with paths of the photographs relative to its folder.
+
+        Raises OutputError if the file cannot be written.
+        """
+        photographs = {photograph.name: photograph for photograph in self.photographs}
+        files = [_relative_path(photographs[camera.name], path.parent) for camera in self.reconstruction.cameras]
+        with write_atomically(path, overwrite=overwrite) as temporary:
+            temporary.write_text(json.dumps(_transforms(self.reconstruction, files), indent=2) + "\n", "utf-8")
+
+
+@contextmanager
+def posed_folder(
+    folder: Path, num_threads: int = -1, name: str = "", focal_px: float | None = None
+) -> Iterator[PosedFolder]:
+    """Estimate cameras and yield a scene folder that exists until the block ends. Photographs in it are upright.
+
+    Photographs that cannot be registered are left out, with a warning. num_threads: -1 for all cores. name: of the
+    input in messages, by default the folder. focal_px: known focal length in pixels of the photographs, None to
+    estimate it.
+    Raises InputError if fewer than two photographs can be registered, all are taken from one position, or pycolmap is
+    missing.
+    """
+    photographs, notes = _chosen(folder, name or str(folder))
+    warnings = _unread(folder)
+    with TemporaryDirectory(prefix="fecosplat-") as temporary:
+        root = Path(temporary)
+        groups = upright_copies(photographs, root, focal_px)
+        workspace = root / "colmap"
+        workspace.mkdir()
+        reconstruction = reconstruct(root, groups, workspace, num_threads)
+        _require_cameras(name or str(folder), photographs, reconstruction)
+        for path in set(root.iterdir()) - {workspace, *(root / camera.name for camera in reconstruction.cameras)}:
+            path.unlink()  # a photograph without a camera, of which `_left_out` tells
+        text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
+        (root / "transforms.json").write_text(text, encoding="utf-8")
+        notes += _notes(photographs, reconstruction, groups)
+        warnings += _left_out(photographs, reconstruction) + reliability_warnings(reconstruction, groups)
+        yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes), tuple(warnings))
+
+
+def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
+    """Return at most MAX_PHOTOGRAPHS photographs, evenly spread over the folder, with notes on those not used."""
+    photographs = find_photographs(folder)
+    if len(photographs) < 2:
+        found = "one photograph" if photographs else "no photographs"
+        raise InputError(
+            f"{name}: {found} without cameras, but cameras are estimated from two or more; add photographs or a camera "
+            "file."
+        )
+    if len(photographs) <= MAX_PHOTOGRAPHS:
+        return photographs, []
+    kept = [photographs[index] for index in np.linspace(0, len(photographs) - 1, MAX_PHOTOGRAPHS).round().astype(int)]
+    return kept, [f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras."]
+
+
+def _unread(folder: Path) -> list[str]:
+    """Return a warning about photographs of kinds that cannot be read."""
+    unread = [path.name for path in unread_photographs(folder)]
+    if not unread:
+        return []
+    more = f" and {len(unread) - 3} more" if len(unread) > 3 else ""
+    verb = "is" if len(unread) == 1 else "are"
+    return [f"{', '.join(unread[:3])}{more} {verb} of a kind that cannot be read; convert to JPEG, PNG or WebP."]
+
+
+def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
+    """Raise InputError if the reconstruction is not usable."""
+    if found.is_turned:
+        raise InputError(
+            f"{name}: the photographs seem to be taken from one position (a turn of the camera explains their "
+            "matches), so depth is unknown; move the camera sideways between photographs."
+        )
+    if len(found.cameras) < 2:
+        weak = _weak_pairs([path.name for path in photographs], found)
+        raise InputError(f"{name}: no camera poses can be estimated ({weak}); {_REMEDY}.")
+    if found.angle < LEAST_ANGLE:
+        raise InputError(
+            f"{name}: the photographs seem to be taken from one position (median angle between rays "
+            f"{found.angle:.2f} degrees), so depth is unknown; move the camera sideways between photographs."
+        )
+
+
+def _weak_pairs(names: list[str], found: Reconstruction) -> str:
+    """Describe the pairs with the fewest matches."""
+    pairs = [(first, second) for index, first in enumerate(sorted(names)) for second in sorted(names)[index + 1 :]]
+    weakest = sorted((found.matches.get(pair, 0), pair) for pair in pairs)
+    few = [f"{first} and {second}: {count} matches" for count, (first, second) in weakest if count < _FEW_MATCHES]
+    if not few:
+        return "the matches do not determine camera positions, as if the camera only turned"
+    more = f" and {len(few) - 3} more {_pairs(len(few) - 3)}" if len(few) > 3 else ""
+    return "; ".join(few[:3]).replace(";", ",") + more
+
+
+def _pairs(count: int) -> str:
+    return "pair" if count == 1 else "pairs"
+
+
+def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
+    """Return what was estimated."""
+    cameras = found.cameras
+    focal = "started from EXIF data" if all(group.is_known for group in groups) else "started from a standard lens"
+    if all(group.is_fixed for group in groups):
+        focal = "as given"
+    lens = cameras[0].lens
+    shared = [count for count in found.matches.values() if count >= _FEW_MATCHES]
+    return [
+        f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
+        f"{found.reprojection_error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
+        f"{len(shared)} {_pairs(len(shared))} with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
+        f"for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
+    ]
+
+
+def _left_out(photographs: list[Path], found: Reconstruction) -> list[str]:
+    """Return a warning for each photograph whose camera could not be estimated."""
+    registered, warnings = {camera.name for camera in found.cameras}, list[str]()
+    for path in photographs:
+        if path.name not in registered:
+            most = max((count for pair, count in found.matches.items() if path.name in pair), default=0)
+            matches = f"at most {most} matches" if most else "no matches"
+            warnings.append(
+                f"{path.name} is left out: {matches} with another photograph; take it again with more overlap."
+            )
+    return warnings
+
+
+def _relative_path(file: Path, folder: Path) -> str:
+    """Return the path of `file` relative to `folder`; an absolute path if they are on different drives.
+
+    Symbolic links of folders are resolved, because `..` leads out of the folder that a link points to. A link to the
+    file itself is kept, because its name may differ.
+    """
+    resolved = file.parent.resolve() / file.name
+    try:
+        return Path(os.path.relpath(resolved, folder.resolve())).as_posix()
+    except ValueError:
+        return resolved.as_posix()
+
+
+def _transforms(found: Reconstruction, files: list[str]) -> dict[str, Any]:
+    """Return the cameras in the layout of nerfstudio, with depth bounds if there are enough points."""
+    depths = np.concatenate([camera.depths for camera in found.cameras])
+    frames = [_frame(camera, file) for camera, file in zip(found.cameras, files, strict=True)]
+    bounds = bounds_of_depths(depths)
+    if bounds is None:
+        return {"camera_model": "OPENCV", "frames": frames}
+    near, far = bounds[0] / _DEPTH_MARGIN, bounds[1] * _DEPTH_MARGIN
+    return {"camera_model": "OPENCV", "near": near, "far": far, "frames": frames}
+
+
+def _frame(camera: EstimatedCamera, file: str) -> dict[str, Any]:
+    lens = camera.lens
+    return {
+        "file_path": file,
+        "w": lens.width,
+        "h": lens.height,
+        "fl_x": lens.fx,
+        "fl_y": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        **{f"k{index + 1}": value for index, value in enumerate(lens.radial)},
+        "transform_matrix": (camera.camera_to_world @ _OPENGL_TO_OPENCV).tolist(),
+    }

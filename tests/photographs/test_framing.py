@@ -1,0 +1,26 @@
+"""Cropping and resizing, pixel by pixel: sizes where floating point rounds against the photograph's border."""
+
+import pytest
+import torch
+
+from fecocodec.photographs.lens import Lens
+from fecocodec.photographs.resampling import crop_and_resize
+
+
+@pytest.mark.parametrize(
+    ("stored", "size"),
+    [
+        ((3000, 4000), (720, 960)),  # 960 * (4000 / 960) is more than 4000 in binary64
+        ((1080, 1440), (266, 338)),
+        ((68, 68), (543, 543)),
+    ],
+)
+def test_a_crop_never_leaves_the_photograph(stored: tuple[int, int], size: tuple[int, int]) -> None:
+    height, width = stored
+    assert max(new * (old / new) - old for old, new in zip(stored, size, strict=True)) > 0  # or this tests nothing
+    pinhole = Lens(width, height, fx=float(width), fy=float(width), cx=width / 2, cy=height / 2)
+    framed, intrinsics = crop_and_resize(torch.full((3, 1, 1), 0.5).expand(-1, height, width), pinhole, size)
+    assert framed.shape == (3, *size)
+    torch.testing.assert_close(framed, torch.full((3, *size), 0.5))
+    # A centre crop keeps the principal point at the centre, to the half pixel that the crop may be off by.
+    assert abs(intrinsics[0, 2] - 0.5) * width < 1 and abs(intrinsics[1, 2] - 0.5) * height < 1

@@ -1,0 +1,71 @@
+"""Frames of a video: evenly spread, and the sharpest of their part."""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageFilter
+
+from fecocodec.errors import InputError
+from fecocodec.photographs.video_frames import is_video, write_sharp_frames
+
+av = pytest.importorskip("av")
+
+
+def write_video(path: Path, num_frames: int, sharp: set[int]) -> None:
+    """Write textured frames, all blurred but those in `sharp`."""
+    texture = Image.fromarray(np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8))
+    texture = texture.resize((192, 144), Image.Resampling.NEAREST)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 192, 144, "yuv420p", 8_000_000
+        for index in range(num_frames):
+            image = texture if index in sharp else texture.filter(ImageFilter.GaussianBlur(3))
+            for packet in stream.encode(av.VideoFrame.from_image(image)):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+
+
+def test_the_sharpest_frame_of_each_part_is_written(tmp_path):
+    write_video(tmp_path / "clip.mp4", 30, sharp={4, 17, 22})
+    (tmp_path / "frames").mkdir()
+    write_sharp_frames(tmp_path / "clip.mp4", tmp_path / "frames", 3)
+    assert sorted(path.name for path in (tmp_path / "frames").iterdir()) == [
+        "frame000004.png",
+        "frame000017.png",
+        "frame000022.png",
+    ]
+
+
+def test_more_frames_than_there_are_is_refused(tmp_path):
+    write_video(tmp_path / "clip.mp4", 3, sharp=set())
+    with pytest.raises(InputError, match=r"3 frames, but 8 are needed"):
+        write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8)
+
+
+def test_a_file_that_is_no_video_is_refused(tmp_path):
+    (tmp_path / "clip.mp4").write_bytes(b"no video" * 100)
+    with pytest.raises(InputError, match=r"clip\.mp4: the video cannot be read \([^'\[]+\); convert"):
+        write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 2)
+
+
+def test_pyav_missing_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(InputError, match=r"pip install '\.\[video\]'"):
+        write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 2)
+
+
+def test_videos_are_known_by_their_ending():
+    assert is_video(Path("clip.MP4")) and not is_video(Path("photos"))
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_a_pipe_or_a_device_is_refused(kind, tmp_path):
+    """Reading a pipe that nobody writes to blocks."""
+    path = tmp_path / "clip.mp4"
+    os.mkfifo(path) if kind == "pipe" else path.symlink_to("/dev/zero")
+    with pytest.raises(InputError, match=r"clip\.mp4: a pipe or a device cannot be read here; give a video file\."):
+        write_sharp_frames(path, tmp_path, 2)

@@ -1,0 +1,396 @@
+"""Cameras of photographs without poses: the example scene with its known cameras, and inputs without a solution."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import map_coordinates
+
+from fecocodec.camera_files.find import has_cameras
+from fecocodec.camera_files.transforms_json import read_transforms_json
+from fecocodec.captures.scene_folder import read_views
+from fecocodec.errors import InputError
+from fecocodec.photographs.lens import Lens
+from fecocodec.poses import pycolmap_steps
+from fecocodec.poses.estimated_cameras import (
+    Ambiguity,
+    EstimatedCamera,
+    ImageGroup,
+    Reconstruction,
+    angle_between,
+    pose_difference,
+    rotation_angle,
+)
+from fecocodec.poses.pose_estimation import reconstruct
+from fecocodec.poses.pose_warnings import reliability_warnings
+from fecocodec.poses.posed_folder import _weak_pairs, posed_folder
+from fecocodec.poses.pycolmap_steps import refine
+from fecocodec.poses.unposed_photographs import upright_copies
+
+pycolmap = pytest.importorskip("pycolmap")
+EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
+PHOTOGRAPHS = [photograph.path for photograph in read_transforms_json(EXAMPLE / "transforms.json").photographs]
+
+
+def copies(folder: Path) -> list[Path]:
+    folder.mkdir(exist_ok=True)
+    return [Path(shutil.copy(path, folder)) for path in PHOTOGRAPHS]
+
+
+def turned(image: np.ndarray, degrees: float, focal_px: float) -> np.ndarray:
+    """Return the image of the same camera after a rotation about the vertical axis."""
+    height, width = image.shape[:2]
+    angle = np.radians(degrees)
+    rows, columns = np.meshgrid(np.arange(height) - height / 2, np.arange(width) - width / 2, indexing="ij")
+    rays = np.stack((columns / focal_px, rows / focal_px, np.ones_like(rows)))
+    rotation = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    x, y, z = np.einsum("ij,jhw->ihw", rotation, rays)
+    position = np.stack((y / z * focal_px + height / 2, x / z * focal_px + width / 2))
+    channels = [map_coordinates(channel.astype(float), position, order=1) for channel in np.moveaxis(image, 2, 0)]
+    return np.stack(channels, axis=2).round().clip(0, 255).astype(np.uint8)
+
+
+def test_the_cameras_of_the_example_are_found(tmp_path):
+    copies(tmp_path / "photos")
+    assert not has_cameras(tmp_path / "photos")
+    assert has_cameras(EXAMPLE)
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        posed.save_cameras(tmp_path / "transforms.json")
+        views = read_views(posed.path)
+        cameras, names = views.cameras, views.names
+        depths = np.concatenate([camera.depths for camera in posed.reconstruction.cameras])
+        assert 0 < cameras.near < np.percentile(depths, 1) / 1.4
+        assert cameras.far > 1.4 * np.percentile(depths, 99)
+    assert not posed.path.exists()
+    assert len(names) == 2 and "2 of 2" in posed.notes[0]
+    assert "two photographs do not determine their focal length" in posed.warnings[0]  # a rectified stereo pair
+    truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
+    known = np.linalg.inv(truth[0].camera_to_world) @ truth[1].camera_to_world
+    found = np.linalg.inv(cameras.extrinsics[0].numpy()) @ cameras.extrinsics[1].numpy()
+    cosine = (np.trace(known[:3, :3].T @ found[:3, :3]) - 1) / 2
+    assert np.degrees(np.arccos(min(1, cosine))) < 2
+    directions = [pose[:3, 3] / np.linalg.norm(pose[:3, 3]) for pose in (known, found)]
+    assert np.degrees(np.arccos(directions[0] @ directions[1])) < 10
+    saved = read_transforms_json(tmp_path / "transforms.json")
+    assert [photograph.path.resolve() for photograph in saved.photographs] == [
+        (tmp_path / "photos" / path.name).resolve() for path in sorted(PHOTOGRAPHS)
+    ]
+
+
+def test_a_given_focal_length_of_two_photographs_is_kept_and_settles_depth(tmp_path):
+    copies(tmp_path / "photos")
+    truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
+    focal_px = truth[0].lens_for(384, 256).fx
+    with posed_folder(tmp_path / "photos", num_threads=1, focal_px=focal_px) as posed:
+        first, second = posed.reconstruction.cameras
+        assert posed.warnings == ()
+        assert posed.notes[0].endswith(
+            "focal length 516 pixels for 384x256 (as given); the unit of length is arbitrary."
+        )
+        assert first.lens.fx == second.lens.fx == pytest.approx(focal_px, rel=1e-12)
+        pose = np.linalg.inv(first.camera_to_world) @ second.camera_to_world
+        known = np.linalg.inv(truth[0].camera_to_world) @ truth[1].camera_to_world
+        assert rotation_angle(known[:3, :3].T @ pose[:3, :3]) < 0.5
+        assert angle_between(known[:3, 3], pose[:3, 3]) < 1
+
+
+def test_a_given_focal_length_is_in_pixels_of_the_photographs(tmp_path):
+    for number, size in enumerate(((2000, 1000), (1000, 2000))):
+        noise = np.random.default_rng(number).integers(0, 256, (10, 10, 3), dtype=np.uint8)
+        Image.fromarray(noise).resize(size).save(tmp_path / f"{number}.png")
+    (tmp_path / "copies").mkdir()
+    groups = upright_copies(sorted(tmp_path.glob("*.png")), tmp_path / "copies", 1500.0)
+    assert [(group.focal_px, group.is_fixed) for group in groups] == [(1200.0, True)] * 2  # copies of 1600 pixels
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "sentence"),
+    [
+        (28.0, "left.png: a focal length of 28 pixels does not fit its longer side of 384 pixels; give `focal_px` in "),
+        (float("nan"), "left.png: a focal length of nan pixels does not fit"),
+    ],
+)
+def test_a_focal_length_that_no_lens_has_is_refused(tmp_path, focal_px: float, sentence: str):
+    copies(tmp_path)
+    assert sentence in refusal(tmp_path, focal_px)
+
+
+def test_one_focal_length_for_photographs_of_two_sizes_is_refused(tmp_path):
+    _, second = copies(tmp_path)
+    Image.open(second).resize((192, 128)).save(second)
+    assert "right.png: its longer side has 192 pixels and that of left.png 384, so one focal length" in refusal(
+        tmp_path, 515.0
+    )
+
+
+def test_photographs_are_numbered_in_their_order_with_several_threads(tmp_path):
+    """The numbers decide the order of the reconstruction. Plain photographs are ready before the first one."""
+    image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
+    names = tuple(f"{number}.png" for number in range(6))
+    for number, name in enumerate(names):
+        Image.fromarray(image if number % 3 == 0 else np.full_like(image, 40 * number)).save(tmp_path / name)
+    (tmp_path / "work").mkdir()
+    reconstruct(tmp_path, [ImageGroup(names, 400.0, is_known=False)], tmp_path / "work", num_threads=4)
+    with pycolmap.Database.open(tmp_path / "work" / "database.db") as database:
+        numbers = {entry.name: entry.image_id for entry in database.read_all_images()}
+    assert sorted(numbers, key=numbers.__getitem__) == list(names)
+
+
+def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
+    first, second = copies(tmp_path / "photos")
+    image = Image.open(second).convert("RGB")
+    exif = Image.Exif()
+    exif[0x0112] = 6  # rotate by 90 degrees clockwise to show
+    image.transpose(Image.Transpose.ROTATE_90).save(tmp_path / "photos" / "turned.jpg", exif=exif, quality=95)
+    second.unlink()
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        views = read_views(posed.path)
+    assert views.image_size == (image.height, image.width)
+    assert set(views.names) == {first.name, "turned.jpg"}
+
+
+def test_photographs_of_kinds_that_are_not_read_get_a_warning(tmp_path):
+    copies(tmp_path / "photos")
+    for name in ("a.HEIC", "b.heic", "c.heic", "d.tif", "e.tif"):
+        (tmp_path / "photos" / name).write_bytes(b"-")
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        assert posed.warnings[0].startswith("a.HEIC, b.heic, c.heic and 2 more are of a kind that cannot be read;")
+        assert len(posed.notes) == 1 and "2 of 2" in posed.notes[0]
+
+
+@pytest.mark.parametrize("mode", ["I;16", "L"])
+def test_features_are_found_in_grey_photographs_of_16_bits(tmp_path, mode):
+    pytest.importorskip("imagecodecs")
+    (tmp_path / "photos").mkdir()
+    for path in PHOTOGRAPHS:
+        grey = np.asarray(Image.open(path).convert("L"))
+        stored = Image.fromarray(grey.astype(np.uint16) * 257 if mode == "I;16" else grey)
+        assert stored.mode == mode
+        stored.save(tmp_path / "photos" / f"{path.stem}.png")
+    (tmp_path / "copies").mkdir()
+    upright_copies(sorted((tmp_path / "photos").iterdir()), tmp_path / "copies")
+    for path in PHOTOGRAPHS:
+        copied = np.asarray(Image.open(tmp_path / "copies" / f"{path.stem}.png"))
+        grey = np.asarray(Image.open(path).convert("L"))
+        assert copied.shape == (*grey.shape, 3) and int(np.abs(copied[..., 1].astype(int) - grey).max()) == 0
+
+
+def test_a_photograph_that_is_too_small_is_named(tmp_path):
+    copies(tmp_path / "photos")
+    small = Path(shutil.copy(PHOTOGRAPHS[0], tmp_path / "photos" / "zz.png"))
+    Image.open(small).resize((48, 64)).save(small)
+    assert refusal(tmp_path / "photos") == (
+        f"{small}: 48x64 pixels are too few, sides must be 64 or more; give a larger photograph, or leave it out."
+    )
+
+
+def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
+    paths = copies(tmp_path / "photos")
+    for path in paths:
+        image = Image.open(path).convert("RGB")
+        exif = Image.Exif()
+        exif.get_ifd(0x8769)[0xA405] = 40  # mm on 35 mm film
+        image.save(path.with_suffix(".jpg"), exif=exif, quality=97)
+        if path.suffix != ".jpg":
+            path.unlink()
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        assert "started from EXIF data" in posed.notes[0]
+
+
+def test_an_unrelated_photograph_is_left_out_with_a_warning(tmp_path):
+    copies(tmp_path / "photos")
+    noise = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    Image.fromarray(noise).resize((512, 384), Image.Resampling.BICUBIC).save(tmp_path / "photos" / "zz.png")
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        assert "2 of 3" in posed.notes[0]
+        assert posed.warnings[0].startswith("zz.png is left out: ")
+        frames = json.loads((posed.path / "transforms.json").read_text())["frames"]
+        assert len(frames) == 2
+
+
+def refusal(folder: Path, focal_px: float | None = None) -> str:
+    with pytest.raises(InputError) as refused, posed_folder(folder, num_threads=1, focal_px=focal_px):
+        pass
+    sentence = str(refused.value)
+    assert "\n" not in sentence and sentence.endswith(".")
+    return sentence
+
+
+def test_unrelated_photographs_are_refused(tmp_path):
+    generator = np.random.default_rng(0)
+    for name in ("a.png", "b.png", "c.png"):
+        noise = Image.fromarray(generator.integers(0, 256, (30, 40, 3), dtype=np.uint8))
+        noise.resize((320, 240), Image.Resampling.BICUBIC).save(tmp_path / name)
+    assert "a.png and b.png: 0 matches" in refusal(tmp_path)
+
+
+def test_two_identical_photographs_are_refused(tmp_path):
+    shutil.copy(PHOTOGRAPHS[0], tmp_path / "a.png")
+    shutil.copy(PHOTOGRAPHS[0], tmp_path / "b.png")
+    assert "b.png: this is the same picture as a.png" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("step", [0.0, 4.0])
+def test_a_camera_that_stays_at_one_position_is_refused_before_all_pairs_are_matched(tmp_path, monkeypatch, step):
+    monkeypatch.setattr("fecocodec.poses.pose_estimation.match_features", None)
+    image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
+    for index in range(3):
+        noise = np.random.default_rng(index).normal(0, 2, image.shape)
+        picture = turned(image, step * index, 0.8 * image.shape[1]) + noise
+        Image.fromarray(picture.round().clip(0, 255).astype(np.uint8)).save(tmp_path / f"{index}.png")
+    assert "from one position (a turn of the camera explains their matches), so depth is unknown" in refusal(tmp_path)
+
+
+def test_names_with_spaces_are_matched(tmp_path):
+    """They are not tested for a turn: the list of pairs of pycolmap has no quotes."""
+    for path in copies(tmp_path):
+        path.rename(path.with_name(f"the {path.name}"))
+    with posed_folder(tmp_path, num_threads=1) as posed:
+        assert "2 of 2" in posed.notes[0]
+
+
+def test_a_camera_that_only_turns_is_refused(tmp_path):
+    image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
+    for index, degrees in enumerate((0, 4, 8)):
+        Image.fromarray(turned(image, degrees, 0.75 * image.shape[1])).save(tmp_path / f"{index}.png")
+    assert "one position" in refusal(tmp_path) or "only turned" in refusal(tmp_path)
+
+
+def test_one_photograph_is_refused(tmp_path):
+    shutil.copy(PHOTOGRAPHS[0], tmp_path)
+    assert "one photograph without cameras" in refusal(tmp_path)
+
+
+def test_a_damaged_photograph_is_refused(tmp_path):
+    first, _ = copies(tmp_path / "photos")
+    first.write_bytes(first.read_bytes()[:2000])
+    assert first.name in refusal(tmp_path / "photos")
+
+
+def test_pycolmap_missing_names_the_extra(tmp_path, monkeypatch):
+    copies(tmp_path / "photos")
+    monkeypatch.setitem(__import__("sys").modules, "pycolmap", None)
+    assert "pip install '.[poses]'" in refusal(tmp_path / "photos")
+
+
+def test_outliers_of_some_pixels_do_not_move_the_focal_length():
+    """A fifth of the observations of a known scene are off by 3 pixels outwards, as if the lens were longer."""
+    pycolmap.set_random_seed(0)
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_frames_per_rig, options.num_points3D = 1, 4, 300
+    options.camera_model_id = pycolmap.CameraModelId.SIMPLE_PINHOLE
+    options.camera_params = [1280.0, 512.0, 384.0]
+    model = pycolmap.synthesize_dataset(options)
+    for image in model.images.values():
+        for index in range(0, len(image.points2D), 5):
+            point = image.points2D[index]
+            offset = point.xy - (512.0, 384.0)
+            point.xy = point.xy + 3 * offset / np.linalg.norm(offset)
+    focal = refine(pycolmap, model, 4).cameras[1].params[0]
+    assert abs(focal / 1280 - 1) < 5e-4
+
+
+def cameras_at(*positions: tuple[float, float, float], turn: float = 0.0) -> tuple[EstimatedCamera, ...]:
+    """Cameras named 0, 1, ... with one orientation; the last one is turned about the vertical axis, in degrees."""
+    lens = Lens(384, 288, 288.0, 288.0, 192.0, 144.0)
+    cameras = []
+    for index, position in enumerate(positions):
+        angle = np.radians(turn if index == len(positions) - 1 else 0.0)
+        pose = np.eye(4)
+        pose[:3, 3] = position
+        pose[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
+        cameras.append(EstimatedCamera(str(index), lens, pose, np.ones(1)))
+    return tuple(cameras)
+
+
+def test_the_difference_of_two_estimates_ignores_unit_of_length_and_short_baselines():
+    first = cameras_at((0, 0, 0), (1, 0, 0), (1.01, 0, 0))
+    assert pose_difference(first, cameras_at((0, 0, 0), (3, 0, 0), (3, 0.03, 0))) == pytest.approx((0, 0.57), abs=0.01)
+    assert pose_difference(first, cameras_at((0, 0, 0), (3, 0, 0), (3.03, 0, 0), turn=2.5)) == pytest.approx((2.5, 2.5))
+    rotation, direction = pose_difference(first, cameras_at((0, 0, 0), (-1, 0, 0), (-1.01, 0, 0)))
+    assert (rotation, direction) == pytest.approx((0, 180))
+    assert pose_difference(first, cameras_at((0, 0, 0), (1, 0, 0))) is None
+
+
+def test_the_warning_of_a_given_focal_length_does_not_ask_for_it():
+    found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, (2.0, 3.0))
+    (warning,) = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False, is_fixed=True)])
+    assert "a second estimate from another initial pair differs" in warning and "EXIF" not in warning
+
+
+@pytest.mark.parametrize(
+    ("difference", "focal_px", "reasons"),
+    [
+        ((1.4, 4.9), 288.0, ()),
+        ((1.6, 3.0), 288.0, ("differs by up to 1.6 degrees in rotation and 3 degrees in direction",)),
+        ((0.1, 6.0), 288.0, ("differs by up to 0.1 degrees in rotation and 6 degrees in direction",)),
+        (None, 288.0, ("does not find all of them",)),
+        ((0.1, 0.1), 180.0, ("focal length is 1.60 times the initial one",)),
+        (None, 180.0, ("focal length is 1.60 times the initial one and a second estimate", "not find all")),
+    ],
+)
+def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons: tuple[str, ...]):
+    found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, difference)
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), focal_px, is_known=False)])
+    assert len(warnings) == (1 if reasons else 0)
+    for warning in warnings:
+        assert warning.startswith("the cameras may be wrong: ") and warning.endswith(".")
+        assert all(reason in warning for reason in reasons)
+
+
+@pytest.mark.parametrize(
+    ("ambiguity", "reason"),
+    [
+        (Ambiguity((0.8, 1.25), 14.0), None),
+        (Ambiguity((0.7, 1.25), 14.0), "their focal length here (202 to 360 pixels explain the matches equally well)"),
+        (Ambiguity((1.0, 1.0), 16.0), "to the second nearly as well (16 degrees away)"),
+    ],
+)
+def test_what_two_photographs_leave_open_is_warned_of(ambiguity: Ambiguity, reason: str | None):
+    """A second estimate is not compared: None is right for two photographs."""
+    found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, None, ambiguity)
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False)])
+    assert len(warnings) == (0 if reason is None else 1)
+    for warning in warnings:
+        assert warning.count(reason) == 1
+        assert "take a third and a fourth photograph from other positions" in warning
+
+
+class Model:
+    """A reconstruction of four photographs with points of two observations each."""
+
+    def __init__(self, num_points: int) -> None:
+        track = type("Track", (), {"length": lambda self: 2})()
+        self.points3D = {index: type("Point", (), {"track": track})() for index in range(num_points)}
+        self.cameras: dict[int, object] = {}
+
+    def num_reg_images(self) -> int:
+        return 4
+
+
+def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monkeypatch):
+    """A reconstruction of all photographs from few of their matches is usually wrong."""
+    models = iter([{0: Model(6)}, {}, {0: Model(66)}, {0: Model(90)}])
+    mapper = type("Mapper", (), {"incremental_mapping": lambda *_arguments: next(models)})
+    monkeypatch.setattr(pycolmap_steps, "_mapping_options", lambda *_arguments: None)
+    attempts = ((8.0, 60, 24),) * 4
+    best = pycolmap_steps.map_photographs(
+        mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, {("0", "1"): 100}, 4
+    )
+    assert len(best.points3D) == 66
+    assert len(list(models)) == 1
+
+
+@pytest.mark.parametrize(("names", "end"), [("abc", "0 matches"), ("abcd", "and 3 more pairs")])
+def test_pairs_with_few_matches_are_counted(names: str, end: str) -> None:
+    found = Reconstruction((), 0.0, 0.0, {}, None)
+    assert _weak_pairs(list(names), found).endswith(end)
+
+
+def test_one_pair_is_singular() -> None:
+    matches = {pair: 500 for pair in (("a", "b"), ("a", "c"))}
+    found = Reconstruction((), 0.0, 0.0, matches, None)
+    assert _weak_pairs(list("abcd"), found).endswith("b and d: 0 matches and 1 more pair")

@@ -1,0 +1,92 @@
+"""Cameras of two views from matched points: known cameras, a rectified pair, and a start in the wrong minimum."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fecocodec.photographs.lens import Lens
+from fecocodec.poses.estimated_cameras import (
+    EstimatedCamera,
+    ImageGroup,
+    Reconstruction,
+    angle_between,
+    rotation_angle,
+)
+from fecocodec.poses.pose_warnings import reliability_warnings
+from fecocodec.poses.two_photographs import reconstruct_pair
+
+WIDTH, HEIGHT, FOCAL = 640, 480, 600.0
+
+
+def camera(name: str, turn: float, position: tuple[float, float, float], focal: float = FOCAL) -> EstimatedCamera:
+    """A camera that is turned by `turn` degrees about the vertical axis."""
+    angle = np.radians(turn)
+    pose = np.eye(4)
+    pose[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
+    pose[:3, 3] = position
+    return EstimatedCamera(name, Lens(WIDTH, HEIGHT, focal, focal, WIDTH / 2, HEIGHT / 2), pose, np.ones(1))
+
+
+def projections(cameras: tuple[EstimatedCamera, ...], noise_px: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pixels of 300 points that both cameras see, at depths of 3 to 9."""
+    generator = np.random.default_rng(3)
+    points = generator.uniform((-3, -2, 3), (3, 2, 9), (2000, 3))
+    seen, pixels = np.ones(len(points), bool), []
+    for one in cameras:
+        local = (points - one.camera_to_world[:3, 3]) @ one.camera_to_world[:3, :3]
+        found = local[:, :2] / local[:, 2:] * one.lens.fx + (one.lens.cx, one.lens.cy)
+        seen &= (local[:, 2] > 0) & (found > 0).all(1) & (found < (WIDTH, HEIGHT)).all(1)
+        pixels.append(found + generator.normal(0, noise_px, found.shape))
+    return pixels[0][seen][:300], pixels[1][seen][:300]
+
+
+def estimated(
+    cameras: tuple[EstimatedCamera, ...], start: tuple[EstimatedCamera, ...], initial_px: float, *, known: bool = False
+) -> tuple[Reconstruction, list[str]]:
+    """Return the reconstruction of the projections from an estimate, and the warnings."""
+    groups = [ImageGroup(("0", "1"), initial_px, is_known=known)]
+    found = reconstruct_pair(Reconstruction(start, 0.3, 8.0, {}, (0.0, 0.0)), None, projections(cameras), groups)
+    return found, reliability_warnings(found, groups)
+
+
+def test_turned_cameras_are_found_from_a_start_in_another_direction():
+    """The start has the baseline along the optical axis and 0.85 of the focal length."""
+    truth = camera("0", 0.0, (0, 0, 0)), camera("1", -20.0, (1.5, 0.1, 0.2))
+    start = camera("0", 0.0, (0, 0, 0), 510.0), camera("1", -14.0, (0.1, 0.0, 1.0), 510.0)
+    found, warnings = estimated(truth, start, 510.0)
+    pose, known = found.cameras[1].camera_to_world, truth[1].camera_to_world
+    assert rotation_angle(pose[:3, :3].T @ known[:3, :3]) < 0.5
+    assert angle_between(pose[:3, 3], known[:3, 3]) < 1
+    assert abs(found.cameras[0].lens.fx / FOCAL - 1) < 0.03
+    assert np.linalg.norm(pose[:3, 3]) == pytest.approx(1)
+    baseline = np.linalg.norm(known[:3, 3])
+    assert np.percentile(found.cameras[0].depths, 1) * baseline > 2.5
+    assert np.percentile(found.cameras[0].depths, 99) * baseline < 9.5
+    assert 0.05 < found.reprojection_error_px < 0.25
+    assert warnings == []
+
+
+def test_a_rectified_pair_does_not_determine_the_focal_length():
+    truth = camera("0", 0.0, (0, 0, 0)), camera("1", 0.0, (0.5, 0, 0))
+    found, (warning,) = estimated(truth, truth, 480.0)
+    assert found.cameras[0].lens.fx == pytest.approx(480, rel=0.05)  # stays where it started
+    assert "two photographs do not determine their focal length here (" in warning
+    assert "take a third and a fourth photograph from other positions" in warning
+    low, high = found.ambiguity.zooms
+    assert low <= 0.8 and high >= 1.6
+
+
+def test_a_focal_length_of_exif_data_is_nearly_kept():
+    """Cameras that turn little: the points tell less about the focal length than EXIF data does."""
+    truth = camera("0", 0.0, (0, 0, 0)), camera("1", -3.0, (0.5, 0, 0))
+    zooms = [estimated(truth, truth, 480.0, known=known)[0].cameras[0].lens.fx / 480 for known in (False, True)]
+    assert abs(zooms[1] - 1) < abs(zooms[0] - 1)
+    assert abs(zooms[1] - 1) < 0.1
+
+
+def test_points_behind_a_camera_decide_the_sign_of_the_direction():
+    truth = camera("0", 0.0, (0, 0, 0)), camera("1", -20.0, (1.5, 0.1, 0.2))
+    reversed_ = replace(truth[1], camera_to_world=camera("1", -20.0, (-1.5, -0.1, -0.2)).camera_to_world)
+    found, _ = estimated(truth, (truth[0], reversed_), FOCAL)
+    assert angle_between(found.cameras[1].camera_to_world[:3, 3], truth[1].camera_to_world[:3, 3]) < 1

@@ -1,0 +1,37 @@
+"""The page of a decoded scene holds its name, cameras and Gaussians."""
+
+import base64
+import gzip
+import json
+import re
+
+import pytest
+from tests.splat_files.test_output_formats import some_cameras, some_gaussians
+
+from fecocodec.splat_files.html_page import html_page_bytes
+from fecocodec.splat_files.spz import spz_bytes
+from fecocodec.splat_files.viewer_files import FOLDER, SCENE_PAGE
+
+needs_page = pytest.mark.skipif(not (FOLDER / SCENE_PAGE).exists(), reason="the page was not built; run `make web`")
+CONTENT = r'<script type="[a-z/]+" id="{}">([^<]*)</script>'
+
+
+def content_of(page: str, name: str) -> str:
+    found = re.findall(CONTENT.format(name), page)
+    assert len(found) == 1
+    return found[0]
+
+
+@needs_page
+def test_the_page_holds_the_scene() -> None:
+    gaussians, cameras = some_gaussians(100), some_cameras()
+    page = html_page_bytes(gaussians, cameras, "</script><b>", "scene.html").decode("utf-8")
+    scene = json.loads(content_of(page, "scene"))
+    assert scene["name"] == "</script><b>"
+    assert scene["count"] == gaussians.count
+    assert (scene["height"], scene["width"]) == cameras.image_size
+    assert [view["centre"] for view in scene["cameras"]["views"]] == cameras.extrinsics[:, :3, 3].tolist()
+    assert gzip.decompress(base64.b64decode(content_of(page, "gaussians"))) == gzip.decompress(
+        spz_bytes(gaussians, "scene.html", 3)
+    )
+    assert "connect-src data: blob:" in page

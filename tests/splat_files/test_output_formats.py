@@ -1,0 +1,236 @@
+"""Each output format, read by other implementations: gsply and PlayCanvas' splat-transform."""
+
+import gzip
+import json
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import gsply
+import numpy as np
+import pytest
+import torch
+
+from fecocodec.camera_files.transforms_json import read_transforms_json
+from fecocodec.errors import OutputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.rendering.rasterizer import render
+from fecocodec.splat_files.camera_json import write_camera_json
+from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputGaussians, gaussian_arrays
+from fecocodec.splat_files.gaussian_files import in_frame_of_first_camera, write_gaussians
+from fecocodec.splat_files.ply import read_ply
+
+CONVERTER = shutil.which("splat-transform")
+needs_converter = pytest.mark.skipif(CONVERTER is None, reason="`npm install -g @playcanvas/splat-transform`")
+HALF_TURN_ABOUT_Y = np.array([-1.0, 1.0, -1.0])
+
+
+def some_gaussians(count: int = 3000, d_sh: int = 4, seed: int = 0) -> OutputGaussians:
+    generator = np.random.default_rng(seed)
+    rotations = generator.normal(size=(count, 4))
+    return OutputGaussians(
+        means=generator.normal(size=(count, 3)) * (3, 2, 1) + (0.5, -0.5, 5),
+        scales=np.exp(generator.normal(size=(count, 3)) - 4),
+        rotations=rotations / np.linalg.norm(rotations, axis=1, keepdims=True),
+        opacities=generator.uniform(0.01, 0.99, count),
+        harmonics=generator.normal(size=(count, d_sh, 3)) * 0.25,
+    )
+
+
+def some_cameras(num_views: int = 2) -> CameraArrays:
+    angle = 0.3
+    extrinsics = np.tile(np.eye(4), (num_views, 1, 1))
+    extrinsics[:, :3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    extrinsics[:, 0, 3] = np.arange(num_views) + 1
+    intrinsics = np.tile([[0.9, 0, 0.5], [0, 1.2, 0.5], [0, 0, 1]], (num_views, 1, 1))
+    return CameraArrays(extrinsics, intrinsics, near=1.0, far=20.0, image_size=(96, 128))
+
+
+def converted(path: Path) -> OutputGaussians:
+    """Return the Gaussians of a file as splat-transform reads them."""
+    target = path.with_name("converted.ply")
+    subprocess.run([str(CONVERTER), "-w", "-q", str(path), str(target)], check=True, capture_output=True)
+    return gaussian_arrays(read_ply(target), "converted")
+
+
+def matched(sent: OutputGaussians, received: OutputGaussians) -> OutputGaussians:
+    """Return the received Gaussians in the order of those sent: formats may reorder them."""
+    distance = np.linalg.norm(sent.means[:, None] - received.means[None], axis=2)
+    nearest = distance.argmin(axis=1)
+    assert len(set(nearest)) == sent.count
+    return received.ordered(nearest)
+
+
+def covariances(gaussians: OutputGaussians) -> np.ndarray:
+    w, x, y, z = (gaussians.rotations / np.linalg.norm(gaussians.rotations, axis=1, keepdims=True)).T
+    axes = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return np.einsum("ikn,nk,jkn->nij", axes, gaussians.scales**2, axes)
+
+
+def assert_alike(sent: OutputGaussians, received: OutputGaussians, harmonics: float, shape: float) -> None:
+    """Compare with the tolerances of 8-bit formats: positions to 2e-4 of the extent."""
+    received = matched(sent, received)
+    extent = np.ptp(sent.means, axis=0).max()
+    assert np.abs(received.means - sent.means).max() < 2e-4 * extent
+    assert np.abs(received.opacities - sent.opacities).max() < 0.005
+    assert np.sqrt(np.mean((received.harmonics[:, 0] - sent.harmonics[:, 0]) ** 2)) < 0.02
+    assert np.sqrt(np.mean((received.harmonics[:, 1:] - sent.harmonics[:, 1:]) ** 2)) < harmonics
+    expected = covariances(sent)
+    error = np.linalg.norm(covariances(received) - expected, axis=(1, 2)) / np.linalg.norm(expected, axis=(1, 2))
+    assert np.quantile(error, 0.95) < shape
+
+
+@needs_converter
+@pytest.mark.parametrize(
+    ("name", "version", "harmonics", "shape"),
+    [
+        ("scene.ply", 4, 1e-6, 1e-5),
+        ("scene.compressed.ply", 4, 0.02, 0.03),
+        ("scene.spz", 4, 0.005, 0.08),
+        ("scene.spz", 3, 0.005, 0.08),
+        ("scene.sog", 4, 0.12, 0.08),
+    ],
+)
+def test_the_converter_of_a_viewer_reads_the_same_gaussians(name, version, harmonics, shape, tmp_path):
+    gaussians = some_gaussians()
+    write_gaussians(tmp_path / name, gaussians, spz_version=version)
+    assert_alike(gaussians, converted(tmp_path / name), harmonics, shape)
+
+
+def test_gsply_reads_the_same_compressed_ply(tmp_path):
+    gaussians = some_gaussians()
+    write_gaussians(tmp_path / "scene.compressed.ply", gaussians)
+    read = gsply.plyread(str(tmp_path / "scene.compressed.ply"))
+    received = OutputGaussians(
+        read.means.astype(np.float64),
+        np.exp(read.scales.astype(np.float64)),
+        read.quats.astype(np.float64),
+        1 / (1 + np.exp(-read.opacities.astype(np.float64))),
+        np.concatenate((read.sh0[:, None], read.shN), axis=1).astype(np.float64),
+    )
+    assert_alike(gaussians, received, 0.02, 0.03)
+
+
+def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    data = path.read_bytes()
+    assert struct.unpack("<3I", data[:12]) == (0x46546C67, 2, len(data))
+    length = struct.unpack("<I", data[12:16])[0]
+    document, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+    attributes = {}
+    for name, index in document["meshes"][0]["primitives"][0]["attributes"].items():
+        accessor = document["accessors"][index]
+        view = document["bufferViews"][accessor["bufferView"]]
+        kind = {5126: "<f4", 5121: "u1"}[accessor["componentType"]]
+        part = binary[view["byteOffset"] :][: view["byteLength"]]
+        attributes[name] = np.frombuffer(part, kind).reshape(accessor["count"], -1).astype(np.float64)
+    return document, attributes
+
+
+@needs_converter
+def test_glb_equals_that_of_the_converter_turned_about_the_vertical_axis(tmp_path):
+    gaussians = some_gaussians(count=500)
+    for name in ("scene.ply", "scene.glb"):
+        write_gaussians(tmp_path / name, gaussians)
+    command = [str(CONVERTER), "-q", str(tmp_path / "scene.ply"), str(tmp_path / "theirs.glb")]
+    subprocess.run(command, check=True, capture_output=True)
+    (ours_document, ours), (theirs_document, theirs) = (read_glb(tmp_path / n) for n in ("scene.glb", "theirs.glb"))
+    assert ours_document["extensionsUsed"] == theirs_document["extensionsUsed"]
+    primitives = [document["meshes"][0]["primitives"][0] for document in (ours_document, theirs_document)]
+    assert primitives[0]["extensions"] == primitives[1]["extensions"]
+    assert set(ours) == set(theirs)
+    np.testing.assert_allclose(ours["POSITION"], theirs["POSITION"] * HALF_TURN_ABOUT_Y, atol=1e-6)
+    signs = {"SH_DEGREE_1_COEF_1": -1, "SH_DEGREE_1_COEF_2": -1}  # linear in z and in x
+    for name in set(ours) - {"POSITION", "KHR_gaussian_splatting:ROTATION"}:
+        sign = signs.get(name.removeprefix("KHR_gaussian_splatting:"), 1)
+        np.testing.assert_allclose(ours[name], sign * theirs[name], atol=2e-6, err_msg=name)
+
+
+def test_glb_carries_the_cameras(tmp_path):
+    cameras = some_cameras()
+    write_gaussians(tmp_path / "scene.glb", some_gaussians(count=5), cameras)
+    document, _ = read_glb(tmp_path / "scene.glb")
+    nodes = [node for node in document["nodes"] if "camera" in node]
+    assert [node["camera"] for node in nodes] == [0, 1]
+    pose = np.array(nodes[1]["matrix"]).reshape(4, 4).T
+    flip = np.diag([1, -1, -1])
+    np.testing.assert_allclose(pose[:3, 3], flip @ cameras.extrinsics[1, :3, 3])
+    np.testing.assert_allclose(pose[:3, :3] @ [0, 0, -1], flip @ cameras.extrinsics[1, :3, 2], atol=1e-12)
+    lens = document["cameras"][0]["perspective"]
+    assert lens["aspectRatio"] == pytest.approx(1.2 / 0.9)
+    assert np.tan(lens["yfov"] / 2) == pytest.approx(0.5 / 1.2)
+
+
+def rendered(gaussians: OutputGaussians, cameras: CameraArrays) -> torch.Tensor:
+    tensors = Gaussians(*(torch.from_numpy(field.astype(np.float32)) for field in gaussians.fields()))
+    poses = Cameras(
+        torch.from_numpy(cameras.extrinsics.astype(np.float32)),
+        torch.from_numpy(cameras.intrinsics.astype(np.float32)),
+        torch.tensor(cameras.near),
+        torch.tensor(cameras.far),
+    )
+    return render(tensors, poses, cameras.image_size).color
+
+
+def test_the_frame_of_the_first_camera_renders_alike():
+    gaussians, cameras = some_gaussians(count=800), some_cameras()
+    moved, moved_cameras = in_frame_of_first_camera(gaussians, cameras)
+    np.testing.assert_allclose(moved_cameras.extrinsics[0], np.eye(4), atol=1e-12)
+    before, after = rendered(gaussians, cameras), rendered(moved, moved_cameras)
+    assert before.std() > 0.05
+    torch.testing.assert_close(after, before, rtol=0, atol=2e-3)
+
+
+def test_nerfstudio_layout_is_read_back(tmp_path):
+    cameras = some_cameras()
+    write_camera_json(tmp_path / "transforms.json", cameras, ["00.png", "01.png"])
+    read = read_transforms_json(tmp_path / "transforms.json")
+    assert (read.near, read.far) == (1.0, 20.0)
+    for photograph, pose in zip(read.photographs, cameras.extrinsics, strict=True):
+        np.testing.assert_allclose(photograph.camera_to_world, pose, atol=1e-12)
+        lens = photograph.lens_for(128, 96)
+        assert (lens.fx, lens.fy, lens.cx) == pytest.approx((0.9 * 128, 1.2 * 96, 64))
+
+
+def test_reference_layout_has_camera_to_world_rotations(tmp_path):
+    cameras = some_cameras()
+    write_camera_json(tmp_path / "cameras.json", cameras, ["00.png", "01.png"])
+    entries = json.loads((tmp_path / "cameras.json").read_text())
+    assert set(entries[0]) == {"id", "img_name", "width", "height", "position", "rotation", "fx", "fy"}
+    np.testing.assert_allclose(entries[1]["rotation"], cameras.extrinsics[1, :3, :3])
+    np.testing.assert_allclose(entries[1]["position"], cameras.extrinsics[1, :3, 3])
+    assert entries[0]["fx"] == pytest.approx(0.9 * 128)
+
+
+@pytest.mark.parametrize("name", ["scene.compressed.ply", "scene.spz", "scene.sog", "scene.glb"])
+def test_formats_that_need_a_gaussian_refuse_none(name, tmp_path):
+    with pytest.raises(OutputError, match=r"no Gaussians.*write a \.ply"):
+        write_gaussians(tmp_path / name, some_gaussians(count=0))
+    assert not list(tmp_path.iterdir())
+
+
+def test_spz_refuses_coordinates_beyond_its_range(tmp_path):
+    gaussians = some_gaussians(count=2)
+    gaussians.means[0, 0] = 1e7
+    with pytest.raises(OutputError, match=r"1e\+07 units from the origin.*another"):
+        write_gaussians(tmp_path / "scene.spz", gaussians)
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e4])
+def test_spz_keeps_positions_in_any_unit(scale, tmp_path):
+    gaussians = some_gaussians(count=50)
+    means = gaussians.means * scale
+    write_gaussians(tmp_path / "scene.spz", OutputGaussians(means, *gaussians.fields()[1:]), spz_version=3)
+    data = gzip.decompress((tmp_path / "scene.spz").read_bytes())
+    bits = data[13]
+    raw = np.frombuffer(data[16 : 16 + 9 * 50], np.uint8).reshape(150, 3).astype(np.int64)
+    fixed = raw @ [1, 1 << 8, 1 << 16]
+    received = np.where(fixed >= 1 << 23, fixed - (1 << 24), fixed).reshape(50, 3) / 2.0**bits * (1, -1, -1)
+    assert np.abs(received - means).max() < 2e-4 * np.ptp(means, axis=0).max()

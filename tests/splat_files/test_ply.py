@@ -1,0 +1,196 @@
+"""The PLY file is what 3DGS viewers expect; checked with gsply, a reader that is not ours."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+
+import gsply
+import numpy as np
+import pytest
+import torch
+
+from fecocodec.errors import InputError, OutputError
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.splat_files.gaussian_arrays import OPACITY_MARGIN
+from fecocodec.splat_files.ply import read_ply, write_ply
+
+
+def some_gaussians(count: int = 50, d_sh: int = 9) -> Gaussians:
+    generator = torch.Generator().manual_seed(0)
+    return Gaussians(
+        means=torch.randn(count, 3, generator=generator),
+        scales=torch.rand(count, 3, generator=generator) + 1e-3,
+        rotations=torch.nn.functional.normalize(torch.randn(count, 4, generator=generator), dim=-1),
+        opacities=torch.rand(count, generator=generator) * 0.98 + 0.01,
+        harmonics=torch.randn(count, d_sh, 3, generator=generator),
+    )
+
+
+@pytest.mark.parametrize("d_sh", [4, 9, 16])
+def test_another_reader_sees_the_same_gaussians(d_sh, tmp_path):
+    gaussians = some_gaussians(d_sh=d_sh)
+    write_ply(tmp_path / "scene.ply", gaussians)
+    seen = gsply.plyread(str(tmp_path / "scene.ply"))
+    assert np.array_equal(seen.means, gaussians.means.numpy())
+    assert np.array_equal(seen.quats, gaussians.rotations.numpy())
+    assert np.array_equal(seen.sh0, gaussians.harmonics[:, 0].numpy())
+    assert np.array_equal(seen.shN, gaussians.harmonics[:, 1:].numpy())
+    np.testing.assert_allclose(seen.scales, np.log(gaussians.scales.numpy()), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(seen.opacities, torch.logit(gaussians.opacities).numpy(), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.skipif(shutil.which("splat-transform") is None, reason="`npm install -g @playcanvas/splat-transform`")
+@pytest.mark.parametrize("d_sh", [1, 4, 9, 16])
+def test_the_converter_of_a_viewer_takes_it(d_sh, tmp_path):
+    gaussians = some_gaussians(d_sh=d_sh)
+    write_ply(tmp_path / "scene.ply", gaussians)
+    for name in ("same.ply", "small.compressed.ply"):
+        subprocess.run(["splat-transform", tmp_path / "scene.ply", tmp_path / name], check=True, capture_output=True)
+    converted = read_ply(tmp_path / "same.ply")
+    for mine, theirs in zip(gaussians.fields(), converted.fields(), strict=True):
+        torch.testing.assert_close(mine.flatten().sort()[0], theirs.flatten().sort()[0])  # it may reorder Gaussians
+
+
+def test_properties_in_the_usual_order(tmp_path):
+    write_ply(tmp_path / "scene.ply", some_gaussians(d_sh=4))
+    header = (tmp_path / "scene.ply").read_bytes().split(b"end_header\n")[0].decode().splitlines()
+    assert header[:3] == ["ply", "format binary_little_endian 1.0", "element vertex 50"]
+    assert " ".join(line.removeprefix("property float ") for line in header[3:]) == (
+        "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 f_rest_0 f_rest_1 f_rest_2 f_rest_3 f_rest_4 f_rest_5 f_rest_6 f_rest_7 "
+        "f_rest_8 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"
+    )
+
+
+def test_harmonics_are_stored_channel_by_channel(tmp_path):
+    gaussians = some_gaussians(count=1, d_sh=4)
+    write_ply(tmp_path / "scene.ply", gaussians)
+    values = np.frombuffer((tmp_path / "scene.ply").read_bytes().split(b"end_header\n")[1], "<f4")
+    red, green, blue = gaussians.harmonics[0, 1:].T.numpy()
+    assert np.array_equal(values[9:18], np.concatenate((red, green, blue)))
+
+
+@pytest.mark.parametrize("count", [0, 1, 50])
+@pytest.mark.parametrize("d_sh", [1, 4, 9, 16])
+def test_reads_back(count, d_sh, tmp_path):
+    gaussians = some_gaussians(count, d_sh)
+    write_ply(tmp_path / "scene.ply", gaussians)
+    for read, written in zip(read_ply(tmp_path / "scene.ply").fields(), gaussians.fields(), strict=True):
+        torch.testing.assert_close(read, written, rtol=1e-5, atol=1e-6)
+
+
+def test_opacities_of_0_and_1_stay_finite(tmp_path):
+    gaussians = replace(some_gaussians(2), opacities=torch.tensor([0.0, 1.0]))
+    write_ply(tmp_path / "scene.ply", gaussians)
+    assert np.isfinite(gsply.plyread(str(tmp_path / "scene.ply")).opacities).all()
+    read = read_ply(tmp_path / "scene.ply").opacities
+    torch.testing.assert_close(read, gaussians.opacities, rtol=0, atol=2 * OPACITY_MARGIN)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "cause"),
+    [
+        ("means", torch.nan, "values not finite in float32"),
+        ("means", torch.inf, "values not finite in float32"),
+        ("harmonics", torch.nan, "values not finite in float32"),
+        ("rotations", -torch.inf, "values not finite in float32"),
+        ("scales", torch.nan, "scales not above 0"),
+        ("scales", 0.0, "scales not above 0"),
+        ("scales", torch.inf, "values not finite in float32"),
+        ("opacities", torch.nan, "opacities not in [0, 1]"),
+        ("opacities", 1.01, "opacities not in [0, 1]"),
+    ],
+)
+def test_nothing_is_written_that_no_viewer_could_use(field, value, cause, tmp_path):
+    gaussians = some_gaussians()
+    getattr(gaussians, field)[7] = value
+    path = tmp_path / "scene.ply"
+    with pytest.raises(OutputError) as caught:
+        write_ply(path, gaussians)
+    assert str(caught.value) == f"{path}: Gaussian 7 has {cause}; nothing was written, check their source."
+    assert not list(tmp_path.iterdir())
+
+
+def test_float64_beyond_float32_is_refused(tmp_path):
+    gaussians = some_gaussians()
+    with pytest.raises(OutputError, match="not finite in float32"):
+        write_ply(tmp_path / "scene.ply", replace(gaussians, means=gaussians.means.double() * 1e300))
+
+
+def refusal(path) -> str:
+    with pytest.raises(InputError) as caught:
+        read_ply(path)
+    return str(caught.value).removeprefix(f"{path}: ")
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    path = tmp_path / "scene.ply"
+    assert refusal(path) == "cannot be read (No such file or directory); check the path."
+    path.write_bytes(b"plymouth")
+    assert refusal(path) == "this is not a PLY file; give a 3DGS .ply file."
+    write_ply(path, some_gaussians(), overwrite=True)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1])
+    assert refusal(path) == "50 vertices need 8200 bytes but 8199 are there; get the whole file."
+    path.write_bytes(whole.replace(b"binary_little_endian", b"ascii"))
+    assert refusal(path) == "only binary little-endian PLY is read; convert the file."
+    path.write_bytes(whole.replace(b"property float opacity", b"property float alpha"))
+    assert refusal(path) == "not Gaussians (missing ['opacity'], 24 f_rest); give a 3DGS .ply file."
+    path.write_bytes(whole.replace(b"float opacity", b"uchar opacity"))
+    assert refusal(path) == "a vertex property is not a float; give an uncompressed 3DGS .ply file."
+    path.write_bytes(whole.replace(b"element vertex 50", b"element chunk 50"))
+    assert refusal(path) == "the first element is not `vertex N`; give an uncompressed 3DGS .ply file."
+    path.write_bytes(whole[:-4] + np.float32(np.nan).tobytes())
+    assert refusal(path) == "a value is NaN or infinite; write the file again from finite Gaussians."
+
+
+def test_a_header_may_be_spaced_freely(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians())
+    path.write_bytes(path.read_bytes().replace(b"element vertex 50", b"element  vertex 50 "))
+    assert read_ply(path).count == 50
+
+
+def test_any_cut_is_refused(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians(count=1, d_sh=1))
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        assert refusal(path).endswith(".")
+
+
+def test_numbers_of_thousands_of_digits_are_one_sentence(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians())
+    path.write_bytes(path.read_bytes().replace(b"element vertex 50", b"element vertex " + b"9" * 5000))
+    assert refusal(path) == "the first element is not `vertex N`; give an uncompressed 3DGS .ply file."
+
+
+def test_harmonics_without_their_beginning_are_one_sentence(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians(d_sh=4))
+    data = path.read_bytes()
+    for number in reversed(range(9)):
+        data = data.replace(b"float f_rest_%d\n" % number, b"float f_rest_%d\n" % (number + 9))
+    path.write_bytes(data)
+    missing = ", ".join(f"'f_rest_{number}'" for number in range(9))
+    assert refusal(path) == f"not Gaussians (missing [{missing}], 9 f_rest); give a 3DGS .ply file."
+
+
+@pytest.mark.filterwarnings("error")
+def test_values_beyond_all_bounds_are_one_sentence_without_warnings(tmp_path):
+    path = tmp_path / "scene.ply"
+    write_ply(path, some_gaussians(count=1, d_sh=1))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-32] + np.full(8, 3e38, "<f4").tobytes())  # opacity, scales and rotation
+    assert refusal(path) == "a value is NaN or infinite; write the file again from finite Gaussians."
+
+
+def test_a_device_is_refused(tmp_path):
+    (tmp_path / "scene.ply").symlink_to("/dev/zero")
+    assert refusal(tmp_path / "scene.ply") == "a pipe or a device cannot be read here; give a regular file."
+
+
+def test_paths_may_be_text(tmp_path):
+    write_ply(str(tmp_path / "scene.ply"), some_gaussians())
+    assert read_ply(str(tmp_path / "scene.ply")).count == 50

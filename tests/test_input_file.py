@@ -1,0 +1,32 @@
+"""Reading files of others: regular files only, and JSON with one sentence for what is broken."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from fecocodec.errors import InputError
+from fecocodec.input_file import read_file, read_json
+
+
+def test_a_regular_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_bytes(b'\xef\xbb\xbf{"a": 1}')
+    assert read_json(tmp_path / "a.json") == {"a": 1}
+
+
+def test_what_is_no_regular_file_is_refused_without_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(InputError, match="a pipe or a device cannot be read here; give a regular file"):
+            read_file(path)
+    with pytest.raises(InputError, match=r"cannot be read \(Is a directory\); check the path"):
+        read_file(tmp_path)
+    with pytest.raises(InputError, match=r"cannot be read .*null byte"):
+        read_file(tmp_path / "a\0b")
+
+
+@pytest.mark.parametrize("text", ["9" * 5000, "[" * 100_000])
+def test_json_beyond_all_bounds(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(InputError, match="a number of thousands of digits, or is nested too deeply; export it again"):
+        read_json(tmp_path / "a.json")
