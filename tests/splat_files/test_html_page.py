@@ -6,11 +6,11 @@ import json
 import re
 
 import pytest
-from tests.splat_files.test_output_formats import some_cameras, some_gaussians
 
 from fecocodec.splat_files.html_page import html_page_bytes
 from fecocodec.splat_files.spz import spz_bytes
 from fecocodec.splat_files.viewer_files import FOLDER, SCENE_PAGE
+from tests.splat_files.test_output_formats import some_cameras, some_gaussians
 
 needs_page = pytest.mark.skipif(not (FOLDER / SCENE_PAGE).exists(), reason="the page was not built; run `make web`")
 CONTENT = r'<script type="[a-z/]+" id="{}">([^<]*)</script>'
