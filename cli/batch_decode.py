@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fecocodec.splat_files.output_formats import ENDINGS, PLY
+
 from .batch_options import BatchOptions, batch_options
 from .decode_options import decoding_options
 from .options import FILE_PATH
@@ -15,8 +17,6 @@ from .scene_output import require_page
 if TYPE_CHECKING:
     from fecocodec import Decoded
     from fecocodec.runtime.decode import DecodedScene
-
-FORMATS = ("ply", "compressed.ply", "spz", "sog", "glb", "html")
 
 
 @click.command(
@@ -33,8 +33,8 @@ Examples:
 @click.option(
     "--format",
     "file_format",
-    type=click.Choice(FORMATS),
-    default="ply",
+    type=click.Choice([ending.removeprefix(".") for ending in ENDINGS]),
+    default=PLY.ending.removeprefix("."),
     show_default=True,
     help="Format of the output files.",
 )

@@ -8,6 +8,7 @@ import click
 from fecocodec.atomic import require_other_file, require_writable
 from fecocodec.container import check_pixels, read_stages, read_stream_file
 from fecocodec.model_files import find_receiver
+from fecocodec.splat_files.output_formats import ENDINGS, FORMATS
 
 from .decode_options import decoding_options
 from .error_context import error_context
@@ -16,7 +17,7 @@ from .output import print_json, say, warn
 from .paths import STDOUT, require_ending, require_model
 from .progress import progress_bar
 from .receivers import DecodeOptions, decode_stream
-from .scene_output import GAUSSIAN_ENDINGS, Frame, require_page, write_scene
+from .scene_output import Frame, require_page, write_scene
 from .terminal import printable
 
 PARTLY_DECODED = 3  # exit code
@@ -25,7 +26,7 @@ DECODED = {1: "only stage 1", 2: "but both stages"}
 
 @click.command(
     "decode",
-    short_help="Decode a .fcs file to 3D Gaussians (.ply, .spz, .sog, .glb) or a page (.html).",
+    short_help="Decode a .fcs file to 3D Gaussians, or to a page that shows them.",
     epilog="""\b
 Examples:
   fecosplat decode scene.fcs -o scene.ply
@@ -40,8 +41,8 @@ Examples:
     "--output",
     required=True,
     type=FILE_PATH,
-    help="Output file: .ply (3DGS), .compressed.ply, .spz, .sog, .glb (KHR_gaussian_splatting), or .html (a page "
-    "that shows the scene; needs `make web` once); - writes a .ply to standard output.",
+    help=f"Output file: {', '.join(f'{of.ending} ({of.title})' for of in FORMATS)}; - writes a .ply file to standard "
+    "output.",
 )
 @click.option(
     "--save-cameras",
@@ -78,7 +79,7 @@ def command(
 ) -> int:
     """Decode FILE.fcs (- for standard input) to 3D Gaussians, in the unit of length of the input cameras.
 
-    The ending of the output selects the format. Viewers such as SuperSplat open all of them.
+    The ending of the output selects the format. docs/output_formats.md says which programs open which.
     """
     if partial and stages is not None:
         raise click.UsageError("--partial decodes all intact stages; leave --stages out.")
@@ -88,7 +89,7 @@ def command(
     if output != STDOUT:
         require_writable(output, overwrite=overwrite)
         require_other_file(output, stream)
-        require_ending(output, GAUSSIAN_ENDINGS)
+        require_ending(output, ENDINGS)
         require_page(output.suffix)
     if cameras_file is not None:
         require_writable(cameras_file, overwrite=overwrite)

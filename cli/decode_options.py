@@ -2,6 +2,8 @@
 
 import click
 
+from fecocodec.splat_files.output_formats import FORMATS, RUB
+
 from .options import Function, device_option, max_pixels_option, model_option, overwrite_option, threads_option
 
 _OPTIONS = (
@@ -11,7 +13,7 @@ _OPTIONS = (
         default="input",
         show_default=True,
         help="Coordinate frame of the output: that of the input cameras, or the first camera at the origin, looking "
-        "along +Z with +Y down (.ply, .compressed.ply, .sog) or along -Z with +Y up (.spz, .glb).",
+        f"along +Z with +Y down, or along -Z with +Y up ({', '.join(of.ending for of in FORMATS if of.axes == RUB)}).",
     ),
     click.option(
         "--spz-version",

@@ -11,14 +11,13 @@ if TYPE_CHECKING:
     from fecocodec import Decoded
     from fecocodec.runtime.decode import DecodedScene
 
-GAUSSIAN_ENDINGS = (".ply", ".compressed.ply", ".spz", ".sog", ".glb", ".html")
 Frame = Literal["input", "first-camera"]
 
 
 def require_page(suffix: str) -> None:
     """Raise OutputError for `.html` if the viewer's page was not built, so that nothing is decoded in vain."""
     if suffix.lower() == ".html":
-        from fecocodec.splat_files.viewer_files import scene_page
+        from fecocodec.splat_files.html_page import scene_page
 
         scene_page()
 

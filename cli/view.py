@@ -45,7 +45,7 @@ def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: i
     data = read_stream_file(stream)
     require_model(model)
 
-    from fecocodec.splat_files.viewer_files import scene_page
+    from fecocodec.splat_files.html_page import scene_page
 
     from .page_server import PageServer
 
