@@ -1,16 +1,16 @@
 """Gaussians and cameras as NumPy arrays: what the writers of output files read. No torch."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fecocodec.errors import OutputError
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
+from fecocodec.splat_files.output_formats import SpzVersion
 
 OPACITY_MARGIN = 1e-6  # opacities 0 and 1 have no finite logit; they are stored this far inside
-SpzVersion = Literal[3, 4]
 RDF_TO_RUB = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV axes (right, down, forward) to OpenGL axes (right, up, backward)
 
 

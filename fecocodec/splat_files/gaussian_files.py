@@ -2,14 +2,21 @@
 
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import OutputError
 from fecocodec.input_file import StrPath
-from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputGaussians, OutputScene, SpzVersion
-from fecocodec.splat_files.output_formats import format_of
+from fecocodec.splat_files.gaussian_arrays import (
+    CameraArrays,
+    OutputGaussians,
+    OutputScene,
+    camera_arrays,
+    gaussian_arrays,
+)
+from fecocodec.splat_files.output_formats import Frame, SpzVersion, format_of
 
 
 def write_gaussians(
@@ -43,6 +50,20 @@ def gaussian_bytes(
     writer = import_module(f"{__package__}.{file_format.module}")
     data: bytes = writer.file_bytes(OutputScene(gaussians, cameras, path.stem, str(path), spz_version))
     return data
+
+
+def decoded_file(
+    decoded: Any, path: Path, *, frame: Frame = "input", spz_version: SpzVersion = 4
+) -> tuple[bytes, CameraArrays]:
+    """Return the bytes of the file `path` of a decoded scene (`fecocodec.Decoded`), and the cameras in its frame.
+
+    frame: that of the input cameras, or that of the first camera. Raises OutputError as `write_gaussians` does.
+    """
+    gaussians = gaussian_arrays(decoded.gaussians, str(path))
+    cameras = camera_arrays(decoded.cameras, decoded.image_size)
+    if frame == "first-camera":
+        gaussians, cameras = in_frame_of_first_camera(gaussians, cameras)
+    return gaussian_bytes(path, gaussians, cameras, spz_version), cameras
 
 
 def in_frame_of_first_camera(gaussians: OutputGaussians, cameras: CameraArrays) -> tuple[OutputGaussians, CameraArrays]:

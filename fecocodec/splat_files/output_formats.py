@@ -6,7 +6,10 @@ of this folder with a function `file_bytes(scene: OutputScene) -> bytes`, and ad
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+Frame = Literal["input", "first-camera"]
+SpzVersion = Literal[3, 4]
 RDF = "frame of the input cameras"
 RUB = "RUB: `.ply` with y and z negated"
 
@@ -46,7 +49,7 @@ FORMATS = (
         ".spz",
         "spz",
         "Niantic",
-        "Niantic SPZ 4, or 3 by `--spz-version 3`",
+        "Niantic SPZ, version 3 or 4",
         "24 bits per axis, as many fractional bits as the extent allows",
         RUB,
     ),

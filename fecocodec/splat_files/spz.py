@@ -13,7 +13,8 @@ import zstandard
 from jaxtyping import Float, UInt8
 
 from fecocodec.errors import OutputError
-from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, OutputGaussians, OutputScene, SpzVersion, without_largest
+from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, OutputGaussians, OutputScene, without_largest
+from fecocodec.splat_files.output_formats import SpzVersion
 
 _MAGIC = 0x5053474E
 _POSITION_BITS = 24
