@@ -56,6 +56,6 @@ def command(
 
     model = decoding["model"]
     decoding["model"] = None if model is None else model.absolute()  # workers may run in another folder
-    changing = tuple((name, decoding[name]) for name in ("stages", "sh_degree", "has_background", "is_merged"))
+    changing = tuple((name, decoding[name]) for name in ("stages", "has_background", "is_merged"))
     work = DecodeScene(f".{file_format}", partial(decode_here, **decoding), changing, **writing)
     return run_and_report(scenes, work, batch)

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fecocodec.splat_files.output_formats import FORMATS, RUB
+from fecocodec.limits import MAX_SH_DEGREE
+from fecocodec.splat_files.output_formats import FORMATS, PLY, RUB
 
 from .options import device_option, max_pixels_option, model_option, overwrite_option, threads_option
 
 if TYPE_CHECKING:
     from fecocodec import Decoded
 
-_OF_DECODING = ("stages", "sh_degree", "has_background", "is_merged", "model", "max_pixels", "device")
+_OF_DECODING = ("stages", "has_background", "is_merged", "model", "max_pixels", "device")
 _OPTIONS = (
     click.option(
         "--frame",
@@ -27,9 +28,9 @@ _OPTIONS = (
     click.option(
         "--spz-version",
         type=click.Choice(["3", "4"]),
-        default="4",
+        default="3",
         show_default=True,
-        help="Version of .spz files. Older viewers read only 3.",
+        help="Version of .spz files. Few viewers read 4, which is smaller.",
     ),
     click.option(
         "--stages",
@@ -46,11 +47,9 @@ _OPTIONS = (
     ),
     click.option(
         "--sh-degree",
-        type=click.IntRange(0, 1),
-        default=1,
-        show_default=True,
-        help="Degree of the spherical harmonics. 1: view-dependent colours. 0: constant colours, and a .ply that is a "
-        "third smaller.",
+        type=click.IntRange(0, 3),
+        help="Degree of the spherical harmonics in the file. 0: constant colours; 1: view-dependent colours; 2, 3: the "
+        f"same colours, with zeros for loaders that expect this degree.  [default: {PLY.sh_degree} for .ply, else 1]",
     ),
     click.option(
         "--background-layer/--no-background-layer",
@@ -72,8 +71,12 @@ def decoding_options(function: Callable[..., int]) -> Callable[..., int]:
     @wraps(function)
     def with_groups(**values: Any) -> int:
         decoding = {name: values.pop(name) for name in _OF_DECODING}
-        writing = {"frame": values.pop("frame"), "spz_version": int(values.pop("spz_version"))}
-        return function(decoding={**decoding, "stages": decoding["stages"] or "all"}, writing=writing, **values)
+        decoding["stages"] = decoding["stages"] or "all"
+        sh_degree = values.pop("sh_degree")
+        decoding["sh_degree"] = MAX_SH_DEGREE if sh_degree is None else min(sh_degree, MAX_SH_DEGREE)
+        spz_version = int(values.pop("spz_version"))
+        writing = {"frame": values.pop("frame"), "sh_degree": sh_degree, "spz_version": spz_version}
+        return function(decoding=decoding, writing=writing, **values)
 
     command: Callable[..., int] = with_groups
     shared = (model_option, max_pixels_option, device_option, threads_option, overwrite_option)

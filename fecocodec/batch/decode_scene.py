@@ -23,18 +23,23 @@ class DecodeScene:
     """Decode each file and write its Gaussians.
 
     suffix: ending of the files, which selects the format. decode: `partial(fecocodec.decode, sh_degree=0)` and the
-    like. decode_options: the options that change its result, for the sidecar. frame: of the Gaussians.
+    like. decode_options: the options that change its result, for the sidecar. frame, sh_degree, spz_version: of the
+    files, as for `decoded_file`.
     """
 
     suffix: str = ".ply"
     decode: Decode = ON_ONE_THREAD
     decode_options: tuple[tuple[str, Any], ...] = ()
     frame: Frame = "input"
-    spz_version: SpzVersion = 4
+    sh_degree: int | None = None
+    spz_version: SpzVersion = 3
 
     def options(self) -> dict[str, Any]:
         """Return what changes the files, as JSON."""
-        return {**dict(self.decode_options), "frame": self.frame, "spz_version": self.spz_version}
+        return {**dict(self.decode_options), **self._writing()}
+
+    def _writing(self) -> dict[str, Any]:
+        return {"frame": self.frame, "sh_degree": self.sh_degree, "spz_version": self.spz_version}
 
     def weights(self, path: Path) -> dict[str, str]:
         """Return the id of the model that the file needs. Raises FecoError if its header is not valid."""
@@ -50,7 +55,7 @@ class DecodeScene:
             decoded = self.decode(data)
         except _OF_STREAM as error:
             raise _named(error, path) from error
-        written, _ = decoded_file(decoded, Path(f"{name}{self.suffix}"), frame=self.frame, spz_version=self.spz_version)
+        written, _ = decoded_file(decoded, Path(f"{name}{self.suffix}"), **self._writing())
         return Result(written, details={"gaussians": decoded.gaussians.count, "stages": decoded.stages})
 
 

@@ -1,6 +1,6 @@
 """Gaussians and cameras as NumPy arrays: what the writers of output files read. No torch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,12 +36,17 @@ class OutputGaussians(GaussianArrays):
         """Return the Gaussians in another order."""
         return OutputGaussians(*(field[order] for field in self.fields()))
 
+    def padded(self, sh_degree: int) -> "OutputGaussians":
+        """Return the Gaussians with harmonics up to this degree, zeros above their own. They look the same."""
+        missing = max(0, (sh_degree + 1) ** 2 - self.harmonics.shape[1])
+        return replace(self, harmonics=np.pad(self.harmonics, ((0, 0), (0, missing), (0, 0))))
+
     def transformed(self, pose: Float[np.ndarray, "4 4"]) -> "OutputGaussians":
         """Return the Gaussians in another frame. pose: rigid transform from the old frame to the new one.
 
-        Raises OutputError for harmonics above degree 1, whose rotation is not implemented.
+        Raises OutputError for harmonics above degree 1 that are not zero: their rotation is not implemented.
         """
-        if self.sh_degree > 1:
+        if self.harmonics[:, 4:].any():
             raise OutputError("the frame of harmonics above degree 1 cannot be changed; write them in their own frame.")
         rotation = pose[:3, :3]
         return OutputGaussians(
@@ -83,7 +88,7 @@ class OutputScene:
     cameras: CameraArrays | None
     name: str
     place: str
-    spz_version: SpzVersion = 4
+    spz_version: SpzVersion = 3
 
 
 def gaussian_arrays(gaussians: Any, place: str) -> OutputGaussians:
@@ -156,9 +161,9 @@ def _multiply(first: Float[np.ndarray, " 4"], second: Float[np.ndarray, "n 4"]) 
 def _rotated_harmonics(
     harmonics: Float[np.ndarray, "n d_sh 3"], rotation: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "n d_sh 3"]:
-    """Rotate harmonics of degree 0 or 1. Degree 1 is a linear function of the direction, v . direction."""
+    """Rotate harmonics that are zero above degree 1. Degree 1 is a linear function of the direction, v . direction."""
     if harmonics.shape[1] == 1:
         return harmonics
     of_y, of_z, of_x = -harmonics[:, 1], harmonics[:, 2], -harmonics[:, 3]
     x, y, z = np.einsum("ij,jnc->inc", rotation, np.stack((of_x, of_y, of_z)))
-    return np.stack((harmonics[:, 0], -y, z, -x), axis=1)
+    return np.concatenate((np.stack((harmonics[:, 0], -y, z, -x), axis=1), harmonics[:, 4:]), axis=1)

@@ -24,28 +24,35 @@ def write_gaussians(
     gaussians: OutputGaussians,
     cameras: CameraArrays | None = None,
     *,
-    spz_version: SpzVersion = 4,
+    sh_degree: int | None = None,
+    spz_version: SpzVersion = 3,
     overwrite: bool = False,
 ) -> None:
     """Write Gaussians in the format that the ending of the name selects; another ending gets a PLY.
 
-    cameras: written to .glb and .html; .html needs them.
+    cameras: written to .glb and .html; .html needs them. sh_degree: least degree of the harmonics in the file, with
+    zeros above that of the Gaussians; None for the degree of the format (3 for .ply, else that of the Gaussians).
 
     Raises OutputError if the format cannot represent the Gaussians or writing fails.
     """
     path = Path(path)
-    data = gaussian_bytes(path, gaussians, cameras, spz_version)
+    data = gaussian_bytes(path, gaussians, cameras, sh_degree, spz_version)
     with write_atomically(path, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
 
 
 def gaussian_bytes(
-    path: Path, gaussians: OutputGaussians, cameras: CameraArrays | None, spz_version: SpzVersion
+    path: Path,
+    gaussians: OutputGaussians,
+    cameras: CameraArrays | None,
+    sh_degree: int | None,
+    spz_version: SpzVersion,
 ) -> bytes:
     """Return the bytes of the file that `write_gaussians` writes."""
     file_format = format_of(path)
     if gaussians.count == 0 and not file_format.may_be_empty:
         raise OutputError(f"{path}: there are no Gaussians, which this format cannot hold; write a .ply file.")
+    gaussians = gaussians.padded(file_format.sh_degree if sh_degree is None else sh_degree)
     # Loaded on use: SOG needs libraries that the receiver alone does not install.
     writer = import_module(f"{__package__}.{file_format.module}")
     data: bytes = writer.file_bytes(OutputScene(gaussians, cameras, path.stem, str(path), spz_version))
@@ -53,17 +60,18 @@ def gaussian_bytes(
 
 
 def decoded_file(
-    decoded: Any, path: Path, *, frame: Frame = "input", spz_version: SpzVersion = 4
+    decoded: Any, path: Path, *, frame: Frame = "input", sh_degree: int | None = None, spz_version: SpzVersion = 3
 ) -> tuple[bytes, CameraArrays]:
     """Return the bytes of the file `path` of a decoded scene (`fecocodec.Decoded`), and the cameras in its frame.
 
-    frame: that of the input cameras, or that of the first camera. Raises OutputError as `write_gaussians` does.
+    frame: that of the input cameras, or that of the first camera. Other arguments and errors are those of
+    `write_gaussians`.
     """
     gaussians = gaussian_arrays(decoded.gaussians, str(path))
     cameras = camera_arrays(decoded.cameras, decoded.image_size)
     if frame == "first-camera":
         gaussians, cameras = in_frame_of_first_camera(gaussians, cameras)
-    return gaussian_bytes(path, gaussians, cameras, spz_version), cameras
+    return gaussian_bytes(path, gaussians, cameras, sh_degree, spz_version), cameras
 
 
 def in_frame_of_first_camera(gaussians: OutputGaussians, cameras: CameraArrays) -> tuple[OutputGaussians, CameraArrays]:

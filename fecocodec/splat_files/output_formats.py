@@ -20,7 +20,8 @@ class OutputFormat:
 
     ending: of file names, in lower case, with its dot. module: name of the file of this folder that writes it.
     title: for `--help`. contents, precision, axes: cells of the table in docs/output_formats.md.
-    may_be_empty: whether a file can hold no Gaussians.
+    may_be_empty: whether a file can hold no Gaussians. sh_degree: degree of the harmonics unless another one is asked
+    for, with zeros above that of the Gaussians; 0 for their own degree.
     """
 
     ending: str
@@ -30,10 +31,18 @@ class OutputFormat:
     precision: str
     axes: str
     may_be_empty: bool = False
+    sh_degree: int = 0
 
 
 PLY = OutputFormat(
-    ".ply", "ply_writing", "3DGS", "layout of the 3DGS reference, float32", "exact", RDF, may_be_empty=True
+    ".ply",
+    "ply_writing",
+    "3DGS",
+    "layout of the 3DGS reference, float32",
+    "exact",
+    RDF,
+    may_be_empty=True,
+    sh_degree=3,  # which the reference and loaders after it demand; all others take it
 )
 FORMATS = (
     PLY,

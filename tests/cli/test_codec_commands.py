@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gsply
+import numpy as np
 import pytest
 import torch
 
@@ -113,12 +115,37 @@ def test_decode_writes_what_the_library_returns(fecosplat, coded_scene: Path, tm
 
 def test_plain_colours_make_a_smaller_ply(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
     leaning, plain = tmp_path / "leaning.ply", tmp_path / "plain.ply"
-    assert fecosplat("decode", coded_scene, "-o", leaning).code == 0
+    assert fecosplat("decode", coded_scene, "-o", leaning, "--sh-degree", "1").code == 0
     assert fecosplat("decode", coded_scene, "-o", plain, "--sh-degree", "0").code == 0
     assert b"property float f_rest_8\n" in leaning.read_bytes() and b"f_rest" not in plain.read_bytes()
     read = fecocodec.read_ply(leaning), fecocodec.read_ply(plain)
     assert torch.equal(read[0].means, read[1].means)
-    assert fecosplat("decode", coded_scene, "-o", plain, "--sh-degree", "2", "--overwrite").code == 2
+    assert fecosplat("decode", coded_scene, "-o", plain, "--sh-degree", "4", "--overwrite").code == 2
+
+
+def test_a_ply_has_degree_3_with_zeros_unless_another_is_asked_for(fecosplat, coded_scene: Path, output: Path) -> None:
+    """Loaders that follow the 3DGS reference refuse any number of f_rest but 45."""
+    found = {}
+    for name, options in (("default", ()), *((degree, ("--sh-degree", degree)) for degree in "0123")):
+        assert fecosplat("decode", coded_scene, "-o", output / f"{name}.ply", *options).code == 0
+        found[name] = gsply.plyread(str(output / f"{name}.ply")).shN
+        assert (output / f"{name}.ply").read_bytes().count(b"float f_rest_") == 3 * found[name].shape[1]
+    assert {name: rest.shape[1] for name, rest in found.items()} == {"default": 15, "0": 0, "1": 3, "2": 8, "3": 15}
+    assert (output / "default.ply").read_bytes() == (output / "3.ply").read_bytes()
+    assert found["1"].any()
+    for degree in "23":
+        assert np.array_equal(found[degree][:, :3], found["1"]) and not found[degree][:, 3:].any()
+
+
+@pytest.mark.parametrize("ending", ["spz", "compressed.ply", "glb", "sog"])
+def test_other_formats_keep_the_degree_of_the_model(fecosplat, coded_scene: Path, output: Path, ending: str) -> None:
+    """Zeros are written where they are asked for, also in formats whose axes differ."""
+    sizes = []
+    for options in ((), ("--sh-degree", "1"), ("--sh-degree", "3")):
+        file = output / f"{len(sizes)}.{ending}"
+        assert fecosplat("decode", coded_scene, "-o", file, *options, "--frame", "first-camera").code == 0
+        sizes.append(file.stat().st_size)
+    assert sizes[0] == sizes[1] < sizes[2]
 
 
 def test_first_stage_decodes_from_a_cut_file(fecosplat, coded_scene: Path, tmp_path: Path) -> None:

@@ -188,6 +188,22 @@ def test_the_frame_of_the_first_camera_renders_alike():
     torch.testing.assert_close(after, before, rtol=0, atol=2e-3)
 
 
+def test_harmonics_above_degree_1_turn_only_if_they_are_zero():
+    gaussians, cameras = some_gaussians(count=50), some_cameras()
+    moved, _ = in_frame_of_first_camera(gaussians, cameras)
+    padded, _ = in_frame_of_first_camera(gaussians.padded(3), cameras)
+    assert np.array_equal(padded.harmonics[:, :4], moved.harmonics) and padded.harmonics.shape[1] == 16
+    with pytest.raises(OutputError, match="harmonics above degree 1 cannot be changed"):
+        in_frame_of_first_camera(some_gaussians(count=50, d_sh=9), cameras)
+
+
+def test_spz_is_of_version_3_unless_4_is_asked_for(tmp_path):
+    write_gaussians(tmp_path / "three.spz", some_gaussians(count=5))
+    write_gaussians(tmp_path / "four.spz", some_gaussians(count=5), spz_version=4)
+    assert struct.unpack("<2I", gzip.decompress((tmp_path / "three.spz").read_bytes())[:8]) == (0x5053474E, 3)
+    assert struct.unpack("<2I", (tmp_path / "four.spz").read_bytes()[:8]) == (0x5053474E, 4)
+
+
 def test_nerfstudio_layout_is_read_back(tmp_path):
     cameras = some_cameras()
     write_camera_json(tmp_path / "transforms.json", cameras, ["00.png", "01.png"])
