@@ -27,6 +27,8 @@ $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$(TORCH)"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	@hook=$$(git rev-parse --git-path hooks/commit-msg 2>/dev/null) || exit 0; \
+	test -e "$$hook" || { mkdir -p "$$(dirname "$$hook")" && cp .githooks/commit-msg "$$hook"; }
 	@touch $@
 
 demo: $(READY) ## encode, decode and render the bundled scene into out/
@@ -44,9 +46,10 @@ test: $(READY) ## run the quick tests, in one process per core
 test-slow: $(READY) ## run the slow tests (the bundled scene, end to end)
 	$(BIN)/python -m pytest -m slow
 
-lint: $(READY) ## check style and formatting
+lint: $(READY) ## check style and formatting, and the words of documents
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest -q tests/test_plain_words.py
 
 types: $(READY) ## check types
 	$(BIN)/mypy
@@ -81,7 +84,7 @@ bench: $(READY) ## measure time and memory of encode, decode and info
 bench-paper: $(READY) ## measure time and memory of the paper's sender
 	$(TUNED) $(BIN)/python benchmarks/bench_paper.py
 
-report: $(READY) ## docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
+report: $(READY) ## the generated part of docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
 	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make report ROOT=folder INDEX=index.json" >&2; exit 1; }
 	$(TUNED) $(BIN)/python benchmarks/make_report.py "$(ROOT)" "$(INDEX)" $(REPORT)
 
