@@ -1,7 +1,7 @@
 """Optimise the latents for D + price * R before coding, by gradient descent through the receiver and the rasteriser.
 
 Follows Campos et al., "Content Adaptive Optimization for Neural Image Compression", 2019, who optimise latents of
-images. The stream format and the receiver do not change. Results: docs/experiments.md.
+images. The stream format and the receiver do not change. Results: docs/what_we_learned.md.
 """
 
 from collections.abc import Callable
@@ -192,7 +192,7 @@ def gaussians_of(
 
     Colours are constant: view-dependent colours would compensate depth errors. For few views, gradients skip the
     residual branches of the predictor. Gradients through these branches improve only the context views, and cost rate
-    and time (docs/experiments.md).
+    and time (docs/what_we_learned.md).
     """
     is_direct = encoder.num_views <= config.max_views_of_direct_gradients
     with direct_gradients() if is_direct else nullcontext():

@@ -21,7 +21,7 @@ def stage_lambdas(lambda_q: LambdaQ, num_stages: int, offset: int = STAGE_1_OFFS
     """Return the quantised lambda of each stage. lambda_q: quantised lambda of the last stage.
 
     offset: see `stage_1_offset`. If stage 2 follows, lambda of stage 1 is by default six times larger: stage 2 corrects
-    the errors of stage 1, so bits of stage 1 are worth less (docs/experiments.md).
+    the errors of stage 1, so bits of stage 1 are worth less (docs/what_we_learned.md).
     """
     if num_stages == 1:
         return [lambda_q]

@@ -16,6 +16,7 @@ from fecocodec.evaluation.report.complexity_section import complexity_section
 from fecocodec.evaluation.report.page import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.png import write_panels
+from fecocodec.evaluation.report.rate_section import rate_sections
 from fecocodec.evaluation.report.results import ResultFile
 from fecocodec.evaluation.report.scaling_section import scaling_section
 from fecocodec.evaluation.report.section import table
@@ -89,10 +90,12 @@ def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: py
     plan = ReportPlan(tmp_path, tmp_path, tmp_path / "compact", tmp_path / "work", tmp_path / "docs")
     assert make.make_report(plan, lambda _study: None) == ()
     text = (plan.output / "report.md").read_text()
+    assert text.startswith(make.TITLE + make.MARK)
     pictures = set(re.findall(r"\]\((report/\w+\.png)\)", text))
     assert pictures == {f"report/{path.name}" for path in (plan.output / "report").glob("*.png")}
     assert len(pictures) == 9 and sum((plan.output / path).stat().st_size for path in pictures) < 1_500_000
     assert "Weights `compact` (0123)" in text and "torch" in text and "0 of 1 cases satisfy their rule" in text
+    assert "`wall`:" in text and "| reference | finite, broken: a Gaussian is not finite | 20.00 |" in text
     assert "| fecosplat: BD-rate by ST-LPIPS, % |" in text
     assert re.search(r"\| JPEG XL \| -50\.0 \| \S+ \| -50\.0 \|", text), (
         "ours needs half the bytes of what was made to need twice"
@@ -101,6 +104,23 @@ def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: py
     assert "http://" not in page.replace("http://www.w3.org/2000/svg", "") and "https://" not in page
     charts = json.loads(re.search(r"const CHARTS = (\[.*\]);\n", page)[1])  # type: ignore[index]
     assert {f"report/{chart['name']}.png" for chart in charts} == pictures
+
+
+def test_what_stands_above_the_mark_is_kept(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(make, "measure_studies", lambda _plan, _on_study: studies)
+    monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
+    plan = ReportPlan(tmp_path, tmp_path, tmp_path / "compact", tmp_path / "work", tmp_path / "docs")
+    plan.output.mkdir()
+    (plan.output / "report.md").write_text(f"# Ours\n\n{make.MARK}old figures\n")
+    make.make_report(plan, lambda _study: None)
+    text = (plan.output / "report.md").read_text()
+    assert text.startswith(f"# Ours\n\n{make.MARK}") and "old figures" not in text and text.count(make.MARK) == 1
+
+
+def test_lpips_has_a_column_where_it_was_measured(studies: Studies) -> None:
+    assert "LPIPS | LPIPS |" not in rate_sections(studies.rate, ())[0].text
+    measured = [replace(m, lpips=0.25) for m in studies.rate]
+    assert "ST-LPIPS | LPIPS |" in rate_sections(measured, ())[0].text
 
 
 def test_failures_are_told(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,15 +12,14 @@ from fecocodec.evaluation.systems.pruned import PRUNED
 
 LEAST_FEWER_GAUSSIANS, LARGEST_LOSS_DB = 20.0, 0.05  # required by the project
 TEXT = """\
-Complexity is measured as the size of the context views as JPEG XL at distance 1. File sizes and numbers of Gaussians
-are those of the codec at lambda 1e-3, for photographs and for synthetic rooms whose walls have no pattern or the sum of
-up to {waves} patterns.
+Complexity is the size of the context views as JPEG XL at distance 1. Files at lambda 1e-3, of photographs and of
+synthetic rooms whose walls have no pattern or the sum of up to {waves} patterns.
 
 {bytes_chart}
 
 {gaussians_chart}
 
-Effect of `decode --prune` on files at lambda 1e-3: fraction of Gaussians removed, and loss of PSNR.
+`decode --prune` at lambda 1e-3:
 
 {pruning}
 """

@@ -12,13 +12,16 @@ from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
 from fecocodec.evaluation.systems.pruned import PRUNED
 
 TEXT = """\
-Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU. Rendering is not included. At
-equal rate: PSNR and time of each curve at {kib:.1f} KiB, interpolated over the logarithm of the file size; a curve that
-does not cover this size is shown at its nearest end, which is stated in its tooltip. Variants of our codec: *effort
-fast*; *one thread*; *bfloat16* (convolutions and attention at both ends; not available as a command-line option);
-*half the size* (photographs of half the width and height are encoded, the Gaussians are rendered at full size).
+Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU, without rendering. PSNR and time
+of each curve are those at {kib:.1f} KiB, interpolated over the logarithm of the file size. A curve that does not cover
+this size is shown at its nearest end, which its tooltip states. Variants of our codec:
+
+- *effort fast*; *one thread*;
+- *bfloat16*: convolutions and attention at both ends; no option of the commands;
+- *half the size*: photographs of half the width and height are encoded, the Gaussians are rendered at full size.
+
 Gaussian files and photographs are coded by third-party libraries; the receiver time for photographs includes our
-networks. There are no trained weights of the paper's larger extractor.
+networks.
 
 {sender}
 
@@ -30,9 +33,7 @@ All operating points, at different rates:
 
 {receiver_all}
 
-## Where the time goes
-
-Two views of {side}x{side} pixels at lambda 1e-3, in milliseconds, after warm-up.
+Time by step, two views of {side}x{side} pixels at lambda 1e-3, after warm-up:
 
 {steps}
 """
