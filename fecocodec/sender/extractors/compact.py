@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, downsample, upsample
+from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, RateCondition, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.depth_completion import DepthCompletion, MatchedMaps
@@ -20,6 +20,7 @@ from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 from fecocodec.sender.extractors.semi_global import aggregate_costs
 from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.scene import Guides
 
 PYRAMID_LEVELS = 3  # matching runs at full, half and quarter image size
 FIRST_TEMPERATURES = (1.2, 1.2, 1.2, 1.8)  # initial log weights of the pyramid levels and of photo-consistency
@@ -54,6 +55,8 @@ class CompactExtractor(nn.Module):
     unshuffle 4), because the latent must carry colour as well as geometry. Where no other view confirms a depth, planes
     of confirmed neighbours are continued; with `config.is_monocular`, a network with features of DINOv2 corrects them.
     """
+
+    is_conditioned = False
 
     def __init__(self, config: SenderConfig, channels: int) -> None:
         super().__init__()
@@ -92,16 +95,23 @@ class CompactExtractor(nn.Module):
         """Return F1. images: sRGB in [0, 1], sides multiples of 32. cameras: a batch of normalised scenes."""
         return self.fuse(images, self.match(images, cameras))
 
-    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Matching:
+    def match(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None
+    ) -> Matching:
         """Compute the features of all views, the cost volume, and depth with its cross-view consistency.
 
         Scores are summed over an image pyramid: coarse levels resolve ambiguities of the fine ones. Photo-consistency
         of the images is added: correlation of pixel windows is less distinctive than learned features, but localises
-        more precisely.
+        more precisely. guides: further sources of the disparity and its consistency; the cost volume and appearance,
+        which the U-Net was trained on, are those of the context views alone.
         """
         sources = nearest_views(cameras, self.config.num_source_views)
         appearance, cost = self._scores(images, cameras, sources)
-        maps = self._aggregated(cost, images, cameras, sources)
+        if guides is None:
+            maps = self._aggregated(cost, images, cameras, sources)
+        else:
+            of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
+            maps = self.matched_maps(*of_all, self.config.num_source_views).first(images.shape[1])
         return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps, self._completed(images, maps))
 
     def matched_maps(
@@ -160,7 +170,7 @@ class CompactExtractor(nn.Module):
         return appearance, _flat(cost_volume(features, cameras, sources, self.config.num_candidates))
 
     def fuse(
-        self, images: Float[Tensor, "batch view 3 h w"], matching: Matching
+        self, images: Float[Tensor, "batch view 3 h w"], matching: Matching, condition: RateCondition | None = None
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1: the U-Net applied to appearance, matching results and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)

@@ -1,7 +1,7 @@
 """Depth completion: relative disparity where no other view confirms what was matched, from monocular features."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 import torch.nn.functional as F
@@ -40,6 +40,10 @@ class MatchedMaps:
     def blended(self) -> Float[Tensor, "item 1 h4 w4"]:
         """Matched disparity where it is consistent, extrapolated disparity elsewhere."""
         return torch.lerp(self.extrapolated, self.disparity, self.consistency)
+
+    def first(self, count: int) -> "MatchedMaps":
+        """Return the maps of the first `count` views."""
+        return MatchedMaps(*(getattr(self, entry.name)[:count] for entry in fields(self)))
 
 
 class DepthCompletion(nn.Module):
