@@ -120,7 +120,6 @@ class SenderConfig(CodecConfig):
     fusion_channels: tuple[int, int, int] = (128, 192, 256)  # at 1/4, 1/8, 1/16
     attention_channels: int = 128
     num_source_views: int = 2  # nearest other views against which a view is matched
-    is_monocular: bool = field(default=False, metadata=OPTIONAL)  # depth is completed with DINOv2
 
 
 COMPACT_SENDER = SenderConfig(step_channels=96)  # the sender that is trained; what ships has sharp steps, too

@@ -18,7 +18,7 @@ from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSma
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 
-TRAINED_ALONE = ("extractor.completion.", "steps.", "sharp_steps.")  # parts that a model may lack
+TRAINED_ALONE = ("steps.", "sharp_steps.")  # parts that a model may lack
 DETAIL = "detail."
 FREEZABLE = ("receiver", "extractor", "matching")
 
@@ -26,8 +26,8 @@ FREEZABLE = ("receiver", "extractor", "matching")
 def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
     """Copy the weights of a model's folder, except those of an extractor of another kind.
 
-    A sender keeps the initial weights of its depth completion and of its step network if the model has none, and does
-    without them if it has none itself. The detail layer is left out: it is fitted to a trained receiver.
+    A sender keeps the initial weights of its step networks if the model has none, and does without them if it has none
+    itself. The detail layer is left out: it is fitted to a trained receiver.
     Raises ModelError if the model is missing or has other sizes.
     """
     released, model_id = load_receiver(model / RECEIVER_FILE)

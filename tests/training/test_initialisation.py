@@ -7,8 +7,7 @@ import torch.nn.functional as F
 from fecocodec.config import PAPER, ReceiverConfig, SenderConfig
 from fecocodec.geometry.gaussians import SH_DEGREE_0
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.extractors.compact import Matching
-from fecocodec.sender.extractors.depth_completion import MatchedMaps
+from fecocodec.sender.extractors.compact import MatchedMaps, Matching
 from fecocodec.sender.model import Sender
 from fecocodec.training.initialisation import (
     CELL_CHANNELS,
@@ -102,8 +101,7 @@ def test_matched_disparity_reaches_the_predictor(networks: tuple[Sender, Receive
         appearance=torch.zeros(1, 2 * stem, 16, 16),
         cost=torch.zeros(1, candidates, 16, 16),
         relative_disparity=nothing,
-        maps=MatchedMaps(relative, nothing, nothing, nothing),
-        completed_disparity=relative,
+        maps=MatchedMaps(relative, nothing, nothing, relative),
     )
     features = sender.extractor.fuse(views.images[None], matching)
     condition = receiver.condition(LAMBDA_Q, 1)
