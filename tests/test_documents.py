@@ -102,6 +102,13 @@ def test_every_option_is_listed(command: str) -> None:
     assert options - listed - LISTED_ELSEWHERE == set()
 
 
+def test_the_tree_names_every_package_and_module() -> None:
+    tree = (ROOT / "DEVELOPMENT.md").read_text().split("## Tree")[1].split("## Rules")[0]
+    found = {path.name for path in (ROOT / "fecocodec").glob("*.py") if not path.name.startswith("__")}
+    found |= {f"{path.parent.name}/" for path in (ROOT / "fecocodec").glob("*/__init__.py")}
+    assert [name for name in sorted(found) if not re.search(rf"(?:^  |, ){re.escape(name)}", tree, re.MULTILINE)] == []
+
+
 @pytest.mark.parametrize("target", re.findall(r"`make ([a-z-]+)`", (ROOT / "DEVELOPMENT.md").read_text()))
 def test_make_targets_exist(target: str) -> None:
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE)

@@ -150,8 +150,6 @@ _COMPACT = Configuration(
 CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
     {
         "compact": _COMPACT,
-        # With depth completion from DINOv2's features (`--completion-steps`).
-        "compact-monocular": replace(_COMPACT, sender=replace(COMPACT_SENDER, is_monocular=True)),
         # Our method with the paper's extractor, for the receivers of compact models.
         "compact-re10k": Configuration(
             shapes=_PAPER_RE10K.shapes,
