@@ -13,7 +13,6 @@ from fecocodec.errors import InputError, ModelError
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.adapted import adopt_codec
-from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.load import load_sender
@@ -97,7 +96,7 @@ def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
 
     Raises InputError for any other name, and for "matching" with another extractor.
     """
-    matching = sender.extractor.before_fusion if isinstance(sender.extractor, CompactExtractor) else ()
+    matching = sender.extractor.before_fusion
     parts: dict[str, tuple[nn.Module | nn.Parameter, ...]] = {
         "receiver": (receiver,),
         "extractor": (sender.extractor,),
