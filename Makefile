@@ -17,7 +17,7 @@ MINUTES ?= 60
 TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_MAX_=0 MALLOC_ARENA_MAX=1 MALLOC_TRIM_THRESHOLD_=268435456
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report train web web-test web-bench check clean
+.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report stress train web web-test web-bench check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -87,6 +87,10 @@ bench-paper: $(READY) ## measure time and memory of the paper's sender
 report: $(READY) ## the generated part of docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
 	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make report ROOT=folder INDEX=index.json" >&2; exit 1; }
 	$(TUNED) $(BIN)/python benchmarks/make_report.py "$(ROOT)" "$(INDEX)" $(REPORT)
+
+stress: $(READY) ## hard inputs against their rules, into out/stress: make stress ROOT=scenes INDEX=index.json
+	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make stress ROOT=folder INDEX=index.json" >&2; exit 1; }
+	$(BIN)/fecosplat stress "$(ROOT)" --index "$(INDEX)" -o out/stress
 
 train: $(READY) ## train on from the shipped weights: make train PHOTOGRAPHS=scenes [RUN=runs/next] [MINUTES=60]
 	@test -n "$(PHOTOGRAPHS)" || { echo "name a folder of posed scenes: make train PHOTOGRAPHS=folder" >&2; exit 1; }

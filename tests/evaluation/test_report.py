@@ -12,7 +12,6 @@ from fecocodec.errors import InputError
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
-from fecocodec.evaluation.report.complexity_section import complexity_section
 from fecocodec.evaluation.report.page import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.png import write_panels
@@ -30,7 +29,7 @@ ENTRIES = ("a", "b", "c")
 SETTINGS = ("lambda 0.01", "lambda 0.001", "lambda 0.0001")
 
 
-def curve(system: str, kib: float, psnr: float, seconds: float = 1.0, gaussians: int = 1000) -> list[Measurement]:
+def curve(system: str, kib: float, psnr: float, seconds: float = 1.0) -> list[Measurement]:
     """Three points that double in bytes and gain 1 dB each, of three entries that double in bytes."""
     return [
         Measurement(
@@ -42,7 +41,7 @@ def curve(system: str, kib: float, psnr: float, seconds: float = 1.0, gaussians:
             64,
             64,
             num_bytes=int(kib * 1024 * 2**step * 2**at),
-            num_gaussians=gaussians,
+            num_gaussians=1000,
             psnr=psnr + step,
             context_psnr=psnr + step,
             encode_seconds=seconds,
@@ -64,7 +63,6 @@ def studies() -> Studies:
     rate = [
         *curve("fecosplat", 2.0, 20.0),
         *curve("stage 1 alone", 1.5, 19.0),
-        *curve("fecosplat, pruned", 2.0, 19.99, gaussians=750),
         *photographs(),
         replace(curve("nearest view", 1.0, 15.0)[0], num_bytes=0),
     ]
@@ -129,15 +127,6 @@ def test_failures_are_told(studies: Studies, tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
     plan = ReportPlan(tmp_path, tmp_path, tmp_path, tmp_path / "work", tmp_path / "docs")
     assert make.make_report(plan, lambda _study: None) == ("d, fecosplat, lambda 0.01: is gone",)
-
-
-def test_pruning_is_judged_by_what_was_asked(studies: Studies) -> None:
-    def text(rate: list[Measurement]) -> str:
-        return complexity_section(rate, studies.photographs, studies.complexity, studies.needs).text
-
-    assert "| 25.0 | 0.010 | 0.010 | 0.010 | met |" in text(list(studies.rate))
-    costly = [replace(m, psnr=m.psnr - 1.0) if m.system == "fecosplat, pruned" else m for m in studies.rate]
-    assert "| 25.0 | 1.010 | 1.010 | 0.010 | missed |" in text(costly)
 
 
 def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:

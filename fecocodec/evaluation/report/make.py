@@ -43,7 +43,7 @@ def _sections(plan: ReportPlan, studies: Studies) -> tuple[Section, ...]:
         *rate_sections(studies.rate, studies.more_views),
         speed_section(studies.rate, studies.speed, studies.steps, plan.room_side),
         scaling_section(studies.loads, plan.room_side),
-        complexity_section(studies.rate, studies.photographs, studies.complexity, studies.needs),
+        complexity_section(studies.photographs, studies.complexity, studies.needs),
         stress_section(studies.verdicts),
     )
 

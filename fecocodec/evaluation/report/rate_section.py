@@ -8,7 +8,6 @@ from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, Comparison, averages, compare
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
 from fecocodec.evaluation.systems.codec import BEST, FAST
-from fecocodec.evaluation.systems.pruned import PRUNED
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 
 TEXT = """\
@@ -45,7 +44,7 @@ HEADS = ("BD-rate, %", "BD-PSNR, dB", "BD-rate by ST-LPIPS, %")
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
     """Return the sections on rate and quality, ablations, and entries with more than two context views."""
     rows = averages(found)
-    hidden = (*ABLATION_NAMES, FAST, PRUNED)
+    hidden = (*ABLATION_NAMES, FAST)
     main, ablated = (
         _rows(rows, lambda name: name not in hidden),
         _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES, FAST)),

@@ -9,7 +9,6 @@ from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
-from fecocodec.evaluation.systems.pruned import PRUNED
 
 TEXT = """\
 Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU, without rendering. PSNR and time
@@ -48,7 +47,7 @@ def speed_section(
     steps: seconds by processing step, for encoding and decoding. side: image side of `steps` in pixels.
     """
     entries = {m.entry for m in speed}
-    own = {m.system for m in speed} | {PRUNED} | set(ABLATION_NAMES)
+    own = {m.system for m in speed} | set(ABLATION_NAMES)
     others = [m for m in rate if m.entry in entries and m.system not in own and m.num_bytes]
     rows = averages([*speed, *others])
     if not rows:
