@@ -28,7 +28,7 @@ from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
-from fecocodec.training.fine_tuning import load_model_weights
+from fecocodec.training.model_weights import load_model_weights
 
 SHARES, SHARPNESS = (0.0, 0.25, 0.5, 0.75, 1.0), (-1.0, 0.0, 1.0)
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of DINOv2's input

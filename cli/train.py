@@ -122,14 +122,13 @@ def command(
     _check_paths(folder, (photographs, textures, validation, start, extractor))  # before torch is loaded
     check_values(overrides)
 
-    from fecocodec.training.configurations import configuration_named
+    from fecocodec.training.configurations import RunSettings, configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
-    from fecocodec.training.export import export_model
     from fecocodec.training.graphs.export import export_receiver
-    from fecocodec.training.log import LOG_COLUMNS
     from fecocodec.training.loop import train
+    from fecocodec.training.model_weights import export_model
     from fecocodec.training.processes import is_first, joined_processes
-    from fecocodec.training.run_settings import RunSettings
+    from fecocodec.training.run_files import LOG_COLUMNS
     from fecocodec.training.sources import open_sources
     from fecocodec.training.step_phase import StepPhase, train_step_network
     from fecocodec.training.trainer import Trainer

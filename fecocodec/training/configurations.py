@@ -1,7 +1,8 @@
-"""Named configurations of `fecosplat train`."""
+"""Named configurations of `fecosplat train`, and settings of a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
@@ -17,10 +18,9 @@ from fecocodec.config import (
 from fecocodec.container.lambda_quantisation import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.sender.distortion import Distortion, LogDistortion, MseDistortion, PerceptualDistortion
-from fecocodec.training.batch_shapes import BatchShapes
-from fecocodec.training.optimisation import OptimiserConfig
-from fecocodec.training.schedule import Schedule
-from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, VideoProtocol
+from fecocodec.training.batch import BatchShapes
+from fecocodec.training.chunk_scenes import DL3DV, REALESTATE10K, VideoProtocol
+from fecocodec.training.optimisation import OptimiserConfig, Schedule
 
 Precision = Literal["float32", "bfloat16"]
 Background = Literal["black", "random"]
@@ -181,3 +181,27 @@ def configuration_named(name: str) -> Configuration:
     if name not in CONFIGURATIONS:
         raise InputError(f"There is no training configuration '{name}'; choose one of {', '.join(CONFIGURATIONS)}.")
     return CONFIGURATIONS[name]
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """Where and how long a run trains, and what it writes; what it trains is in the configuration.
+
+    max_minutes: save and stop after this time; None for no limit. device: where the networks run, `cpu` or `cuda:N`;
+    batches are drawn on the CPU. num_workers: processes that draw batches ahead; with 0 the training process does.
+    validate_every, keep_every: steps between validations, and between checkpoints that are kept, with a number.
+    validation_scenes: number of held-out scenes.
+    """
+
+    folder: Path
+    configuration: Configuration
+    max_minutes: float | None
+    seed: int = 0
+    device: str = "cpu"
+    log_every: int = 50
+    save_every_minutes: float = 5.0
+    samples_every_minutes: float = 15.0
+    num_workers: int = 0
+    validate_every: int = 5_000
+    validation_scenes: int = 8
+    keep_every: int = 25_000

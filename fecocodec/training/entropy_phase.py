@@ -22,10 +22,10 @@ from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stage_lambdas import stage_lambdas
-from fecocodec.training.dataset import draw_sample
-from fecocodec.training.log import mean_of_rows
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
+from fecocodec.training.run_files import mean_of_rows
+from fecocodec.training.sources import draw_sample
 from fecocodec.training.trainer import Trainer
 
 LAMBDAS_OF_A_SCENE = 2  # matching, the slowest part, is shared by them

@@ -5,8 +5,8 @@ import time
 from collections.abc import Iterator
 
 from fecocodec.atomic import make_folder
-from fecocodec.training.log import append_row, mean_of_rows
 from fecocodec.training.processes import broadcast_from_first, is_first
+from fecocodec.training.run_files import append_row, mean_of_rows
 from fecocodec.training.run_monitor import RunMonitor
 from fecocodec.training.trainer import Trainer
 

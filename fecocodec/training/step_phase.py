@@ -16,9 +16,9 @@ from fecocodec.sender.latent_coding import estimate_bits
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.training.batch import Batch
-from fecocodec.training.dataset import draw_batch
-from fecocodec.training.log import mean_of_rows
 from fecocodec.training.optimisation import clipped_step, cosine_with_warm_up
+from fecocodec.training.run_files import mean_of_rows
+from fecocodec.training.sources import draw_batch
 from fecocodec.training.step_learning import StepLearner
 from fecocodec.training.trainer import Trainer
 

@@ -18,18 +18,16 @@ from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.batch import Batch, Extracted
-from fecocodec.training.batch_source import BatchSource
-from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
-from fecocodec.training.dataset import Sources
-from fecocodec.training.fine_tuning import freeze, load_extractor, load_fitting_weights, load_model_weights
+from fecocodec.training.batch_source import BatchSource, KeptBatches
+from fecocodec.training.configurations import RunSettings
 from fecocodec.training.initialisation import start_as_block_transform
-from fecocodec.training.kept_batches import KeptBatches
-from fecocodec.training.log import append_lines, remove_rows_after
 from fecocodec.training.loss import loss_of
+from fecocodec.training.model_weights import freeze, load_extractor, load_fitting_weights, load_model_weights
 from fecocodec.training.optimisation import build_optimiser, clipped_step
 from fecocodec.training.paper_objective import code_with_additive_noise, paper_loss, run_paper_stages
 from fecocodec.training.processes import gather_states, is_first, process_rank
-from fecocodec.training.run_settings import RunSettings
+from fecocodec.training.run_files import append_lines, load_checkpoint, remove_rows_after, save_checkpoint
+from fecocodec.training.sources import Sources
 from fecocodec.training.step_learning import StepLearner
 from fecocodec.training.training_pass import Coding, bypass_coding, code_with_noise, extract, run_stages
 

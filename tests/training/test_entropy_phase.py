@@ -9,16 +9,15 @@ from fecocodec.coding.payload import encode_latents
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.optimisation_config import FAST
 from fecocodec.sender.stage_lambdas import stage_lambdas
-from fecocodec.training.batch_shapes import BatchShapes
-from fecocodec.training.checkpoint import load_checkpoint
-from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources
+from fecocodec.training.batch import BatchShapes
+from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.entropy_phase import EntropyPhase, SceneLatents, draw_latents, latents_of, train_entropy_model
-from fecocodec.training.export import export_model
+from fecocodec.training.model_weights import export_model
+from fecocodec.training.optimisation import Schedule
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
-from fecocodec.training.run_settings import RunSettings
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.run_files import load_checkpoint
+from fecocodec.training.sources import Sources
 from fecocodec.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -19,14 +19,12 @@ from fecocodec.sender.stages import StageInputs
 from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training import loss, step_learning
 from fecocodec.training import trainer as trainer_module
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape, BatchShapes
-from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.batch import Batch, BatchShape, BatchShapes
+from fecocodec.training.configurations import Configuration, RunSettings
+from fecocodec.training.optimisation import Schedule
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
-from fecocodec.training.run_settings import RunSettings
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.step_learning import CONTEXT_SHARE, LAST_WEIGHT, Evaluated, StepLearner, learn
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import BatchEncoder

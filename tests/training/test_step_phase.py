@@ -17,18 +17,15 @@ from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import StageInputs
 from fecocodec.training import step_learning
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShapes
-from fecocodec.training.checkpoint import load_checkpoint
-from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources
-from fecocodec.training.export import export_model
-from fecocodec.training.fine_tuning import load_model_weights
+from fecocodec.training.batch import Batch, BatchShapes
+from fecocodec.training.configurations import Configuration, RunSettings
+from fecocodec.training.model_weights import export_model, load_model_weights
+from fecocodec.training.optimisation import Schedule
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
-from fecocodec.training.run_settings import RunSettings
+from fecocodec.training.run_files import load_checkpoint
 from fecocodec.training.samples import Sample
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.sources import Sources
 from fecocodec.training.step_phase import SCENES_OF_A_STEP, StepPhase, train_step_network
 from fecocodec.training.trainer import Trainer
 
