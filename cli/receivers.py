@@ -58,8 +58,8 @@ def decode_stream(data: bytes, options: DecodeOptions, on_progress: OnProgress) 
 def _decode_with_torch(data: bytes, options: DecodeOptions, on_progress: OnProgress) -> "Decoded":
     from fecocodec import decode
     from fecocodec.layers.memory_format import usable_device
-    from fecocodec.receiver.background import DEFAULT_BACKGROUND
-    from fecocodec.receiver.merging import MergingConfig
+    from fecocodec.splatting.background import DEFAULT_BACKGROUND
+    from fecocodec.splatting.merging import MergingConfig
 
     usable_device(options.device)
     decoded = decode(

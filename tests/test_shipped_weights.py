@@ -28,13 +28,13 @@ import fecocodec
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.background import DEFAULT_BACKGROUND
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.encode import encode_with
+from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 

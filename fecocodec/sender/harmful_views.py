@@ -30,6 +30,7 @@ from fecocodec.sender.latent_coding import EstimatedLatent, estimate_bits
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import Stage
+from fecocodec.splatting.emission import Emission, emit
 
 OnLeftOut = Callable[[tuple[str, ...]], None]  # (names of views)
 LEAST_VIEWS = 5  # fewer views are not judged
@@ -153,7 +154,7 @@ class _Trial:
         receiver, cameras = self.encoder.codec.receiver, self.encoder.cameras.scene(0).select(kept)
         condition = receiver.condition(self.stage.inputs.lambda_q[kept], self.stage.inputs.stage)
         prediction = receiver.predict(self.stage.state[kept], cameras.as_batch(), condition)
-        gaussians, cut_out = receiver.appearance(prediction, cameras), self.encoder.cut_out
+        gaussians, cut_out = emit(prediction, cameras.as_batch(), receiver.config, Emission()), self.encoder.cut_out
         view_of = torch.tensor(kept, device=gaussians.means.device).repeat_interleave(gaussians.count // len(kept))
         if cut_out is None:
             return gaussians, view_of

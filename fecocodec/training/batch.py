@@ -9,8 +9,8 @@ from torch import Tensor
 
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import Rendering
+from fecocodec.splatting.emission import Prediction
 from fecocodec.training.batch_limits import check_sizes, check_view_shares
 
 

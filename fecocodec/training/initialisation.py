@@ -11,11 +11,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.predictor import PER_CELL
 from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
+from fecocodec.splatting.attributes import RAW
 
 PIXELS = 48  # of a 4x4 cell: (colour, row, column), as pixel unshuffle orders them
 DISPARITY = PIXELS  # the channel after the pixels, in [-1, 1]

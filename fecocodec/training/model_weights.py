@@ -15,7 +15,6 @@ from fecocodec.model_files import read_bytes
 from fecocodec.receiver.load import load_receiver, serialise_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.adapted import adopt_codec
-from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.load import load_sender, serialise_sender
@@ -101,7 +100,7 @@ def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
 
     Raises InputError for any other name, and for "matching" with another extractor.
     """
-    matching = sender.extractor.before_fusion if isinstance(sender.extractor, CompactExtractor) else ()
+    matching = sender.extractor.before_fusion
     parts: dict[str, tuple[nn.Module | nn.Parameter, ...]] = {
         "receiver": (receiver,),
         "extractor": (sender.extractor,),

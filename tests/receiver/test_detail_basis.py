@@ -7,10 +7,10 @@ import torch
 
 from fecocodec.config import PAPER, ReceiverConfig
 from fecocodec.errors import ModelError
-from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.detail import CELLS, DetailBasis
 from fecocodec.receiver.load import load_receiver, serialise_receiver
 from fecocodec.receiver.model import Receiver
+from fecocodec.splatting.attributes import RAW
 from tests.example_scenes import example_views
 
 PLANES = 3

@@ -77,7 +77,7 @@ def colour_error(sender: Sender, receiver: Receiver, side: int) -> float:
     state = receiver.update.start(1, 16, 16)
     y_hat = sender.analysis(cells, state, condition).round()
     prediction = receiver.predict(receiver.next_state(state, y_hat, condition), views.cameras.as_batch(), condition)
-    harmonics = prediction.gaussians.scene(0).harmonics.view(1, side, side, 3).permute(0, 3, 1, 2)
+    harmonics = prediction.attributes.gaussians().scene(0).harmonics.view(1, side, side, 3).permute(0, 3, 1, 2)
     expected = F.interpolate(F.avg_pool2d(picture, 2), size=(side, side), mode="area")
     return float((0.5 + SH_DEGREE_0 * harmonics - expected).abs().mean())
 

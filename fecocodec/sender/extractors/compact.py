@@ -1,6 +1,6 @@
 """The compact multi-view extractor E_mv: posed photographs -> geometry-aware features at 1/4 resolution."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 import torch.nn.functional as F
@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, downsample, upsample
+from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, RateCondition, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
@@ -18,6 +18,7 @@ from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 from fecocodec.sender.extractors.semi_global import aggregate_costs
 from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.scene import Guides
 
 PYRAMID_LEVELS = 3  # matching runs at full, half and quarter image size
 FIRST_TEMPERATURES = (1.2, 1.2, 1.2, 1.8)  # initial log weights of the pyramid levels and of photo-consistency
@@ -41,6 +42,10 @@ class MatchedMaps:
     def blended(self) -> Float[Tensor, "item 1 h4 w4"]:
         """Matched disparity where it is consistent, extrapolated disparity elsewhere."""
         return torch.lerp(self.extrapolated, self.disparity, self.consistency)
+
+    def first(self, count: int) -> "MatchedMaps":
+        """Return the maps of the first `count` items."""
+        return MatchedMaps(*(getattr(self, entry.name)[:count] for entry in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,8 @@ class CompactExtractor(nn.Module):
     unshuffle 4), because the latent must carry colour as well as geometry. Where no other view confirms a depth, planes
     of confirmed neighbours are extrapolated.
     """
+
+    is_conditioned = False
 
     def __init__(self, config: SenderConfig, channels: int) -> None:
         super().__init__()
@@ -107,16 +114,24 @@ class CompactExtractor(nn.Module):
         """Return F1. images: sRGB in [0, 1], sides multiples of 32. cameras: a batch of normalised scenes."""
         return self.fuse(images, self.match(images, cameras))
 
-    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Matching:
+    def match(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None
+    ) -> Matching:
         """Compute the features of all views, the cost volume, and depth with its cross-view consistency.
 
         Scores are summed over an image pyramid: coarse levels resolve ambiguities of the fine ones. Photo-consistency
         of the images is added: correlation of pixel windows is less distinctive than learned features, but localises
-        more precisely.
+        more precisely. guides: further sources of the disparity and its consistency; the cost volume and appearance,
+        which the U-Net was trained on, are those of the context views alone.
         """
         sources = nearest_views(cameras, self.config.num_source_views)
         appearance, cost = self._scores(images, cameras, sources)
-        maps = self._aggregated(cost, images, cameras, sources)
+        if guides is not None:
+            of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
+            among_all = nearest_views(of_all[1], self.config.num_source_views)
+            maps = self._aggregated(self._scores(*of_all, among_all)[1], *of_all, among_all).first(images.shape[1])
+        else:
+            maps = self._aggregated(cost, images, cameras, sources)
         return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps)
 
     def _scores(
@@ -163,7 +178,7 @@ class CompactExtractor(nn.Module):
         return appearance, _flat(cost_volume(features, cameras, sources, self.config.num_candidates))
 
     def fuse(
-        self, images: Float[Tensor, "batch view 3 h w"], matching: Matching
+        self, images: Float[Tensor, "batch view 3 h w"], matching: Matching, condition: RateCondition | None = None
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1: the U-Net applied to appearance, matching results and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)

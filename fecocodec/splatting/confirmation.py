@@ -8,8 +8,8 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.sampling import project, sample_at
-from fecocodec.receiver.view_pairs import other_views
+from fecocodec.splatting.sampling import project, sample_at
+from fecocodec.splatting.view_pairs import other_views
 
 
 @dataclass(frozen=True)

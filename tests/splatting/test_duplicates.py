@@ -6,7 +6,7 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.receiver.duplicates import kept_share
+from fecocodec.splatting.duplicates import kept_share
 
 SIDE = 32  # Gaussians a side
 WALL = 6.0  # z of a wall

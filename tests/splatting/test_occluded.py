@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import torch
 from einops import rearrange
+from tests.receiver.test_background import GREY, RED, cameras_at
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
-from fecocodec.receiver.background import append
-from fecocodec.receiver.occluded import LEAST_DISTANCE, LEAST_STEP, MOST_STEP, occluded_layer
 from fecocodec.rendering.rasterizer import render
 from fecocodec.rendering.rendering import Rendering
-from tests.receiver.test_background import GREY, RED, cameras_at
+from fecocodec.splatting.background import append
+from fecocodec.splatting.occluded import LEAST_DISTANCE, LEAST_STEP, MOST_STEP, occluded_layer
 
 SIDE = 64  # Gaussians along a side
 IMAGE = (192, 192)

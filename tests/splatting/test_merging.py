@@ -13,8 +13,8 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.merging.symmetric_matrices import adjugate_form, from_axes, to_axes
 from fecocodec.receiver.decode import decode
-from fecocodec.receiver.merging import MergingConfig, merged
 from fecocodec.rendering.rasterizer import render
+from fecocodec.splatting.merging import MergingConfig, merged
 
 SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-6.fcs"
 SIDE = 32  # Gaussians a side

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
-from fecocodec.receiver.sampling import SMALLEST_DEPTH
+from fecocodec.splatting.sampling import SMALLEST_DEPTH
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Attributes of Gaussians from the raw outputs of the predictor's head, and their bounds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 import torch.nn.functional as F
@@ -33,13 +33,17 @@ class Attributes:
     colour: Float[Tensor, "batch view height width 3"]
     depth: Float[Tensor, "batch view height width"]
 
-    def gaussians(self, opacity: Float[Tensor, "batch view height width"]) -> Gaussians:
-        """Return the Gaussians with these opacities, ordered (view, row, column)."""
+    def scene(self, index: int) -> "Attributes":
+        """Return the attributes of one scene, as a batch of one."""
+        return Attributes(*(getattr(self, entry.name)[index : index + 1] for entry in fields(self)))
+
+    def gaussians(self) -> Gaussians:
+        """Return the Gaussians of each scene, ordered (view, row, column)."""
         return Gaussians(
             means=rearrange(self.means, "b v h w xyz -> b (v h w) xyz"),
             scales=rearrange(self.scales, "b v h w xyz -> b (v h w) xyz"),
             rotations=rearrange(self.rotations, "b v h w q -> b (v h w) q"),
-            opacities=rearrange(opacity, "b v h w -> b (v h w)"),
+            opacities=rearrange(self.opacity, "b v h w -> b (v h w)"),
             harmonics=rearrange((self.colour - 0.5) / SH_DEGREE_0, "b v h w rgb -> b (v h w) 1 rgb"),
         )
 

@@ -6,18 +6,19 @@ from pathlib import Path
 import pytest
 import torch
 
+from fecocodec.config import Method
 from fecocodec.container import LAMBDA_Q_MAX, dequantise_lambda, read_stream
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.encode import encode_with
+from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.optimisation_config import FAST
-from fecocodec.sender.stage_lambdas import STAGE_1_OFFSET, stage_lambdas
 from tests.container.example_streams import example_stream
 from tests.example_scenes import MODEL, example_views
 
 
 @pytest.mark.parametrize("lambda_q", [0, 1179, LAMBDA_Q_MAX])
 def test_six_times_the_lambda(lambda_q: int) -> None:
-    header = replace(example_stream().header, lambda_q=lambda_q, first_stage_excess=STAGE_1_OFFSET)
+    header = replace(example_stream().header, lambda_q=lambda_q, first_stage_excess=Method.stage_1_offset)
     assert [header.lambda_q_of_stage(stage) for stage in (1, 2)] == stage_lambdas(lambda_q, 2)
     assert header.lambda_of_stage(1) == pytest.approx(6 * header.lambda_of_stage(2), rel=0.01)
     assert header.lambda_of_stage(2) == dequantise_lambda(lambda_q)

@@ -18,9 +18,9 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.confirmation import Comparison, compare, confirmation
-from fecocodec.receiver.near_bound import near_bound_violation
-from fecocodec.receiver.view_pairs import other_views
+from fecocodec.splatting.confirmation import Comparison, compare, confirmation
+from fecocodec.splatting.near_bound import near_bound_violation
+from fecocodec.splatting.view_pairs import other_views
 
 POOLED = 2  # side of the blocks of Gaussians that are averaged to a view's surface
 

@@ -1,9 +1,9 @@
 """Background layer: blurred Gaussians outside all context views, so that other views show no black areas there.
 
-Its part behind near surfaces, inside the views, is in `receiver/occluded.py`.
+Its part behind near surfaces, inside the views, is in `splatting/occluded.py`.
 
 The border of each view is extrapolated outwards, with more blur and larger cells at larger distances, on several layers
-behind the surface at the border. Only candidates that are visible in no context view are kept (`receiver/hidden.py`),
+behind the surface at the border. Only candidates that are visible in no context view are kept (`splatting/hidden.py`),
 because the codec optimises colours against a black background and any Gaussian behind them would brighten the context
 views. The layer is computed from decoded Gaussians and cameras and needs no bits.
 """
@@ -18,10 +18,10 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.receiver.facing import facing_gaussians
-from fecocodec.receiver.hidden import ExtendedDepth, is_hidden
-from fecocodec.receiver.sampling import SMALLEST_DEPTH
-from fecocodec.receiver.view_maps import view_maps
+from fecocodec.splatting.facing import facing_gaussians
+from fecocodec.splatting.hidden import ExtendedDepth, is_hidden
+from fecocodec.splatting.sampling import SMALLEST_DEPTH
+from fecocodec.splatting.view_maps import view_maps
 
 SMALLEST_OPACITY = 0.01  # a border of smaller mean opacity is transparent and not extrapolated
 

@@ -13,8 +13,8 @@ from fecocodec.merging.merge import merged_fields
 def merged(
     gaussians: Gaussians, is_present: Bool[Tensor, " n"], grid: tuple[int, int], cameras: Cameras, config: MergingConfig
 ) -> Gaussians:
-    """Return `merged_fields` of Gaussians on the CPU. cameras: of the views, in the frame of the Gaussians."""
-    arrays = tuple(field.numpy() for field in gaussians.fields())
-    poses = (cameras.extrinsics.numpy(), cameras.intrinsics.numpy())
-    found = merged_fields(arrays, is_present.numpy(), grid, *poses, config)
-    return Gaussians(*(torch.from_numpy(field) for field in found))
+    """Return `merged_fields`, computed on the CPU. cameras: of the views, in the frame of the Gaussians."""
+    arrays = tuple(field.cpu().numpy() for field in gaussians.fields())
+    poses = (cameras.extrinsics.cpu().numpy(), cameras.intrinsics.cpu().numpy())
+    found = merged_fields(arrays, is_present.cpu().numpy(), grid, *poses, config)
+    return Gaussians(*(torch.from_numpy(field) for field in found)).to(gaussians.means.device)

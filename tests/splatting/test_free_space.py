@@ -6,7 +6,7 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.receiver.free_space import free_space_violation
+from fecocodec.splatting.free_space import free_space_violation
 
 SIDE = 32  # Gaussians a side
 PATCH = (slice(12, 20), slice(12, 20))  # of the first view, seen by the second as well

@@ -12,9 +12,9 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.free_space import POOLED, surfaces_of
-from fecocodec.receiver.sampling import project, sample_at
-from fecocodec.receiver.view_pairs import other_views
+from fecocodec.splatting.free_space import POOLED, surfaces_of
+from fecocodec.splatting.sampling import project, sample_at
+from fecocodec.splatting.view_pairs import other_views
 
 
 @torch.no_grad()

@@ -11,7 +11,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
-from fecocodec.receiver.view_dependence import view_dependent
+from fecocodec.splatting.view_dependence import view_dependent
 
 SIDE = 16  # Gaussians a side
 WALL = 4.0

@@ -8,9 +8,9 @@ from einops import rearrange
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
-from fecocodec.receiver.background import append, background_layer
 from fecocodec.rendering.rasterizer import render
 from fecocodec.rendering.rendering import Rendering
+from fecocodec.splatting.background import append, background_layer
 
 SIDE = 32  # Gaussians along a side
 IMAGE = (192, 192)
