@@ -46,7 +46,8 @@ class Configuration:
     With the method "paper", the loss and the coding of latents are the paper's.
 
     Raises InputError if lambda_range is empty or exceeds that of the codec, if features are kept of an extractor that
-    is trained, and if latents are to be optimised but the sender has no network that proposes steps.
+    is trained, if latents are to be optimised but the sender has no network that proposes steps, and if a field is set
+    that the loss of the method ignores.
     """
 
     shapes: BatchShapes
@@ -81,6 +82,15 @@ class Configuration:
                 "Latents are optimised by a network that proposes steps, which this configuration does not have; leave "
                 "out `optimised_share`, or choose the configuration compact."
             )
+        loss_options = {
+            "perceptual_weight": self.perceptual_weight > 0,
+            "disparity_weight": any(self.schedule.disparity_weight),
+            "optimised_share": self.optimised_share > 0,
+            "background": self.background != "black",
+        }
+        ignored = [f"`{name}`" for name, is_set in loss_options.items() if is_set]
+        if self.is_paper and ignored:
+            raise InputError(f"The paper's loss is D + lambda R and ignores {', '.join(ignored)}; leave them out.")
 
     @property
     def is_paper(self) -> bool:

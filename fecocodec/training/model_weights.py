@@ -8,7 +8,7 @@ from pathlib import Path
 
 from torch import nn
 
-from fecocodec.atomic import write_atomically
+from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into, model_id_of
 from fecocodec.errors import InputError, ModelError
 from fecocodec.model_files import read_bytes
@@ -135,11 +135,16 @@ def export_networks(
     average = load_checkpoint(checkpoint)["average"]
     for name, network in (("receiver.", receiver), ("sender.", sender)):
         network.load_state_dict({k.removeprefix(name): v for k, v in average.items() if k.startswith(name)})
-    folder.mkdir(parents=True, exist_ok=True)
     receiver_bytes = serialise_receiver(receiver) if receiver_file is None else read_bytes(receiver_file)
-    for path, data in (
-        (folder / RECEIVER_FILE, receiver_bytes),
-        (folder / SENDER_FILE, serialise_sender(sender, model_id_of(receiver_bytes))),
-    ):
-        with write_atomically(path, overwrite=True) as temporary:
+    write_model(folder, receiver_bytes, sender)
+
+
+def write_model(folder: Path, receiver: bytes, sender: Sender) -> None:
+    """Write the weights files of a model. receiver: bytes of the receiver's file.
+
+    Raises OutputError if the folder cannot be written.
+    """
+    make_folder(folder)
+    for name, data in ((RECEIVER_FILE, receiver), (SENDER_FILE, serialise_sender(sender, model_id_of(receiver)))):
+        with write_atomically(folder / name, overwrite=True) as temporary:
             temporary.write_bytes(data)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from fecocodec.errors import InputError
 from fecocodec.training.processes import average_gradients
@@ -99,3 +99,15 @@ class Schedule:
     def _between(self, ends: tuple[float, float], step: int) -> float:
         progress = min(1.0, step / self.num_steps)
         return ends[0] + (ends[1] - ends[0]) * progress
+
+
+def copy_of_weights(networks: nn.Module) -> dict[str, Tensor]:
+    """Return a copy of the state, with which an average of weights begins."""
+    return {name: value.detach().clone() for name, value in networks.state_dict().items()}
+
+
+@torch.no_grad()
+def update_average(average: dict[str, Tensor], networks: nn.Module, largest_decay: float, step: int) -> None:
+    """Move an exponential average of weights towards the weights after a step. The decay grows with the steps."""
+    decay = min(largest_decay, (1 + step) / (10 + step))
+    torch._foreach_lerp_(list(average.values()), list(networks.state_dict().values()), 1.0 - decay)

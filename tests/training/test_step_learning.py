@@ -11,6 +11,7 @@ from torch import Tensor
 
 from fecocodec.config import SenderConfig
 from fecocodec.errors import InputError
+from fecocodec.progress import Progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import MseDistortion
 from fecocodec.sender.latent_optimisation import Objective, step_size
@@ -120,7 +121,7 @@ def optimised(
     items = num_views * len(scenes)
     y = (4.0 * torch.randn(items, 32, 8, 8, generator=torch.Generator().manual_seed(7))).requires_grad_()
     features = torch.ones(items, 128, 16, 16)
-    return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, lambda _fraction: None), rows
+    return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, Progress()), rows
 
 
 def test_optimised_latents_differ_and_pass_no_gradient_to_the_sender(codec: Codec) -> None:
