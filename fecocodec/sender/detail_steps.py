@@ -123,7 +123,7 @@ def descend(
     threshold = search.price * BITS_OF_ONE
     for number in range(num_steps):
         progress("finding detail", number / num_steps)
-        gradient = _gradient(search, values)
+        gradient = _gradient(search, values, number)
         age = number + 1
         mean = MOMENTUM * mean + (1.0 - MOMENTUM) * gradient
         square = MEMORY * square + (1.0 - MEMORY) * gradient.square().mean(dim=1, keepdim=True)
@@ -138,10 +138,10 @@ def descend(
 
 
 @torch.enable_grad()
-def _gradient(search: Search, values: Values) -> Values:
-    """Return the gradient of D."""
+def _gradient(search: Search, values: Values, number: int) -> Values:
+    """Return the gradient of D. number: of the step."""
     values = values.detach().requires_grad_()
-    of_scene, _ = search.references.distortion(search.gaussians(values), distortion)
+    of_scene, _ = search.references.taught(number).distortion(search.gaussians(values), distortion)
     (gradient,) = torch.autograd.grad(of_scene, values)
     return gradient
 

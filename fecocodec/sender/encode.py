@@ -20,6 +20,7 @@ from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.coverage import LEAST_OPACITY, coverage_of
 from fecocodec.sender.detail_steps import find_detail
 from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, fader, fading_of
+from fecocodec.sender.guide_check import check_guides, confirmed_guides, reason_of
 from fecocodec.sender.lambda_roles import lambda_of_latents
 from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.latent_optimisation import optimiser
@@ -84,11 +85,36 @@ def encode_with(
 
     Raises InputError for cameras that a stream cannot represent.
     """
+    on_progress("matching views", 0.0)
+    encoder, scene = matched_scene(codec, views, guides, on_warning)
+    return write_scene(encoder, scene, lambda_q, num_stages, config, on_progress)
+
+
+def matched_scene(
+    codec: Codec, views: Views, guides: Views | None, on_warning: OnWarning
+) -> tuple[SceneEncoder, Scene]:
+    """Prepare the scene and match its views. Guides that matching does not confirm are left out, with a warning.
+
+    Raises InputError for cameras that a stream cannot represent.
+    """
+    if guides is not None and (guides.alpha is None) != (views.alpha is None):
+        which = "are cut-outs and the guides are not" if guides.alpha is None else "are opaque and the guides are not"
+        on_warning(f"the guides are left out: the coded views {which}.")
+        guides = None
+    if not codec.receiver.config.kind.has_steps:
+        guides = None  # the paper's method has no use for them
     scene = prepare_scene(views, codec.device, guides)
     encoder = encoder_of(codec, scene)
-    on_progress("matching views", 0.0)
+    if guides is not None and scene.guides is not None:
+        checks = check_guides(encoder.images[0], encoder.matching.depth, encoder.cameras.scene(0), scene.guides)
+        for name, check in zip(guides.names, checks, strict=True):
+            if not check.is_confirmed:
+                on_warning(f"guide {name} is left out: {reason_of(check)}.")
+        if not all(check.is_confirmed and not check.has_other_exposure for check in checks):
+            scene = replace(scene, guides=confirmed_guides(scene.guides, checks))
+            encoder = encoder_of(codec, scene)
     warn_of_overlap(encoder, views.names, on_warning)
-    return write_scene(encoder, scene, lambda_q, num_stages, config, on_progress)
+    return encoder, scene
 
 
 def encoder_of(codec: Codec, scene: Scene) -> SceneEncoder:

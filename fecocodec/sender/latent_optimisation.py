@@ -105,6 +105,7 @@ def optimise_latents(
     returns. propose: see `proposer`.
     """
     price, references = price_of_rate(int(inputs.lambda_q[0])) / encoder.num_pixels, References.of(encoder)
+    references = references.taught(inputs.stage)  # the same in all steps, whose objectives are compared
     photographs, of_picture = references.pictures, partial(config.distortion, ssim_stride=SSIM_STRIDE)
     held = None
     if num_steps > MAX_STEPS_UNHELD and encoder.guides is None:

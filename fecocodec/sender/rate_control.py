@@ -18,10 +18,9 @@ from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import DecodedQuality, decoded_quality
-from fecocodec.sender.encode import OnWarning, check_views, encoder_of, warn_of_overlap, write_scene
+from fecocodec.sender.encode import OnWarning, check_views, matched_scene, write_scene
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
-from fecocodec.sender.scene import prepare_scene
 
 FIRST_LAMBDA_Q = 1179  # lambda 1e-3
 NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS = 3, 3
@@ -113,10 +112,8 @@ def encode_to_target_with(
     guides: Views | None = None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
-    scene = prepare_scene(views, codec.device, guides)
-    encoder = encoder_of(codec, scene)
     on_progress("matching views", 0.0)
-    warn_of_overlap(encoder, views.names, on_warning)
+    encoder, scene = matched_scene(codec, views, guides, on_warning)
 
     def attempt(lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
         data = write_scene(encoder, scene, lambda_q, 2, config, on_progress)

@@ -5,7 +5,7 @@ and shows as a rim on every other background.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -17,6 +17,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.scene_encoder import SceneEncoder
 
 Pictures = Float[Tensor, "picture 3 h w"]
+MAX_GUIDES_AT_ONCE = 24  # in one step; more take turns
 PerPicture = Callable[[Pictures, Pictures], Float[Tensor, " picture"]]  # (renderings, photographs) -> D of each
 
 
@@ -25,11 +26,13 @@ class References:
     """Photographs of one scene with their cameras.
 
     images: sRGB in [0, 1]; cut-outs on white. transparency: 1 - opacity of cut-outs; None for opaque photographs.
+    num_context: number of context views, which come first.
     """
 
     cameras: Cameras
     images: Float[Tensor, "view 3 h w"]
     transparency: Float[Tensor, "view 1 h w"] | None
+    num_context: int
 
     @staticmethod
     def of(encoder: SceneEncoder) -> "References":
@@ -37,16 +40,25 @@ class References:
         cameras, images = encoder.cameras.scene(0), encoder.images[0]
         transparency = None if encoder.cut_out is None else encoder.cut_out.transparency
         if (guides := encoder.guides) is None:
-            return References(cameras, images, transparency)
+            return References(cameras, images, transparency, len(images))
         if transparency is not None:
             of_guides = guides.transparency
             transparency = torch.cat((transparency, of_guides if of_guides is not None else 0 * guides.images[:, :1]))
-        return References(cameras.joined(guides.cameras), torch.cat((images, guides.images)), transparency)
+        joined = cameras.joined(guides.cameras)
+        return References(joined, torch.cat((images, guides.images)), transparency, len(images))
 
-    def select(self, views: list[int]) -> "References":
-        """Return these views."""
+    def taught(self, number: int) -> "References":
+        """Return the context views and the share of the guides that teaches in turn `number`.
+
+        Shares take every second, third, ... guide, so that each spreads over the scene; all turns together use all.
+        """
+        num_guides = len(self.images) - self.num_context
+        shares = -(-num_guides // MAX_GUIDES_AT_ONCE)
+        if shares <= 1:
+            return self
+        views = [*range(self.num_context), *range(self.num_context + number % shares, len(self.images), shares)]
         transparency = None if self.transparency is None else self.transparency[views]
-        return References(self.cameras.select(views), self.images[views], transparency)
+        return replace(self, cameras=self.cameras.select(views), images=self.images[views], transparency=transparency)
 
     @property
     def pictures(self) -> Pictures:

@@ -45,7 +45,7 @@ def test_pictures_and_photographs_are_on_white_then_on_black(monkeypatch: pytest
     on_white = torch.tensor([0.5, 0.5, 1.0]).expand(1, 3, 1, 3)
     on_black = torch.tensor([0.5, 0.25, 0.0]).expand(1, 3, 1, 3)
     cameras = Cameras(torch.eye(4)[None], torch.eye(3)[None], torch.ones(()), torch.ones(()))
-    references = References(cameras, on_white, torch.tensor([0.0, 0.25, 1.0]).reshape(1, 1, 1, 3))
+    references = References(cameras, on_white, torch.tensor([0.0, 0.25, 1.0]).reshape(1, 1, 1, 3), 1)
     assert torch.equal(references.pictures, torch.cat((on_white, on_black)))
     rendering = Rendering(on_black, torch.zeros(1, 1, 3), torch.tensor([1.0, 0.75, 0.0]).reshape(1, 1, 3))
     monkeypatch.setattr("fecocodec.sender.references.render", lambda *_: rendering)

@@ -46,7 +46,7 @@ def search_of(images: torch.Tensor, price: float = 0.0) -> Search:
         ones = torch.ones(len(means))
         return Gaussians(means, means, torch.ones(len(means), 4), ones, torch.zeros(len(means), 1, 3))
 
-    return Search(Shown(cameras, images, None), gaussians, gaussians, price)
+    return Search(Shown(cameras, images, None, len(images)), gaussians, gaussians, price)
 
 
 def test_steps_approach_the_photographs() -> None:

@@ -127,12 +127,19 @@ class CompactExtractor(nn.Module):
         sources = nearest_views(cameras, self.config.num_source_views)
         appearance, cost = self._scores(images, cameras, sources)
         if guides is not None:
-            of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
-            among_all = nearest_views(of_all[1], self.config.num_source_views)
-            maps = self._aggregated(self._scores(*of_all, among_all)[1], *of_all, among_all).first(images.shape[1])
+            maps = self._guided_maps(images, cameras, guides)
         else:
             maps = self._aggregated(cost, images, cameras, sources)
         return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps)
+
+    def _guided_maps(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides) -> MatchedMaps:
+        """Return the maps of the context views with their nearest views, guides among them, as sources."""
+        count, num_sources = images.shape[1], self.config.num_source_views
+        nearest = nearest_views(cameras.joined(guides.cameras.as_batch()), num_sources)[0, :count]
+        guides = guides.select(sorted({view - count for view in nearest.flatten().tolist() if view >= count}))
+        of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
+        sources = nearest_views(of_all[1], num_sources)
+        return self._aggregated(self._scores(*of_all, sources)[1], *of_all, sources).first(count)
 
     def _scores(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
