@@ -137,7 +137,7 @@ def draw_scenes(trainer: Trainer) -> KeptBatches:
     shape = configuration.shapes.usual
     for _ in range(kept.limit):
         batch = draw_batch(trainer.sources, generator, shape, 1.0)
-        kept.add(shape, batch, extract(trainer.sender, trainer.receiver, batch))
+        kept.add(shape, batch, extract(trainer.sender, trainer.receiver, True, batch))
     return kept
 
 
