@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +25,6 @@ class DecodeOptions:
     sh_degree: int
     has_background: bool
     merges: bool
-    prunes: bool
     device: str
     model: Path | None
     max_pixels: int
@@ -34,10 +33,9 @@ class DecodeOptions:
 def decode_stream(data: bytes, options: DecodeOptions, on_progress: OnProgress) -> "Decoded | DecodedScene":
     """Decode a stream; errors are those of the library's receivers.
 
-    Torch decodes on other devices than the CPU, prunes, and decodes models without graphs if it is installed.
+    Torch decodes on other devices than the CPU, and models without graphs if it is installed.
     """
-    needs_torch = options.device != "cpu" or options.prunes
-    if needs_torch or (not _has_graphs(options.model) and find_spec("torch") is not None):
+    if options.device != "cpu" or (not _has_graphs(options.model) and find_spec("torch") is not None):
         return _decode_with_torch(data, options, on_progress)
     from fecocodec.merging.merge import MergingConfig
     from fecocodec.runtime.decode import decode
@@ -62,7 +60,7 @@ def _decode_with_torch(data: bytes, options: DecodeOptions, on_progress: OnProgr
     from fecocodec.splatting.merging import MergingConfig
 
     usable_device(options.device)
-    decoded = decode(
+    return decode(
         data,
         stages=options.stages,
         sh_degree=options.sh_degree,
@@ -73,12 +71,6 @@ def _decode_with_torch(data: bytes, options: DecodeOptions, on_progress: OnProgr
         max_pixels=options.max_pixels,
         on_progress=on_progress,
     )
-    if not options.prunes:
-        return decoded
-    from fecocodec.rendering import pruning
-
-    pruned = pruning.prune(decoded.gaussians, decoded.cameras, decoded.image_size)
-    return replace(decoded, gaussians=pruned)
 
 
 def _has_graphs(model: Path | None) -> bool:

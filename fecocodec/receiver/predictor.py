@@ -32,7 +32,7 @@ PER_CELL = 4  # Gaussians per cell of the 1/4 grid by default: one per 2x2 pixel
 class Predictor(nn.Module):
     """S -> U-Net (1/4 to 1/16) -> depth (1/4) -> points -> KNN attention in 3D (1/8) -> head -> shuffle -> attributes.
 
-    Attention runs at 1/8 resolution, because at 1/4 it dominates the decoding time (docs/experiments.md).
+    Attention runs at 1/8 resolution, because at 1/4 it dominates the decoding time (docs/what_we_learned.md).
     """
 
     def __init__(self, config: ReceiverConfig) -> None:

@@ -22,7 +22,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.cut_out import BLACK
 
 LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them
-# Chosen on captures that the weights were not trained on (docs/experiments.md, More views).
+# Chosen on captures that the weights were not trained on (docs/what_we_learned.md, More views).
 NUM_STEPS = 4
 STEP = 1.5  # learning rate of Adam, for the logits of the factors
 LEAST_SLOPE = 1e-3  # dB: epsilon of Adam. Blocks whose slopes are smaller change little

@@ -34,7 +34,7 @@ from fecocodec.splatting.emission import Emission, emit
 
 OnLeftOut = Callable[[tuple[str, ...]], None]  # (names of views)
 LEAST_VIEWS = 5  # fewer views are not judged
-# Chosen on captures that the weights were not trained on (docs/experiments.md, More views).
+# Chosen on captures that the weights were not trained on (docs/what_we_learned.md, More views).
 LEAST_GAIN = 0.2  # dB by which the mean PSNR must rise without a view, for it to be left out
 LEAST_SLOPE = 0.02  # dB, see `_Judgement`: a view of a smaller slope is not tried
 NUM_TRIED = 3  # views, those with the largest slopes, of which one or none is left out

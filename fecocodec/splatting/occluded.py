@@ -22,7 +22,7 @@ from fecocodec.splatting.sampling import SMALLEST_DEPTH
 from fecocodec.splatting.view_maps import ViewMaps, view_maps
 
 CELL = 4  # Gaussians along a side of a cell
-# Chosen on captures that the weights were not trained on (docs/experiments.md, Receiver).
+# Chosen on captures that the weights were not trained on (docs/what_we_learned.md, Receiver).
 BLURS = (0.03, 0.08)  # standard deviations of the blur, as fractions of the image's width; the first is preferred
 FARNESS = 8.0  # exponent of the depth in the weights of the blur: farther surfaces count
 SETBACK = 1.03  # depth of a Gaussian, relative to the blurred depth

@@ -34,7 +34,7 @@ class Configuration:
     precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
     `fine_tuning`). distortion: D of the loss.
     perceptual_weight: of ST-LPIPS beside D, for all networks and for the step network. More of it gives sharper
-    pictures of lower PSNR (docs/experiments.md).
+    pictures of lower PSNR (docs/what_we_learned.md).
     background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
     alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimised_share: share of the steps whose

@@ -1,8 +1,9 @@
 """Initialisation of training as a linear block-transform codec.
 
-Random networks need thousands of steps to learn to transmit colour from photographs to Gaussians (docs/experiments.md).
-Here reserved channels of every residual chain transmit pixels and matched disparity as 8x8 DCT coefficients to the
-colours and depths of the Gaussians. All other weights start at random and add to these channels.
+Random networks need thousands of steps to learn to transmit colour from photographs to Gaussians
+(docs/what_we_learned.md). Here reserved channels of every residual chain transmit pixels and matched disparity as 8x8
+DCT coefficients to the colours and depths of the Gaussians. All other weights start at random and add to these
+channels.
 """
 
 import math

@@ -93,7 +93,7 @@ class StepLearner:
         """Return the `optimise` argument of `SceneEncoder.run` for a batch, whose scenes are optimised one by one.
 
         The optimised latents pass no gradient to the sender. If they did, g_a would learn to rely on the steps: files
-        without steps became 25% larger, and those with steps no better (docs/experiments.md). It learns by
+        without steps became 25% larger, and those with steps no better (docs/what_we_learned.md). It learns by
         `analysis_loss` instead. report:
         called for each stage of each scene with the change of `Parts` by its steps; names end in the stage's number.
         """

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import torch
 from einops import rearrange
-from tests.receiver.test_background import GREY, RED, cameras_at
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
@@ -12,6 +11,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.splatting.background import append
 from fecocodec.splatting.occluded import LEAST_DISTANCE, LEAST_STEP, MOST_STEP, occluded_layer
+from tests.splatting.test_background import GREY, RED, cameras_at
 
 SIDE = 64  # Gaussians along a side
 IMAGE = (192, 192)
