@@ -25,8 +25,7 @@ from fecocodec.checkpoint import DEFAULT_MODEL, SENDER_FILE, SHIPPED
 from fecocodec.config import SenderConfig
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
-from fecocodec.evaluation.report.charts import Chart, Mark, Series
-from fecocodec.evaluation.report.png import write_panels
+from fecocodec.evaluation.report.charts import Chart, Mark, Series, write_panels
 from fecocodec.evaluation.report.section import number, table
 from fecocodec.evaluation.summary import Average
 from fecocodec.training.batch import BatchShapes
