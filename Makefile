@@ -11,6 +11,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEMO_LAMBDA ?= 1e-4
+MODEL := $(shell sed -n 's/^DEFAULT_MODEL = "\(.*\)"/\1/p' fecocodec/model_files.py)
 RUN ?= runs/next
 MINUTES ?= 60
 # What the command sets for its own process (cli/process.py), for what measures the library.
@@ -95,7 +96,7 @@ stress: $(READY) ## hard inputs against their rules, into out/stress: make stres
 train: $(READY) ## train on from the shipped weights: make train PHOTOGRAPHS=scenes [RUN=runs/next] [MINUTES=60]
 	@test -n "$(PHOTOGRAPHS)" || { echo "name a folder of posed scenes: make train PHOTOGRAPHS=folder" >&2; exit 1; }
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 10 $(BIN)/python -m torch.distributed.run --nproc-per-node 2 -m fecosplat_cli train $(RUN) \
-	  --from fecocodec/weights/compact-6 --photographs $(PHOTOGRAPHS) --steps 2000 \
+	  --from fecocodec/weights/$(MODEL) --photographs $(PHOTOGRAPHS) --steps 2000 \
 	  --one-stage-steps 0 --bypass-steps 0 --photograph-share 0.75 0.75 --depth-weight 0.3 0.3 --learning-rate 2e-4 \
 	  --size 160x160 --size 128x192 --size 192x128 --size 128x128 --views 2:0.8,3:0.1,4:0.1 --scenes 2 --optimised-share 0.5 --max-minutes $(MINUTES)
 
@@ -114,7 +115,7 @@ web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHR
 	cd web && npx tsc -p . && rm -rf build/test build/browser-tests && node build-tests.mjs && node --test build/test/*.mjs
 	@rm -rf web/build/browser && mkdir -p web/build/browser/scenes
 	$(BIN)/python -m web.test.make_scenes web/build/browser/scenes
-	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-compact-6.fcs -o web/build/browser/scene.html --overwrite
+	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-$(MODEL).fcs -o web/build/browser/scene.html --overwrite
 	cd web && node --test --test-concurrency 1 build/browser-tests/*.test.mjs
 	$(BIN)/python -m pytest -q web/test/test_results.py tests/cli/test_view.py
 

@@ -20,7 +20,7 @@ from fecocodec.captures.scene_folder import read_views
 from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
 from fecocodec.config import PaperSenderConfig
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.memory import peak_mib
+from fecocodec.evaluation.machine import peak_mib
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.adapted import adopt_codec
 from fecocodec.sender.codec import Codec

@@ -25,8 +25,7 @@ from fecocodec.checkpoint import DEFAULT_MODEL, SENDER_FILE, SHIPPED
 from fecocodec.config import SenderConfig
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
-from fecocodec.evaluation.report.charts import Chart, Mark, Series
-from fecocodec.evaluation.report.png import write_panels
+from fecocodec.evaluation.report.charts import Chart, Mark, Series, write_panels
 from fecocodec.evaluation.report.section import number, table
 from fecocodec.evaluation.summary import Average
 from fecocodec.training.batch import BatchShapes
@@ -137,7 +136,7 @@ def draw_scenes(trainer: Trainer) -> KeptBatches:
     shape = configuration.shapes.usual
     for _ in range(kept.limit):
         batch = draw_batch(trainer.sources, generator, shape, 1.0)
-        kept.add(shape, batch, extract(trainer.sender, trainer.receiver, batch))
+        kept.add(shape, batch, extract(trainer.sender, trainer.receiver, True, batch))
     return kept
 
 

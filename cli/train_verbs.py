@@ -127,7 +127,7 @@ def steps(
         before = deepcopy(codec) if sharp else codec
         _say_rows(train_step_network(codec, sources, configuration, seed))
         if sharp is not None:
-            codec = with_sharp_steps(before, [codec.sender.steps.state_dict()], sharp == "between")
+            codec = with_sharp_steps(before, [codec.sender.get_submodule("steps").state_dict()], sharp == "between")
         _write(out, codec, read_bytes(model / RECEIVER_FILE), model / GRAPHS_FOLDER)
 
 

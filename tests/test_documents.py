@@ -27,7 +27,7 @@ WITH_COMMANDS = (
     "docs/limits.md",
     "docs/training.md",
 )
-BELOW = {"batch": ("encode", "decode")}
+BELOW = {"batch": ("encode", "decode"), "train": ("entropy", "steps", "detail")}
 LISTED_ELSEWHERE = {"--help", "--version", "--index", "--output"}  # in the table of commands, or of every command
 COMMANDS_OF_TABLE = ("encode", "decode", "render", "batch")  # whose options are all in docs/command_line.md
 

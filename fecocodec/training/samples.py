@@ -5,7 +5,6 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from einops import rearrange
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
@@ -57,20 +56,6 @@ class Capture(Protocol):
     def far(self) -> float: ...
     def frame_name(self, frame: int) -> str: ...
     def image(self, frame: int) -> UInt8[Tensor, "3 height width"]: ...
-
-
-def contact_sheet(samples: list[Sample]) -> Float[Tensor, "3 rows columns"]:
-    """Return one row per sample: its views, then, if known, their disparity (bright is near). All have one size."""
-    return torch.cat([_sheet_row(sample) for sample in samples], dim=1)
-
-
-def _sheet_row(sample: Sample) -> Float[Tensor, "3 height columns"]:
-    tiles = sample.views.images
-    if sample.depth is not None:
-        cameras = sample.views.cameras
-        relative = (1 / sample.depth - 1 / cameras.far) / (1 / cameras.near - 1 / cameras.far)
-        tiles = torch.cat((tiles, relative.clamp(0, 1)[:, None].expand(-1, 3, -1, -1)))
-    return rearrange(tiles, "view rgb height width -> rgb height (view width)")
 
 
 @dataclass(frozen=True)

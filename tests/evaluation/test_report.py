@@ -11,18 +11,15 @@ from PIL import Image
 from fecocodec.errors import InputError
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
-from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
-from fecocodec.evaluation.report.page import html_page
+from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front, write_panels
+from fecocodec.evaluation.report.complexity_section import Need
+from fecocodec.evaluation.report.make import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
-from fecocodec.evaluation.report.png import write_panels
 from fecocodec.evaluation.report.rate_section import rate_sections
-from fecocodec.evaluation.report.results import ResultFile
-from fecocodec.evaluation.report.scaling_section import scaling_section
+from fecocodec.evaluation.report.scaling_section import Load, exponent, scaling_section
 from fecocodec.evaluation.report.section import table
 from fecocodec.evaluation.report.speed_section import speed_section
-from fecocodec.evaluation.report.studies import Studies
-from fecocodec.evaluation.scaling import Load, exponent
-from fecocodec.evaluation.stress.complexity import Need
+from fecocodec.evaluation.report.studies import ResultFile, Studies
 from fecocodec.evaluation.stress.suite import Verdict
 
 ENTRIES = ("a", "b", "c")

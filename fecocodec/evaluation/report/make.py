@@ -1,20 +1,36 @@
 """Write the report: the last part of a Markdown file, one PNG per chart, and an HTML page with all charts."""
 
+import json
+from dataclasses import asdict
+from html import escape
+from importlib.resources import files
 from pathlib import Path
 
 from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.evaluation.evaluation import weights_label
 from fecocodec.evaluation.machine import describe_machine
+from fecocodec.evaluation.report.charts import Chart, write_png
 from fecocodec.evaluation.report.complexity_section import complexity_section
-from fecocodec.evaluation.report.page import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
-from fecocodec.evaluation.report.png import write_png
 from fecocodec.evaluation.report.rate_section import rate_sections
 from fecocodec.evaluation.report.scaling_section import scaling_section
 from fecocodec.evaluation.report.section import Section
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.stress_section import stress_section
 from fecocodec.evaluation.report.studies import OnStudy, Studies, measure_studies
+
+TEMPLATE = "page.html"
+
+
+def html_page(title: str, subtitle: str, charts: tuple[Chart, ...]) -> str:
+    """Return the HTML text. The charts are embedded as JSON."""
+    template = files(__package__).joinpath(TEMPLATE).read_text()
+    data = json.dumps([asdict(chart) for chart in charts]).replace("<", "\\u003c")  # no `</script>` inside the script
+    parts = {"@TITLE@": escape(title), "@SUBTITLE@": escape(subtitle), "@CHARTS@": data}
+    for mark, text in parts.items():
+        template = template.replace(mark, text)
+    return template
+
 
 TITLE = "# Quality and speed\n\n"  # of a page that is not there yet
 MARK = "<!-- `make report` writes everything below. -->\n"
