@@ -8,6 +8,8 @@ from einops import rearrange
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from fecocodec.geometry.gaussian_arrays import SceneCameras
+
 LEAST_DEPTH = 1e-6  # in units of near; points closer than this are not visible
 
 
@@ -38,6 +40,11 @@ class Cameras:
     intrinsics: Float[Tensor, "*batch view 3 3"]
     near: Float[Tensor, "*batch"]
     far: Float[Tensor, "*batch"]
+
+    @classmethod
+    def of(cls, cameras: "Cameras | SceneCameras") -> "Cameras":
+        """Return cameras as tensors; those of arrays share their memory."""
+        return cls(*map(torch.as_tensor, cameras.fields()))
 
     @property
     def num_views(self) -> int:

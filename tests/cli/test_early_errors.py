@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fecosplat_cli.output import in_options
 
-from fecocodec.splat_files import viewer_files
+from fecocodec.splat_files import html_page
 
 NO_TORCH = """
 import sys
@@ -108,7 +108,7 @@ def test_a_file_without_permission_is_no_wrong_usage(
 def test_a_page_that_was_not_built_is_reported_before_the_file_is_read(
     fecosplat, tmp_path: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(viewer_files, "scene_page", partial(viewer_files.scene_page, tmp_path))
+    monkeypatch.setattr(html_page, "scene_page", partial(html_page.scene_page, tmp_path))
     monkeypatch.chdir(tmp_path)
     result = fecosplat(*arguments)
     assert result.code == 1

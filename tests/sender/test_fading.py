@@ -100,7 +100,7 @@ def test_a_file_of_many_views_fades_and_one_of_few_does_not(random_weights: Path
     many = encode(example_views(LEAST_VIEWS), model=model)
     fading = read_stream(many).fading
     assert fading is not None and len(fading) == LEAST_VIEWS * 16 // 4
-    faint, full = (decode(data, model=model, background=None) for data in (many, without_fading(many)))
+    faint, full = (decode(data, model=model, has_background=False) for data in (many, without_fading(many)))
     assert faint.gaussians.opacities.sum() < full.gaussians.opacities.sum()
     assert read_stream(encode(example_views(LEAST_VIEWS - 1), model=model)).fading is None
     assert read_stream(encode(example_views(LEAST_VIEWS), effort="fast", model=model)).fading is None

@@ -49,7 +49,7 @@ def exported(it: Trainer, folder: Path) -> Path:
 
 
 def decoded_by(model: Path, data: bytes) -> Gaussians:
-    return fecocodec.decode(data, model=model).gaussians
+    return Gaussians.of(fecocodec.decode(data, model=model).gaussians)
 
 
 def test_files_of_both_senders_decode_with_the_receiver_that_was_frozen(
