@@ -9,7 +9,7 @@ from typing import Literal
 import click
 
 from fecocodec.atomic import require_other_file, require_writable, write_atomically
-from fecocodec.captures.view_selection import Selection, may_leave_out, resolve
+from fecocodec.captures.view_selection import Selection, may_leave_out
 from fecocodec.container import inspect, quantise_lambda, with_metadata
 from fecocodec.errors import strict_error
 from fecocodec.limits import DEFAULT_MAX_PIXELS
@@ -136,7 +136,9 @@ def command(
         for warning in source.warnings:
             report(warning)
         # What cameras and headers of images tell is reported before torch is loaded, and before any pixel is read.
-        chosen = choose_photographs(source.path, views=resolve(source.path, views), size=size)
+        chosen = choose_photographs(source.path, views=views, size=size)
+        for note in chosen.remarks:
+            say(printable(f"note: {in_options(note)}"))
         for warning in chosen.notes:
             report(warning)
         if size is None and (remark := scaling_remark([pinhole for _, pinhole in chosen.lenses], chosen.image_size)):

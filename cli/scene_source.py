@@ -44,7 +44,7 @@ def scene_source(
     Nothing is written if the block raises. num_frames: number of frames to take from a video. focal_px: as for
     `posed_folder`. Raises InputError as `posed_folder` and `video_frames` do.
     """
-    from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras
+    from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras, unread_cameras_notes
     from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 
     if num_frames is not None and not is_video(views):
@@ -65,7 +65,7 @@ def scene_source(
             photographs = Path(stack.enter_context(TemporaryDirectory(prefix="fecosplat-")))
             write_sharp_frames(views, photographs, num_frames or DEFAULT_FRAMES)
         posed = stack.enter_context(posed_folder(photographs, name=str(views), focal_px=focal_px))
-        notes = list(posed.notes)
+        notes = [*(f"note: {note}" for note in unread_cameras_notes(views)), *posed.notes]
         if not is_video(views) and (cameras := cameras_above(views)):
             above = views.absolute().parent
             notes.append(f"note: {cameras} has cameras; to use them instead, give the folder {above}.")

@@ -11,9 +11,10 @@ from typing import Any
 import torch
 
 from fecocodec.batch.scene_task import Result
-from fecocodec.camera_files.find import has_cameras
-from fecocodec.captures.scene_folder import read_views
-from fecocodec.captures.view_selection import Selection, may_leave_out, resolve
+from fecocodec.camera_files.find import has_cameras, unread_cameras_notes
+from fecocodec.captures.chosen_photographs import choose_photographs
+from fecocodec.captures.scene_folder import read_pixels
+from fecocodec.captures.view_selection import Selection, may_leave_out
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder, model_id_of
 from fecocodec.container import quantise_lambda, with_metadata
 from fecocodec.errors import InputError, strict_error
@@ -94,10 +95,9 @@ class EncodeScene:
             warnings.append(warning)
 
         with _with_cameras(path) as (scene, notes, doubts):
-            selected = resolve(scene, self.views)
-            views = read_views(
-                scene, views=selected, size=self.size, near=self.near, far=self.far, background=self.background
-            )
+            chosen = choose_photographs(scene, views=self.views, size=self.size)
+            views = read_pixels(chosen, near=self.near, far=self.far, background=self.background)
+            notes = (*notes, *chosen.remarks)
             try:
                 check_views(views, self.num_stages)
                 if may_leave_out(self.views):
@@ -138,7 +138,7 @@ def _with_cameras(path: Path) -> Iterator[tuple[Path, tuple[str, ...], tuple[str
         yield path, (), ()
         return
     with posed_folder(path, torch.get_num_threads(), str(path)) as posed:
-        yield posed.path, posed.notes, posed.warnings
+        yield posed.path, (*unread_cameras_notes(path), *posed.notes), posed.warnings
 
 
 def _tagged(value: Any) -> Any:

@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from fecocodec.camera_files.posed_photographs import require_numbers
+from fecocodec.camera_files.posed_photographs import require_numbers, require_usable
 from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.errors import InputError
 from fecocodec.geometry.frustum_overlap import frustum_overlap
@@ -130,6 +130,7 @@ def read_posed_scene(folder: Path) -> PosedScene:
     path = folder / "transforms.json"
     scene = read_transforms_json(path)
     photographs = scene.photographs
+    require_usable(photographs, are_images_needed=False)
     if len(photographs) < 2:
         raise InputError(f"{path}: has one frame; a training scene needs two or more.")
     if scene.near is None or scene.far is None or not 0 < scene.near < scene.far:
