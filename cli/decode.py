@@ -7,10 +7,10 @@ import click
 
 from fecocodec.atomic import require_other_file, require_writable
 from fecocodec.container import check_pixels, read_stages, read_stream_file
+from fecocodec.errors import error_context
 from fecocodec.model_files import find_receiver
 
 from .decode_options import decoding_options
-from .error_context import error_context
 from .options import FILE_PATH, json_option, stream_path
 from .output import print_json, say, warn
 from .paths import STDOUT, require_ending, require_model

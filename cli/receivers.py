@@ -1,6 +1,5 @@
 """The receiver that `fecosplat decode` uses: onnxruntime, or torch for what needs it."""
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -9,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from fecocodec import model_files
 from fecocodec.container import Stages
+
+from .options import num_threads
 
 if TYPE_CHECKING:
     from fecocodec import Decoded
@@ -48,7 +49,7 @@ def decode_stream(data: bytes, options: DecodeOptions, on_progress: OnProgress) 
         sh_degree=options.sh_degree,
         has_background=options.has_background,
         merging=MergingConfig() if options.merges else None,
-        num_threads=_num_threads(),
+        num_threads=num_threads(0),
         model=options.model,
         max_pixels=options.max_pixels,
         on_progress=on_progress,
@@ -86,9 +87,3 @@ def _has_graphs(model: Path | None) -> bool:
     folders = [model] if model is not None else list(model_files.SHIPPED.iterdir())
     names = ("attributes.onnx", "hide.onnx")  # the last ones of an export
     return any(all((folder / model_files.GRAPHS_FOLDER / name).is_file() for name in names) for folder in folders)
-
-
-def _num_threads() -> int:
-    """Return the number of threads that --threads or the environment sets; 0 for all cores."""
-    value = os.environ.get("OMP_NUM_THREADS", "")
-    return int(value) if value.isdecimal() else 0

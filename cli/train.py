@@ -138,6 +138,7 @@ def command(
     _check_paths(folder, (photographs, textures, validation, start, extractor))  # before torch is loaded
     check_values(overrides)
 
+    from fecocodec.rendering.cuda import require_rendering_device
     from fecocodec.training.completion_phase import CompletionPhase, train_completion
     from fecocodec.training.configurations import configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
@@ -150,8 +151,6 @@ def command(
     from fecocodec.training.sources import open_sources
     from fecocodec.training.step_phase import StepPhase, train_step_network
     from fecocodec.training.trainer import Trainer
-
-    from .device import require_rendering_device
 
     require_rendering_device(device)
     configuration = overridden(configuration_named(name), overrides)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from fecocodec.captures.view_selection import Selection, resolve
 from fecocodec.container import read_header
-
-from .error_context import error_context
+from fecocodec.errors import error_context
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Decoded, Gaussians
