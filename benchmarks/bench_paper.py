@@ -82,7 +82,7 @@ def run_case(case: Case) -> Iterator[tuple[str, Taken]]:
     lambda_q = quantise_lambda(LAMBDA)
     scene = prepare_scene(views, codec.device)
     calls = {
-        "features": lambda: SceneEncoder.of(codec, scene).features,
+        "features": lambda: SceneEncoder.of(codec, scene)._features,
         "encode": lambda: encode_with(codec, views, lambda_q, 2),
     }
     for name, call in calls.items():

@@ -54,14 +54,13 @@ def command(source: Path, batch: BatchOptions, file_format: str, **decoding: Any
 
     from .batch_report import run_and_report
 
-    changing = {name: decoding[name] for name in ("stages", "sh_degree", "has_background", "merge", "prune")}
+    changing = {name: decoding[name] for name in ("stages", "sh_degree", "has_background", "merge")}
     model = decoding["model"]
     receiver = DecodeOptions(
         decoding["stages"] or "all",
         decoding["sh_degree"],
         decoding["has_background"],
         decoding["merge"],
-        decoding["prune"],
         decoding["device"],
         None if model is None else model.absolute(),
         decoding["max_pixels"],

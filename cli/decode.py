@@ -6,7 +6,7 @@ from time import perf_counter
 import click
 
 from fecocodec.atomic import require_other_file, require_writable
-from fecocodec.container import check_pixels, read_stages, read_stream_file
+from fecocodec.container import Stages, check_pixels, read_stages, read_stream_file
 from fecocodec.errors import error_context
 from fecocodec.model_files import find_receiver
 
@@ -66,7 +66,6 @@ def command(
     spz_version: str,
     stages: int | None,
     partial: bool,
-    prune: bool,
     merge: bool,
     sh_degree: int,
     has_background: bool,
@@ -96,14 +95,13 @@ def command(
         require_ending(cameras_file, (".json",))
     require_model(model)
     data = read_stream_file(stream)
+    wanted: Stages = "intact" if partial else stages or "all"
     with error_context(stream):  # before any large library is loaded
-        header = read_stages(data, "intact" if partial else stages or "all").stream.header
+        header = read_stages(data, wanted).stream.header
         check_pixels(header, max_pixels)
         find_receiver(header.model_id, model)
 
-    options = DecodeOptions(
-        "intact" if partial else stages or "all", sh_degree, has_background, merge, prune, device, model, max_pixels
-    )
+    options = DecodeOptions(wanted, sh_degree, has_background, merge, device, model, max_pixels)
     with error_context(stream), progress_bar() as on_progress:
         decoded = decode_stream(data, options, on_progress)
     write_scene(

@@ -27,11 +27,6 @@ _OPTIONS = (
         "1.  [default: all]",
     ),
     click.option(
-        "--prune",
-        is_flag=True,
-        help="Prune Gaussians that contribute little to views near the cameras, and refit the rest (takes seconds).",
-    ),
-    click.option(
         "--merge",
         is_flag=True,
         help="Merge neighbouring Gaussians of similar colour on flat surfaces: about 20% fewer Gaussians for a loss of "

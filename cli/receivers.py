@@ -1,7 +1,7 @@
 """The receiver that `fecosplat decode` uses: onnxruntime, or torch for what needs it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +26,6 @@ class DecodeOptions:
     sh_degree: int
     has_background: bool
     merges: bool
-    prunes: bool
     device: str
     model: Path | None
     max_pixels: int
@@ -35,10 +34,9 @@ class DecodeOptions:
 def decode_stream(data: bytes, options: DecodeOptions, on_progress: OnProgress) -> "Decoded | DecodedScene":
     """Decode a stream; errors are those of the library's receivers.
 
-    Torch decodes on other devices than the CPU, prunes, and decodes models without graphs if it is installed.
+    Torch decodes on other devices than the CPU, and models without graphs if it is installed.
     """
-    needs_torch = options.device != "cpu" or options.prunes
-    if needs_torch or (not _has_graphs(options.model) and find_spec("torch") is not None):
+    if options.device != "cpu" or (not _has_graphs(options.model) and find_spec("torch") is not None):
         return _decode_with_torch(data, options, on_progress)
     from fecocodec.merging.merge import MergingConfig
     from fecocodec.runtime.decode import decode
@@ -59,11 +57,11 @@ def decode_stream(data: bytes, options: DecodeOptions, on_progress: OnProgress) 
 def _decode_with_torch(data: bytes, options: DecodeOptions, on_progress: OnProgress) -> "Decoded":
     from fecocodec import decode
     from fecocodec.layers.memory_format import usable_device
-    from fecocodec.receiver.background import DEFAULT_BACKGROUND
-    from fecocodec.receiver.merging import MergingConfig
+    from fecocodec.splatting.background import DEFAULT_BACKGROUND
+    from fecocodec.splatting.merging import MergingConfig
 
     usable_device(options.device)
-    decoded = decode(
+    return decode(
         data,
         stages=options.stages,
         sh_degree=options.sh_degree,
@@ -74,12 +72,6 @@ def _decode_with_torch(data: bytes, options: DecodeOptions, on_progress: OnProgr
         max_pixels=options.max_pixels,
         on_progress=on_progress,
     )
-    if not options.prunes:
-        return decoded
-    from fecocodec.rendering import pruning
-
-    pruned = pruning.prune(decoded.gaussians, decoded.cameras, decoded.image_size)
-    return replace(decoded, gaussians=pruned)
 
 
 def _has_graphs(model: Path | None) -> bool:

@@ -33,7 +33,7 @@ Examples:
 @click.argument("folder", metavar="FOLDER", type=FILE_PATH)
 @click.option(
     "--config", "name", default="compact", show_default=True, metavar="NAME",
-    help="Training configuration: compact, compact-monocular, paper-re10k, paper-dl3dv, or a variant such as "
+    help="Training configuration: compact, paper-re10k, paper-dl3dv, or a variant such as "
     "ablate-no-feedback (docs/paper_profile.md). Options below without a default override it.",
 )  # fmt: skip
 @click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes, each with a transforms.json.")
@@ -67,20 +67,6 @@ Examples:
     help="Initialise the extractor from a model folder, or from a DepthSplat, Depth Anything V2, DINOv2 or UniMatch "
     "file.",
 )  # fmt: skip
-@click.option(
-    "--completion-steps",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Before the first training step, train depth completion alone for this many steps.",
-)
-@click.option(
-    "--completion-scenes",
-    type=click.IntRange(min=1),
-    default=500,
-    show_default=True,
-    help="Number of scenes per process that --completion-steps trains on.",
-)
 @click.option(
     "--entropy-steps",
     type=click.IntRange(min=0),
@@ -121,8 +107,6 @@ def command(
     seed: int,
     start: Path | None,
     extractor: Path | None,
-    completion_steps: int,
-    completion_scenes: int,
     entropy_steps: int,
     entropy_scenes: int,
     step_updates: int,
@@ -139,7 +123,6 @@ def command(
     check_values(overrides)
 
     from fecocodec.rendering.cuda import require_rendering_device
-    from fecocodec.training.completion_phase import CompletionPhase, train_completion
     from fecocodec.training.configurations import configuration_named
     from fecocodec.training.entropy_phase import EntropyPhase, train_entropy_model
     from fecocodec.training.export import export_model
@@ -168,11 +151,6 @@ def command(
             trainer.start_from(start)
         if extractor is not None and trainer.step == 0:
             say(f"extractor: {trainer.start_extractor_from(extractor)}")
-        if completion_steps and trainer.step == 0:
-            for row in train_completion(trainer, CompletionPhase(completion_steps, completion_scenes)):
-                if is_first():
-                    say("depth completion: " + "  ".join(f"{name} {value:.4g}" for name, value in row.items()))
-            trainer.save(trainer.checkpoint)
         for row in train(trainer):
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         last_phases: tuple[tuple[str, int, Callable[[], Iterator[dict[str, float]]]], ...] = (

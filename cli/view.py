@@ -64,7 +64,7 @@ def _page_of(data: bytes, stream: Path, model: Path | None, max_pixels: int) -> 
     from fecocodec.splat_files.gaussian_arrays import camera_arrays, gaussian_arrays
     from fecocodec.splat_files.gaussian_files import gaussian_bytes
 
-    options = DecodeOptions("all", 1, True, False, False, "cpu", model, max_pixels)
+    options = DecodeOptions("all", 1, True, False, "cpu", model, max_pixels)
     with progress_bar() as on_progress:
         decoded = decode_stream(data, options, on_progress)
     gaussians = gaussian_arrays(decoded.gaussians, str(stream))

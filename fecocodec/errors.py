@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 
 class FecoError(Exception):
@@ -45,7 +44,7 @@ def strict_error(place: str, warning: str) -> StrictError:
 
 @contextmanager
 def error_context(
-    place: Path | str, kinds: tuple[type[FecoError], ...] = (BitstreamError, InputError, ModelError)
+    place: object, kinds: tuple[type[FecoError], ...] = (BitstreamError, InputError, ModelError)
 ) -> Iterator[None]:
     """Prefix the message of every error of these kinds that the block raises with `place`, the file or folder read.
 

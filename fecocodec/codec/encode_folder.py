@@ -15,9 +15,8 @@ from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.scene_source import scene_source
 from fecocodec.input_file import StrPath
+from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.view_quality import DecodedQuality, quality_warnings, stage_warnings
-
-OnProgress = Callable[[str, float], None]  # (name of the step, completed fraction)
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ def encode_folder(
     path: StrPath,
     options: EncodingOptions = EncodingOptions(),  # noqa: B008 - frozen
     *,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
     on_note: OnMessage = lambda _sentence: None,
     on_warning: OnMessage = lambda _sentence: None,
 ) -> EncodingReport:

@@ -1,6 +1,5 @@
 """Encode the views of a folder, and measure the decoded file."""
 
-from collections.abc import Callable
 from functools import partial
 
 from fecocodec.captures.view_selection import may_leave_out
@@ -9,14 +8,13 @@ from fecocodec.codec.options import EncodingOptions
 from fecocodec.container import with_metadata
 from fecocodec.errors import InputError, error_context
 from fecocodec.geometry.views import Views
+from fecocodec.progress import OnProgress
 from fecocodec.sender.decoded_quality import measure_decoded
 from fecocodec.sender.encode import encode
 from fecocodec.sender.harmful_views import left_out_note, without_harmful_views
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.rate_control import encode_to_target
 from fecocodec.sender.view_quality import DecodedQuality
-
-OnProgress = Callable[[str, float], None]
 
 
 def without_harmful(

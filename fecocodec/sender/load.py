@@ -50,8 +50,10 @@ def serialise_sender(sender: Sender, model_id: bytes) -> bytes:
 
 
 def _config_like(weights: Weights, path: Path) -> CodecConfig:
-    """Return a default configuration for the extractor named in the file. Old files name none: they are compact."""
-    name = weights.config.get(EXTRACTOR, SenderConfig.extractor)
+    """Return a default configuration for the extractor that the file names."""
+    if EXTRACTOR not in weights.config:
+        raise ModelError(f"{path}: holds no sender; name a sender's weights file.")
+    name = weights.config[EXTRACTOR]
     for config in _CONFIGS:
         if config.extractor == name:
             return config

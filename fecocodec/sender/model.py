@@ -4,7 +4,7 @@ from typing import Any
 
 from torch import nn
 
-from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import NO_CONTEXT, NO_FEEDBACK, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.analysis import Analysis, HyperAnalysis
 from fecocodec.sender.extractors.adapter import AdaptedExtractor
@@ -12,8 +12,6 @@ from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.feedback import FeedbackExtractor, PictureFeedbackExtractor
 from fecocodec.sender.step_network import StepNetwork
-
-NO_CONTEXT, NO_FEEDBACK = "no-context", "no-feedback"
 
 
 class Sender(nn.Module):
@@ -36,7 +34,7 @@ class Sender(nn.Module):
         self.config = config
         # CompactExtractor, DepthSplatSmall or AdaptedExtractor. All have `match`, `fuse`, and `forward`, which is both.
         self.extractor: Any = extractor or _extractor(config, receiver.state_channels)
-        feedback = PictureFeedbackExtractor if receiver.method == PAPER else FeedbackExtractor
+        feedback = FeedbackExtractor if receiver.kind.has_depth_feedback else PictureFeedbackExtractor
         self.feedback = feedback(config, receiver)
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)

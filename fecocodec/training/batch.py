@@ -7,8 +7,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import Rendering
+from fecocodec.splatting.emission import Prediction
 
 
 @dataclass(frozen=True)

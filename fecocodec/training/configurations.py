@@ -34,7 +34,7 @@ class Configuration:
     precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
     `fine_tuning`). distortion: D of the loss.
     perceptual_weight: of ST-LPIPS beside D, for all networks and for the step network. More of it gives sharper
-    pictures of lower PSNR (docs/experiments.md).
+    pictures of lower PSNR (docs/what_we_learned.md).
     background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
     alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimised_share: share of the steps whose
@@ -150,8 +150,6 @@ _COMPACT = Configuration(
 CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
     {
         "compact": _COMPACT,
-        # With depth completion from DINOv2's features (`--completion-steps`).
-        "compact-monocular": replace(_COMPACT, sender=replace(COMPACT_SENDER, is_monocular=True)),
         # Our method with the paper's extractor, for the receivers of compact models.
         "compact-re10k": Configuration(
             shapes=_PAPER_RE10K.shapes,

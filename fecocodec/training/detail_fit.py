@@ -24,10 +24,8 @@ from fecocodec.coding.detail import Choose, Size, buckets, encode_detail
 from fecocodec.coding.symbol_choice import symbol_bits
 from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES
-from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.detail_steps import search_of, symbols_of, values_of
@@ -37,6 +35,8 @@ from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import Stage
+from fecocodec.splatting.attributes import RAW
+from fecocodec.splatting.emission import Prediction
 
 SIZE = (256, 256)
 LAMBDA_OF_LATENTS = 1e-3
@@ -121,8 +121,8 @@ def _slope(encoder: SceneEncoder, last: Stage[Any], change: Raw | None) -> Raw:
         change = torch.zeros(encoder.num_views, sum(RAW.values()), height, width)
     change = change.detach().requires_grad_()
     inputs = predictor.before_head(last.state, cameras, last.inputs.condition)
-    prediction: Prediction = predictor.gaussians(*inputs, cameras, change)
-    gaussians = encoder.completed(prediction.gaussians.scene(0), prediction)
+    prediction: Prediction = predictor.at_head(*inputs, cameras, change)
+    gaussians = encoder.emit(prediction, has_constant_colours=True)
     rendered = render(gaussians, cameras.scene(0), encoder.size).color
     squared = (rendered - encoder.images[0]).square().mean(dim=(-3, -2, -1))
     (gradient,) = torch.autograd.grad(torch.log(squared + LogDistortion.least_error).mean(), change)
@@ -137,7 +137,7 @@ def fit_tables(receiver: Receiver, coded: list[Coded]) -> None:
         for encoder, last in coded:
             for lmbda in LAMBDAS_OF_DETAIL:
                 lambda_q = quantise_lambda(lmbda)
-                search = search_of(encoder, last, None, lambda_q, DEFAULT)
+                search = search_of(encoder, last, lambda_q)
                 values = values_of(encoder, search, lambda_q, DEFAULT)
                 found.append((symbols_of(values), (len(values), *values.shape[2:])))
     for _ in range(ROUNDS):

@@ -18,10 +18,10 @@ from fecocodec.coding.rate import estimate_latents, rounding, uniform_noise
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import write_stages
+from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.dataset import draw_sample
 from fecocodec.training.log import mean_of_rows
 from fecocodec.training.loss import lambda_of

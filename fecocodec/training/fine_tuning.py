@@ -13,13 +13,12 @@ from fecocodec.errors import InputError, ModelError
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.adapted import adopt_codec
-from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 
-TRAINED_ALONE = ("extractor.completion.", "steps.", "sharp_steps.")  # parts that a model may lack
+TRAINED_ALONE = ("steps.", "sharp_steps.")  # parts that a model may lack
 DETAIL = "detail."
 FREEZABLE = ("receiver", "extractor", "matching")
 
@@ -27,8 +26,8 @@ FREEZABLE = ("receiver", "extractor", "matching")
 def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
     """Copy the weights of a model's folder, except those of an extractor of another kind.
 
-    A sender keeps the initial weights of its depth completion and of its step network if the model has none, and does
-    without them if it has none itself. The detail layer is left out: it is fitted to a trained receiver.
+    A sender keeps the initial weights of its step networks if the model has none, and does without them if it has none
+    itself. The detail layer is left out: it is fitted to a trained receiver.
     Raises ModelError if the model is missing or has other sizes.
     """
     released, model_id = load_receiver(model / RECEIVER_FILE)
@@ -97,7 +96,7 @@ def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
 
     Raises InputError for any other name, and for "matching" with another extractor.
     """
-    matching = sender.extractor.before_fusion if isinstance(sender.extractor, CompactExtractor) else ()
+    matching = sender.extractor.before_fusion
     parts: dict[str, tuple[nn.Module | nn.Parameter, ...]] = {
         "receiver": (receiver,),
         "extractor": (sender.extractor,),

@@ -15,6 +15,7 @@ from fecocodec.sender.fading import LEAST_VIEWS, fader
 from fecocodec.sender.latent_coding import estimate_bits
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import Improvements
 from fecocodec.training.batch import Batch
 from fecocodec.training.dataset import draw_batch
 from fecocodec.training.log import mean_of_rows
@@ -95,7 +96,7 @@ def learn_from_scene(trainer: Trainer, learner: StepLearner) -> dict[str, float]
         fade = None
         if len(context) >= LEAST_VIEWS:  # as in encoding
             fade = fader(encoder.images[0], encoder.cameras.scene(0), encoder.background)
-        encoder.run(batch.lambda_q, 2, estimate_bits(encoder.codec), optimise, fade)
+        encoder.run(batch.lambda_q, 2, estimate_bits(encoder.codec), Improvements(optimise, fade))
     return changes
 
 

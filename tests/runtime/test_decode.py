@@ -14,9 +14,8 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.merging.merge import MergingConfig
-from fecocodec.receiver import emission as torch_emission
-from fecocodec.receiver.background import DEFAULT_BACKGROUND
 from fecocodec.receiver.decode import decode as decode_with_torch
+from fecocodec.receiver.decode import reconstruct
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.state import State
 from fecocodec.runtime.decode import decode
@@ -24,6 +23,8 @@ from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import SceneCameras
+from fecocodec.splatting.background import DEFAULT_BACKGROUND
+from fecocodec.splatting.emission import Emission
 from tests.vectors.chosen_symbols import cells_covered, levels_of
 from tests.vectors.gaussian_difference import beyond, difference, without_rendering
 from tests.vectors.gaussian_samples import table
@@ -125,8 +126,8 @@ def test_networks_agree_for_any_number_of_views_and_any_size(
     state = 0.3 * torch.randn(num_views, receiver.config.state_channels, height // 4, width // 4, generator=generator)
     with torch.inference_mode():
         before = State(state, receiver.condition(torch.full((num_views,), 900), 2))
-        config = torch_emission.EmissionConfig(1, DEFAULT_BACKGROUND, None)
-        expected = torch_emission.emit(receiver, before, cameras, None, config, is_filled)
+        emission = Emission(is_culled=True, background=DEFAULT_BACKGROUND, is_filled=is_filled)
+        expected = reconstruct(receiver, before, cameras, emission)
     arrays = SceneCameras(cameras.extrinsics.numpy(), cameras.intrinsics.numpy(), 0.5, 40.0)
     last = LastState(state.numpy(), 900, 2)
     found = emit(graphs_of(MODEL_ID, None, 1), last, arrays, None, EmissionConfig(1, True, None), is_filled)

@@ -53,7 +53,7 @@ def seen_dtypes(networks: nn.ModuleDict, batch: Batch) -> dict[str, set[torch.dt
     for name, module in networks.named_modules():
         watch(name, module)
     outcomes, _ = run_stages(networks["sender"], networks["receiver"], batch, bypass_coding, 2)
-    assert all(field.dtype == torch.float32 for field in outcomes[1].prediction.gaussians.fields())
+    assert all(field.dtype == torch.float32 for field in outcomes[1].prediction.attributes.gaussians().fields())
     return seen
 
 

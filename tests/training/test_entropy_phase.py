@@ -7,8 +7,8 @@ import torch
 
 from fecocodec.coding.payload import encode_latents
 from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.optimisation_config import FAST
-from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.training.batch_shapes import BatchShapes
 from fecocodec.training.checkpoint import load_checkpoint
 from fecocodec.training.configurations import Configuration

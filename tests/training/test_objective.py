@@ -143,7 +143,7 @@ def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.Mod
     assert contexts[0] is None
     assert not torch.equal(contexts[1], contexts[2])
     assert len(outcomes[1].renderings) == len(outcomes[2].renderings) == 1
-    assert not torch.equal(outcomes[2].prediction.gaussians.means, outcomes[1].prediction.gaussians.means)
+    assert not torch.equal(outcomes[2].prediction.attributes.means, outcomes[1].prediction.attributes.means)
     assert len(two) == 2
 
 

@@ -13,8 +13,8 @@ from fecocodec.config import SenderConfig
 from fecocodec.errors import InputError
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import MseDistortion
-from fecocodec.sender.latent_optimisation import Objective
-from fecocodec.sender.optimisation_config import OptimisationConfig, step_size
+from fecocodec.sender.latent_optimisation import Objective, step_size
+from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.stages import StageInputs
 from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training import loss, step_learning
@@ -206,7 +206,7 @@ def test_the_distance_of_g_a_counts_in_first_steps(codec: Codec) -> None:
     batch = replace(batch, lambda_q=torch.tensor([0, 1768]))
     learner = new_learner(1)
     y, found, _ = optimised(codec, batch, [0, 1], 1, learner)
-    fine, coarse = (step_size(STEPS, codec.receiver.condition(torch.tensor([value]), 1)) for value in (0, 1768))
+    fine, coarse = (step_size(codec.receiver.condition(torch.tensor([value]), 1)) for value in (0, 1768))
     assert fine > 2.0 * coarse
     lengths = torch.tensor([fine, fine, coarse, coarse])[:, None, None, None]
     expected = ((y - found).detach() / lengths).square().mean()

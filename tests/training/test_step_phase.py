@@ -89,9 +89,9 @@ def test_scenes_are_moved_to_the_device_of_the_networks(tmp_path: Path, monkeypa
 def test_many_views_are_faded_as_in_encoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, views: int) -> None:
     found: list[tuple[int, bool]] = []
 
-    def recorded(encoder: SceneEncoder, config: OptimisationConfig, inputs: StageInputs, y_hat: Tensor) -> Gaussians:
+    def recorded(encoder: SceneEncoder, inputs: StageInputs, y_hat: Tensor) -> Gaussians:
         found.append((inputs.stage, inputs.fading is not None))
-        return gaussians_of(encoder, config, inputs, y_hat)
+        return gaussians_of(encoder, inputs, y_hat)
 
     monkeypatch.setattr(step_learning, "gaussians_of", recorded)
     list(train_step_network(new_trainer(tmp_path / "run", views=views), StepPhase(1, optimisation=STEPS)))

@@ -7,10 +7,9 @@ from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.scaling import Load, exponent
 
 TEXT = """\
-Square images of a synthetic room at lambda 1e-3. The exponent e means that the cost grows as pixels^e; 1 is
-proportional. It is fitted over all measurements of a row. Two effects reduce it: the constant cost of a call dominates
-for small images, and the encoder uses two optimisation steps above 2^19 pixels (over all views) and none above 2^22,
-instead of four.
+Square images of a synthetic room at lambda 1e-3. The exponent e means that the cost grows as pixels^e, fitted over all
+measurements of a row. It is below 1 because the constant cost of a call dominates for small images, and because large
+scenes get fewer steps.
 
 {chart}
 

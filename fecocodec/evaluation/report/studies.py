@@ -108,7 +108,6 @@ def _rate_systems(plan: ReportPlan, codec: Codec) -> tuple[System, ...]:
     return (
         *systems_of(["codec"], codec, plan.lambdas),
         *systems_of(["fast", "best", "ablations"], codec, plan.few_lambdas),
-        *systems_of(["pruned"], codec, [LAMBDA]),
         *systems_of(["images", "gaussians", "trivial"], codec, ()),
     )
 

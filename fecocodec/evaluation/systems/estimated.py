@@ -11,12 +11,14 @@ from fecocodec.evaluation.summary import OURS
 from fecocodec.evaluation.systems.codec import rendered
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.emission import EmissionConfig, emit
+from fecocodec.receiver.decode import reconstruct
 from fecocodec.receiver.state import State
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.latent_coding import write_latents
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.splatting.background import DEFAULT_BACKGROUND
+from fecocodec.splatting.emission import Emission
 
 
 def estimated_system(codec: Codec, lmbda: float) -> System:
@@ -34,5 +36,6 @@ def _reconstruct(codec: Codec, lambda_q: int, views: Views, num_context: int) ->
     num_bytes, last = sum(len(stage.coded.payload) for stage in stages), stages[-1]
     encoded = perf_counter()
     state, cameras = State(last.state, last.inputs.condition), unpack(scene.packed)
-    gaussians = emit(codec.receiver, state, cameras, None, EmissionConfig(), encoder.is_filled)
+    emission = Emission(is_culled=True, background=DEFAULT_BACKGROUND, is_filled=encoder.is_filled)
+    gaussians = reconstruct(codec.receiver, state, cameras, emission)
     return rendered(gaussians, views, num_bytes, encoded - begin, perf_counter() - encoded, codec.device)
