@@ -10,12 +10,11 @@ from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
 from fecocodec.sender.precision import run_in_bfloat16
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape
-from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.loss import loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.training_pass import bypass_coding, run_stages
 
 

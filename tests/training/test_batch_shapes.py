@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.training.batch_shapes import BatchShape, BatchShapes
+from fecocodec.training.batch import BatchShape, BatchShapes
 from fecocodec.training.configurations import CONFIGURATIONS, configuration_named
 
 SQUARE = (128, 128)

@@ -21,15 +21,14 @@ from fecocodec.sender.extractors.adapter import ConditionedAdapter
 from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import BEST
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape
+from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
-from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import SHARE, build_optimiser
 from fecocodec.training.paper_objective import RatedStage, code_with_additive_noise, paper_loss, run_paper_stages
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.sources import Sources, draw_batch
 from tests.example_scenes import example_views
 
 pytestmark = pytest.mark.usefixtures("one_thread")

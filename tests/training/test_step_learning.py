@@ -11,6 +11,7 @@ from torch import Tensor
 
 from fecocodec.config import SenderConfig
 from fecocodec.errors import InputError
+from fecocodec.progress import Progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import MseDistortion
 from fecocodec.sender.latent_optimisation import Objective, step_size
@@ -19,14 +20,12 @@ from fecocodec.sender.stages import StageInputs
 from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training import loss, step_learning
 from fecocodec.training import trainer as trainer_module
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape, BatchShapes
-from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.batch import Batch, BatchShape, BatchShapes
+from fecocodec.training.configurations import Configuration, RunSettings
+from fecocodec.training.optimisation import Schedule
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
-from fecocodec.training.run_settings import RunSettings
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.step_learning import CONTEXT_SHARE, LAST_WEIGHT, Evaluated, StepLearner, learn
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import BatchEncoder
@@ -122,7 +121,7 @@ def optimised(
     items = num_views * len(scenes)
     y = (4.0 * torch.randn(items, 32, 8, 8, generator=torch.Generator().manual_seed(7))).requires_grad_()
     features = torch.ones(items, 128, 16, 16)
-    return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, lambda _fraction: None), rows
+    return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, Progress()), rows
 
 
 def test_optimised_latents_differ_and_pass_no_gradient_to_the_sender(codec: Codec) -> None:

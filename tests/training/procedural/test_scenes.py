@@ -9,8 +9,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.training.procedural.cameras import PathRange
-from fecocodec.training.procedural.layout import lay_out
-from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.scenes import ProceduralWorld, lay_out
 from fecocodec.training.procedural.textures import Textures, pattern_textures
 from fecocodec.training.samples import Sample, contact_sheet
 

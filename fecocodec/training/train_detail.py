@@ -1,9 +1,8 @@
-"""Fit the detail layer of a trained model: its basis and the frequency tables of its symbols.
+"""Fit the detail layer of a finished model: its basis and the frequency tables of its symbols.
 
 The basis holds principal components. On each training scene, descent changes the raw outputs of the predictor's head,
 all of them freely, so that the context views are shown better. The components are those of these changes in blocks of
 8x8 pixels, each raw output divided by how strongly the pictures depend on it.
-`benchmarks/fit_detail.py` is the command.
 """
 
 import random
@@ -24,6 +23,7 @@ from fecocodec.coding.detail import Choose, Size, buckets, encode_detail
 from fecocodec.coding.symbol_choice import symbol_bits
 from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES
+from fecocodec.errors import InputError
 from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.rasterizer import render
@@ -61,8 +61,15 @@ def fit_detail(codec: Codec, coded: list[Coded], planes: int) -> Receiver:
 
 @torch.no_grad()
 def coded_scenes(codec: Codec, root: Path, index: Path, count: int) -> Iterator[Coded]:
-    """Yield pairs of context views with their last stage, as coded at LAMBDA_OF_LATENTS."""
+    """Yield pairs of context views with their last stage, as coded at LAMBDA_OF_LATENTS.
+
+    Raises InputError if the codec has the paper's method, or the index names no pair.
+    """
+    if not codec.receiver.config.kind.has_steps:
+        raise InputError("This model has the paper's method, which codes no detail; choose a model of another method.")
     entries = [entry for entry in read_index(index) if len(entry.context) == 2]
+    if not entries:
+        raise InputError(f"{index}: no entry has two context views; give an index of pairs.")
     random.Random(0).shuffle(entries)
     for entry in entries[:count]:
         views = read_views(root / entry.scene, views=entry.context, size=SIZE, background="white")

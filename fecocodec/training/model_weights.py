@@ -1,22 +1,26 @@
-"""Initial weights of a run and its frozen parts, for training several senders for one receiver.
+"""Weights of a run: initial ones from model folders, frozen parts, and export to a model folder.
 
 The file of a frozen receiver stays equal to the byte, and with it the model id: streams of every sender that was
-trained with it decode with the same receiver.
+trained with it decode with the same receiver. Exported are averaged weights in fp16, the prior in integers.
 """
 
 from pathlib import Path
 
 from torch import nn
 
-from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into
+from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into, model_id_of
 from fecocodec.errors import InputError, ModelError
-from fecocodec.receiver.load import load_receiver
+from fecocodec.model_files import read_bytes
+from fecocodec.receiver.load import load_receiver, serialise_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.adapted import adopt_codec
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
-from fecocodec.sender.load import load_sender
+from fecocodec.sender.load import load_sender, serialise_sender
 from fecocodec.sender.model import Sender
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.run_files import load_checkpoint
 
 TRAINED_ALONE = ("steps.", "sharp_steps.")  # parts that a model may lack
 DETAIL = "detail."
@@ -107,3 +111,40 @@ def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
             raise InputError(f"There is no part '{name}' to freeze; choose from {', '.join(FREEZABLE)}.")
         for part in parts[name]:
             part.requires_grad_(False)
+
+
+def export_model(checkpoint: Path, folder: Path, configuration: Configuration, start: Path | None = None) -> None:
+    """Write `receiver.safetensors` and `sender.safetensors` with a checkpoint's averaged weights to `folder`.
+
+    configuration: that of the run. start: folder of the model with whose weights the run began; a frozen receiver is
+    copied from there.
+    Raises ModelError if the checkpoint cannot be read, OutputError if the folder cannot be written.
+    """
+    receiver, sender = Receiver(configuration.receiver), Sender(configuration.sender, configuration.receiver)
+    is_frozen = start is not None and "receiver" in configuration.frozen
+    export_networks(checkpoint, folder, receiver, sender, start / RECEIVER_FILE if start and is_frozen else None)
+
+
+def export_networks(
+    checkpoint: Path, folder: Path, receiver: Receiver, sender: Sender, receiver_file: Path | None = None
+) -> None:
+    """Export as `export_model` does, through these networks, which receive the averaged weights.
+
+    receiver_file: weights file that is copied in place of the receiver.
+    """
+    average = load_checkpoint(checkpoint)["average"]
+    for name, network in (("receiver.", receiver), ("sender.", sender)):
+        network.load_state_dict({k.removeprefix(name): v for k, v in average.items() if k.startswith(name)})
+    receiver_bytes = serialise_receiver(receiver) if receiver_file is None else read_bytes(receiver_file)
+    write_model(folder, receiver_bytes, sender)
+
+
+def write_model(folder: Path, receiver: bytes, sender: Sender) -> None:
+    """Write the weights files of a model. receiver: bytes of the receiver's file.
+
+    Raises OutputError if the folder cannot be written.
+    """
+    make_folder(folder)
+    for name, data in ((RECEIVER_FILE, receiver), (SENDER_FILE, serialise_sender(sender, model_id_of(receiver)))):
+        with write_atomically(folder / name, overwrite=True) as temporary:
+            temporary.write_bytes(data)

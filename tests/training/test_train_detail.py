@@ -14,7 +14,7 @@ from fecocodec.sender.encode import write_stages
 from fecocodec.sender.optimisation_config import DEFAULT, FAST
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.training.detail_fit import (
+from fecocodec.training.train_detail import (
     LAMBDAS_OF_DETAIL,
     LAST_MAGNITUDE,
     SIZE,
