@@ -57,7 +57,7 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="Comma-separated systems to measure: codec; fast and best (other efforts); pruned; ablations (or one of "
+    help="Comma-separated systems to measure: codec; fast and best (other efforts); ablations (or one of "
     "stage-1, no-context, no-feedback); images (compressed photographs); gaussians (compressed Gaussians); trivial.",
 )
 @model_option

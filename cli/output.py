@@ -21,6 +21,8 @@ _OPTIONS = {
     "max_pixels": "--max-pixels",
     "view_shares": "--views",
     "frozen": "--freeze",
+    "disparity_weight": "--depth-weight",
+    **{name: f"--{name.replace('_', '-')}" for name in ("perceptual_weight", "optimised_share")},
     'stages="intact"': "decode --partial",
     "stages=1": "--stages 1",
     "views=all": "--views all",

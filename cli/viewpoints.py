@@ -47,11 +47,14 @@ def cameras_and_size(
 
     Depth bounds are those of the decoded file, else of the camera file, else of the visible Gaussians.
     """
+    from fecocodec import Cameras
+
+    coded = None if decoded is None else Cameras.of(decoded.cameras)
     if given is None:
-        assert decoded is not None  # a .ply file needs --cameras
-        return decoded.cameras, decoded.image_size
-    if decoded is not None:
-        return replace(given.cameras, near=decoded.cameras.near, far=decoded.cameras.far), given.image_size
+        assert decoded is not None and coded is not None  # a .ply file needs --cameras
+        return coded, decoded.image_size
+    if coded is not None:
+        return replace(given.cameras, near=coded.near, far=coded.far), given.image_size
     if given.has_depth_bounds:
         return given.cameras, given.image_size
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fecocodec.captures.scene_folder import read_views
+    from fecocodec.decoding import Decoded, decode
     from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError, OutputError
     from fecocodec.geometry.cameras import Cameras
     from fecocodec.geometry.gaussians import Gaussians
     from fecocodec.geometry.views import Views
-    from fecocodec.receiver.decode import Decoded, decode
     from fecocodec.rendering.rasterizer import Rendering, render
     from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded, quality_warnings
     from fecocodec.sender.encode import encode
@@ -60,7 +60,7 @@ _MODULE_OF = {
     "AtMostKib": "fecocodec.sender.rate_control",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
-    "Decoded": "fecocodec.receiver.decode",
+    "Decoded": "fecocodec.decoding",
     "DecodedQuality": "fecocodec.sender.decoded_quality",
     "FecoError": "fecocodec.errors",
     "Gaussians": "fecocodec.geometry.gaussians",
@@ -70,7 +70,7 @@ _MODULE_OF = {
     "Rendering": "fecocodec.rendering.rasterizer",
     "Views": "fecocodec.geometry.views",
     "check_input": "fecocodec.sender.input_warnings",
-    "decode": "fecocodec.receiver.decode",
+    "decode": "fecocodec.decoding",
     "encode": "fecocodec.sender.encode",
     "encode_to_target": "fecocodec.sender.rate_control",
     "measure_decoded": "fecocodec.sender.decoded_quality",

@@ -10,8 +10,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.camera_files.find import read_cameras
-from fecocodec.camera_files.posed_photographs import distinct_names
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
@@ -64,14 +62,6 @@ def read_pixels(
         unbounded = replace(unbounded, alpha=None)
     cameras = _with_depth_bounds(chosen, unbounded.cameras, near, far, partial(estimate_depth_range, unbounded))
     return replace(unbounded, cameras=cameras)
-
-
-def view_names(path: StrPath) -> tuple[str, ...]:
-    """Return the names of all views of a scene folder, in the order of their indices. Images are not read.
-
-    Raises InputError, as `read_views` does, if the cameras cannot be read.
-    """
-    return distinct_names([photograph.path for photograph in read_cameras(path).photographs])
 
 
 def _read_unbounded(chosen: ChosenPhotographs, background: Background = "white") -> Views:

@@ -20,7 +20,7 @@ from fecocodec.sender.cut_out import BLACK, WHITE
 LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite
 LEAST_LOSS = 0.1  # of the mean PSNR, in dB, that is worth a warning
 # Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between
-# the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/inputs.md).
+# the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/what_we_learned.md).
 LEAST_PSNR = 22.0
 
 

@@ -15,14 +15,12 @@ from fecocodec.checkpoint import model_folder
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import OnProgress
+from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import DecodedQuality, decoded_quality
-from fecocodec.sender.encode import OnWarning, check_views, warn_of_overlap, write_scene
+from fecocodec.sender.encode import OnWarning, check_views, matched_scene, write_scene
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
-from fecocodec.sender.scene import prepare_scene
-from fecocodec.sender.scene_encoder import SceneEncoder
 
 FIRST_LAMBDA_Q = 1179  # lambda 1e-3
 NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS = 3, 3
@@ -83,11 +81,12 @@ def encode_to_target(
     views: Views,
     target: Target,
     *,
+    guides: Views | None = None,
     effort: str | OptimisationConfig = "default",
     sharpness: float = 0.0,
     device: str = "cpu",
     model: Path | str | None = None,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
@@ -98,7 +97,7 @@ def encode_to_target(
     check_views(views, num_stages=2)
     config = config_of_effort(effort, sharpness)
     codec = load_codec(model_folder(model), device)
-    return encode_to_target_with(codec, views, target, config, on_progress, on_warning)
+    return encode_to_target_with(codec, views, target, config, on_progress, on_warning, guides)
 
 
 @torch.inference_mode(False)
@@ -108,14 +107,13 @@ def encode_to_target_with(
     views: Views,
     target: Target,
     config: OptimisationConfig = DEFAULT,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
+    guides: Views | None = None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
-    scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder.of(codec, scene)
     on_progress("matching views", 0.0)
-    warn_of_overlap(encoder, views.names, on_warning)
+    encoder, scene = matched_scene(codec, views, guides, on_warning)
 
     def attempt(lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
         data = write_scene(encoder, scene, lambda_q, 2, config, on_progress)
