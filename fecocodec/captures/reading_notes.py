@@ -7,7 +7,7 @@ from pathlib import Path
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, is_upright
+from fecocodec.photographs.image_headers import has_image_name, is_upright
 from fecocodec.photographs.lens import Lens
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
@@ -43,7 +43,7 @@ def unposed_notes(scene: PosedPhotographs) -> list[str]:
     posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
     folders = sorted({path.parent for path in posed})
     beside = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
-    found = [path.name for path in beside if path.suffix.lower() in IMAGE_SUFFIXES and path not in posed]
+    found = [path.name for path in beside if has_image_name(path) and path not in posed]
     if not found:
         return []
     names = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
