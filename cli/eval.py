@@ -126,8 +126,7 @@ def command(
 
     from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
-
-    from .device import require_rendering_device
+    from fecocodec.rendering.cuda import require_rendering_device
 
     require_rendering_device(device)
     plan = Plan(

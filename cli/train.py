@@ -117,6 +117,7 @@ def command(
     _check_paths(folder, (photographs, textures, validation, start, extractor))  # before torch is loaded
     check_values(overrides)
 
+    from fecocodec.rendering.cuda import require_rendering_device
     from fecocodec.training.configurations import RunSettings, configuration_named
     from fecocodec.training.graphs.export import export_receiver
     from fecocodec.training.loop import train
@@ -125,8 +126,6 @@ def command(
     from fecocodec.training.run_files import LOG_COLUMNS
     from fecocodec.training.sources import open_sources
     from fecocodec.training.trainer import Trainer
-
-    from .device import require_rendering_device
 
     require_rendering_device(device)
     configuration = overridden(configuration_named(name), overrides)

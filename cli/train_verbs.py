@@ -164,10 +164,9 @@ def detail(
     _check(model, out, (photographs, index), {})
 
     from fecocodec.receiver.load import serialise_receiver
+    from fecocodec.rendering.cuda import require_rendering_device
     from fecocodec.sender.codec import load_codec
     from fecocodec.training.train_detail import coded_scenes, fit_detail
-
-    from .device import require_rendering_device
 
     require_rendering_device(device)
     codec = load_codec(model, device)
@@ -192,11 +191,10 @@ def _opened(
     model: Path, photographs: Path | None, textures: Path | None, configuration: "Configuration", device: str
 ) -> Iterator[tuple["Codec", "Sources"]]:
     """Join the other processes, if there are any, and open the networks of a model and the data."""
+    from fecocodec.rendering.cuda import require_rendering_device
     from fecocodec.sender.codec import load_codec
     from fecocodec.training.processes import joined_processes
     from fecocodec.training.sources import open_sources
-
-    from .device import require_rendering_device
 
     require_rendering_device(device)
     with joined_processes(device) as own_device:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from fecocodec.captures.view_selection import Selection
 from fecocodec.container import read_header
+from fecocodec.errors import error_context
 
-from .error_context import error_context
 from .output import in_options, say
 from .terminal import printable
 

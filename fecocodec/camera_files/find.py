@@ -17,7 +17,8 @@ from fecocodec.camera_files.transforms_json import (
 )
 from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES, has_image_name
+from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, conversion_advice, has_image_name, is_unread
+from fecocodec.photographs.video_frames import is_video
 from fecocodec.poses.unposed_photographs import find_photographs
 
 _FINDERS = (find_transforms_json, find_colmap_model, find_realestate10k, find_cameras_json, find_llff)
@@ -118,8 +119,11 @@ def _missing(path: Path) -> str:
             return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
         return "not a camera file; give the folder that holds images and cameras."
     if not _has_images(path):
-        if unread := sorted({file.suffix.lower() for file in _files(path)} & set(UNREAD_SUFFIXES)):
-            return f"photographs of this kind cannot be read ({', '.join(unread)}); convert them to JPEG, PNG or WebP."
+        if unread := [file for file in _files(path) if is_unread(file)]:
+            kinds = ", ".join(sorted({file.suffix.lower() for file in unread}))
+            return f"photographs of this kind cannot be read ({kinds}); {conversion_advice(unread)}."
+        if videos := sorted(file for file in _files(path) if is_video(file)):
+            return f"no photographs found, but a video; give the file itself, {videos[0]}."
         if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _camera_files(folder)]:
             return f"no photographs found, but {len(scenes)} folders with cameras; give one of them, as {scenes[0]}."
         return "no photographs and no camera file found; give a folder that holds two or more photographs."

@@ -23,7 +23,7 @@ _LONGEST_LINE = 1 << 16  # characters
 
 def find_realestate10k(path: Path) -> Path | None:
     """Return the camera text of a scene folder: the first `.txt` with a line of 19 columns. `path` may be that file."""
-    candidates = [path] if path.is_file() else sorted(file for file in path.glob("*.txt") if file.is_file())
+    candidates = [path] if path.is_file() else sorted(file for file in path.glob("[!.]*.txt") if file.is_file())
     return next((candidate for candidate in candidates if _has_camera_line(candidate)), None)
 
 

@@ -1,4 +1,4 @@
-"""Texture pyramids of procedural worlds."""
+"""Texture pyramids of synthetic worlds."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +11,9 @@ from numpy import ndarray
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES
+from fecocodec.photographs.image_headers import has_image_name
 from fecocodec.photographs.images import read_image
-from fecocodec.training.procedural.patterns import draw_patterns
+from fecocodec.training.synthetic.patterns import draw_patterns
 
 TEXTURE_SIDE = 128
 """Texels along a side at the finest level; halved level by level down to one texel."""
@@ -52,7 +52,7 @@ def textures_from_folder(folder: Path) -> Textures:
 
     Raises InputError if there is no image.
     """
-    paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in IMAGE_SUFFIXES)
+    paths = sorted(path for path in folder.glob("*") if has_image_name(path))
     if not paths:
         raise InputError(f"{folder}: no images to use as textures; give a folder that holds some.")
     return pyramid_of(np.stack([_middle_square(read_image(path)) for path in paths]))
@@ -64,7 +64,7 @@ def textures_from_photographs(folder: Path, num_crops: int, seed: int = 0) -> Te
     Raises InputError if there is no photograph.
     """
     rng = np.random.default_rng(seed)
-    paths = sorted(path for path in folder.glob("*/images/*") if path.suffix.lower() in IMAGE_SUFFIXES)
+    paths = sorted(path for path in folder.glob("*/images/*") if has_image_name(path))
     if not paths:
         raise InputError(f"{folder}: no photographs in */images; give the folder that holds the training scenes.")
     return pyramid_of(
