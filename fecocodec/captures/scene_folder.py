@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
@@ -32,7 +33,7 @@ def read_views(
     far: float | None = None,
     background: Background | None = None,
 ) -> Views:
-    """Read the views of a scene folder (or of a camera file in it).
+    """Read the views of a scene folder (or of a camera file in it, or of a ZIP archive of it).
 
     The search order for cameras is `transforms.json`, a COLMAP model (`sparse/0`, `sparse` or the folder itself),
     RealEstate10K camera text, `cameras.json` of 3DGS, `poses_bounds.npy` of LLFF. Lens distortion is removed. All
@@ -46,7 +47,9 @@ def read_views(
     background is white, and `alpha` is their opacity.
     Raises InputError if the folder, a camera or an image cannot be used.
     """
-    return read_pixels(choose_photographs(path, views=views, size=size), near=near, far=far, background=background)
+    with unpacked(path) as folder:
+        chosen = choose_photographs(folder, views=views, size=size)
+        return read_pixels(chosen, near=near, far=far, background=background)
 
 
 def read_pixels(
