@@ -23,8 +23,8 @@ CHILD = """
 import resource, sys, time
 start = time.perf_counter()
 if sys.argv[1] == "torch":
-    from fecosplat_cli import receivers
-    receivers._has_graphs = lambda model: False
+    from fecocodec import decoding
+    decoding.has_graphs = lambda folder, model_id: False
 from fecosplat_cli.main import run
 from fecosplat_cli.process import prepare_process
 prepare_process()
@@ -63,8 +63,8 @@ def measure_warm(data: bytes) -> None:
     """Print warm times of both receivers, in turn, beside the time of the convolutions alone at the machine's rate."""
     import torch
 
+    from fecocodec.decoding import decode
     from fecocodec.receiver.decode import decode as decode_with_torch
-    from fecocodec.runtime.decode import decode
 
     num_threads = int(os.environ["OMP_NUM_THREADS"])
     convolution = torch.nn.Conv2d(176, 176, 3, padding=1).to(memory_format=torch.channels_last).requires_grad_(False)

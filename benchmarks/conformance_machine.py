@@ -13,7 +13,8 @@ sys.path.insert(0, str(ROOT))
 import numpy as np  # noqa: E402
 import torch  # noqa: E402
 
-from fecocodec import decode, encode, read_views  # noqa: E402
+from fecocodec import encode, read_views  # noqa: E402
+from fecocodec.receiver.decode import decode  # noqa: E402
 from tests.vectors.gaussian_samples import table  # noqa: E402
 from tests.vectors.good_vectors import Vector  # noqa: E402
 from tests.vectors.make_vectors import EXPECTED, expectation  # noqa: E402

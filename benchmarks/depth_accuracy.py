@@ -18,11 +18,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.container import quantise_lambda
-from fecocodec.receiver.background import DEFAULT_BACKGROUND, BackgroundConfig
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import encode_with
+from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures, textures_from_folder
 from fecocodec.training.samples import Sample

@@ -149,7 +149,7 @@ def psnr_lost(data: Path, entry: IndexEntry, context: list[PosedPhotograph], pos
     same_lens = replace(
         targets, cameras=replace(carried.cameras, intrinsics=carried.cameras.intrinsics * lens_ratio(stored, estimated))
     )
-    known, found = (decode(encode(scene, effort="fast")).gaussians for scene in (stored, estimated))
+    known, found = (Gaussians.of(decode(encode(scene, effort="fast")).gaussians) for scene in (stored, estimated))
     wanted = score(known, targets)
     losses = (
         wanted - score(found, same_lens),

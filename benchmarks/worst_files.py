@@ -5,7 +5,7 @@
 
 Every file has 2^22 pixels in all, the default limit of `decode`, and both stages; its cameras or symbols are chosen to
 make a step of decoding slow. Each file is decoded by a process of its own: `fecosplat decode`, which uses onnxruntime,
-or `fecocodec.decode` with --receiver torch. Prints bytes, Gaussians, wall time, CPU time (user and system), peak
+or the receiver in torch with --receiver torch. Prints bytes, Gaussians, wall time, CPU time (user and system), peak
 memory, and the speed of one core just before: Gflop per CPU second of a float32 matrix product. CPU time is comparable
 only at equal speed, which varies on shared machines. The exit code is 1 if a file takes more CPU time than CORES idle
 cores have in MOST_SECONDS, or more than MOST_GIB.
@@ -37,9 +37,10 @@ CORES, MOST_SECONDS, MOST_GIB = 2, 10.0, 1.5  # bounds for files of at most LARG
 LARGEST_FILE = 64 << 10
 TORCH_PROGRAM = """
 import json, sys, torch, fecocodec
+from fecocodec.receiver.decode import decode
 from pathlib import Path
 torch.set_num_threads(int(sys.argv[3]))
-decoded = fecocodec.decode(Path(sys.argv[1]).read_bytes())
+decoded = decode(Path(sys.argv[1]).read_bytes())
 fecocodec.write_ply(Path(sys.argv[2]), decoded.gaussians, overwrite=True)
 print(json.dumps({"gaussians": decoded.gaussians.count}))
 """

@@ -2,21 +2,15 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from fecocodec.splat_files.output_formats import ENDINGS, PLY
+
 from .batch_options import BatchOptions, batch_options
-from .decode_options import decoding_options
+from .decode_options import decode_here, decoding_options, require_page
 from .options import FILE_PATH
-from .receivers import DecodeOptions, decode_stream
-from .scene_output import require_page
-
-if TYPE_CHECKING:
-    from fecocodec import Decoded
-    from fecocodec.runtime.decode import DecodedScene
-
-FORMATS = ("ply", "compressed.ply", "spz", "sog", "glb", "html")
 
 
 @click.command(
@@ -33,13 +27,19 @@ Examples:
 @click.option(
     "--format",
     "file_format",
-    type=click.Choice(FORMATS),
-    default="ply",
+    type=click.Choice([ending.removeprefix(".") for ending in ENDINGS]),
+    default=PLY.ending.removeprefix("."),
     show_default=True,
     help="Format of the output files.",
 )
 @decoding_options
-def command(source: Path, batch: BatchOptions, file_format: str, **decoding: Any) -> int:
+def command(
+    source: Path,
+    batch: BatchOptions,
+    file_format: str,
+    decoding: dict[str, Any],
+    writing: dict[str, Any],
+) -> int:
     """Decode each .fcs file in ROOT, or each that MANIFEST names, to OUTPUT/NAME.ply or another format.
 
     The manifest, the .json file beside each output and the exit code are as for `fecosplat batch encode`.
@@ -54,28 +54,8 @@ def command(source: Path, batch: BatchOptions, file_format: str, **decoding: Any
 
     from .batch_report import run_and_report
 
-    changing = {name: decoding[name] for name in ("stages", "sh_degree", "has_background", "merge", "prune")}
     model = decoding["model"]
-    receiver = DecodeOptions(
-        decoding["stages"] or "all",
-        decoding["sh_degree"],
-        decoding["has_background"],
-        decoding["merge"],
-        decoding["prune"],
-        decoding["device"],
-        None if model is None else model.absolute(),
-        decoding["max_pixels"],
-    )
-    work = DecodeScene(
-        suffix=f".{file_format}",
-        decode=partial(decode_for_batch, options=receiver),
-        decode_options=tuple(changing.items()),
-        frame=decoding["frame"],
-        spz_version=3 if decoding["spz_version"] == "3" else 4,
-    )
+    decoding["model"] = None if model is None else model.absolute()  # workers may run in another folder
+    changing = tuple((name, decoding[name]) for name in ("stages", "sh_degree", "has_background", "is_merged"))
+    work = DecodeScene(f".{file_format}", partial(decode_here, **decoding), changing, **writing)
     return run_and_report(scenes, work, batch)
-
-
-def decode_for_batch(data: bytes, options: DecodeOptions) -> "Decoded | DecodedScene":
-    """Decode a stream without progress; a function of this module, so that it can be sent to other processes."""
-    return decode_stream(data, options, lambda _step, _fraction: None)

@@ -1,23 +1,26 @@
 """`fecosplat decode`: decode a .fcs file to a file of 3D Gaussians."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from fecocodec.atomic import require_other_file, require_writable
-from fecocodec.container import check_pixels, read_stages, read_stream_file
-from fecocodec.model_files import find_receiver
+from fecocodec.atomic import require_other_file, require_writable, write_atomically
+from fecocodec.container import read_stream_file
+from fecocodec.errors import error_context
+from fecocodec.splat_files.output_formats import ENDINGS, FORMATS
 
-from .decode_options import decoding_options
-from .error_context import error_context
+from .decode_options import decode_here, decoding_options, require_page
 from .options import FILE_PATH, json_option, stream_path
-from .output import print_json, say, warn
+from .output import print_json, say, warn, write_stdout
 from .paths import STDOUT, require_ending, require_model
 from .progress import progress_bar
-from .receivers import DecodeOptions, decode_stream
-from .scene_output import GAUSSIAN_ENDINGS, Frame, require_page, write_scene
 from .terminal import printable
+
+if TYPE_CHECKING:
+    from fecocodec import Decoded
 
 PARTLY_DECODED = 3  # exit code
 DECODED = {1: "only stage 1", 2: "but both stages"}
@@ -25,7 +28,7 @@ DECODED = {1: "only stage 1", 2: "but both stages"}
 
 @click.command(
     "decode",
-    short_help="Decode a .fcs file to 3D Gaussians (.ply, .spz, .sog, .glb) or a page (.html).",
+    short_help="Decode a .fcs file to 3D Gaussians, or to a page that shows them.",
     epilog="""\b
 Examples:
   fecosplat decode scene.fcs -o scene.ply
@@ -40,8 +43,8 @@ Examples:
     "--output",
     required=True,
     type=FILE_PATH,
-    help="Output file: .ply (3DGS), .compressed.ply, .spz, .sog, .glb (KHR_gaussian_splatting), or .html (a page "
-    "that shows the scene; needs `make web` once); - writes a .ply to standard output.",
+    help=f"Output file: {', '.join(f'{of.ending} ({of.title})' for of in FORMATS)}; - writes a .ply file to standard "
+    "output.",
 )
 @click.option(
     "--save-cameras",
@@ -62,25 +65,17 @@ def command(
     stream: Path,
     output: Path,
     cameras_file: Path | None,
-    frame: Frame,
-    spz_version: str,
-    stages: int | None,
     partial: bool,
-    prune: bool,
-    merge: bool,
-    sh_degree: int,
-    has_background: bool,
-    model: Path | None,
-    max_pixels: int,
-    device: str,
+    decoding: dict[str, Any],
+    writing: dict[str, Any],
     overwrite: bool,
     as_json: bool,
 ) -> int:
     """Decode FILE.fcs (- for standard input) to 3D Gaussians, in the unit of length of the input cameras.
 
-    The ending of the output selects the format. Viewers such as SuperSplat open all of them.
+    The ending of the output selects the format. docs/output_formats.md says which programs open which.
     """
-    if partial and stages is not None:
+    if partial and decoding["stages"] != "all":
         raise click.UsageError("--partial decodes all intact stages; leave --stages out.")
     start = perf_counter()
     if output == STDOUT and as_json:
@@ -88,45 +83,43 @@ def command(
     if output != STDOUT:
         require_writable(output, overwrite=overwrite)
         require_other_file(output, stream)
-        require_ending(output, GAUSSIAN_ENDINGS)
+        require_ending(output, ENDINGS)
         require_page(output.suffix)
     if cameras_file is not None:
         require_writable(cameras_file, overwrite=overwrite)
         require_other_file(cameras_file, stream)
         require_ending(cameras_file, (".json",))
-    require_model(model)
+    require_model(decoding["model"])
     data = read_stream_file(stream)
-    with error_context(stream):  # before any large library is loaded
-        header = read_stages(data, "intact" if partial else stages or "all").stream.header
-        check_pixels(header, max_pixels)
-        find_receiver(header.model_id, model)
-
-    options = DecodeOptions(
-        "intact" if partial else stages or "all", sh_degree, has_background, merge, prune, device, model, max_pixels
-    )
     with error_context(stream), progress_bar() as on_progress:
-        decoded = decode_stream(data, options, on_progress)
-    write_scene(
-        decoded,
-        output,
-        cameras_file,
-        frame=frame,
-        spz_version=3 if spz_version == "3" else 4,
-        overwrite=overwrite,
-    )
-    seconds = round(perf_counter() - start, 3)
-    damage = decoded.damage
+        options = {**decoding, "stages": "intact"} if partial else decoding
+        decoded = decode_here(data, on_progress=on_progress, **options)
+    _write(decoded, output, cameras_file, writing, overwrite=overwrite)
+    seconds, damage = round(perf_counter() - start, 3), decoded.damage
     if as_json:
-        fields = {
-            "output": str(output),
-            "gaussians": decoded.gaussians.count,
-            "stages": decoded.stages,
-            "damage": damage,
-        }
-        print_json({**fields, "seconds": seconds})
+        fields = {"gaussians": decoded.gaussians.count, "stages": decoded.stages, "damage": damage}
+        print_json({"output": str(output), **fields, "seconds": seconds})
     else:
         say(f"{output}: {decoded.gaussians.count} Gaussians in {seconds:.2f} s")
     if damage is None:
         return 0
     warn(printable(f"fecosplat: {stream}: damaged, {DECODED[decoded.stages]} could be decoded: {damage}"))
     return PARTLY_DECODED
+
+
+def _write(
+    decoded: "Decoded", output: Path, cameras_file: Path | None, writing: dict[str, Any], *, overwrite: bool
+) -> None:
+    """Write the Gaussians, and the cameras if their file is given; neither if one of them cannot be written."""
+    from fecocodec.splat_files.camera_json import write_camera_json
+    from fecocodec.splat_files.gaussian_files import decoded_file
+
+    data, cameras = decoded_file(decoded, Path("standard output") if output == STDOUT else output, **writing)
+    with nullcontext() if output == STDOUT else write_atomically(output, overwrite=overwrite) as temporary:
+        if temporary is not None:
+            temporary.write_bytes(data)
+        if cameras_file is not None:
+            names = [f"{view:02d}.png" for view in range(len(cameras.extrinsics))]  # as `render` names its images
+            write_camera_json(cameras_file, cameras, names, overwrite=overwrite)
+    if output == STDOUT:
+        write_stdout(data)

@@ -1,9 +1,20 @@
 """Options of `fecosplat decode` and `fecosplat batch decode`: what is decoded, and how it is written."""
 
+import os
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
 import click
 
-from .options import Function, device_option, max_pixels_option, model_option, overwrite_option, threads_option
+from fecocodec.splat_files.output_formats import FORMATS, RUB
 
+from .options import device_option, max_pixels_option, model_option, overwrite_option, threads_option
+
+if TYPE_CHECKING:
+    from fecocodec import Decoded
+
+_OF_DECODING = ("stages", "sh_degree", "has_background", "is_merged", "model", "max_pixels", "device")
 _OPTIONS = (
     click.option(
         "--frame",
@@ -11,7 +22,7 @@ _OPTIONS = (
         default="input",
         show_default=True,
         help="Coordinate frame of the output: that of the input cameras, or the first camera at the origin, looking "
-        "along +Z with +Y down (.ply, .compressed.ply, .sog) or along -Z with +Y up (.spz, .glb).",
+        f"along +Z with +Y down, or along -Z with +Y up ({', '.join(of.ending for of in FORMATS if of.axes == RUB)}).",
     ),
     click.option(
         "--spz-version",
@@ -27,12 +38,8 @@ _OPTIONS = (
         "1.  [default: all]",
     ),
     click.option(
-        "--prune",
-        is_flag=True,
-        help="Prune Gaussians that contribute little to views near the cameras, and refit the rest (takes seconds).",
-    ),
-    click.option(
         "--merge",
+        "is_merged",
         is_flag=True,
         help="Merge neighbouring Gaussians of similar colour on flat surfaces: about 20% fewer Gaussians for a loss of "
         "a few hundredths of a dB.",
@@ -55,9 +62,37 @@ _OPTIONS = (
 )
 
 
-def decoding_options(function: Function) -> Function:
-    """Add the options, from --frame to --overwrite."""
+def decoding_options(function: Callable[..., int]) -> Callable[..., int]:
+    """Add the options, from --frame to --overwrite.
+
+    Those of `fecocodec.decode` are passed as one argument, `decoding`, and those of the file that is written as
+    `writing`: both are keyword arguments of the library.
+    """
+
+    @wraps(function)
+    def with_groups(**values: Any) -> int:
+        decoding = {name: values.pop(name) for name in _OF_DECODING}
+        writing = {"frame": values.pop("frame"), "spz_version": int(values.pop("spz_version"))}
+        return function(decoding={**decoding, "stages": decoding["stages"] or "all"}, writing=writing, **values)
+
+    command: Callable[..., int] = with_groups
     shared = (model_option, max_pixels_option, device_option, threads_option, overwrite_option)
     for decorator in reversed((*_OPTIONS, *shared)):
-        function = decorator(function)
-    return function
+        command = decorator(command)
+    return command
+
+
+def decode_here(data: bytes, **options: Any) -> "Decoded":
+    """Run `fecocodec.decode` with the threads that --threads or the environment allows this process."""
+    from fecocodec import decode
+
+    value = os.environ.get("OMP_NUM_THREADS", "")
+    return decode(data, num_threads=int(value) if value.isdecimal() else 0, **options)
+
+
+def require_page(suffix: str) -> None:
+    """Raise OutputError for `.html` if the viewer's page was not built, so that nothing is decoded in vain."""
+    if suffix.lower() == ".html":
+        from fecocodec.splat_files.html_page import scene_page
+
+        scene_page()

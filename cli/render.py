@@ -9,9 +9,10 @@ import click
 from fecocodec.atomic import require_writable
 from fecocodec.captures.view_selection import Selection
 from fecocodec.container import check_pixels, read_header, read_stream_file
+from fecocodec.errors import error_context
 from fecocodec.photographs.video_extra import require_video_extra
 
-from .error_context import error_context
+from .decode_options import decode_here
 from .image_files import image_files, image_writer, is_image_file, require_image_output
 from .options import (
     FILE_PATH,
@@ -138,7 +139,7 @@ def command(
     names = names_of(given, scene, data, num_frames)[: 1 if is_preview else None]
     files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
-    from fecocodec import decode, read_ply
+    from fecocodec import Gaussians, read_ply
     from fecocodec.geometry.camera_paths import PATHS
     from fecocodec.photographs.video_writing import video_writer
     from fecocodec.rendering.rasterizer import render_each
@@ -147,7 +148,7 @@ def command(
         decoded = None
         if not is_ply:
             with error_context(scene):
-                decoded = decode(
+                decoded = decode_here(
                     data,
                     stages=stages or "all",
                     device=device,
@@ -155,7 +156,7 @@ def command(
                     max_pixels=max_pixels,
                     on_progress=lambda task, fraction: on_progress(task, 0.5 * fraction),
                 )
-        gaussians = read_ply(scene).to(device) if decoded is None else decoded.gaussians
+        gaussians = read_ply(scene).to(device) if decoded is None else Gaussians.of(decoded.gaussians)
         cameras, image_size = cameras_and_size(given, decoded, gaussians)
         if is_preview:
             cameras = cameras.select([0])
@@ -196,8 +197,7 @@ def _require_video(video: Path, *, overwrite: bool) -> None:
 
 def _require_device(name: str, scene: Path) -> None:
     from fecocodec.layers.memory_format import usable_device
-
-    from .device import require_rendering_device
+    from fecocodec.rendering.cuda import require_rendering_device
 
     if scene.suffix.lower() == ".ply":
         require_rendering_device(name)

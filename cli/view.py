@@ -6,13 +6,13 @@ from pathlib import Path
 import click
 
 from fecocodec.container import read_stream_file
+from fecocodec.errors import error_context
 
-from .error_context import error_context
+from .decode_options import decode_here, require_page
 from .options import max_pixels_option, model_option, stream_path, threads_option
 from .output import say
 from .paths import require_model
 from .progress import progress_bar
-from .receivers import DecodeOptions, decode_stream
 from .terminal import printable
 
 
@@ -45,28 +45,16 @@ def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: i
     data = read_stream_file(stream)
     require_model(model)
 
-    from fecocodec.splat_files.viewer_files import scene_page
+    from fecocodec.splat_files.gaussian_files import decoded_file
 
     from .page_server import PageServer
 
-    scene_page()  # refuses before decoding if it was not built
-    with error_context(stream):
-        page = _page_of(data, stream, model, max_pixels)
+    require_page(".html")
+    with error_context(stream), progress_bar() as on_progress:
+        decoded = decode_here(data, model=model, max_pixels=max_pixels, on_progress=on_progress)
+    page, _ = decoded_file(decoded, stream.with_suffix(".html"))
     with PageServer({"index.html": page}) as server:
         say(printable(f"{stream}: shown at {server.url}/, Ctrl-C ends this"))
         if opens_browser:
             webbrowser.open(server.url)
         server.serve_forever()
-
-
-def _page_of(data: bytes, stream: Path, model: Path | None, max_pixels: int) -> bytes:
-    """Decode a stream and return the page that shows its Gaussians."""
-    from fecocodec.splat_files.gaussian_arrays import camera_arrays, gaussian_arrays
-    from fecocodec.splat_files.gaussian_files import gaussian_bytes
-
-    options = DecodeOptions("all", 1, True, False, False, "cpu", model, max_pixels)
-    with progress_bar() as on_progress:
-        decoded = decode_stream(data, options, on_progress)
-    gaussians = gaussian_arrays(decoded.gaussians, str(stream))
-    cameras = camera_arrays(decoded.cameras, decoded.image_size)
-    return gaussian_bytes(stream.with_suffix(".html"), gaussians, cameras, 3)

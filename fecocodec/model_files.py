@@ -12,6 +12,11 @@ SHIPPED = Path(__file__).parent / "weights"
 DEFAULT_MODEL = "compact-6"
 RECEIVER_FILE, SENDER_FILE = "receiver.safetensors", "sender.safetensors"
 GRAPHS_FOLDER = "graphs"  # in a model's folder
+GRAPH_NAMES = (
+    *("hyper", "features_1", "features_2", "pass_1", "pass_2", "step_1", "step_2", "step_3"),
+    *("update", "points", "attend", "attributes"),
+    *("confirm", "free_space", "duplicates", "slope", "harmonics", "background", "hide", "occluded", "behind"),
+)
 MODEL_ID_BYTES = 8
 MAX_WEIGHTS_BYTES = 1 << 30  # the paper's networks take 75 MB in fp16
 
@@ -69,3 +74,12 @@ def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
         f"the stream needs the receiver weights with model id {model_id.hex()}, but {folder} has {known}; "
         "install the version of the package that made the file, or name the folder of its model."
     )
+
+
+def has_graphs(folder: Path, model_id: bytes) -> bool:
+    """Return whether a model's folder has all graphs of the receiver with this model id.
+
+    An interrupted export leaves some of them missing, or of earlier weights: each graph holds the id of its own.
+    """
+    paths = [folder / GRAPHS_FOLDER / f"{name}.onnx" for name in GRAPH_NAMES]
+    return all(path.is_file() and model_id.hex().encode("ascii") in path.read_bytes() for path in paths)

@@ -28,13 +28,13 @@ import fecocodec
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.background import DEFAULT_BACKGROUND
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.encode import encode_with
+from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 
@@ -79,8 +79,7 @@ class Scores:
 # Measured with compact-6 (`python -m tests.test_shipped_weights`), with AVX-512 / AVX2, which codes no detail at this
 # lambda. Bundled scene: 16024 / 16044 bytes, context 24.52 / 24.53 dB, depth 0.0131 / 0.0133, ST-LPIPS 0.162 / 0.161.
 # Mean of the drawn scenes: 7019 / 7021 bytes, context 30.95 / 30.94 dB, target 28.01 / 28.01 dB, depth 0.0578 / 0.0578,
-# ST-LPIPS 0.214 / 0.212. With the step network of compact-5 (AVX-512): 15656 bytes, 24.47 dB, 0.0129, 0.183; 6889
-# bytes, 30.88 dB, 28.02 dB, 0.0591, 0.226. Move the bounds with the weights, never to a worse trade.
+# ST-LPIPS 0.214 / 0.212. Move the bounds with the weights, never to a worse trade.
 MOTORCYCLE = Scores(16_230, 24.29, -math.inf, 0.0142, 0.168)
 DRAWN = Scores(7_130, 30.85, 27.93, 0.061, 0.218)
 # First two drawn scenes at sharpness -1: 7757 / 7753 bytes, context 29.54 / 29.52 dB, target 23.35 / 23.29 dB, depth
@@ -213,9 +212,6 @@ def perturb(network: nn.Module, noise: float) -> None:
 @pytest.mark.parametrize("end", ["sender", "receiver"])
 @torch.no_grad()
 def test_worse_weights_fail(end: str) -> None:
-    """With compact-2, a perturbed sender takes 1.6% more bytes and loses 0.52 dB at target views, a perturbed receiver
-    (at both ends) 6.8% and 0.28 dB.
-    """
     codec = copy.deepcopy(load_codec(model_folder(None), "cpu"))
     perturb(codec.sender if end == "sender" else codec.receiver, NOISE)
 

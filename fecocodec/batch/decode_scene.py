@@ -1,20 +1,19 @@
-"""Work of a batch that decodes: a `.fcs` file -> the bytes of a file of Gaussians. No torch."""
+"""Work of a batch that decodes: a `.fcs` file -> the bytes of a file of Gaussians. No torch where none is needed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from fecocodec.batch.scene_task import Result
 from fecocodec.container import read_header, read_stream_file
+from fecocodec.decoding import Decoded, decode
 from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError
-from fecocodec.runtime.decode import decode
-from fecocodec.splat_files.gaussian_arrays import camera_arrays, gaussian_arrays
-from fecocodec.splat_files.gaussian_files import gaussian_bytes, in_frame_of_first_camera
-from fecocodec.splat_files.spz import SpzVersion
+from fecocodec.splat_files.gaussian_files import decoded_file
+from fecocodec.splat_files.output_formats import Frame, SpzVersion
 
-Decode = Callable[[bytes], Any]  # to a DecodedScene, or a `receiver.decode.Decoded`
+Decode = Callable[[bytes], Decoded]
 _OF_STREAM = (BitstreamError, InputError, ModelError)
 ON_ONE_THREAD: Decode = partial(decode, num_threads=1)
 
@@ -23,15 +22,14 @@ ON_ONE_THREAD: Decode = partial(decode, num_threads=1)
 class DecodeScene:
     """Decode each file and write its Gaussians.
 
-    suffix: ending of the files, which selects the format. decode: the receiver, such as
-    `partial(runtime.decode.decode, sh_degree=0)`. decode_options: the options that change its result, for the sidecar.
-    frame: of the Gaussians, that of the input cameras or of the first camera.
+    suffix: ending of the files, which selects the format. decode: `partial(fecocodec.decode, sh_degree=0)` and the
+    like. decode_options: the options that change its result, for the sidecar. frame: of the Gaussians.
     """
 
     suffix: str = ".ply"
     decode: Decode = ON_ONE_THREAD
     decode_options: tuple[tuple[str, Any], ...] = ()
-    frame: Literal["input", "first-camera"] = "input"
+    frame: Frame = "input"
     spz_version: SpzVersion = 4
 
     def options(self) -> dict[str, Any]:
@@ -52,12 +50,8 @@ class DecodeScene:
             decoded = self.decode(data)
         except _OF_STREAM as error:
             raise _named(error, path) from error
-        gaussians = gaussian_arrays(decoded.gaussians, str(path))
-        cameras = camera_arrays(decoded.cameras, decoded.image_size)
-        if self.frame == "first-camera":
-            gaussians, cameras = in_frame_of_first_camera(gaussians, cameras)
-        written = gaussian_bytes(Path(f"{name}{self.suffix}"), gaussians, cameras, self.spz_version)
-        return Result(written, details={"gaussians": gaussians.count, "stages": decoded.stages})
+        written, _ = decoded_file(decoded, Path(f"{name}{self.suffix}"), frame=self.frame, spz_version=self.spz_version)
+        return Result(written, details={"gaussians": decoded.gaussians.count, "stages": decoded.stages})
 
 
 def _named(error: FecoError, path: Path) -> FecoError:

@@ -8,6 +8,8 @@ from einops import rearrange
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from fecocodec.geometry.gaussian_arrays import SceneCameras
+
 LEAST_DEPTH = 1e-6  # in units of near; points closer than this are not visible
 
 
@@ -38,6 +40,11 @@ class Cameras:
     intrinsics: Float[Tensor, "*batch view 3 3"]
     near: Float[Tensor, "*batch"]
     far: Float[Tensor, "*batch"]
+
+    @classmethod
+    def of(cls, cameras: "Cameras | SceneCameras") -> "Cameras":
+        """Return cameras as tensors; those of arrays share their memory."""
+        return cls(*map(torch.as_tensor, cameras.fields()))
 
     @property
     def num_views(self) -> int:
@@ -74,6 +81,11 @@ class Cameras:
     def select(self, views: list[int]) -> "Cameras":
         """Return the cameras of these views, in this order."""
         return replace(self, extrinsics=self.extrinsics[..., views, :, :], intrinsics=self.intrinsics[..., views, :, :])
+
+    def joined(self, others: "Cameras") -> "Cameras":
+        """Return these views, then the others, which have the same batch dimensions; the depth bounds are kept."""
+        extrinsics = torch.cat((self.extrinsics, others.extrinsics), dim=-3)
+        return replace(self, extrinsics=extrinsics, intrinsics=torch.cat((self.intrinsics, others.intrinsics), dim=-3))
 
     def scene(self, index: int) -> "Cameras":
         """Return the cameras of one scene of a batch."""

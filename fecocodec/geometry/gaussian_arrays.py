@@ -1,9 +1,9 @@
-"""3D Gaussians as NumPy arrays, for the decoder and the writers of files that run without torch."""
+"""3D Gaussians and cameras as NumPy arrays, for the decoder and the writers of files that run without torch."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32
 
 
 @dataclass(frozen=True)
@@ -26,3 +26,20 @@ class GaussianArrays:
     def keep(self, mask: Bool[np.ndarray, " n"]) -> "GaussianArrays":
         """Return the Gaussians for which the mask is true, in the same order."""
         return GaussianArrays(*(field[mask] for field in self.fields()))
+
+
+@dataclass(frozen=True)
+class SceneCameras:
+    """Cameras of one scene; fields and conventions are those of `geometry.cameras.Cameras`."""
+
+    extrinsics: Float32[np.ndarray, "view 4 4"]
+    intrinsics: Float32[np.ndarray, "view 3 3"]
+    near: float
+    far: float
+
+    @property
+    def num_views(self) -> int:
+        return len(self.extrinsics)
+
+    def fields(self) -> tuple[np.ndarray | float, ...]:
+        return self.extrinsics, self.intrinsics, self.near, self.far

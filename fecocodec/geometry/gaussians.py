@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.geometry.harmonics import SH_DEGREE_0 as SH_DEGREE_0
 from fecocodec.geometry.harmonics import SH_DEGREE_1 as SH_DEGREE_1
 
@@ -24,6 +25,11 @@ class Gaussians:
     rotations: Float[Tensor, "*batch n 4"]
     opacities: Float[Tensor, "*batch n"]
     harmonics: Float[Tensor, "*batch n d_sh 3"]
+
+    @classmethod
+    def of(cls, gaussians: "Gaussians | GaussianArrays") -> "Gaussians":
+        """Return Gaussians as tensors; those of arrays share their memory."""
+        return cls(*map(torch.as_tensor, gaussians.fields()))
 
     @property
     def count(self) -> int:

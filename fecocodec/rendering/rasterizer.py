@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.cpu import render_on_cpu
 from fecocodec.rendering.cuda import render_on_cuda
@@ -16,21 +17,22 @@ _SH_SIZES = (1, 4, 9, 16)
 
 
 def render(
-    gaussians: Gaussians,
-    cameras: Cameras,
+    gaussians: Gaussians | GaussianArrays,
+    cameras: Cameras | SceneCameras,
     image_size: tuple[int, int],
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Rendering:
     """Render the Gaussians of one scene at its cameras, on the device of the Gaussians.
 
-    gaussians, cameras: without batch dimensions, in one world frame and unit of length. image_size: (height, width) in
-    pixels. background: sRGB. The result is differentiable once, in float32, with respect to all fields of the
-    Gaussians; the cameras receive no gradient. Gaussians with values that are not finite are not drawn. On the CPU the
-    result does not depend on the number of threads (that of torch). `projection` and `compositing` implement the rules
-    of 3DGS.
+    gaussians, cameras: without batch dimensions, in one world frame and unit of length; arrays are rendered on the CPU.
+    image_size: (height, width) in pixels. background: sRGB. The result is differentiable once, in float32, with respect
+    to all fields of the Gaussians; the cameras receive no gradient. Gaussians with values that are not finite are not
+    drawn. On the CPU the result does not depend on the number of threads (that of torch). `projection` and
+    `compositing` implement the rules of 3DGS.
 
     Raises InputError if shapes or the image size cannot be used, or if the device has no renderer.
     """
+    gaussians, cameras = Gaussians.of(gaussians), Cameras.of(cameras)
     _check(gaussians, cameras, image_size)
     near = _NEAR_FRACTION * float(cameras.near)
     device = gaussians.means.device.type

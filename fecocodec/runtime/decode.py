@@ -1,8 +1,7 @@
-"""Decode a `.fcs` stream to Gaussians without torch."""
+"""Decode the stages of a `.fcs` stream to Gaussians without torch."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,73 +13,37 @@ from fecocodec.container import (
     IntactPart,
     Stages,
     Stream,
-    check_pixels,
     check_symbol_digest,
-    read_stages,
 )
-from fecocodec.errors import BitstreamError, InputError
-from fecocodec.geometry.gaussian_arrays import GaussianArrays
-from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE, SIDE_MULTIPLE
-from fecocodec.merging.merge import MergingConfig
+from fecocodec.errors import BitstreamError
+from fecocodec.limits import SIDE_MULTIPLE
 from fecocodec.runtime.emission import EmissionConfig, emit
-from fecocodec.runtime.graphs import Graphs, graphs_of
+from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.latents import Steps, decode_stage
 from fecocodec.runtime.prediction import LastState
-from fecocodec.runtime.scene import SceneCameras
+from fecocodec.runtime.scene import Decoded, unpack
 from fecocodec.runtime.view_groups import run_by_views
 
 OnProgress = Callable[[str, float], None]  # (current task, fraction done)
 
 
-@dataclass(frozen=True)
-class DecodedScene:
-    """A decoded scene; the fields are those of `receiver.decode.Decoded`, with NumPy arrays."""
-
-    gaussians: GaussianArrays
-    cameras: SceneCameras
-    image_size: tuple[int, int]
-    stages: int
-    damage: str | None
-
-
 def decode(
-    data: bytes,
-    *,
-    stages: Stages = "all",
-    sh_degree: int = MAX_SH_DEGREE,
-    has_background: bool = True,
-    merging: MergingConfig | None = None,
-    num_threads: int = 0,
-    model: Path | str | None = None,
-    max_pixels: int = DEFAULT_MAX_PIXELS,
-    on_progress: OnProgress = lambda _task, _fraction: None,
-) -> DecodedScene:
-    """Decode a `.fcs` stream on the CPU. Arguments and errors are those of `receiver.decode.decode`.
-
-    has_background: whether to add the layer that fills what no context view shows. num_threads: 0 for all cores.
-    Also raises ModelError if the model's graphs are missing or were exported from other weights.
-    """
-    part = read_stages(data, stages)
-    check_pixels(part.stream.header, max_pixels)
-    if sh_degree not in range(MAX_SH_DEGREE + 1):
-        raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}.")
-    folder = None if model is None else Path(model).absolute()
-    graphs = graphs_of(part.stream.header.model_id, folder, num_threads)
-    return _decode_part(graphs, part, stages, EmissionConfig(sh_degree, has_background, merging), on_progress)
-
-
-def _decode_part(
     graphs: Graphs, part: IntactPart, stages: Stages, config: EmissionConfig, on_progress: OnProgress
-) -> DecodedScene:
+) -> Decoded:
+    """Decode the part of a stream that `read_stages` has read for `stages`; on_progress as for `decoding.decode`.
+
+    Raises BitstreamError for a stream that breaks a rule of the format, ModelError if a graph is missing or was
+    exported from other weights.
+    """
     stream, header = part.stream, part.stream.header
     last, damage = _decode_stages(graphs, stream, stages, on_progress)
     if stream.detail is not None and last.stage == header.num_stages:
         last, damage = _with_detail(graphs, header, stream.detail, last, stages)
     on_progress("predicting Gaussians", 0.8)
-    cameras = SceneCameras.unpack(stream.cameras)
+    cameras = unpack(stream.cameras)
     is_filled = is_filled_behind(header.num_views, stream.coverage is not None)
     gaussians = emit(graphs, last, cameras, visibility_of(stream), config, is_filled)
-    return DecodedScene(gaussians, cameras, (header.height, header.width), last.stage, part.damage or damage)
+    return Decoded(gaussians, cameras, (header.height, header.width), last.stage, part.damage or damage)
 
 
 def _decode_stages(

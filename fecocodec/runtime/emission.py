@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float32
 
-from fecocodec.geometry.gaussian_arrays import GaussianArrays
+from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 from fecocodec.merging.merge import MergingConfig, merged_fields
 from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.prediction import LastState, Prediction, fitted_harmonics, poses_of, predict
-from fecocodec.runtime.scene import SceneCameras, normalise
+from fecocodec.runtime.scene import normalise
 
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 

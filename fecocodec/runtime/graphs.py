@@ -17,7 +17,7 @@ import onnxruntime
 from jaxtyping import Shaped, UInt8
 
 from fecocodec.errors import ModelError
-from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, find_receiver, read_bytes
+from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, read_bytes
 from fecocodec.runtime.weights_file import bytes_tensor
 
 Item = TypeVar("Item")
@@ -114,10 +114,9 @@ def _num_cores() -> int:
 
 
 @lru_cache(maxsize=2)
-def graphs_of(model_id: bytes, model: Path | None, num_threads: int) -> Graphs:
-    """Return the graphs of the receiver with this model id, from the folder `model` or from the shipped models.
+def graphs_of(folder: Path, model_id: bytes, num_threads: int) -> Graphs:
+    """Return the graphs of the receiver in a model's folder. Raises ModelError if its weights cannot be read.
 
-    Raises ModelError if no such receiver is found.
+    model_id: of these weights; it is a part of the key under which the graphs are kept, as weights can be replaced.
     """
-    path = find_receiver(model_id, model)
-    return Graphs(read_bytes(path), path.parent / GRAPHS_FOLDER, model_id, num_threads)
+    return Graphs(read_bytes(folder / RECEIVER_FILE), folder / GRAPHS_FOLDER, model_id, num_threads)

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Int32
 
-from fecocodec.geometry.gaussian_arrays import GaussianArrays
+from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 from fecocodec.geometry.harmonics import SH_DEGREE_0
 from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.neighbours import nearest_neighbours
-from fecocodec.runtime.scene import SceneCameras
 from fecocodec.runtime.view_groups import run_by_views
 from fecocodec.runtime.view_pairs import Arrays, run_over_others, run_over_pairs
 

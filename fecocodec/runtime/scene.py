@@ -1,42 +1,42 @@
-"""Cameras of a decoded scene as NumPy arrays, and the frame in which the networks work."""
+"""The decoded scene as NumPy arrays, its cameras, and the frame in which the networks work."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 
 from fecocodec.container import PackedCameras
-from fecocodec.geometry.gaussian_arrays import GaussianArrays
+from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 
 CENTRE_STEPS = 2**13  # FORMAT.md, section 6.4
 RATIO_BITS = 11
 
 
 @dataclass(frozen=True)
-class SceneCameras:
-    """Cameras of the context views; fields and conventions are those of `geometry.cameras.Cameras`."""
+class Decoded:
+    """A decoded scene.
 
-    extrinsics: Float32[np.ndarray, "view 4 4"]
-    intrinsics: Float32[np.ndarray, "view 3 3"]
-    near: float
-    far: float
+    gaussians: in the world frame and unit of length of the cameras. cameras: of the context views.
+    image_size: (height, width) of the context views in pixels. stages: number of stages decoded, 1 or 2.
+    damage: error message about the rest of the stream, None for an intact stream.
+    """
 
-    @classmethod
-    def unpack(cls, packed: PackedCameras) -> "SceneCameras":
-        extrinsics = np.tile(np.eye(4, dtype=np.float32), (packed.num_views, 1, 1))
-        extrinsics[:, :3] = np.array(packed.extrinsics, np.float32).reshape(-1, 3, 4)
-        intrinsics = np.tile(np.eye(3, dtype=np.float32), (packed.num_views, 1, 1))
-        rows, columns = [0, 1, 0, 1], [0, 1, 2, 2]
-        intrinsics[:, rows, columns] = np.array(packed.intrinsics, np.float32)
-        return cls(extrinsics, intrinsics, packed.near, packed.far)
+    gaussians: GaussianArrays
+    cameras: SceneCameras
+    image_size: tuple[int, int]
+    stages: int
+    damage: str | None
 
-    @property
-    def num_views(self) -> int:
-        return len(self.extrinsics)
 
-    def fields(self) -> tuple[np.ndarray | float, ...]:
-        return self.extrinsics, self.intrinsics, self.near, self.far
+def unpack(packed: PackedCameras) -> SceneCameras:
+    """Return the cameras that a stream holds."""
+    extrinsics = np.tile(np.eye(4, dtype=np.float32), (packed.num_views, 1, 1))
+    extrinsics[:, :3] = np.array(packed.extrinsics, np.float32).reshape(-1, 3, 4)
+    intrinsics = np.tile(np.eye(3, dtype=np.float32), (packed.num_views, 1, 1))
+    rows, columns = [0, 1, 0, 1], [0, 1, 2, 2]
+    intrinsics[:, rows, columns] = np.array(packed.intrinsics, np.float32)
+    return SceneCameras(extrinsics, intrinsics, packed.near, packed.far)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ The frame is that of the uncompressed PLY.
 import numpy as np
 from jaxtyping import Float, UInt32
 
-from fecocodec.splat_files.gaussian_arrays import OutputGaussians, without_largest
+from fecocodec.splat_files.gaussian_arrays import OutputScene, without_largest
 from fecocodec.splat_files.kd_order import kd_order
 
 CHUNK = 256
@@ -24,9 +24,9 @@ _BOUNDS = [
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 
 
-def compressed_ply_bytes(gaussians: OutputGaussians) -> bytes:
+def file_bytes(scene: OutputScene) -> bytes:
     """Return the bytes of the file. The Gaussians are reordered such that the bounds of a chunk are tight."""
-    gaussians = gaussians.ordered(kd_order(gaussians.means, CHUNK))
+    gaussians = scene.gaussians.ordered(kd_order(scene.gaussians.means, CHUNK))
     colour = 0.5 + _SH_DEGREE_0 * gaussians.harmonics[:, 0]
     log_scales = gaussians.log_scales.clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     bounds, (position, scale, rgb) = _normalised([gaussians.means, log_scales, colour])

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from fecocodec.errors import OutputError
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
+from fecocodec.splat_files.output_formats import SpzVersion
 
 OPACITY_MARGIN = 1e-6  # opacities 0 and 1 have no finite logit; they are stored this far inside
 RDF_TO_RUB = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV axes (right, down, forward) to OpenGL axes (right, up, backward)
@@ -68,6 +69,21 @@ class CameraArrays:
     def transformed(self, pose: Float[np.ndarray, "4 4"]) -> "CameraArrays":
         """Return the cameras in another frame. pose: rigid transform from the old frame to the new one."""
         return CameraArrays(pose @ self.extrinsics, self.intrinsics, self.near, self.far, self.image_size)
+
+
+@dataclass(frozen=True)
+class OutputScene:
+    """What an output file is written from, in the frame of the PLY file (RDF axes).
+
+    cameras: None if they are not known. name: of the scene, for formats that show one. place: beginning of the message
+    if the format cannot hold the scene. spz_version: for SPZ files.
+    """
+
+    gaussians: OutputGaussians
+    cameras: CameraArrays | None
+    name: str
+    place: str
+    spz_version: SpzVersion = 4
 
 
 def gaussian_arrays(gaussians: Any, place: str) -> OutputGaussians:

@@ -1,18 +1,22 @@
-"""Write 3D Gaussians in the format that the ending of the file name selects."""
+"""Write 3D Gaussians in the format that the ending of the file name selects; `output_formats` lists the formats."""
 
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import OutputError
 from fecocodec.input_file import StrPath
-from fecocodec.splat_files.compressed_ply import compressed_ply_bytes
-from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputGaussians
-from fecocodec.splat_files.glb import glb_bytes
-from fecocodec.splat_files.html_page import html_page_bytes
-from fecocodec.splat_files.ply_writing import ply_bytes
-from fecocodec.splat_files.spz import SpzVersion, spz_bytes
+from fecocodec.splat_files.gaussian_arrays import (
+    CameraArrays,
+    OutputGaussians,
+    OutputScene,
+    camera_arrays,
+    gaussian_arrays,
+)
+from fecocodec.splat_files.output_formats import Frame, SpzVersion, format_of
 
 
 def write_gaussians(
@@ -23,7 +27,7 @@ def write_gaussians(
     spz_version: SpzVersion = 4,
     overwrite: bool = False,
 ) -> None:
-    """Write Gaussians as .ply, .compressed.ply, .spz, .sog, .glb or .html; another ending gets a PLY.
+    """Write Gaussians in the format that the ending of the name selects; another ending gets a PLY.
 
     cameras: written to .glb and .html; .html needs them.
 
@@ -39,21 +43,27 @@ def gaussian_bytes(
     path: Path, gaussians: OutputGaussians, cameras: CameraArrays | None, spz_version: SpzVersion
 ) -> bytes:
     """Return the bytes of the file that `write_gaussians` writes."""
-    name = path.name.lower()
-    is_compressed = name.endswith((".compressed.ply", ".spz", ".sog", ".glb", ".html"))
-    if is_compressed and gaussians.count == 0:
+    file_format = format_of(path)
+    if gaussians.count == 0 and not file_format.may_be_empty:
         raise OutputError(f"{path}: there are no Gaussians, which this format cannot hold; write a .ply file.")
-    if name.endswith(".compressed.ply"):
-        return compressed_ply_bytes(gaussians)
-    if name.endswith(".spz"):
-        return spz_bytes(gaussians, str(path), spz_version)
-    if name.endswith(".sog"):
-        from fecocodec.splat_files.sog import sog_bytes  # needs libraries that the receiver alone does not install
+    # Loaded on use: SOG needs libraries that the receiver alone does not install.
+    writer = import_module(f"{__package__}.{file_format.module}")
+    data: bytes = writer.file_bytes(OutputScene(gaussians, cameras, path.stem, str(path), spz_version))
+    return data
 
-        return sog_bytes(gaussians)
-    if name.endswith(".html") and cameras is not None:
-        return html_page_bytes(gaussians, cameras, path.stem, str(path))
-    return glb_bytes(gaussians, cameras) if name.endswith(".glb") else ply_bytes(gaussians, str(path))
+
+def decoded_file(
+    decoded: Any, path: Path, *, frame: Frame = "input", spz_version: SpzVersion = 4
+) -> tuple[bytes, CameraArrays]:
+    """Return the bytes of the file `path` of a decoded scene (`fecocodec.Decoded`), and the cameras in its frame.
+
+    frame: that of the input cameras, or that of the first camera. Raises OutputError as `write_gaussians` does.
+    """
+    gaussians = gaussian_arrays(decoded.gaussians, str(path))
+    cameras = camera_arrays(decoded.cameras, decoded.image_size)
+    if frame == "first-camera":
+        gaussians, cameras = in_frame_of_first_camera(gaussians, cameras)
+    return gaussian_bytes(path, gaussians, cameras, spz_version), cameras
 
 
 def in_frame_of_first_camera(gaussians: OutputGaussians, cameras: CameraArrays) -> tuple[OutputGaussians, CameraArrays]:

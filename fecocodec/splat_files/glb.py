@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, CameraArrays, OutputGaussians
+from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, CameraArrays, OutputGaussians, OutputScene
 
 _EXTENSION = "KHR_gaussian_splatting"
 _FLOAT, _UNSIGNED_BYTE, _ARRAY_BUFFER, _POINTS = 5126, 5121, 34962, 0
@@ -18,19 +18,19 @@ _KIND_OF_WIDTH = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 _SH_DEGREE_0 = 0.28209479177387814
 
 
-def glb_bytes(gaussians: OutputGaussians, cameras: CameraArrays | None) -> bytes:
-    """Return the bytes of the file. gaussians, cameras: in the frame of the PLY file (RDF axes).
+def file_bytes(scene: OutputScene) -> bytes:
+    """Return the bytes of the file.
 
     Cameras become glTF cameras, which have no principal point: it is taken to be the centre of the image.
     """
-    attributes = _attributes(gaussians.transformed(RDF_TO_RUB))
+    attributes = _attributes(scene.gaussians.transformed(RDF_TO_RUB))
     buffers = [values.tobytes() for values in attributes.values()]  # all are multiples of four bytes long
     offsets = np.cumsum([0, *map(len, buffers)]).tolist()
     views = [
         {"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": _ARRAY_BUFFER}
         for offset, data in zip(offsets, buffers, strict=False)
     ]
-    camera_nodes, lenses = _cameras(cameras) if cameras is not None else ([], [])
+    camera_nodes, lenses = _cameras(scene.cameras) if scene.cameras is not None else ([], [])
     document = {
         "asset": {"version": "2.0", "generator": "FeCoSplat"},
         "extensionsUsed": [_EXTENSION],

@@ -1,34 +1,52 @@
 """Write decoded Gaussians as one self-contained HTML page that opens from disk.
 
 The page holds the viewer program (1.4 MB) and the Gaussians as SPZ version 3: 1.8 MB in all for 16,203 Gaussians.
-Decoder and model alone would take 10 MB after gzip compression, and seconds to decode.
+Decoder and model alone would take 10 MB after gzip compression, and seconds to decode. `make web` builds the page
+without a scene from `web/` into the package.
 """
 
 import base64
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 
-from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputGaussians
+from fecocodec.errors import OutputError
+from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputScene
 from fecocodec.splat_files.spz import spz_bytes
-from fecocodec.splat_files.viewer_files import scene_page
+
+FOLDER = Path(__file__).parents[1] / "web"
+SCENE_PAGE = "scene.html"
 
 
-def html_page_bytes(gaussians: OutputGaussians, cameras: CameraArrays, name: str, place: str) -> bytes:
-    """Return the bytes of the page. name: of the scene, shown in the page.
+def scene_page(folder: Path = FOLDER) -> bytes:
+    """Return the page without a scene. Raises OutputError if it was not built."""
+    try:
+        return (folder / SCENE_PAGE).read_bytes()
+    except OSError as error:
+        raise OutputError(
+            "the viewer page was not built; run `make web` in the clone (needs Node.js 20), then `pip install` again "
+            "unless the installation is editable."
+        ) from error
 
-    Raises OutputError, which begins with `place`, if SPZ cannot hold the Gaussians, or if the viewer was not built.
+
+def file_bytes(scene: OutputScene) -> bytes:
+    """Return the bytes of the page. Raises OutputError if SPZ cannot hold the Gaussians, or the viewer was not built.
+
+    Gaussians without cameras have no first view, and are refused too.
     """
+    gaussians, cameras = scene.gaussians, scene.cameras
+    if cameras is None:
+        raise OutputError(f"{scene.place}: a page needs cameras to look from; give them, or write another format.")
     height, width = cameras.image_size
-    scene = {"name": name, "count": gaussians.count, "width": width, "height": height, "cameras": _cameras(cameras)}
+    fields = {"name": scene.name, "count": gaussians.count, "width": width, "height": height}
     parts = {
-        b"/*SCENE*/": json.dumps(scene).replace("<", "\\u003c").encode("ascii"),
-        b"/*GAUSSIANS*/": base64.b64encode(spz_bytes(gaussians, place, 3)),
+        b"SCENE": json.dumps({**fields, "cameras": _cameras(cameras)}).replace("<", "\\u003c").encode("ascii"),
+        b"GAUSSIANS": base64.b64encode(spz_bytes(gaussians, scene.place, 3)),
     }
-    page = scene_page()
-    for mark, content in parts.items():
-        page = page.replace(mark, content, 1)
-    return page
+    # In one pass: the name of a scene can look like a mark.
+    return re.sub(rb"/\*(SCENE|GAUSSIANS)\*/", lambda mark: parts[mark[1]], scene_page())
 
 
 def _cameras(cameras: CameraArrays) -> dict[str, object]:

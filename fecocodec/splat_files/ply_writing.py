@@ -13,7 +13,7 @@ from jaxtyping import Float32
 
 from fecocodec.atomic import write_atomically
 from fecocodec.input_file import StrPath
-from fecocodec.splat_files.gaussian_arrays import gaussian_arrays
+from fecocodec.splat_files.gaussian_arrays import OutputScene, gaussian_arrays
 
 
 def write_ply(path: StrPath, gaussians: Any, *, overwrite: bool = False) -> None:
@@ -25,6 +25,11 @@ def write_ply(path: StrPath, gaussians: Any, *, overwrite: bool = False) -> None
     data = ply_bytes(gaussians, str(path))
     with write_atomically(path, overwrite=overwrite) as temporary:
         temporary.write_bytes(data)
+
+
+def file_bytes(scene: OutputScene) -> bytes:
+    """Return the bytes of the file."""
+    return ply_bytes(scene.gaussians, scene.place)
 
 
 def ply_bytes(gaussians: Any, place: str) -> bytes:

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int, UInt8
 from PIL import Image
 
 from fecocodec.splat_files.codebooks import nearest_in_codebook, palette, scalar_codebook
-from fecocodec.splat_files.gaussian_arrays import OutputGaussians, without_largest
+from fecocodec.splat_files.gaussian_arrays import OutputGaussians, OutputScene, without_largest
 from fecocodec.splat_files.kd_order import kd_order
 
 MAX_PALETTE = 1 << 16
@@ -25,9 +25,9 @@ _GAUSSIANS_PER_ENTRY = 2  # of the palette
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # equal input gives equal bytes
 
 
-def sog_bytes(gaussians: OutputGaussians) -> bytes:
+def file_bytes(scene: OutputScene) -> bytes:
     """Return the bytes of the file. The Gaussians are reordered such that neighbouring pixels are alike."""
-    gaussians = gaussians.ordered(kd_order(gaussians.means, _RUN))
+    gaussians = scene.gaussians.ordered(kd_order(scene.gaussians.means, _RUN))
     images: dict[str, UInt8[np.ndarray, "height width 4"]] = {}
     meta: dict[str, Any] = {"version": 2, "asset": {"generator": "FeCoSplat"}, "count": gaussians.count}
     meta["means"] = _add_means(images, gaussians.means)

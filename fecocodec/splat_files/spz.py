@@ -7,22 +7,26 @@ harmonics are one byte, harmonics above degree 0 in [-1, 1]. The axes are RUB (+
 
 import gzip
 import struct
-from typing import Literal
 
 import numpy as np
 import zstandard
 from jaxtyping import Float, UInt8
 
 from fecocodec.errors import OutputError
-from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, OutputGaussians, without_largest
+from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, OutputGaussians, OutputScene, without_largest
+from fecocodec.splat_files.output_formats import SpzVersion
 
-SpzVersion = Literal[3, 4]
 _MAGIC = 0x5053474E
 _POSITION_BITS = 24
 _MAX_FRACTIONAL_BITS = 23
 _HEADER_V4_BYTES = 32
 _COLOUR_SCALE = 0.15
 _ZSTD_LEVEL = 19
+
+
+def file_bytes(scene: OutputScene) -> bytes:
+    """Return the bytes of the file. Raises OutputError as `spz_bytes` does."""
+    return spz_bytes(scene.gaussians, scene.place, scene.spz_version)
 
 
 def spz_bytes(gaussians: OutputGaussians, place: str, version: SpzVersion = 4) -> bytes:

@@ -108,7 +108,7 @@ def test_decode_writes_what_the_library_returns(fecosplat, coded_scene: Path, tm
     written, expected = fecocodec.read_ply(output), fecocodec.decode(coded_scene.read_bytes()).gaussians
     assert (result.code, result.err) == (0, "")
     assert fields["gaussians"] == written.count == expected.count > 0
-    torch.testing.assert_close(written.means, expected.means, rtol=0, atol=1e-5)
+    torch.testing.assert_close(written.means, torch.from_numpy(expected.means), rtol=0, atol=1e-5)
 
 
 def test_plain_colours_make_a_smaller_ply(fecosplat, coded_scene: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fecosplat_cli.output import in_options
 
-from fecocodec.splat_files import viewer_files
+from fecocodec.splat_files import html_page
 
 NO_TORCH = """
 import sys
@@ -62,7 +62,9 @@ sys.exit(run(sys.argv[1:]))
         (("encode", "absent", "-o", "a.fcs", "--views", "spread:9"), "absent: 9 views asked for, but the folder has 3"),
         (("train", "text.fcs"), "text.fcs: this is not a folder; choose another output path."),
         (("train", "run", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),
-        (("train", "run", "--side", "3"), "A training image side of 3 pixels cannot be used"),
+        (("train", "entropy", "one", "one/a", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),
+        (("train", "steps", "one", "one", "--textures", "missing"), "missing: there is no such file or folder; check"),
+        (("train", "detail", "absent/a", "b", "--photographs", "one", "--index", "c"), "absent/a: there is no such"),
         (("train", "run", "--views", "77"), "77 context views with share 1 cannot be trained"),
         (("train", "run", "--lambda-range", "7", "8"), "lambda is 7"),
         (("train", "run", "--photographs", "missing"), "missing: there is no such file or folder; check the path."),
@@ -106,7 +108,7 @@ def test_a_file_without_permission_is_no_wrong_usage(
 def test_a_page_that_was_not_built_is_reported_before_the_file_is_read(
     fecosplat, tmp_path: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(viewer_files, "scene_page", partial(viewer_files.scene_page, tmp_path))
+    monkeypatch.setattr(html_page, "scene_page", partial(html_page.scene_page, tmp_path))
     monkeypatch.chdir(tmp_path)
     result = fecosplat(*arguments)
     assert result.code == 1

@@ -16,7 +16,7 @@ import pytest
 
 from cli.page_server import PageServer
 from fecocodec.errors import OutputError
-from fecocodec.splat_files.viewer_files import FOLDER, SCENE_PAGE, scene_page
+from fecocodec.splat_files.html_page import FOLDER, SCENE_PAGE, scene_page
 from tests.vectors.tiny_model import VECTORS
 
 CONTENTS = {"index.html": b"<html>", "scene/a b.fcs": b"\x89FCS"}

@@ -10,6 +10,7 @@ from fecocodec.coding.detail import decode_detail, detail_size
 from fecocodec.coding.quadtree import from_coding_order
 from fecocodec.container import Stream, check_symbol_digest, read_stream
 from fecocodec.errors import BitstreamError, ModelError
+from fecocodec.model_files import find_receiver
 from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.latents import StageLatents, decode_stage
 from tests.vectors.symbols import fingerprint
@@ -20,7 +21,9 @@ EXPECTED = json.loads((VECTORS / "expected.json").read_text())
 
 
 def graphs_for(model_id: bytes, num_threads: int) -> Graphs:
-    return tiny_graphs(num_threads) if model_id == tiny_model_id() else graphs_of(model_id, None, num_threads)
+    if model_id == tiny_model_id():
+        return tiny_graphs(num_threads)
+    return graphs_of(find_receiver(model_id).parent, model_id, num_threads)
 
 
 def decode_symbols(stream: Stream, num_threads: int) -> list[StageLatents]:

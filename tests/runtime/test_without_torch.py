@@ -53,7 +53,6 @@ def test_info_describes_a_file() -> None:
     [
         pytest.param(["encode", "examples/motorcycle", "-o", "{}.fcs"], id="encode"),
         pytest.param(["render", str(SCENE), "-o", "{}"], id="render"),
-        pytest.param(["decode", str(SCENE), "-o", "{}.ply", "--prune"], id="prune"),
         pytest.param(["decode", str(SCENE), "-o", "{}.ply", "--device", "cuda"], id="cuda"),
         pytest.param(["decode", str(SCENE), "-o", "{}.sog"], id="sog"),
         pytest.param(["info", "--parameters"], id="parameters"),

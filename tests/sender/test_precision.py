@@ -10,12 +10,11 @@ from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
 from fecocodec.sender.precision import run_in_bfloat16
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape
-from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.loss import loss_of
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.training_pass import bypass_coding, run_stages
 
 
@@ -53,7 +52,7 @@ def seen_dtypes(networks: nn.ModuleDict, batch: Batch) -> dict[str, set[torch.dt
     for name, module in networks.named_modules():
         watch(name, module)
     outcomes, _ = run_stages(networks["sender"], networks["receiver"], batch, bypass_coding, 2)
-    assert all(field.dtype == torch.float32 for field in outcomes[1].prediction.gaussians.fields())
+    assert all(field.dtype == torch.float32 for field in outcomes[1].prediction.attributes.gaussians().fields())
     return seen
 
 

@@ -7,9 +7,9 @@ import re
 
 import pytest
 
-from fecocodec.splat_files.html_page import html_page_bytes
+from fecocodec.splat_files.gaussian_arrays import OutputScene
+from fecocodec.splat_files.html_page import FOLDER, SCENE_PAGE, file_bytes
 from fecocodec.splat_files.spz import spz_bytes
-from fecocodec.splat_files.viewer_files import FOLDER, SCENE_PAGE
 from tests.splat_files.test_output_formats import some_cameras, some_gaussians
 
 needs_page = pytest.mark.skipif(not (FOLDER / SCENE_PAGE).exists(), reason="the page was not built; run `make web`")
@@ -25,7 +25,7 @@ def content_of(page: str, name: str) -> str:
 @needs_page
 def test_the_page_holds_the_scene() -> None:
     gaussians, cameras = some_gaussians(100), some_cameras()
-    page = html_page_bytes(gaussians, cameras, "</script><b>", "scene.html").decode("utf-8")
+    page = file_bytes(OutputScene(gaussians, cameras, "</script><b>", "scene.html")).decode("utf-8")
     scene = json.loads(content_of(page, "scene"))
     assert scene["name"] == "</script><b>"
     assert scene["count"] == gaussians.count

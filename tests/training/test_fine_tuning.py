@@ -12,16 +12,15 @@ from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConf
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.sender.codec import load_codec
-from fecocodec.training.batch_shapes import BatchShapes
-from fecocodec.training.checkpoint import save_checkpoint
+from fecocodec.training.batch import BatchShapes
 from fecocodec.training.chunk_scenes import ChunkScenes
-from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources
-from fecocodec.training.export import export_model
+from fecocodec.training.configurations import Configuration, RunSettings
+from fecocodec.training.model_weights import export_model
+from fecocodec.training.optimisation import Schedule
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
-from fecocodec.training.run_settings import RunSettings
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.run_files import save_checkpoint
+from fecocodec.training.sources import Sources
 from fecocodec.training.trainer import Trainer
 from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL, example_views
@@ -50,7 +49,7 @@ def exported(it: Trainer, folder: Path) -> Path:
 
 
 def decoded_by(model: Path, data: bytes) -> Gaussians:
-    return fecocodec.decode(data, model=model).gaussians
+    return Gaussians.of(fecocodec.decode(data, model=model).gaussians)
 
 
 def test_files_of_both_senders_decode_with_the_receiver_that_was_frozen(

@@ -10,16 +10,15 @@ import torch
 
 from fecocodec.config import SenderConfig
 from fecocodec.errors import InputError
-from fecocodec.training.batch_shapes import BatchShape, BatchShapes
-from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
-from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.kept_batches import KeptBatches
+from fecocodec.training.batch import BatchShape, BatchShapes
+from fecocodec.training.batch_source import KeptBatches
+from fecocodec.training.configurations import CONFIGURATIONS, Configuration, RunSettings, configuration_named
 from fecocodec.training.loop import train
 from fecocodec.training.loss import loss_of
+from fecocodec.training.optimisation import Schedule
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
-from fecocodec.training.run_settings import RunSettings
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import extract, run_stages
 

@@ -17,12 +17,11 @@ from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
 from fecocodec.sender.stages import StageInputs
-from fecocodec.training.batch import Batch, MatchedDisparity
-from fecocodec.training.batch_shapes import BatchShape
-from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.batch import Batch, BatchShape, MatchedDisparity
 from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of, perceptual_distance
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.training_pass import bypass_coding, code_with_noise, run_stages, with_targets
 
 
@@ -143,7 +142,7 @@ def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.Mod
     assert contexts[0] is None
     assert not torch.equal(contexts[1], contexts[2])
     assert len(outcomes[1].renderings) == len(outcomes[2].renderings) == 1
-    assert not torch.equal(outcomes[2].prediction.gaussians.means, outcomes[1].prediction.gaussians.means)
+    assert not torch.equal(outcomes[2].prediction.attributes.means, outcomes[1].prediction.attributes.means)
     assert len(two) == 2
 
 

@@ -16,22 +16,26 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.training import training_pass
-from fecocodec.training.batch_shapes import BatchShapes
-from fecocodec.training.chunk_scenes import LANES, SAMPLES_OF_A_VISIT, ChunkScenes
-from fecocodec.training.configurations import Configuration, configuration_named
-from fecocodec.training.dataset import Sources
+from fecocodec.training.batch import BatchShapes
+from fecocodec.training.batch_source import BatchesByStep, batches_from
+from fecocodec.training.chunk_scenes import (
+    DL3DV,
+    LANES,
+    REALESTATE10K,
+    SAMPLES_OF_A_VISIT,
+    ChunkScenes,
+    choose_farthest_frames,
+)
+from fecocodec.training.configurations import Configuration, RunSettings, configuration_named
 from fecocodec.training.loop import train
-from fecocodec.training.prefetch import BatchesByStep, batches_from
+from fecocodec.training.optimisation import Schedule
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.run_monitor import RunMonitor
-from fecocodec.training.run_settings import RunSettings
 from fecocodec.training.samples import Sample
-from fecocodec.training.schedule import Schedule
-from fecocodec.training.sources import open_sources
+from fecocodec.training.sources import Sources, open_sources
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import bypass_coding, run_stages
-from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, choose_farthest_frames
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.example_scenes import example_views
 from tests.wall_scene import shots

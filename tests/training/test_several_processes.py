@@ -14,18 +14,16 @@ from torch import Tensor, nn
 
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.stages import StageInputs
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape, BatchShapes
-from fecocodec.training.checkpoint import load_checkpoint
-from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.batch import Batch, BatchShape, BatchShapes
+from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.loop import train
 from fecocodec.training.loss import loss_of
+from fecocodec.training.optimisation import Schedule
 from fecocodec.training.procedural.scenes import ProceduralWorld
 from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.processes import average_gradients, joined_processes, process_rank
-from fecocodec.training.run_settings import RunSettings
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.run_files import load_checkpoint
+from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import run_stages
 

@@ -19,9 +19,9 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import Decoded, decode
 from fecocodec.rendering.rasterizer import render
 from fecocodec.splat_files.gaussian_arrays import gaussian_arrays
+from fecocodec.splat_files.html_page import FOLDER
 from fecocodec.splat_files.ply import read_ply
 from fecocodec.splat_files.spz import spz_bytes
-from fecocodec.splat_files.viewer_files import FOLDER
 from tests.vectors.gaussian_difference import beyond, difference
 from tests.vectors.gaussian_samples import table
 from tests.vectors.tiny_model import VECTORS

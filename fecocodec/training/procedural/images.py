@@ -11,8 +11,7 @@ from numpy import ndarray
 from fecocodec.kernels.compilation import compiled
 from fecocodec.training.procedural.raycast import OPTICS, TILE, first_hit, ray_through, solids_by_tile, surface_at
 from fecocodec.training.procedural.shading import lit, surface_colour, visibility_and_openness
-from fecocodec.training.procedural.solids import World
-from fecocodec.training.procedural.tables import GLOW, light_table, solid_table, surface_table
+from fecocodec.training.procedural.solids import GLOW, World, light_table, solid_table, surface_table
 from fecocodec.training.procedural.textures import Textures
 
 _BRIGHTEST = 4.0

@@ -7,14 +7,13 @@ Vectors are three numbers of a tuple; tables are those of `tables`; colours are 
 import math
 
 from fecocodec.kernels.compilation import compiled
-from fecocodec.training.procedural.intersect import intersect
-from fecocodec.training.procedural.tables import (
+from fecocodec.training.procedural.raycast import intersect, to_unit
+from fecocodec.training.procedural.solids import (
     AMBIENT,
     AREA,
     CENTRE,
     FILL,
     FILL_COLOUR,
-    FRAME,
     GLOSS,
     GLOW,
     KEY,
@@ -35,16 +34,6 @@ from fecocodec.training.procedural.textures import TEXTURE_SIDE
 _NUM_LEVELS = TEXTURE_SIDE.bit_length()
 _LEAST_SKY = 0.02
 """Solids whose bounding sphere covers a smaller share of the sky than this are ignored in ambient occlusion."""
-
-
-@compiled
-def to_unit(solids, solid, x, y, z):
-    """Transform a world vector to the unit coordinates of a solid."""
-    return (
-        solids[solid, FRAME] * x + solids[solid, FRAME + 1] * y + solids[solid, FRAME + 2] * z,
-        solids[solid, FRAME + 3] * x + solids[solid, FRAME + 4] * y + solids[solid, FRAME + 5] * z,
-        solids[solid, FRAME + 6] * x + solids[solid, FRAME + 7] * y + solids[solid, FRAME + 8] * z,
-    )
 
 
 @compiled

@@ -1,4 +1,7 @@
-"""Contents of a procedural world as arrays: a room, convex solids, their surfaces and two lights."""
+"""Contents of a procedural world: a room, convex solids, their surfaces and two lights.
+
+The compiled ray caster takes them as tables of numbers, one row per solid and one per surface.
+"""
 
 from dataclasses import dataclass, field
 
@@ -64,6 +67,21 @@ class World:
     lights: Lights
 
 
+@dataclass(frozen=True)
+class Stage:
+    """A world and the boxes (corners in metres, y down, floor at 0) of camera positions and of points to look at.
+
+    distance: range of the distance between camera and point, in metres.
+    """
+
+    world: World
+    eye_low: Float[ndarray, "3"]
+    eye_high: Float[ndarray, "3"]
+    look_low: Float[ndarray, "3"]
+    look_high: Float[ndarray, "3"]
+    distance: tuple[float, float]
+
+
 @dataclass
 class Builder:
     """Collects the solids of a world."""
@@ -112,3 +130,57 @@ def random_rotation(rng: np.random.Generator) -> Float[ndarray, "3 3"]:
     """Draw a uniformly distributed rotation (from a normalised random quaternion)."""
     w, x, y, z = rng.standard_normal(4)
     return Rotation.from_quat((x, y, z, w)).as_matrix()
+
+
+KIND, CENTRE, HALF, FRAME, RADIUS, AREA = 0, 1, 4, 7, 16, 17
+"""Columns of a solid: kind, centre (3), half sizes (3), world-to-unit-coordinates matrix (9, by rows), radius of the
+bounding sphere, and the mean square of the half sizes, for ambient occlusion."""
+
+TEXTURE, SCALE, OFFSET, SHARE, TINT, PLAIN, GLOSS, SHININESS, GLOW = 0, 1, 3, 5, 6, 9, 12, 13, 14
+"""Columns of a surface, as in `Material`: texture, scale (2), offset (2), share, tint (3), plain (3), ..."""
+
+KEY, KEY_COLOUR, FILL, FILL_COLOUR, AMBIENT, SOFTNESS = range(6)
+"""Rows of the lights, as in `Lights`; softness is repeated three times."""
+
+
+def solid_table(world: World) -> Float[ndarray, "solid 18"]:
+    """Return one row per solid, columns as above."""
+    to_unit = world.rotations.transpose(0, 2, 1) / world.halves[:, :, None]
+    corner_radii = np.linalg.norm(world.halves, axis=-1)
+    radii = np.where(world.kinds == ELLIPSOID, world.halves.max(-1, initial=0.0), corner_radii)
+    areas = world.halves.prod(-1) ** (2 / 3)
+    columns = (
+        world.kinds[:, None],
+        world.centres,
+        world.halves,
+        to_unit.reshape(-1, 9),
+        radii[:, None],
+        areas[:, None],
+    )
+    return np.ascontiguousarray(np.concatenate(columns, axis=1), dtype=np.float64)
+
+
+def surface_table(surfaces: tuple[Material, ...]) -> Float[ndarray, "surface 15"]:
+    """Return one row per surface, columns as above."""
+    return np.array([_surface_row(surface) for surface in surfaces], dtype=np.float64)
+
+
+def light_table(lights: Lights) -> Float[ndarray, "6 3"]:
+    """Return one row per quantity, rows as above."""
+    softness = np.full(3, lights.softness)
+    rows = (lights.key, lights.key_colour, lights.fill, lights.fill_colour, lights.ambient, softness)
+    return np.stack(rows).astype(np.float64)
+
+
+def _surface_row(surface: Material) -> list[float]:
+    return [
+        float(surface.texture),
+        *surface.texture_scale,
+        *surface.texture_offset,
+        surface.texture_share,
+        *surface.tint,
+        *surface.plain,
+        surface.gloss,
+        surface.shininess,
+        surface.glow,
+    ]

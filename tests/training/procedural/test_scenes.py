@@ -9,10 +9,9 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.training.procedural.cameras import PathRange
-from fecocodec.training.procedural.layout import lay_out
-from fecocodec.training.procedural.scenes import ProceduralWorld
+from fecocodec.training.procedural.scenes import ProceduralWorld, lay_out
 from fecocodec.training.procedural.textures import Textures, pattern_textures
-from fecocodec.training.samples import Sample, contact_sheet
+from fecocodec.training.samples import Sample
 
 SIZE = (64, 80)
 
@@ -121,10 +120,3 @@ def test_eight_context_views_and_a_portrait_are_possible(textures: Textures) -> 
     generator = torch.Generator().manual_seed(0)
     sample = ProceduralWorld(textures).sample(generator, num_context=8, num_target=2, size=(48, 32))
     assert sample.views.images.shape == (10, 3, 48, 32) and sample.num_context == 8
-
-
-def test_the_contact_sheet_shows_views_then_depth(textures: Textures) -> None:
-    samples = [draw(ProceduralWorld(textures), seed) for seed in (0, 1)]
-    sheet = contact_sheet(samples)
-    assert sheet.shape == (3, 2 * SIZE[0], 6 * SIZE[1])
-    assert torch.equal(sheet[:, SIZE[0] :, SIZE[1] : 2 * SIZE[1]], samples[1].views.images[1])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fecocodec.training.procedural.intersect import intersect
+from fecocodec.training.procedural.raycast import intersect
 from fecocodec.training.procedural.solids import BOX, CONE, CYLINDER, ELLIPSOID
 
 STEPS = np.linspace(-6, 6, 24001)
