@@ -22,7 +22,6 @@ RAW_SUFFIXES = (
 _HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _COLOUR_BYTES = 1 << 16  # in which HEIC and AVIF files state primaries and transfer function
 UPRIGHT, LAST_ORIENTATION = 1, 8  # of EXIF
-_KINDS = "PNG, JPEG, WebP, AVIF, HEIC, TIFF, BMP or OpenEXR"
 _TURNED_UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -112,7 +111,9 @@ def unreadable(place: Path | str, error: Exception) -> str:
         return f"{place}: cannot be read ({error.strerror}); check the path and its permissions."
     has_reason = str(error) and not isinstance(error, UnidentifiedImageError)  # which only repeats the path
     reason = f" ({error})" if has_reason else ""
-    return f"{place}: the image is damaged, cut short or not {_KINDS}{reason}; store it again or remove it."
+    return (
+        f"{place}: the image is damaged, cut short or of a kind that is not read{reason}; store it again or remove it."
+    )
 
 
 def open_image(source: Path | BytesIO, place: Path | str) -> Image.Image:

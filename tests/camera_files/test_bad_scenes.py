@@ -125,9 +125,7 @@ def test_truncated_image(scene):
     image = scene / "images" / "002.png"
     image.write_bytes(image.read_bytes()[:3000])
     assert re.fullmatch(
-        re.escape(
-            f"{image}: the image is damaged, cut short or not PNG, JPEG, WebP, AVIF, HEIC, TIFF, BMP or OpenEXR ("
-        )
+        re.escape(f"{image}: the image is damaged, cut short or of an unknown kind (")
         + r"[^)]+\)+; store it again or remove it\.",
         message(scene),
     )
@@ -136,7 +134,7 @@ def test_truncated_image(scene):
 def test_unreadable_image(scene):
     image = scene / "images" / "000.png"
     image.write_bytes(b"this is no image")
-    damaged = "the image is damaged, cut short or not PNG, JPEG, WebP, AVIF, HEIC, TIFF, BMP or OpenEXR"
+    damaged = "the image is damaged, cut short or of an unknown kind"
     assert message(scene) == f"{image}: {damaged}; store it again or remove it."
 
 

@@ -55,13 +55,11 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
     ),
     "unreadable image": (
         lambda folder: (folder / "view_1.png").write_text("no image"),
-        "{folder}/view_1.png: the image is damaged, cut short or not PNG, JPEG, WebP, AVIF, HEIC, TIFF, BMP or "
-        "OpenEXR; store it again or remove it.",
+        "{folder}/view_1.png: the image is damaged, cut short or of an unknown kind; store it again or remove it.",
     ),
     "truncated image": (
         cut_an_image,
-        "{folder}/view_2.png: the image is damaged, cut short or not PNG, JPEG, WebP, AVIF, HEIC, TIFF, BMP or OpenEXR "
-        "(...",
+        "{folder}/view_2.png: the image is damaged, cut short or of an unknown kind (...",
     ),
     "image of another shape": (
         turn_an_image,
