@@ -11,13 +11,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEMO_LAMBDA ?= 1e-4
+MODEL := $(shell sed -n 's/^DEFAULT_MODEL = "\(.*\)"/\1/p' fecocodec/model_files.py)
 RUN ?= runs/next
 MINUTES ?= 60
 # What the command sets for its own process (cli/process.py), for what measures the library.
 TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_MAX_=0 MALLOC_ARENA_MAX=1 MALLOC_TRIM_THRESHOLD_=268435456
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report train web web-test web-bench check clean
+.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report stress train web web-test web-bench check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -27,6 +28,8 @@ $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$(TORCH)"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	@hook=$$(git rev-parse --git-path hooks/commit-msg 2>/dev/null) || exit 0; \
+	test -e "$$hook" || { mkdir -p "$$(dirname "$$hook")" && cp .githooks/commit-msg "$$hook"; }
 	@touch $@
 
 demo: $(READY) ## encode, decode and render the bundled scene into out/
@@ -44,9 +47,10 @@ test: $(READY) ## run the quick tests, in one process per core
 test-slow: $(READY) ## run the slow tests (the bundled scene, end to end)
 	$(BIN)/python -m pytest -m slow
 
-lint: $(READY) ## check style and formatting
+lint: $(READY) ## check style and formatting, and the words of documents
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest -q tests/test_plain_words.py
 
 types: $(READY) ## check types
 	$(BIN)/mypy
@@ -81,14 +85,18 @@ bench: $(READY) ## measure time and memory of encode, decode and info
 bench-paper: $(READY) ## measure time and memory of the paper's sender
 	$(TUNED) $(BIN)/python benchmarks/bench_paper.py
 
-report: $(READY) ## docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
+report: $(READY) ## the generated part of docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
 	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make report ROOT=folder INDEX=index.json" >&2; exit 1; }
 	$(TUNED) $(BIN)/python benchmarks/make_report.py "$(ROOT)" "$(INDEX)" $(REPORT)
+
+stress: $(READY) ## hard inputs against their rules, into out/stress: make stress ROOT=scenes INDEX=index.json
+	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make stress ROOT=folder INDEX=index.json" >&2; exit 1; }
+	$(BIN)/fecosplat stress "$(ROOT)" --index "$(INDEX)" -o out/stress
 
 train: $(READY) ## train on from the shipped weights: make train PHOTOGRAPHS=scenes [RUN=runs/next] [MINUTES=60]
 	@test -n "$(PHOTOGRAPHS)" || { echo "name a folder of posed scenes: make train PHOTOGRAPHS=folder" >&2; exit 1; }
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 10 $(BIN)/python -m torch.distributed.run --nproc-per-node 2 -m fecosplat_cli train $(RUN) \
-	  --from fecocodec/weights/compact-6 --photographs $(PHOTOGRAPHS) --steps 2000 \
+	  --from fecocodec/weights/$(MODEL) --photographs $(PHOTOGRAPHS) --steps 2000 \
 	  --one-stage-steps 0 --bypass-steps 0 --photograph-share 0.75 0.75 --depth-weight 0.3 0.3 --learning-rate 2e-4 \
 	  --size 160x160 --size 128x192 --size 192x128 --size 128x128 --views 2:0.8,3:0.1,4:0.1 --scenes 2 --optimised-share 0.5 --max-minutes $(MINUTES)
 
@@ -107,7 +115,7 @@ web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHR
 	cd web && npx tsc -p . && rm -rf build/test build/browser-tests && node build-tests.mjs && node --test build/test/*.mjs
 	@rm -rf web/build/browser && mkdir -p web/build/browser/scenes
 	$(BIN)/python -m web.test.make_scenes web/build/browser/scenes
-	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-compact-6.fcs -o web/build/browser/scene.html --overwrite
+	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-$(MODEL).fcs -o web/build/browser/scene.html --overwrite
 	cd web && node --test --test-concurrency 1 build/browser-tests/*.test.mjs
 	$(BIN)/python -m pytest -q web/test/test_results.py tests/cli/test_view.py
 

@@ -22,6 +22,7 @@ from fecocodec.batch.run import run_batch
 from fecocodec.batch.scene_task import Result
 from fecocodec.batch.scenes import BatchScene, scene_folders
 from fecocodec.captures.view_selection import Spread
+from fecocodec.codec.options import EncodingOptions
 
 HEAD = (
     "workers",
@@ -49,7 +50,7 @@ def main() -> None:
         print("\t".join(measure_empty(arguments.empty)))
         return
     scenes = scene_folders(arguments.root)[: arguments.scenes]
-    work = EncodeScene(views=Spread(2), size=(arguments.size, arguments.size), effort=arguments.effort)
+    work = EncodeScene(EncodingOptions(views=Spread(2), size=(arguments.size, arguments.size), effort=arguments.effort))
     print("\t".join((*HEAD, "skip ms/scene", "bytes/scene", "sidecar bytes")))
     rates = []
     for num_workers in arguments.workers:

@@ -21,7 +21,7 @@ import torch
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.step_clock import StepClock
+from fecocodec.evaluation.machine import StepClock
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.rasterizer import render

@@ -18,8 +18,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from fecocodec.training.chunk_scenes import ChunkScenes
-from fecocodec.training.video_protocol import REALESTATE10K
+from fecocodec.training.chunk_scenes import REALESTATE10K, ChunkScenes
 
 HEIGHT, WIDTH = 360, 640
 SCENES_OF_A_CHUNK = 12

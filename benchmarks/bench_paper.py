@@ -20,7 +20,7 @@ from fecocodec.captures.scene_folder import read_views
 from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
 from fecocodec.config import PaperSenderConfig
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.memory import peak_mib
+from fecocodec.evaluation.machine import peak_mib
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.adapted import adopt_codec
 from fecocodec.sender.codec import Codec
@@ -82,7 +82,7 @@ def run_case(case: Case) -> Iterator[tuple[str, Taken]]:
     lambda_q = quantise_lambda(LAMBDA)
     scene = prepare_scene(views, codec.device)
     calls = {
-        "features": lambda: SceneEncoder.of(codec, scene).features,
+        "features": lambda: SceneEncoder.of(codec, scene)._features,
         "encode": lambda: encode_with(codec, views, lambda_q, 2),
     }
     for name, call in calls.items():

@@ -13,9 +13,8 @@ from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.records import RecordFile
-from fecocodec.evaluation.report.charts import Chart
+from fecocodec.evaluation.report.charts import Chart, write_png
 from fecocodec.evaluation.report.plan import ReportPlan
-from fecocodec.evaluation.report.png import write_png
 from fecocodec.evaluation.report.rate_section import comparison_table, curves_of
 from fecocodec.evaluation.run import measure_all
 from fecocodec.evaluation.summary import averages

@@ -24,7 +24,7 @@ from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.harmful_views import helpful_views
-from fecocodec.training.posed_scene import read_posed_scene
+from fecocodec.training.photographs import read_posed_scene
 
 
 def target_and_neighbours(folder: Path) -> tuple[int, list[int]]:

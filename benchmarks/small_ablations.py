@@ -25,18 +25,15 @@ from fecocodec.checkpoint import DEFAULT_MODEL, SENDER_FILE, SHIPPED
 from fecocodec.config import SenderConfig
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
-from fecocodec.evaluation.report.charts import Chart, Mark, Series
-from fecocodec.evaluation.report.png import write_panels
+from fecocodec.evaluation.report.charts import Chart, Mark, Series, write_panels
 from fecocodec.evaluation.report.section import number, table
 from fecocodec.evaluation.summary import Average
-from fecocodec.training.batch_shapes import BatchShapes
-from fecocodec.training.configurations import Configuration, configuration_named
-from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.export import export_model
-from fecocodec.training.kept_batches import KeptBatches
+from fecocodec.training.batch import BatchShapes
+from fecocodec.training.batch_source import KeptBatches
+from fecocodec.training.configurations import Configuration, RunSettings, configuration_named
 from fecocodec.training.loop import train
-from fecocodec.training.run_settings import RunSettings
-from fecocodec.training.sources import open_sources
+from fecocodec.training.model_weights import export_model
+from fecocodec.training.sources import Sources, draw_batch, open_sources
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import extract
 
@@ -139,7 +136,7 @@ def draw_scenes(trainer: Trainer) -> KeptBatches:
     shape = configuration.shapes.usual
     for _ in range(kept.limit):
         batch = draw_batch(trainer.sources, generator, shape, 1.0)
-        kept.add(shape, batch, extract(trainer.sender, trainer.receiver, batch))
+        kept.add(shape, batch, extract(trainer.sender, trainer.receiver, True, batch))
     return kept
 
 

@@ -6,10 +6,8 @@ from typing import Any
 import click
 
 from .batch_options import BatchOptions, batch_options
-from .encode_options import encoding_options, require_steps
-from .metadata_options import metadata_of
+from .encode_options import encoding_options, options_of, usage_errors
 from .options import FILE_PATH
-from .rate_control import target_of
 
 
 @click.command(
@@ -26,36 +24,28 @@ Examples:
 @batch_options
 @click.option("--measure", "is_measured", is_flag=True, help="Decode each file, and record its PSNR in the .json file.")
 @encoding_options
-def command(source: Path, batch: BatchOptions, is_measured: bool, **encoding: Any) -> int:
+@usage_errors()
+def command(source: Path, batch: BatchOptions, is_measured: bool, **values: Any) -> int:
     """Encode each scene folder in ROOT, or each that MANIFEST names, to OUTPUT/NAME.fcs.
 
     A manifest is a text file with one scene a line: a path, or a name, a tab and a path. Beside each file,
     NAME.fcs.json records its input and options; scenes whose record matches are skipped. A scene that fails does not
     stop the others; the exit code is then 1. Several processes need the `cluster` extra.
     """
-    target = target_of(encoding.pop("target_kib"), encoding.pop("target_psnr"), encoding["stages"])
+    model = values.pop("model")
+    model = None if model is None else str(model.absolute())
+    options = options_of(values, model=model, is_measured=is_measured)
 
     from fecocodec.batch.scenes import scene_folders
 
-    require_steps(encoding["sharpness"], encoding["effort"])
     scenes = scene_folders(source, output=batch.output)
 
     from fecocodec.batch.encode_scene import EncodeScene
 
     from .batch_report import run_and_report
-    from .device import require_encoding_device
 
-    metadata = metadata_of(*(encoding.pop(name) for name in ("title", "author", "licence", "date")))
-    model = encoding.pop("model")
-    work = EncodeScene(
-        target=target,
-        metadata=metadata,
-        num_stages=encoding.pop("stages"),
-        model=None if model is None else str(model.absolute()),
-        is_measured=is_measured,
-        **encoding,
-    )
+    work = EncodeScene(options)
     if batch.scheduler is None:  # its workers may have other devices and files
-        require_encoding_device(work.device, work.num_stages, work.effort)
+        options.require_device()
         work.weights(source)
     return run_and_report(scenes, work, batch)

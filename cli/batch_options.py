@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE_PATH, json_option, parse_shard
+from .options import FILE_PATH, json_option, num_threads, parse_shard
 
 if TYPE_CHECKING:
     from fecocodec.batch.run import Engine
@@ -92,8 +92,8 @@ def engine_of(options: BatchOptions) -> "Iterator[Engine]":
         with cluster.connected_cluster(options.scheduler) as engine:
             yield engine
         return
-    num_threads = int(os.environ.get("OMP_NUM_THREADS", "1"))  # set by --threads
-    with cluster.local_cluster(options.num_workers or max(1, _num_cores() // num_threads), num_threads) as engine:
+    of_each = num_threads(1)
+    with cluster.local_cluster(options.num_workers or max(1, _num_cores() // of_each), of_each) as engine:
         yield engine
 
 

@@ -51,14 +51,15 @@ def _read_defaults(path: Path, ctx: click.Context) -> dict[str, Any]:
         raise InputError(f"{path}: '{names[0]}' is not a table; write options below [{'.'.join(names)}].")
     place = f"{path}, table [{'.'.join(names)}]"
     options = _options_by_key(ctx.command)
-    return dict(_default(place, key, value, options) for key, value in table.items())
+    verbs = getattr(ctx.command, "verbs", ())  # have tables of their own
+    return dict(_default(place, key, value, options) for key, value in table.items() if key not in verbs)
 
 
 def _command_names(ctx: click.Context) -> list[str]:
     """Return the names of a command below the program: ["batch", "encode"]."""
     if ctx.parent is None:
         return []
-    return [*_command_names(ctx.parent), str(ctx.info_name)]
+    return [*_command_names(ctx.parent), *str(ctx.info_name).split()]  # "train steps": a verb
 
 
 def _options_by_key(command: click.Command) -> dict[str, click.Option]:

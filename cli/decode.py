@@ -9,10 +9,10 @@ import click
 
 from fecocodec.atomic import require_other_file, require_writable, write_atomically
 from fecocodec.container import read_stream_file
+from fecocodec.errors import error_context
 from fecocodec.splat_files.output_formats import ENDINGS, FORMATS
 
 from .decode_options import decode_here, decoding_options, require_page
-from .error_context import error_context
 from .options import FILE_PATH, json_option, stream_path
 from .output import print_json, say, warn, write_stdout
 from .paths import STDOUT, require_ending, require_model

@@ -19,6 +19,7 @@ EXTRAS = {
     "cluster": "distributed",
     "poses": "pycolmap",
     "video": "av",
+    "heic": "pillow-heif",
     "png16": "imagecodecs",
     "eval": "flip-evaluator",
 }

@@ -1,30 +1,23 @@
 """`fecosplat encode`: encode a folder of photographs to a .fcs file."""
 
-from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
-from time import perf_counter
-from typing import Literal
+from typing import Any
 
 import click
 
 from fecocodec.atomic import require_other_file, require_writable, write_atomically
-from fecocodec.captures.view_selection import Selection, may_leave_out, resolve
-from fecocodec.container import inspect, quantise_lambda, with_metadata
-from fecocodec.errors import strict_error
+from fecocodec.captures.view_selection import may_leave_out
+from fecocodec.codec.options import DEFAULT_FRAMES
+from fecocodec.container import inspect
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
-from .encode_options import encoding_options, require_steps
+from .encode_options import encoding_options, options_of, usage_errors
 from .encoding_report import quality_fields, say_result
-from .error_context import OF_VIEWS, error_context
 from .info import summary_fields
-from .metadata_options import metadata_of
-from .options import FILE_PATH, json_option
+from .options import FILE_PATH, json_option, num_threads
 from .output import in_options, print_json, say, warn
 from .paths import require_ending, require_model, require_photographs
 from .progress import progress_bar
-from .rate_control import target_of
-from .scene_source import DEFAULT_FRAMES, require_cameras_file, scene_source
 from .terminal import printable
 
 
@@ -66,32 +59,16 @@ Examples:
 )
 @encoding_options
 @json_option
+@usage_errors()
 def command(
     views_folder: Path,
     output: Path,
-    lmbda: float,
-    target_kib: float | None,
-    target_psnr: float | None,
-    num_frames: int | None,
     cameras_file: Path | None,
+    num_frames: int | None,
     focal_px: float | None,
-    views: Selection | None,
-    size: tuple[int, int] | None,
-    near: float | None,
-    far: float | None,
-    background: Literal["white", "black"] | None,
-    stages: int,
-    effort: str,
-    sharpness: float,
-    is_strict: bool,
-    title: str | None,
-    author: str | None,
-    licence: str | None,
-    date: str | None,
-    model: Path | None,
-    device: str,
     overwrite: bool,
     as_json: bool,
+    **values: Any,
 ) -> None:
     """Compress the photographs in the folder VIEWS to a .fcs file.
 
@@ -99,111 +76,55 @@ def command(
     COLMAP sparse model, or a RealEstate10K camera file. Without cameras, or for a video, they are estimated (needs the
     `poses` extra).
     """
-    start = perf_counter()
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
     require_ending(output, (".fcs",))
-    require_steps(sharpness, effort)
-    quantise_lambda(lmbda)  # raises for a value outside the range, before any view is read
-    target = target_of(target_kib, target_psnr, stages)
-    metadata = metadata_of(title, author, licence, date)
+    options = options_of(values, num_frames=num_frames, focal_px=focal_px, num_threads=num_threads(-1))
     require_photographs(views_folder)
-    require_model(model)
-    require_cameras_file(cameras_file, views_folder, overwrite=overwrite)
+    require_model(values["model"])
+    if cameras_file is not None:
+        require_writable(cameras_file, overwrite=overwrite)
+        require_ending(cameras_file, (".json",))
+        require_other_file(cameras_file, views_folder)
 
-    from fecocodec.captures.chosen_photographs import choose_photographs
-    from fecocodec.captures.reading_notes import scaling_remark
+        from fecocodec.codec.scene_source import require_no_cameras
 
-    if device != "cpu":  # the check loads torch
-        from .device import require_encoding_device
+        require_no_cameras(views_folder, "save_cameras")
 
-        require_encoding_device(device, stages, effort)
-    warnings: list[str] = []
+    from fecocodec.codec.encode_folder import encode_folder
 
-    def report(warning: str) -> None:
-        if is_strict:
-            raise strict_error(str(views_folder), warning)
-        warnings.append(in_options(warning))
-        warn(printable(f"warning: {warnings[-1]}"))
-
-    with progress_bar() as on_progress, ExitStack() as stack:
-        on_progress("reading views", 0.0)
-        source = stack.enter_context(
-            scene_source(views_folder, num_frames, cameras_file, focal_px, overwrite=overwrite)
+    with progress_bar() as on_progress:
+        report = encode_folder(
+            views_folder,
+            options,
+            on_progress=on_progress,
+            on_note=lambda sentence: say(printable(f"note: {in_options(sentence)}")),
+            on_warning=lambda sentence: warn(printable(f"warning: {in_options(sentence)}")),
         )
-        for note in source.notes:
-            say(printable(note))
-        for warning in source.warnings:
-            report(warning)
-        # What cameras and headers of images tell is reported before torch is loaded, and before any pixel is read.
-        chosen = choose_photographs(source.path, views=resolve(source.path, views), size=size)
-        for warning in chosen.notes:
-            report(warning)
-        if size is None and (remark := scaling_remark([pinhole for _, pinhole in chosen.lenses], chosen.image_size)):
-            say(f"note: {remark}")
-
-        from fecocodec import (
-            check_input,
-            encode,
-            encode_to_target,
-            measure_decoded,
-            quality_warnings,
-            without_harmful_views,
-        )
-        from fecocodec.captures.scene_folder import read_pixels
-        from fecocodec.sender.decoded_quality import stage_warnings
-        from fecocodec.sender.harmful_views import left_out_note
-
-        scene = read_pixels(chosen, near=near, far=far, background=background)
-        left_out: list[str] = []
-        if may_leave_out(views):
-            on_progress("judging views", 0.0)
-            with error_context(views_folder, OF_VIEWS):
-                scene = without_harmful_views(
-                    scene, lmbda=lmbda, device=device, model=model, on_left_out=left_out.extend
-                )
-            if left_out:
-                say(printable(f"note: {in_options(left_out_note(left_out))}"))
-        if may_leave_out(views) and views is not None and not as_json:  # JSON names them anyway
-            say(printable(f"note: coded views: {', '.join(scene.names)}."))
-        for warning in check_input(scene, effort):
-            report(warning)
-        with error_context(views_folder, OF_VIEWS):
-            if target is None:
-                coder = partial(encode, lmbda=lmbda, num_stages=stages)
-            else:
-                coder = partial(encode_to_target, target=target)
-            data = coder(
-                scene,
-                effort=effort,
-                sharpness=sharpness,
-                device=device,
-                model=model,
-                on_progress=on_progress,
-                on_warning=report,
-            )
-        if metadata:
-            data = with_metadata(data, metadata)
         with write_atomically(output, overwrite=overwrite) as temporary:
-            temporary.write_bytes(data)
-            quality = measure_decoded(data, scene, device=device, model=model)
-            for warning in (*stage_warnings(quality), *quality_warnings(quality[-1], scene.names)):
-                report(warning)
-    seconds = round(perf_counter() - start, 3)
-    summary = inspect(data)
+            temporary.write_bytes(report.data)
+        if cameras_file is not None and report.save_cameras is not None:
+            report.save_cameras(cameras_file, overwrite=overwrite)
+            if not views_folder.is_dir():
+                say(
+                    f"note: {cameras_file}: the frames of the video are not saved; to encode from this file, extract "
+                    f"them beside it ({report.names[0]} is the frame with this number, from 0)."
+                )
+    summary = inspect(report.data)
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:
         warn(f"note: {output}: decode needs --max-pixels {summary.header.num_pixels} for this file.")
     if as_json:
-        fields = quality_fields(summary, quality, scene.names)
-        print_json(
-            {
-                "output": str(output),
-                "seconds": seconds,
-                **summary_fields(summary),
-                **fields,
-                "left_out_views": left_out,
-                "warnings": warnings,
-            }
-        )
+        fields = {
+            "output": str(output),
+            "seconds": report.seconds,
+            **summary_fields(summary),
+            **quality_fields(summary, report.quality, report.names),
+            "left_out_views": report.left_out,
+            "warnings": [in_options(sentence) for sentence in report.warnings],
+        }
+        print_json(fields)
     else:
-        say_result(f"{output}: {summary.total_bytes / 1024:.2f} KiB in {seconds:.2f} s", summary, quality, scene.names)
+        if may_leave_out(options.views) and options.views is not None:
+            say(printable(f"note: coded views: {', '.join(report.names)}."))
+        first_line = f"{output}: {summary.total_bytes / 1024:.2f} KiB in {report.seconds:.2f} s"
+        say_result(first_line, summary, report.quality, report.names)

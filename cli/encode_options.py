@@ -1,10 +1,18 @@
 """Options of `fecosplat encode` and `fecosplat batch encode`: which views are encoded, and how."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
 import click
 
-from .metadata_options import metadata_options
+from fecocodec.codec.options import EncodingOptions
+from fecocodec.errors import OptionError
+
+from .metadata_options import METADATA, metadata_options
 from .options import Function, device_option, lambda_option, model_option, overwrite_option, parse_size, threads_option
-from .rate_control import rate_control_options
+from .output import in_options
+from .rate_control import rate_control_options, target_of
 from .selection import parse_selection
 
 _LAMBDA = lambda_option(
@@ -65,12 +73,6 @@ _OF_VIEWS = (
 )
 
 
-def require_steps(sharpness: float, effort: str) -> None:
-    """Raise UsageError for a sharpness that no step of optimisation can bring about."""
-    if sharpness != 0.0 and effort == "fast":
-        raise click.UsageError("--sharpness needs the steps that --effort fast leaves out; give one of them.")
-
-
 def encoding_options(function: Function) -> Function:
     """Add the options, from --lambda to --overwrite."""
     decorators = (
@@ -80,3 +82,23 @@ def encoding_options(function: Function) -> Function:
     for decorator in reversed(decorators):
         function = decorator(function)
     return function
+
+
+def options_of(values: dict[str, Any], **others: Any) -> EncodingOptions:
+    """Return the library's options from the parsed ones. others: further options of the library.
+
+    Raises InputError, or UsageError for options that exclude each other.
+    """
+    given = dict(values)
+    metadata = {name: text for name in METADATA if (text := given.pop(name)) is not None}
+    target = target_of(given.pop("target_kib"), given.pop("target_psnr"))
+    return EncodingOptions(target=target, num_stages=given.pop("stages"), metadata=metadata, **given, **others)
+
+
+@contextmanager
+def usage_errors() -> Iterator[None]:
+    """Report options that the library refuses together as wrong usage."""
+    try:
+        yield
+    except OptionError as error:
+        raise click.UsageError(in_options(str(error))) from error

@@ -7,7 +7,7 @@ from fecocodec.container import StreamSummary
 from .output import say
 from .terminal import printable
 
-NEW_VIEWS = "3 to 8"  # dB, the middle two thirds of the report's entries at lambda 1e-3 (docs/command_line.md)
+NEW_VIEWS = "3 to 8"  # dB, the middle two thirds of the entries of `make report` at lambda 1e-3
 
 if TYPE_CHECKING:
     from fecocodec import DecodedQuality

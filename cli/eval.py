@@ -57,7 +57,7 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="Comma-separated systems to measure: codec; fast and best (other efforts); pruned; ablations (or one of "
+    help="Comma-separated systems to measure: codec; fast and best (other efforts); ablations (or one of "
     "stage-1, no-context, no-feedback); images (compressed photographs); gaussians (compressed Gaussians); trivial.",
 )
 @model_option
@@ -126,8 +126,7 @@ def command(
 
     from fecocodec.checkpoint import model_folder
     from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
-
-    from .device import require_rendering_device
+    from fecocodec.rendering.cuda import require_rendering_device
 
     require_rendering_device(device)
     plan = Plan(

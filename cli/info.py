@@ -6,10 +6,9 @@ import click
 
 from fecocodec.container import Header, StreamSummary, inspect, read_stream_file
 from fecocodec.container.metadata import Metadata
-from fecocodec.errors import BitstreamError
+from fecocodec.errors import BitstreamError, error_context
 
-from .error_context import error_context
-from .metadata_options import FIELDS
+from .metadata_options import METADATA
 from .options import json_option, stream_path
 from .output import print_columns, print_fields, print_json
 from .terminal import printable
@@ -131,7 +130,7 @@ def print_summary(summary: StreamSummary) -> None:
 
 def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
     """Return the text fields of the metadata that `encode` writes, with control characters escaped."""
-    values = [(name, (metadata or {}).get(name)) for name in FIELDS]
+    values = [(name, (metadata or {}).get(name)) for name in METADATA]
     return [(name, printable(value)) for name, value in values if isinstance(value, str)]
 
 

@@ -6,7 +6,7 @@ import click
 
 from .options import Function
 
-FIELDS = ("title", "author", "licence", "date")
+METADATA = ("title", "author", "licence", "date")
 
 
 def metadata_options(function: Function) -> Function:
@@ -22,16 +22,6 @@ def metadata_options(function: Function) -> Function:
     for name, text in reversed(texts.items()):
         function = click.option(f"--{name}", metavar="TEXT", help=text)(function)
     return function
-
-
-def metadata_of(title: str | None, author: str | None, licence: str | None, date: str | None) -> dict[str, str]:
-    """Return the given fields. Raises BitstreamError if a file cannot hold them, which is known before encoding."""
-    from fecocodec.container.metadata import pack_metadata
-
-    values = dict(zip(FIELDS, (title, author, licence, date), strict=True))
-    given = {name: value for name, value in values.items() if value is not None}
-    pack_metadata(given)
-    return given
 
 
 def _parse_date(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:

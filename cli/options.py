@@ -119,6 +119,12 @@ def threads_option(function: Function) -> Function:
     )(function)
 
 
+def num_threads(default: int) -> int:
+    """Return the number of threads that --threads or the environment sets."""
+    value = os.environ.get("OMP_NUM_THREADS", "")
+    return int(value) if value.isdecimal() else default
+
+
 def _parse_device(ctx: click.Context, param: click.Parameter, value: str) -> str:
     if not re.fullmatch(r"cpu|cuda(:\d{1,2})?", value):
         raise click.BadParameter(f"{value!r} is none of cpu, cuda, cuda:N.", ctx, param)

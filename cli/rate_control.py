@@ -1,12 +1,11 @@
 """Rate-control options of `fecosplat encode`: a target file size or quality instead of a lambda."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import click
 
-if TYPE_CHECKING:
-    from fecocodec.sender.rate_control import Target
+from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib, Target
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -32,20 +31,15 @@ def rate_control_options(function: Function) -> Function:
     return function
 
 
-def target_of(target_kib: float | None, target_psnr: float | None, stages: int) -> "Target | None":
+def target_of(target_kib: float | None, target_psnr: float | None) -> Target | None:
     """Return the rate-control target, or None to encode at --lambda.
 
     Raises UsageError for options that exclude each other.
     """
     if target_kib is None and target_psnr is None:
         return None
-
-    from fecocodec import AtLeastPsnr, AtMostKib
-
     if target_kib is not None and target_psnr is not None:
         raise click.UsageError("--target-kib and --target-psnr exclude each other; give one of them.")
-    if stages == 1:
-        raise click.UsageError("--stages 1 has no rate control; leave out --stages or the target.")
     context = click.get_current_context()
     if context.get_parameter_source("lmbda") is click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("A target chooses lambda; leave out --lambda or the target.")

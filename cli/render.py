@@ -9,10 +9,10 @@ import click
 from fecocodec.atomic import require_writable
 from fecocodec.captures.view_selection import Selection
 from fecocodec.container import check_pixels, read_header, read_stream_file
+from fecocodec.errors import error_context
 from fecocodec.photographs.video_extra import require_video_extra
 
 from .decode_options import decode_here
-from .error_context import error_context
 from .image_files import image_files, image_writer, is_image_file, require_image_output
 from .options import (
     FILE_PATH,
@@ -197,8 +197,7 @@ def _require_video(video: Path, *, overwrite: bool) -> None:
 
 def _require_device(name: str, scene: Path) -> None:
     from fecocodec.layers.memory_format import usable_device
-
-    from .device import require_rendering_device
+    from fecocodec.rendering.cuda import require_rendering_device
 
     if scene.suffix.lower() == ".ply":
         require_rendering_device(name)

@@ -53,7 +53,7 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
     read_index(index)  # reports an invalid index before torch is loaded
 
     from fecocodec.checkpoint import model_folder
-    from fecocodec.evaluation.stress.run import read_pairs, run_suite
+    from fecocodec.evaluation.stress.suite import read_pairs, run_suite
     from fecocodec.evaluation.summary import as_tsv
     from fecocodec.sender.codec import load_codec
 

@@ -1,9 +1,8 @@
-"""Options of `fecosplat train` that override a training configuration."""
+"""Options of `fecosplat train` and its verbs that override a training configuration."""
 
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,11 +10,12 @@ import click
 from fecocodec.container import quantise_lambda
 from fecocodec.training.batch_limits import check_sizes, check_view_shares
 
-from .options import parse_size
+from .options import FILE_PATH, parse_size
 
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
 
+_OTHER_FIELDS = ("lambda_range", "precision", "perceptual_weight", "optimised_share", "frozen", "kept_batches")
 _SHAPE_FIELDS = ("num_scenes", "view_shares", "num_target", "sizes")
 _SCHEDULE_FIELDS = (
     "num_steps", "one_stage_until", "bypass_until", "learning_rate", "photograph_share", "disparity_weight",
@@ -36,106 +36,121 @@ def _parse_sizes(ctx: click.Context, param: click.Parameter, values: tuple[str, 
     return tuple(parse_size(ctx, param, value) for value in values) or None
 
 
-_OPTIONS = (
-    click.option("--steps", "num_steps", type=int, help="Number of training steps."),
-    click.option(
+_OPTIONS: dict[str, Callable[..., Any]] = {
+    "num_steps": click.option("--steps", "num_steps", type=int, help="Number of steps of the optimiser."),
+    "one_stage_until": click.option(
         "--one-stage-steps", "one_stage_until", type=int, help="Number of first steps that train stage 1 only."
     ),
-    click.option(
+    "bypass_until": click.option(
         "--bypass-steps", "bypass_until", type=int, help="Number of first steps without rate term and quantisation."
     ),
-    click.option(
+    "num_scenes": click.option(
         "--scenes",
         "num_scenes",
         type=int,
         help="Batch size: scenes per step and process, for the first --views and --size.",
     ),
-    click.option(
+    "view_shares": click.option(
         "--views",
         "view_shares",
         callback=_parse_views,
         help="Number of context views: 2, or probabilities such as 2:0.8,4:0.2.",
     ),
-    click.option("--targets", "num_target", type=int, help="Number of target views per scene."),
-    click.option(
+    "num_target": click.option("--targets", "num_target", type=int, help="Number of target views per scene."),
+    "sizes": click.option(
         "--size",
         "sizes",
         multiple=True,
         callback=_parse_sizes,
         metavar="WxH",
-        help="Image size in pixels. Repeat the option for several sizes.",
+        help="Image size in pixels. Repeat the option for several sizes. Small sizes need --views 2.",
     ),
-    click.option(
-        "--side", type=int, help="Square image size: --side 128 is --size 128x128. Small sizes need --views 2."
-    ),
-    click.option("--learning-rate", type=float, help="Peak learning rate."),
-    click.option("--lambda-range", type=float, nargs=2, help="Smallest and largest lambda."),
-    click.option(
+    "learning_rate": click.option("--learning-rate", type=float, help="Peak learning rate."),
+    "lambda_range": click.option("--lambda-range", type=float, nargs=2, help="Smallest and largest lambda."),
+    "photograph_share": click.option(
         "--photograph-share", type=float, nargs=2, help="Fraction of photographs, at the first and last step."
     ),
-    click.option(
+    "disparity_weight": click.option(
         "--depth-weight",
         "disparity_weight",
         type=float,
         nargs=2,
         help="Weight of the depth loss, at first and last step.",
     ),
-    click.option(
+    "perceptual_weight": click.option(
         "--perceptual-weight",
         type=click.FloatRange(min=0),
         help="Weight of ST-LPIPS in the loss, for sharper pictures of lower PSNR.",
     ),
-    click.option(
+    "optimised_share": click.option(
         "--optimised-share",
         type=click.FloatRange(0.0, 1.0),
         help="Fraction of the steps that train the receiver on latents optimised as in encoding.",
     ),
-    click.option(
+    "precision": click.option(
         "--precision", type=click.Choice(["float32", "bfloat16"]), help="Number type of convolutions and attention."
     ),
-    click.option(
+    "frozen": click.option(
         "--freeze",
         "frozen",
         multiple=True,
         type=click.Choice(["receiver", "extractor", "matching"]),
         help="Do not train this part. matching: all of the extractor except the fusion of its features. Repeatable.",
     ),
-    click.option(
+    "kept_batches": click.option(
         "--keep",
         "kept_batches",
         type=click.IntRange(min=0),
         metavar="BATCHES",
         help="Keep so many batches per process in memory with the results of the frozen extractor or matching.",
     ),
-)
+}
+
+
+def data_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --photographs and --textures."""
+    command = click.option(
+        "--textures",
+        type=FILE_PATH,
+        help="Folder of images that texture synthetic scenes, beside the built-in patterns.",
+    )(command)
+    return click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes, each with a transforms.json.")(
+        command
+    )
+
+
+def seed_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --seed."""
+    return click.option(
+        "--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Seed of random numbers."
+    )(command)
 
 
 def check_values(overrides: dict[str, Any]) -> None:
     """Raise InputError for values that no configuration can take. Torch is not loaded."""
-    check_view_shares(overrides["view_shares"] or ())
-    check_sizes(overrides["sizes"] or ())
-    check_sizes([(overrides["side"],) * 2] if overrides["side"] is not None else ())
-    for lmbda in overrides["lambda_range"] or ():
+    check_view_shares(overrides.get("view_shares") or ())
+    check_sizes(overrides.get("sizes") or ())
+    for lmbda in overrides.get("lambda_range") or ():
         quantise_lambda(lmbda)  # raises for a value outside the range
 
 
-def configuration_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options that `overridden` takes. Those that are not given are None."""
-    return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
+def configuration_options(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that adds options of `overridden`: these, or all. Those that are not given are None."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for name in reversed(names or tuple(_OPTIONS)):
+            command = _OPTIONS[name](command)
+        return command
+
+    return decorate
 
 
 def overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":
     """Return the configuration with the given options in place of its own values."""
     given = {name: value for name, value in overrides.items() if value is not None}
-    if "side" in given:
-        given["sizes"] = ((given["side"], given["side"]),)
     shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
     schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
-    others: dict[str, Any] = {
-        name: given[name]
-        for name in ("lambda_range", "precision", "perceptual_weight", "optimised_share", "frozen", "kept_batches")
-        if name in given
-    }
+    others: dict[str, Any] = {name: given[name] for name in _OTHER_FIELDS if name in given}
     if configuration.is_paper and "lambda_range" in given:
         others["receiver"] = replace(configuration.receiver, lambda_range=given["lambda_range"])
     return replace(configuration, shapes=shapes, schedule=schedule, **others)

@@ -6,9 +6,9 @@ from pathlib import Path
 import click
 
 from fecocodec.container import read_stream_file
+from fecocodec.errors import error_context
 
 from .decode_options import decode_here, require_page
-from .error_context import error_context
 from .options import max_pixels_option, model_option, stream_path, threads_option
 from .output import say
 from .paths import require_model

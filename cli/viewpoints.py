@@ -4,10 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fecocodec.captures.view_selection import Selection, resolve
+from fecocodec.captures.view_selection import Selection
 from fecocodec.container import read_header
+from fecocodec.errors import error_context
 
-from .error_context import error_context
+from .output import in_options, say
+from .terminal import printable
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Decoded, Gaussians
@@ -21,7 +23,10 @@ def read_given_cameras(path: Path, selection: Selection | None, size: tuple[int,
     """Read the cameras of --cameras."""
     from fecocodec.captures.render_cameras import read_render_cameras
 
-    return read_render_cameras(path, views=resolve(path, selection), size=size)
+    cameras = read_render_cameras(path, views=selection, size=size)
+    for note in cameras.notes:
+        say(printable(f"note: {in_options(note)}"))
+    return cameras
 
 
 def names_of(given: "RenderCameras | None", scene: Path, data: bytes, num_frames: int | None) -> tuple[str, ...]:

@@ -22,10 +22,9 @@ from torch import Tensor
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.adapted import adapted_sender
-from fecocodec.training.configurations import configuration_named
-from fecocodec.training.export import export_networks
+from fecocodec.training.configurations import RunSettings, configuration_named
 from fecocodec.training.loop import train
-from fecocodec.training.run_settings import RunSettings
+from fecocodec.training.model_weights import export_networks
 from fecocodec.training.sources import open_sources
 from fecocodec.training.trainer import Trainer
 

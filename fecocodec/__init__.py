@@ -12,17 +12,21 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fecocodec.captures.scene_folder import read_views
+    from fecocodec.codec.encode_folder import EncodingReport, encode_folder
+    from fecocodec.codec.options import EncodingOptions
     from fecocodec.decoding import Decoded, decode
     from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError, OutputError
     from fecocodec.geometry.cameras import Cameras
     from fecocodec.geometry.gaussians import Gaussians
     from fecocodec.geometry.views import Views
     from fecocodec.rendering.rasterizer import Rendering, render
-    from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded, quality_warnings
+    from fecocodec.sender.decoded_quality import measure_decoded
     from fecocodec.sender.encode import encode
     from fecocodec.sender.harmful_views import without_harmful_views
     from fecocodec.sender.input_warnings import check_input
-    from fecocodec.sender.rate_control import AtLeastPsnr, AtMostKib, encode_to_target
+    from fecocodec.sender.rate_control import encode_to_target
+    from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib
+    from fecocodec.sender.view_quality import DecodedQuality, quality_warnings
     from fecocodec.splat_files.ply import read_ply, write_ply
 
 __version__ = "0.1.0"
@@ -34,6 +38,8 @@ __all__ = [
     "Cameras",
     "Decoded",
     "DecodedQuality",
+    "EncodingOptions",
+    "EncodingReport",
     "FecoError",
     "Gaussians",
     "InputError",
@@ -45,6 +51,7 @@ __all__ = [
     "check_input",
     "decode",
     "encode",
+    "encode_folder",
     "encode_to_target",
     "measure_decoded",
     "quality_warnings",
@@ -56,12 +63,14 @@ __all__ = [
 ]
 
 _MODULE_OF = {
-    "AtLeastPsnr": "fecocodec.sender.rate_control",
-    "AtMostKib": "fecocodec.sender.rate_control",
+    "AtLeastPsnr": "fecocodec.sender.rate_targets",
+    "AtMostKib": "fecocodec.sender.rate_targets",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
     "Decoded": "fecocodec.decoding",
-    "DecodedQuality": "fecocodec.sender.decoded_quality",
+    "DecodedQuality": "fecocodec.sender.view_quality",
+    "EncodingOptions": "fecocodec.codec.options",
+    "EncodingReport": "fecocodec.codec.encode_folder",
     "FecoError": "fecocodec.errors",
     "Gaussians": "fecocodec.geometry.gaussians",
     "InputError": "fecocodec.errors",
@@ -72,9 +81,10 @@ _MODULE_OF = {
     "check_input": "fecocodec.sender.input_warnings",
     "decode": "fecocodec.decoding",
     "encode": "fecocodec.sender.encode",
+    "encode_folder": "fecocodec.codec.encode_folder",
     "encode_to_target": "fecocodec.sender.rate_control",
     "measure_decoded": "fecocodec.sender.decoded_quality",
-    "quality_warnings": "fecocodec.sender.decoded_quality",
+    "quality_warnings": "fecocodec.sender.view_quality",
     "read_ply": "fecocodec.splat_files.ply",
     "read_views": "fecocodec.captures.scene_folder",
     "render": "fecocodec.rendering.rasterizer",

@@ -58,11 +58,6 @@ def _stored(name: str, value: Tensor) -> Tensor:
     return halves
 
 
-def serialise_tensors(tensors: dict[str, Tensor]) -> bytes:
-    """Return the bytes of a safetensors file with these tensors as they are."""
-    return save(tensors)
-
-
 def read_weights(path: Path) -> Weights:
     """Read a weights file, with floats converted to float32. Raises ModelError if it is missing or damaged."""
     data = read_bytes(path)
@@ -83,16 +78,11 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
     Raises ModelError if the file is missing or damaged.
     """
-    stored = read_stored_tensors(path)
-    return {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
-
-
-def read_stored_tensors(path: Path) -> dict[str, Tensor]:
-    """Read the tensors of any safetensors file as they are stored. Raises ModelError if it is missing or damaged."""
     try:
-        return load(read_bytes(path))
+        stored = load(read_bytes(path))
     except SafetensorError as error:
         raise ModelError(f"{path}: not a safetensors file, or damaged; fetch or install it again.") from error
+    return {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
 
 
 def config_of(weights: Weights, end: str, like: Config, place: Path) -> Config:

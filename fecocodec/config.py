@@ -11,6 +11,34 @@ MAX_FLOAT_GROWTH = 1000.0
 # default, so that the files, and with them the model ids, of released models stay the same.
 OPTIONAL = {"optional": True}
 COMPACT, PAPER = "compact", "paper"  # methods
+NO_CONTEXT, NO_FEEDBACK = "no-context", "no-feedback"  # ablations of the sender, see `sender/ablations.py`
+
+
+@dataclass(frozen=True)
+class Method:
+    """What a method does beside the paper's two stages; the defaults are this codec's own.
+
+    has_rules: opacities, colours and layers follow `splatting.emission`; graphs can be exported for it. has_steps:
+    latents and detail are optimised, views are faded. has_symbol_choice: symbols are chosen by rate and distortion, not
+    rounded. stage_1_offset: of the quantised lambda of stage 1 of two, in units of the header (EXCESS_UNIT steps each).
+    has_depth_feedback: E_fb gets depth errors, and differences of pictures in place of pictures.
+    has_conditioned_adapter: the adapter of a third-party extractor depends on lambda. gaussians_per_side: of a cell of
+    the 1/4 grid, as allowed.
+    """
+
+    has_rules: bool = True
+    has_steps: bool = True
+    has_symbol_choice: bool = True
+    stage_1_offset: int = 229  # a factor of 6: stage 2 corrects the errors of stage 1, so its bits are worth less
+    has_depth_feedback: bool = True
+    has_conditioned_adapter: bool = False
+    gaussians_per_side: tuple[int, ...] = (2,)
+
+
+METHODS = {
+    COMPACT: Method(),
+    PAPER: Method(False, False, False, 0, False, True, gaussians_per_side=(1, 2, 4)),
+}
 
 
 @dataclass(frozen=True)
@@ -32,7 +60,7 @@ class ReceiverConfig:
     # sqrt(lambda). Rate-distortion optimised quantisation (`coding/symbol_choice.py`) favours slightly finer steps.
     largest_gain: float = 9.1206  # of latents at lambda 1e-5
     gain_exponent: float = 0.4
-    # Free-space check (`receiver/free_space.py`).
+    # Free-space check (`splatting/free_space.py`).
     free_space_colour: float = 0.12  # squared distance of sRGB colours in [0, 1] that gives half of a violation
     free_space_lead: float = 0.1  # logarithm of the ratio of depths that gives half of a violation: 10% nearer
     free_space_lead_width: float = 0.07
@@ -42,12 +70,12 @@ class ReceiverConfig:
     near_bound_depth: float = 0.7  # depth in another view, in units of near, that gives half of a violation
     near_bound_width: float = 0.05  # width of this transition, in the logarithm of depth
     near_bound_margin: float = 0.5  # extension of the other view's image, as a share of its sides
-    # View-dependent colours (`receiver/view_dependence.py`).
+    # View-dependent colours (`splatting/view_dependence.py`).
     view_dependence: float = 0.5  # share of the colour difference to another view that the fitted slope reproduces
     view_dependence_ridge: float = 0.1  # ridge, as the difference of unit directions that halves the slope
     hiding_lag: float = 0.1  # logarithm of the ratio of depths at half occlusion: 10% behind the surface
     hiding_lag_width: float = 0.05
-    # Fading of duplicates with three or more views (`receiver/duplicates.py`).
+    # Fading of duplicates with three or more views (`splatting/duplicates.py`).
     duplicate_lead: float = field(default=0.15, metadata=OPTIONAL)  # logarithm of the ratio of depths that gives 1/e
     duplicate_width: float = field(default=0.05, metadata=OPTIONAL)  # of the transition, in log of the ratio of sizes
     # Method: "paper" switches off what this codec adds to the paper (docs/paper_profile.md).
@@ -56,6 +84,11 @@ class ReceiverConfig:
     lambda_range: tuple[float, float] = field(default=(1e-5, 1e-2), metadata=OPTIONAL)  # that the model was trained for
     num_stages: int = field(default=2, metadata=OPTIONAL)  # likewise; streams hold at most two
     detail_planes: int = field(default=0, metadata=OPTIONAL)  # numbers of the detail layer for a block; 0 for no layer
+
+    @property
+    def kind(self) -> Method:
+        """Return what the method does. Raises KeyError for a method that does not exist, see `Receiver`."""
+        return METHODS[self.method]
 
 
 @dataclass(frozen=True)
@@ -87,7 +120,6 @@ class SenderConfig(CodecConfig):
     fusion_channels: tuple[int, int, int] = (128, 192, 256)  # at 1/4, 1/8, 1/16
     attention_channels: int = 128
     num_source_views: int = 2  # nearest other views against which a view is matched
-    is_monocular: bool = field(default=False, metadata=OPTIONAL)  # depth is completed with DINOv2
 
 
 COMPACT_SENDER = SenderConfig(step_channels=96)  # the sender that is trained; what ships has sharp steps, too

@@ -62,8 +62,8 @@ def decode(
         return decode_with_graphs(graphs, part, stages, EmissionConfig(sh_degree, has_background, merging), on_progress)
 
     from fecocodec.layers.memory_format import usable_device
-    from fecocodec.receiver.background import DEFAULT_BACKGROUND
     from fecocodec.receiver.decode import decode as decode_with_torch
+    from fecocodec.splatting.background import DEFAULT_BACKGROUND
 
     usable_device(device)
     decoded = decode_with_torch(

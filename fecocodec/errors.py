@@ -1,5 +1,8 @@
 """Exceptions of the library. Each message is one sentence with file, location, cause and remedy."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class FecoError(Exception):
     """Base class of all errors of this library; the message is meant for the end user."""
@@ -7,6 +10,10 @@ class FecoError(Exception):
 
 class InputError(FecoError):
     """Views, cameras or options are not valid."""
+
+
+class OptionError(InputError):
+    """Options exclude each other, or are for another kind of input; the command line calls it wrong usage."""
 
 
 class BitstreamError(FecoError):
@@ -33,3 +40,17 @@ def installation(extra: str) -> str:
 def strict_error(place: str, warning: str) -> StrictError:
     """Return the error for a warning, which is one sentence. place: file or folder that it is about."""
     return StrictError(f"{place}: {warning.removesuffix('.')} (`strict` makes this warning an error).")
+
+
+@contextmanager
+def error_context(
+    place: object, kinds: tuple[type[FecoError], ...] = (BitstreamError, InputError, ModelError)
+) -> Iterator[None]:
+    """Prefix the message of every error of these kinds that the block raises with `place`, the file or folder read.
+
+    Code that receives the contents of a file does not know its name.
+    """
+    try:
+        yield
+    except kinds as error:
+        raise type(error)(f"{place}: {error}") from error

@@ -1,5 +1,6 @@
 """Small posed scenes and random-initialised networks that several folders of tests share."""
 
+import json
 from pathlib import Path
 
 import torch
@@ -10,6 +11,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
+from fecocodec.photographs.images import write_image
 from fecocodec.receiver.load import serialise_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.load import serialise_sender
@@ -36,6 +38,20 @@ def example_views(num_views: int, height: int = 64, width: int = 64, seed: int =
     smooth = F.interpolate(torch.rand(num_views, 3, 6, 6, generator=generator), (height, width), mode="bilinear")
     images = (smooth + 0.1 * torch.randn(num_views, 3, height, width, generator=generator)).clamp(0, 1)
     return Views(images, example_cameras(num_views, seed), tuple(f"view {view}" for view in range(num_views)))
+
+
+def write_scene(folder: Path, seed: int = 0, num_views: int = 2) -> None:
+    """Write `example_views` of 64x64 pixels as PNG, with a transforms.json."""
+    folder.mkdir(parents=True)
+    views = example_views(num_views, seed=seed)
+    frames = []
+    for view, image in enumerate(views.images):
+        write_image(folder / f"{view}.png", image)
+        pose = views.cameras.extrinsics[view].clone()
+        pose[:, 1:3] *= -1  # OpenCV to OpenGL axes
+        frames.append({"file_path": f"{view}.png", "transform_matrix": pose.tolist()})
+    scene = {"w": 64, "h": 64, "fl_x": 57.6, "fl_y": 57.6, "near": 1.5, "far": 12.0, "frames": frames}
+    (folder / "transforms.json").write_text(json.dumps(scene))
 
 
 def write_random_model(weights: Path) -> None:

@@ -17,6 +17,7 @@ HOME_OF_LIBRARY = {
     "OpenEXR": ("fecocodec/photographs/exr.py",),
     "av": ("fecocodec/photographs/video_writing.py", "fecocodec/photographs/video_frames.py"),
     "imagecodecs": ("fecocodec/photographs/png16.py", "fecocodec/evaluation/"),
+    "pillow_heif": ("fecocodec/photographs/pillow_images.py",),
     "PIL": ("fecocodec/photographs/", "fecocodec/poses/", "fecocodec/splat_files/"),
     "gsplat": ("fecocodec/rendering/cuda.py",),
     # The receiver needs scipy for its neighbour search alone.

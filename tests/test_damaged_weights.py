@@ -13,7 +13,7 @@ import fecocodec
 from fecocodec.checkpoint import RECEIVER_FILE, SHIPPED, Weights, config_of, find_receiver
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.errors import ModelError
-from fecocodec.training.checkpoint import load_checkpoint
+from fecocodec.training.run_files import load_checkpoint
 
 
 @pytest.mark.parametrize(

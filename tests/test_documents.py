@@ -1,4 +1,4 @@
-"""Files, commands, options and make targets that the documents name exist."""
+"""Files, headings, commands, options, make targets and numbers that the documents name exist."""
 
 import re
 from pathlib import Path
@@ -8,11 +8,15 @@ from click.testing import CliRunner
 from fecosplat_cli.command_line import command_line
 from fecosplat_cli.main import COMMANDS
 
+import fecocodec
+
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = (
     "README.md",
     "DEVELOPMENT.md",
     "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "fecocodec/weights/compact-6/MODEL_CARD.md",
     *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
 )
 WITH_COMMANDS = (
@@ -23,8 +27,7 @@ WITH_COMMANDS = (
     "docs/limits.md",
     "docs/training.md",
 )
-BELOW = {"batch": ("encode", "decode")}
-README_BYTES = 8192
+BELOW = {"batch": ("encode", "decode"), "train": ("entropy", "steps", "detail")}
 LISTED_ELSEWHERE = {"--help", "--version", "--index", "--output"}  # in the table of commands, or of every command
 COMMANDS_OF_TABLE = ("encode", "decode", "render", "batch")  # whose options are all in docs/command_line.md
 
@@ -47,15 +50,29 @@ def option_rows() -> list[tuple[set[str], set[str]]]:
     return parsed
 
 
-def test_readme_is_short() -> None:
-    assert len((ROOT / "README.md").read_bytes()) <= README_BYTES
+def anchors_of(path: Path) -> set[str]:
+    headings = re.findall(r"^#+ (.+)$", path.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_links_lead_to_files(document: str) -> None:
+def test_links_lead_to_files_and_headings(document: str) -> None:
     path = ROOT / document
-    targets = re.findall(r"\]\((?!https?://|#)([^)#\s]+)", path.read_text())
-    assert [target for target in targets if not (path.parent / target).exists()] == []
+    links = re.findall(r"\]\((?!https?://)([^)#\s]*)(?:#([^)\s]+))?\)", path.read_text())
+    assert [target for target, _ in links if not (path.parent / target).exists()] == []
+    inside = [(path.parent / target if target else path, anchor) for target, anchor in links if anchor]
+    assert [anchor for target, anchor in inside if anchor not in anchors_of(target)] == []
+
+
+@pytest.mark.parametrize("document", ["README.md", "fecocodec/weights/compact-6/MODEL_CARD.md"])
+def test_scores_are_those_of_the_report(document: str) -> None:
+    """Numbers of quality stand in docs/report.md; other tables repeat its rows as they are."""
+    rows = re.findall(r"^\| (?:lambda|\d+e-\d) \|.*$", (ROOT / document).read_text(), re.MULTILINE)
+    assert len(rows) > 3 and set(rows) <= set((ROOT / "docs/report.md").read_text().splitlines())
+
+
+def test_the_citation_names_this_version() -> None:
+    assert f"version: {fecocodec.__version__}\n" in (ROOT / "CITATION.cff").read_text()
 
 
 @pytest.mark.parametrize("document", WITH_COMMANDS)
@@ -83,6 +100,13 @@ def test_every_option_is_listed(command: str) -> None:
     listed = {option for options, commands in option_rows() if command in commands for option in options}
     options = set(re.findall(r"^ +(?:-[a-z], )?(--[a-z-]+)", help_of(command), re.MULTILINE))
     assert options - listed - LISTED_ELSEWHERE == set()
+
+
+def test_the_tree_names_every_package_and_module() -> None:
+    tree = (ROOT / "DEVELOPMENT.md").read_text().split("## Tree")[1].split("## Rules")[0]
+    found = {path.name for path in (ROOT / "fecocodec").glob("*.py") if not path.name.startswith("__")}
+    found |= {f"{path.parent.name}/" for path in (ROOT / "fecocodec").glob("*/__init__.py")}
+    assert [name for name in sorted(found) if not re.search(rf"(?:^  |, ){re.escape(name)}", tree, re.MULTILINE)] == []
 
 
 @pytest.mark.parametrize("target", re.findall(r"`make ([a-z-]+)`", (ROOT / "DEVELOPMENT.md").read_text()))

@@ -23,7 +23,7 @@ from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSma
 from fecocodec.sender.load import serialise_sender
 from fecocodec.sender.model import Sender
 from fecocodec.training import configurations
-from fecocodec.training.batch_shapes import BatchShapes
+from fecocodec.training.batch import BatchShapes
 from fecocodec.training.configurations import CONFIGURATIONS, configuration_named
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.example_scenes import example_views

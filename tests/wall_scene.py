@@ -14,7 +14,19 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 WALL = np.array([0.2, -0.1, 1.0, -4.0])  # x, y, z with WALL @ (x, y, z, 1) = 0
-COLMAP_IDS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2, "RADIAL": 3, "OPENCV": 4}
+COLMAP_IDS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2, "RADIAL": 3, "OPENCV": 4, "OPENCV_FISHEYE": 5} | {
+    **{"FULL_OPENCV": 6, "THIN_PRISM_FISHEYE": 10, "SIMPLE_RADIAL_FISHEYE": 8, "RADIAL_FISHEYE": 9},
+    **{"SIMPLE_FISHEYE": 14, "FISHEYE": 15},
+}
+COLMAP_COEFFICIENTS = {
+    "SIMPLE_RADIAL": ["k1"],
+    "RADIAL": ["k1", "k2"],
+    "OPENCV": ["k1", "k2", "p1", "p2"],
+    "FULL_OPENCV": ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
+    "OPENCV_FISHEYE": ["k1", "k2", "k3", "k4"],
+    "SIMPLE_RADIAL_FISHEYE": ["k1"],
+    "RADIAL_FISHEYE": ["k1", "k2"],
+}
 
 
 @dataclass(frozen=True)
@@ -29,7 +41,8 @@ class Shot:
     fy: float = 104.0
     cx: float = 47.0
     cy: float = 41.5
-    distortion: dict[str, float] = field(default_factory=dict)  # k1 k2 p1 p2
+    distortion: dict[str, float] = field(default_factory=dict)  # k1 to k6, p1 p2
+    model: str = "OPENCV"  # or FULL_OPENCV, or OPENCV_FISHEYE
 
 
 def shots(count: int = 3, **lens) -> list[Shot]:
@@ -64,19 +77,25 @@ def take(shot: Shot) -> np.ndarray:
     plane = seen.copy()
     for _ in range(20):
         step = 1e-6
-        residual = _bend(plane, shot.distortion) - seen
-        columns = [(_bend(plane + step * axis, shot.distortion) - residual - seen) / step for axis in np.eye(2)]
+        residual = _bend(plane, shot) - seen
+        columns = [(_bend(plane + step * axis, shot) - residual - seen) / step for axis in np.eye(2)]
         plane -= np.linalg.solve(np.stack(columns, axis=-1), residual[..., None])[..., 0]
     rays = np.concatenate((plane, np.ones_like(plane[..., :1])), axis=-1)
     return wall_colour(shot.camera_to_world[:3, 3], rays @ shot.camera_to_world[:3, :3].T)
 
 
-def _bend(plane: np.ndarray, distortion: dict[str, float]) -> np.ndarray:
-    """OpenCV's model, written out from its documentation."""
+def _bend(plane: np.ndarray, shot: Shot) -> np.ndarray:
+    """OpenCV's models, written out from its documentation."""
     x, y = plane[..., 0], plane[..., 1]
-    k1, k2, p1, p2 = (distortion.get(key, 0.0) for key in ("k1", "k2", "p1", "p2"))
+    k1, k2, k3, k4, k5, k6 = (shot.distortion.get(f"k{index}", 0.0) for index in range(1, 7))
+    p1, p2 = (shot.distortion.get(key, 0.0) for key in ("p1", "p2"))
     r2 = x * x + y * y
-    radial = 1 + k1 * r2 + k2 * r2 * r2
+    if shot.model == "OPENCV_FISHEYE":
+        r = np.maximum(np.sqrt(r2), 1e-9)
+        a = np.arctan(r)
+        return plane * (a * (1 + k1 * a**2 + k2 * a**4 + k3 * a**6 + k4 * a**8) / r)[..., None]
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    radial = radial / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3) if shot.model == "FULL_OPENCV" else radial + k4 * r2**4
     bent_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     bent_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     return np.stack((bent_x, bent_y), axis=-1)
@@ -95,7 +114,10 @@ def transforms(taken: list[Shot], **top_level) -> dict:
         matrix = (shot.camera_to_world * [1, -1, -1, 1]).tolist()
         lens = {"fl_x": shot.fx, "fl_y": shot.fy, "cx": shot.cx, "cy": shot.cy, "w": shot.width, "h": shot.height}
         frames.append(
-            {"file_path": f"images/{shot.name}", "transform_matrix": matrix} | lens | shot.distortion,
+            {"file_path": f"images/{shot.name}", "transform_matrix": matrix}
+            | ({} if shot.model == "OPENCV" else {"camera_model": shot.model})
+            | lens
+            | shot.distortion,
         )
     return top_level | {"frames": frames}
 
@@ -117,10 +139,37 @@ def write_realestate10k(folder: Path, taken: list[Shot]) -> Path:
     return folder
 
 
+def write_cameras_json(folder: Path, taken: list[Shot]) -> Path:
+    """`cameras.json` of 3DGS beside `images`: names without suffix, no principal point."""
+    write_photographs(folder / "images", taken)
+    cameras = [
+        {
+            **{"id": index, "img_name": Path(shot.name).stem, "width": shot.width, "height": shot.height},
+            **{"position": shot.camera_to_world[:3, 3].tolist(), "rotation": shot.camera_to_world[:3, :3].tolist()},
+            **{"fx": shot.fx, "fy": shot.fy},
+        }
+        for index, shot in enumerate(taken)
+    ]
+    (folder / "cameras.json").write_text(json.dumps(cameras))
+    return folder
+
+
+def write_llff(folder: Path, taken: list[Shot], bounds: tuple[float, float] = (2.0, 8.0)) -> Path:
+    """`poses_bounds.npy` of LLFF beside `images`: axes are down, right, backwards; one focal length."""
+    write_photographs(folder / "images", taken)
+    rows = []
+    for shot in taken:
+        right, down, forward, position = shot.camera_to_world[:3].T
+        size = np.array([shot.height, shot.width, shot.fx])
+        rows.append([*np.stack((down, right, -forward, position, size), axis=-1).ravel(), *bounds])
+    np.save(folder / "poses_bounds.npy", np.array(rows))
+    return folder
+
+
 def colmap_parameters(shot: Shot, model: str) -> list[float]:
-    focal = [shot.fx] if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL") else [shot.fx, shot.fy]
-    keys = {"SIMPLE_RADIAL": ["k1"], "RADIAL": ["k1", "k2"], "OPENCV": ["k1", "k2", "p1", "p2"]}.get(model, [])
-    return [*focal, shot.cx, shot.cy, *(shot.distortion.get(key, 0.0) for key in keys)]
+    has_one_focal = model.startswith(("SIMPLE", "RADIAL"))
+    focal = [shot.fx] if has_one_focal else [shot.fx, shot.fy]
+    return [*focal, shot.cx, shot.cy, *(shot.distortion.get(key, 0.0) for key in COLMAP_COEFFICIENTS.get(model, []))]
 
 
 def _colmap_pose(shot: Shot) -> tuple[list[float], list[float]]:

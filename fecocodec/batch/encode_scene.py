@@ -1,9 +1,7 @@
 """Work of a batch that encodes: a scene folder -> the bytes of a `.fcs` file."""
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -11,57 +9,25 @@ from typing import Any
 import torch
 
 from fecocodec.batch.scene_task import Result
-from fecocodec.camera_files.find import has_cameras
-from fecocodec.captures.scene_folder import read_views
-from fecocodec.captures.view_selection import Selection, may_leave_out, resolve
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder, model_id_of
-from fecocodec.container import quantise_lambda, with_metadata
-from fecocodec.errors import InputError, strict_error
-from fecocodec.geometry.views import Views
+from fecocodec.codec.encode_folder import encode_folder
+from fecocodec.codec.options import EncodingOptions
 from fecocodec.model_files import read_bytes
-from fecocodec.photographs.images import Background
-from fecocodec.poses.posed_folder import posed_folder
-from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.decoded_quality import decoded_quality, quality_warnings
-from fecocodec.sender.encode import OnWarning, check_views, encode_with
-from fecocodec.sender.harmful_views import left_out_note, without_harmful_views_with
-from fecocodec.sender.input_warnings import check_input
+from fecocodec.sender.codec import load_codec
 from fecocodec.sender.optimisation_config import config_of_effort
-from fecocodec.sender.rate_control import Target, encode_to_target_with
 
 _Stamps = tuple[tuple[int, int], ...]  # (modification time, size) of each weights file
 
 
 @dataclass(frozen=True)
 class EncodeScene:
-    """Encode each scene as `encode` does; cameras are estimated for folders without cameras.
+    """Encode each scene by `encode_folder`. The model is a folder that all processes can read, or the shipped one."""
 
-    views: as for `read_views`, or `Spread`, `Auto` or `All`. target: None encodes at `lmbda`. metadata: stored in every
-    file. model: a folder that all processes can read; None for the shipped model. is_measured: decode each file, and
-    record the PSNR of the context views. is_strict: measure too, and fail at the first warning. Other fields are the
-    arguments of `read_views` and `encode`.
-    """
-
-    lmbda: float = 1e-3
-    target: Target | None = None
-    views: Selection | None = None
-    size: tuple[int, int] | None = None
-    near: float | None = None
-    far: float | None = None
-    background: Background | None = None
-    num_stages: int = 2
-    effort: str = "default"
-    sharpness: float = 0.0
-    metadata: dict[str, str] = field(default_factory=dict)
-    device: str = "cpu"
-    model: str | None = None
-    is_measured: bool = False
-    is_strict: bool = False
+    encoding: EncodingOptions = EncodingOptions()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
-        """Raise InputError for a lambda, an effort or a sharpness that no scene can be encoded with."""
-        quantise_lambda(self.lmbda)
-        config_of_effort(self.effort, self.sharpness)
+        """Raise InputError for an effort or a sharpness that no scene can be encoded with."""
+        config_of_effort(self.encoding.effort, self.encoding.sharpness)
 
     @property
     def suffix(self) -> str:
@@ -69,76 +35,31 @@ class EncodeScene:
 
     def options(self) -> dict[str, Any]:
         """Return what changes the files, as JSON. The device is not part of it: its files decode alike."""
+        given = self.encoding
         names = ("views", "size", "near", "far", "background", "num_stages", "effort", "metadata")
-        rate = {"lambda": self.lmbda} if self.target is None else _tagged(self.target)
+        rate = {"lambda": given.lmbda} if given.target is None else _tagged(given.target)
         # Files that were encoded without these stay valid.
-        added: dict[str, Any] = {"strict": True} if self.is_strict else {}
-        added |= {"sharpness": self.sharpness} if self.sharpness else {}
-        return {**rate, **{name: _tagged(getattr(self, name)) for name in names}, **added}
+        added: dict[str, Any] = {"strict": True} if given.is_strict else {}
+        added |= {"sharpness": given.sharpness} if given.sharpness else {}
+        return {**rate, **{name: _tagged(getattr(given, name)) for name in names}, **added}
 
     def weights(self, path: Path) -> dict[str, str]:
         """Return the ids of the weights of receiver and sender. Raises ModelError if a file cannot be read."""
-        folder = model_folder(self.model)
+        folder = model_folder(self.encoding.model)
         return _weight_ids(folder, _stamps(folder))
 
     def run(self, path: Path, name: str) -> Result:
         """Encode the scene in the folder `path`. Raises FecoError."""
-        folder = model_folder(self.model)
-        codec = _codec(folder, self.device, _stamps(folder))
-        warnings: list[str] = []
-        left_out: list[str] = []
-
-        def report(warning: str) -> None:
-            if self.is_strict:
-                raise strict_error(str(path), warning)
-            warnings.append(warning)
-
-        with _with_cameras(path) as (scene, notes, doubts):
-            selected = resolve(scene, self.views)
-            views = read_views(
-                scene, views=selected, size=self.size, near=self.near, far=self.far, background=self.background
-            )
-            try:
-                check_views(views, self.num_stages)
-                if may_leave_out(self.views):
-                    lambda_q = quantise_lambda(self.lmbda)
-                    views = without_harmful_views_with(codec, views, lambda_q, left_out.extend)
-                for warning in (*doubts, *views.notes, *check_input(views, self.effort)):
-                    report(warning)
-                data = self._encoded(codec, views, report)
-            except InputError as error:
-                raise InputError(f"{path}: {error}") from error
-        if self.metadata:
-            data = with_metadata(data, self.metadata)
-        details: dict[str, Any] = {"views": list(views.names), "device": self.device}
-        details["threads"] = torch.get_num_threads()
-        if left_out:
-            notes = (*notes, left_out_note(left_out))
-        if notes:
-            details["notes"] = list(notes)
-        if self.is_measured or self.is_strict:
-            quality = decoded_quality(codec.receiver, data, views)
-            details["context_psnr"] = round(quality.psnr, 3)
-            for warning in quality_warnings(quality, views.names):
-                report(warning)
-        return Result(data, tuple(warnings), details)
-
-    def _encoded(self, codec: Codec, views: Views, on_warning: OnWarning) -> bytes:
-        config = config_of_effort(self.effort, self.sharpness)
-        if self.target is not None:
-            return encode_to_target_with(codec, views, self.target, config, on_warning=on_warning)
-        lambda_q = quantise_lambda(self.lmbda)
-        return encode_with(codec, views, lambda_q, self.num_stages, config, on_warning=on_warning)
-
-
-@contextmanager
-def _with_cameras(path: Path) -> Iterator[tuple[Path, tuple[str, ...], tuple[str, ...]]]:
-    """Yield a scene folder with cameras, estimated if there are none, and notes and warnings about the estimate."""
-    if has_cameras(path):
-        yield path, (), ()
-        return
-    with posed_folder(path, torch.get_num_threads(), str(path)) as posed:
-        yield posed.path, posed.notes, posed.warnings
+        folder = model_folder(self.encoding.model)
+        _forget_replaced_networks(folder, _stamps(folder))
+        num_threads = torch.get_num_threads()
+        report = encode_folder(path, replace(self.encoding, num_threads=num_threads))
+        details: dict[str, Any] = {"views": list(report.names), "device": self.encoding.device, "threads": num_threads}
+        if report.notes:
+            details["notes"] = list(report.notes)
+        if report.quality:
+            details["context_psnr"] = round(report.quality[-1].psnr, 3)
+        return Result(report.data, report.warnings, details)
 
 
 def _tagged(value: Any) -> Any:
@@ -161,6 +82,5 @@ def _weight_ids(folder: Path, stamps: _Stamps) -> dict[str, str]:
 
 
 @lru_cache(maxsize=1)
-def _codec(folder: Path, device: str, stamps: _Stamps) -> Codec:
+def _forget_replaced_networks(folder: Path, stamps: _Stamps) -> None:
     load_codec.cache_clear()  # its key has no stamps
-    return load_codec(folder, device)

@@ -10,6 +10,7 @@ from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath, read_text
 
 _REMEDY = "give a folder of scenes, or a text file with one path a line"
+_OF_THE_SYSTEM = ("__MACOSX", "@eaDir")  # folders that macOS writes in ZIP files, and network storage of Synology
 _CAMERAS_OF_A_SCENE = ("transforms.json", "sparse")  # in a folder that is a scene itself
 
 
@@ -71,9 +72,10 @@ def _existing(source: Path) -> Path:
 
 
 def _listed(folder: Path) -> list[Path]:
-    """Return the entries of a folder that are not hidden, sorted by name. Raises InputError."""
+    """Return the entries of a folder that are neither hidden nor of the system, sorted by name. Raises InputError."""
     try:
-        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+        entries = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+        return [path for path in entries if path.name not in _OF_THE_SYSTEM]
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions.") from error
 

@@ -1,43 +1,102 @@
 """COLMAP sparse models: poses are world-to-camera in OpenCV axes, pixel centres lie at i + 0.5."""
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.camera_files.colmap_binary import read_binary_model
-from fecocodec.camera_files.colmap_model import ColmapCamera, ColmapImage, ColmapModel
-from fecocodec.camera_files.colmap_text import read_text_model
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
+from fecocodec.camera_files.colmap_tables import (
+    ColmapCamera,
+    ColmapImage,
+    ColmapModel,
+    count_images,
+    is_colmap_model,
+    read_model,
+)
+from fecocodec.camera_files.image_matching import match_images
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, photographs_of, require_numbers
 from fecocodec.errors import InputError
-from fecocodec.photographs.lens import MAX_SIDE_PX, Lens
+from fecocodec.photographs.lens import MAX_SIDE_PX, Lens, lens_of_model, require_known_model
 
-_MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
-_NUM_PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4, "SIMPLE_RADIAL": 4, "RADIAL": 5, "OPENCV": 8}
+# Where models lie, in the order in which they are looked for. Models in one line are parts of one reconstruction.
+_MODEL_FOLDERS = (
+    ("sparse/0", "sparse", "sparse/*"),
+    ("colmap/sparse/0", "colmap/sparse", "colmap/sparse/*"),
+    (".", "[0-9]", "[0-9][0-9]"),
+    ("dense/0/sparse", "dense/sparse", "dense/*/sparse"),  # COLMAP's undistorted images lie beside these
+    ("*/sparse", "*/sparse/*"),
+)
+_PARAMETERS = {  # in COLMAP's order
+    "SIMPLE_PINHOLE": "f cx cy",
+    "PINHOLE": "fx fy cx cy",
+    "SIMPLE_RADIAL": "f cx cy k1",
+    "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+    "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
+    "RADIAL_FISHEYE": "f cx cy k1 k2",
+    "SIMPLE_FISHEYE": "f cx cy",
+    "FISHEYE": "fx fy cx cy",
+}
 
 
 def find_colmap_model(path: Path) -> Path | None:
-    """Return the folder with the tables of the COLMAP model of a scene folder, None if there is none."""
-    folders = (path / folder for folder in _MODEL_FOLDERS)
-    return next((folder for folder in folders if _is_binary(folder) or (folder / "images.txt").is_file()), None)
+    """Return the folder of the largest COLMAP model of a scene folder, None if there is none."""
+    return next(iter(_models(path)), None)
 
 
-def read_colmap(scene_folder: Path, model_folder: Path) -> PosedPhotographs:
-    """Read a model, with images ordered by name. Image files are in `images/` of the scene folder or in that folder.
+def read_colmap(scene_folder: Path) -> PosedPhotographs:
+    """Read the largest model, with images ordered by name; they lie in `images` of the scene folder or in that folder.
 
-    Raises InputError if a table is invalid, a camera model is not supported, or a pose is not valid.
+    Raises InputError if there is no model or a table is invalid. An image whose pose or camera model cannot be used has
+    a problem.
     """
-    model = read_binary_model(model_folder) if _is_binary(model_folder) else read_text_model(model_folder)
+    folder, *others = _models(scene_folder)
+    model = read_model(folder)
     if not model.images:
-        raise InputError(f"{model_folder}: the COLMAP model has no registered images; reconstruct the scene again.")
+        raise InputError(f"{folder}: the COLMAP model has no registered images; reconstruct the scene again.")
     images = sorted(model.images, key=lambda image: image.name)
-    image_folder = _image_folder(scene_folder, images[0].name)
-    return PosedPhotographs(model_folder, [_photograph(model_folder, image_folder, model, image) for image in images])
+    found = match_images(folder, [image.name for image in images], _image_folders(scene_folder, folder))
+    cameras = [(f"{folder}, image {image.name}", partial(_photograph, model, image)) for image in images]
+    remarks = (*_choice(scene_folder, folder, len(images), others), *found.remarks)
+    return PosedPhotographs(folder, photographs_of(found, cameras), remarks=remarks)
 
 
-def _photograph(model_folder: Path, image_folder: Path, model: ColmapModel, image: ColmapImage) -> PosedPhotograph:
-    place = f"{model_folder}, image {image.name}"
+def _models(path: Path) -> list[Path]:
+    """Return the models of the first place that has some, the largest first."""
+    for patterns in _MODEL_FOLDERS:
+        candidates = dict.fromkeys(folder for pattern in patterns for folder in _matching(path, pattern))
+        if found := [folder for folder in candidates if is_colmap_model(folder)]:
+            return sorted(found, key=count_images, reverse=True) if len(found) > 1 else found
+    return []
+
+
+def _matching(path: Path, pattern: str) -> Iterator[Path]:
+    return iter(sorted(path.glob(pattern))) if set(pattern) & set("*[") else iter([path / pattern])
+
+
+def _choice(scene_folder: Path, used: Path, count: int, others: list[Path]) -> tuple[str, ...]:
+    """Return a sentence on the choice among several models."""
+    if not others:
+        return ()
+    sizes = ", ".join(f"{folder.relative_to(scene_folder)} has {count_images(folder)}" for folder in others)
+    return (
+        f"of {len(others) + 1} COLMAP models, {used.relative_to(scene_folder)} is used, which has most images "
+        f"({count}; {sizes}); give the folder of another one to use it.",
+    )
+
+
+def _image_folders(scene_folder: Path, model_folder: Path) -> list[Path]:
+    """Return the folders that hold the images of a model: of the given folder, and of that around `sparse`."""
+    above = [model_folder, *model_folder.parents][:2]
+    around = next((folder.parent for folder in above if folder.name == "sparse"), scene_folder)
+    return [folder for root in dict.fromkeys((around, scene_folder)) for folder in (root / "images", root)]
+
+
+def _photograph(model: ColmapModel, image: ColmapImage, path: Path, place: str) -> PosedPhotograph:
     if image.camera_id not in model.cameras:
         raise InputError(f"{place}: its camera {image.camera_id} is not in the model; export the model again.")
     world_to_camera = _world_to_camera(image, place)
@@ -45,10 +104,10 @@ def _photograph(model_folder: Path, image_folder: Path, model: ColmapModel, imag
     points = np.array([model.points[point] for point in image.point_ids.tolist() if point in model.points])
     depths = points.reshape(-1, 3) @ world_to_camera[2, :3] + world_to_camera[2, 3]
     return PosedPhotograph(
-        path=find_image(image_folder, image.name),
+        path=path,
         place=place,
         camera_to_world=np.linalg.inv(world_to_camera),
-        lens_for=partial(_lens, camera, place),
+        lens_for=partial(_scaled, _lens(camera, place), place),
         sparse_depths=depths[depths > 0],
         declared_size=(camera.width, camera.height),
     )
@@ -70,29 +129,20 @@ def _world_to_camera(image: ColmapImage, place: str) -> Float[np.ndarray, "4 4"]
     return matrix
 
 
-def _lens(camera: ColmapCamera, place: str, width: int, height: int) -> Lens:
-    if camera.model not in _NUM_PARAMETERS:
-        raise InputError(
-            f"{place}: camera model {camera.model} is not supported; undistort with `colmap image_undistorter` first."
-        )
-    parameters = require_numbers(camera.parameters, (_NUM_PARAMETERS[camera.model],), f"{place}, camera parameters")
-    values = [float(value) for value in parameters]
-    if camera.model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):  # one focal length
-        values.insert(0, values[0])
-    fx, fy, cx, cy, *distortion = values
-    if min(fx, fy, camera.width, camera.height) <= 0 or max(camera.width, camera.height) > MAX_SIDE_PX:
+def _lens(camera: ColmapCamera, place: str) -> Lens:
+    require_known_model(camera.model, place)
+    names = _PARAMETERS[camera.model].split()
+    parameters = require_numbers(camera.parameters, (len(names),), f"{place}, camera parameters")
+    values = dict(zip(names, parameters.tolist(), strict=True))
+    values = {"fx": values["f"], "fy": values["f"]} | values if "f" in values else values
+    if min(values["fx"], values["fy"], camera.width, camera.height) <= 0 or _is_large(camera):
         raise InputError(f"{place}: its focal length or image size is out of range; export the model again.")
-    tangential = (distortion[2], distortion[3]) if camera.model == "OPENCV" else (0.0, 0.0)
-    lens = Lens(camera.width, camera.height, fx, fy, cx, cy, tuple(distortion[:2]), tangential)
+    return lens_of_model(camera.model, (camera.width, camera.height), values)
+
+
+def _is_large(camera: ColmapCamera) -> bool:
+    return max(camera.width, camera.height) > MAX_SIDE_PX
+
+
+def _scaled(lens: Lens, place: str, width: int, height: int) -> Lens:
     return lens.scaled_to(width, height, place)
-
-
-def _image_folder(scene_folder: Path, first_name: str) -> Path:
-    """Return the folder of the image files. `scene_folder` may also be the model folder inside a scene folder."""
-    above = [parent / "images" for parent in scene_folder.resolve().parents[:2]]
-    folders = [scene_folder / "images", scene_folder, *above]
-    return next((folder for folder in folders if (folder / first_name).is_file()), folders[0])
-
-
-def _is_binary(folder: Path) -> bool:
-    return (folder / "images.bin").is_file()

@@ -1,15 +1,27 @@
 """Find and read the cameras of a scene folder, in any supported format."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from fecocodec.camera_files.colmap import find_colmap_model, read_colmap
+from fecocodec.camera_files.image_matching import short_name
+from fecocodec.camera_files.llff import find_llff, read_llff
+from fecocodec.camera_files.other_cameras import program_of, unread_cameras
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.camera_files.realestate10k import find_realestate10k, read_realestate10k
-from fecocodec.camera_files.transforms_json import find_transforms_json, read_transforms_json
+from fecocodec.camera_files.transforms_json import (
+    FILE_NAMES,
+    find_cameras_json,
+    find_transforms_json,
+    read_transforms_json,
+)
 from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES, has_image_name
+from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, conversion_advice, has_image_name, is_unread
+from fecocodec.photographs.video_frames import is_video
 from fecocodec.poses.unposed_photographs import find_photographs
+
+_FINDERS = (find_transforms_json, find_colmap_model, find_realestate10k, find_cameras_json, find_llff)
 
 
 def read_cameras(path: StrPath) -> PosedPhotographs:
@@ -19,14 +31,85 @@ def read_cameras(path: StrPath) -> PosedPhotographs:
     """
     path = Path(path)
     try:
-        scene = _find_cameras(path)
-        problem = _missing(path) if scene is None else ""
+        if not path.exists():
+            raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
+        found = _camera_files(path)
+        if not found:
+            raise InputError(f"{path}: {_missing(path)}")
+        scene = _read(path, found[0])
+        others = _others(path, found) if path.is_dir() else []
     except (OSError, ValueError) as error:  # ValueError: an invalid file name
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions.") from error
-    if scene is None:
-        raise InputError(f"{path}: {problem}")
-    return scene
+    return replace(scene, remarks=(*scene.remarks, *others))
+
+
+def has_cameras(path: StrPath) -> bool:
+    """Return whether there is a camera file, or nothing from which cameras could be estimated.
+
+    Photographs without a camera file are the only case for which the answer is no.
+    """
+    path = Path(path)
+    try:
+        return bool(_camera_files(path)) or not find_photographs(path)
+    except (OSError, ValueError):  # `read_cameras` reports it
+        return True
+
+
+def cameras_above(folder: Path) -> Path | None:
+    """Return the camera file in the parent of a folder if it has cameras of photographs in the folder, else None.
+
+    Raises OSError if the parent cannot be read.
+    """
+    parent = folder.absolute().parent
+    try:
+        scene = read_cameras(parent) if _camera_files(parent) else None
+    except InputError:
+        return None
+    here = folder.resolve()
+    photographs = scene.photographs if scene else []
+    is_named = any(photograph.path.parent.resolve() == here and photograph.path.is_file() for photograph in photographs)
+    return scene.cameras_path if scene and is_named else None
+
+
+def unread_cameras_notes(folder: Path) -> list[str]:
+    """Return a sentence if photographs whose cameras are estimated lie beside camera files that are not read."""
+    unread = unread_cameras(folder, set()) if folder.is_dir() else ""
+    convert = "to use them, convert them to a transforms.json or a COLMAP model"
+    return [f"cameras in {unread} are not read, and cameras are estimated; {convert}."] if unread else []
+
+
+def _camera_files(path: Path) -> list[Path]:
+    """Return the camera files of all formats in a scene folder, or `path` if it is one; the first is to be read."""
+    if path.is_file() and (program := program_of(path)):
+        raise InputError(
+            f"{path}: cameras of {program} are not read; convert them to a transforms.json or a COLMAP model, or give "
+            "the folder of the photographs to estimate them."
+        )
+    return [found for find in _FINDERS if (found := find(path))]
+
+
+def _read(path: Path, found: Path) -> PosedPhotographs:
+    if found.is_dir() and found == find_colmap_model(path):
+        return read_colmap(path)
+    if found.suffix.lower() == ".npy":
+        return read_llff(found)
+    return read_realestate10k(found) if found.suffix.lower() == ".txt" else read_transforms_json(found)
+
+
+def _others(folder: Path, found: list[Path]) -> list[str]:
+    """Return sentences on camera files beside the first, which is read."""
+    splits = [folder / name for name in FILE_NAMES if (folder / name).is_file()]
+    others = [path for path in dict.fromkeys((*found, *splits)) if path != found[0]]
+    notes = []
+    if others:
+        names = ", ".join(str(path.relative_to(folder)) for path in others)
+        has, it = ("has", "it") if len(others) == 1 else ("have", "one of them")
+        notes.append(f"{names} {has} cameras, too, which are not used; give {it} in place of the folder to use it.")
+    tables = {folder / "cameras.txt"} if folder in found else set()  # the folder is itself a COLMAP model
+    if unread := unread_cameras(folder, {*found, *splits, *tables}):
+        notes.append(f"cameras in {unread} are not read; those of {short_name(found[0])} are used.")
+    return notes
 
 
 def _missing(path: Path) -> str:
@@ -36,9 +119,12 @@ def _missing(path: Path) -> str:
             return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
         return "not a camera file; give the folder that holds images and cameras."
     if not _has_images(path):
-        if unread := sorted({file.suffix.lower() for file in _files(path)} & set(UNREAD_SUFFIXES)):
-            return f"photographs of this kind cannot be read ({', '.join(unread)}); convert them to JPEG, PNG or WebP."
-        if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _camera_file(folder)]:
+        if unread := [file for file in _files(path) if is_unread(file)]:
+            kinds = ", ".join(sorted({file.suffix.lower() for file in unread}))
+            return f"photographs of this kind cannot be read ({kinds}); {conversion_advice(unread)}."
+        if videos := sorted(file for file in _files(path) if is_video(file)):
+            return f"no photographs found, but a video; give the file itself, {videos[0]}."
+        if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _camera_files(folder)]:
             return f"no photographs found, but {len(scenes)} folders with cameras; give one of them, as {scenes[0]}."
         return "no photographs and no camera file found; give a folder that holds two or more photographs."
     return "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
@@ -52,40 +138,3 @@ def _has_images(folder: Path) -> bool:
 def _files(folder: Path) -> list[Path]:
     """Return what is in the folder and in its folder `images`."""
     return [path for place in (folder, folder / "images") if place.is_dir() for path in place.iterdir()]
-
-
-def has_cameras(path: StrPath) -> bool:
-    """Return whether there is a camera file, or nothing from which cameras could be estimated.
-
-    Photographs without a camera file are the only case for which the answer is no.
-    """
-    path = Path(path)
-    try:
-        is_known = any(find(path) for find in (find_transforms_json, find_colmap_model, find_realestate10k))
-        return is_known or not find_photographs(path)
-    except (OSError, ValueError):  # `read_cameras` reports it
-        return True
-
-
-def cameras_above(folder: Path) -> Path | None:
-    """Return the camera file in the parent of a folder of photographs, None if there is none.
-
-    Raises InputError or OSError if the parent cannot be read.
-    """
-    return _camera_file(folder.absolute().parent)
-
-
-def _camera_file(folder: Path) -> Path | None:
-    return find_transforms_json(folder) or find_colmap_model(folder)
-
-
-def _find_cameras(path: Path) -> PosedPhotographs | None:
-    if not path.exists():
-        raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
-    if transforms := find_transforms_json(path):
-        return read_transforms_json(transforms)
-    if model := find_colmap_model(path):
-        return read_colmap(path, model)
-    if camera_text := find_realestate10k(path):
-        return read_realestate10k(camera_text)
-    return None

@@ -1,16 +1,20 @@
 """Photographs with cameras, before pixels are read; the common result of all camera formats."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from fecocodec.camera_files.image_matching import MatchedImages, short_name
+from fecocodec.camera_files.pose_validation import rigid_pose
 from fecocodec.errors import InputError
 from fecocodec.input_file import require_regular_file
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, read_image_size
+from fecocodec.photographs.image_headers import read_image_size
 from fecocodec.photographs.lens import Lens, require_representable, undistorted
 
 
@@ -19,9 +23,11 @@ class PosedPhotograph:
     """One photograph with its camera.
 
     path: the image file, which need not exist. place: location of the camera in its file, for messages.
-    camera_to_world: OpenCV axes, as stored (not validated). lens_for: (width, height) of the stored pixels -> lens.
+    camera_to_world: OpenCV axes, as stored. lens_for: (width, height) of the stored pixels -> lens.
     sparse_depths: depths, in scene units, of the reconstructed points that this photograph observes, if the format has
-    them. declared_size: (width, height) in pixels that the camera file states, None if it states none.
+    them. declared_size: (width, height) in pixels that the camera file states, None if it states none. name: of the
+    image in the camera file. problem: why this camera cannot be used, as an error message that begins with `place`;
+    empty if it can.
     """
 
     path: Path
@@ -30,21 +36,74 @@ class PosedPhotograph:
     lens_for: Callable[[int, int], Lens]
     sparse_depths: Float[np.ndarray, " point"] = field(default_factory=lambda: np.zeros(0))
     declared_size: tuple[int, int] | None = None
+    name: str = ""
+    problem: str = ""
+
+    @property
+    def cause(self) -> str:
+        """Return `problem` without its place."""
+        return self.problem.removeprefix(self.place).lstrip(":, ")
 
 
 @dataclass(frozen=True)
 class PosedPhotographs:
-    """All photographs of a scene folder, in the order of its camera file. near, far: depth bounds of that file."""
+    """All photographs of a scene folder, in the order of its camera file.
+
+    near, far: depth bounds of that file. remarks: one sentence for each choice that reading made, such as the folder of
+    the images.
+    """
 
     cameras_path: Path
     photographs: list[PosedPhotograph]
     near: float | None = None
     far: float | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def cameras_name(self) -> str:
+        """Return the name of the camera file for messages."""
+        return short_name(self.cameras_path)
 
 
-def require_images(photographs: list[PosedPhotograph]) -> None:
-    """Raise InputError, which names the first one and counts the others, if images are missing."""
-    missing = [photograph for photograph in photographs if not _is_file(photograph)]
+CameraReader = Callable[[Path, str], PosedPhotograph]  # (image, place)
+
+
+def photographs_of(images: MatchedImages, cameras: Iterable[tuple[str, CameraReader]]) -> list[PosedPhotograph]:
+    """Read the cameras of images, each given as (place, reader). A reader that raises InputError gives a problem.
+
+    A pose that is not rigid is a problem too, and so is a second camera of one image.
+    """
+    photographs: list[PosedPhotograph] = []
+    place_of: dict[Path, str] = {}
+    for name, path, (place, read) in zip(images.names, images.paths, cameras, strict=True):
+        photograph = replace(_checked(path, place, read), name=name)
+        if path in place_of and not photograph.problem and os.path.isfile(path):
+            problem = f"{place}: another frame has this image, too ({place_of[path]}); remove one."
+            photograph = replace(photograph, problem=problem)
+        place_of.setdefault(path, place)
+        photographs.append(photograph)
+    return photographs
+
+
+def _checked(path: Path, place: str, read: CameraReader) -> PosedPhotograph:
+    try:
+        photograph = read(path, place)
+        rigid_pose(photograph.camera_to_world, place)
+        return photograph
+    except InputError as error:
+        return PosedPhotograph(path, place, np.full((4, 4), np.nan), _no_lens, problem=str(error))
+
+
+def _no_lens(width: int, height: int) -> Lens:
+    raise AssertionError("the camera has a problem; check `problem` first")
+
+
+def require_usable(photographs: list[PosedPhotograph], *, are_images_needed: bool = True) -> None:
+    """Raise InputError for the first camera that has a problem, or for missing images."""
+    for photograph in photographs:
+        if photograph.problem:
+            raise InputError(photograph.problem)
+    missing = [photograph for photograph in photographs if not has_image(photograph)] if are_images_needed else []
     if not missing:
         return
     first = f"{missing[0].place}: there is no image {missing[0].path}"
@@ -56,12 +115,25 @@ def require_images(photographs: list[PosedPhotograph]) -> None:
     )
 
 
+def has_image(photograph: PosedPhotograph) -> bool:
+    """Return whether the image exists. Raises InputError if it cannot be looked at or is no regular file."""
+    try:
+        if photograph.path.exists() and not photograph.path.is_dir():
+            require_regular_file(photograph.path)
+        return photograph.path.is_file()
+    except OSError as error:
+        raise InputError(
+            f"{photograph.place}: its image {photograph.path} cannot be looked at ({error.strerror}); check its name "
+            "and the permissions of its folder."
+        ) from error
+
+
 def stored_lens(photograph: PosedPhotograph) -> tuple[Lens, Lens]:
     """Return the lens of a photograph and the pinhole to which it is undistorted. Reads only the image's header.
 
     Raises InputError if there is no image, or image and lens do not match.
     """
-    require_images([photograph])
+    require_usable([photograph])
     height, width = read_image_size(photograph.path)
     lens = photograph.lens_for(width, height)
     require_representable(lens, photograph.place)
@@ -72,10 +144,11 @@ def known_pinhole(photograph: PosedPhotograph, size: tuple[int, int] | None = No
     """Return the pinhole to which a photograph is undistorted; the photograph need not exist.
 
     Without a photograph, the lens is for the size that the camera file states, else for `size` = (height, width).
-    Raises InputError if no size is known, or the lens is not valid.
+    Raises InputError if no size is known, or the camera is not valid.
     """
     if photograph.path.is_file():
         return stored_lens(photograph)[1]
+    require_usable([photograph], are_images_needed=False)
     declared = photograph.declared_size or (size and (size[1], size[0]))
     if declared is None:
         raise InputError(
@@ -87,29 +160,13 @@ def known_pinhole(photograph: PosedPhotograph, size: tuple[int, int] | None = No
     return undistorted(lens, photograph.place)
 
 
-def find_image(folder: Path, name: str) -> Path:
-    """Return the path of the image `name` in `folder`; a name without an image suffix gets the first existing one.
-
-    The file need not exist, because the view may not be needed.
-    """
-    path = folder / name.replace("\\", "/")
-    if not path.name or path.suffix.lower() in IMAGE_SUFFIXES:
-        return path
-    candidates = (path.with_name(path.name + suffix) for suffix in IMAGE_SUFFIXES)
-    return next((candidate for candidate in candidates if candidate.is_file()), path)
-
-
-def _is_file(photograph: PosedPhotograph) -> bool:
-    """Return whether the image exists. Raises InputError if it cannot be looked at or is no regular file."""
-    try:
-        if photograph.path.exists() and not photograph.path.is_dir():
-            require_regular_file(photograph.path)
-        return photograph.path.is_file()
-    except OSError as error:
-        raise InputError(
-            f"{photograph.place}: its image {photograph.path} cannot be looked at ({error.strerror}); check its name "
-            "and the permissions of its folder."
-        ) from error
+def distinct_names(paths: list[Path]) -> tuple[str, ...]:
+    """Return the names of files, each with as many of its folders as tell it from the others (`cam1/0001.jpg`)."""
+    names = {path: path.name for path in paths}
+    for depth in range(2, max((len(path.parts) for path in paths), default=0) + 1):
+        common = {name for name, count in Counter(names.values()).items() if count > 1}
+        names |= {path: "/".join(path.parts[-depth:]) for path, name in names.items() if name in common}
+    return tuple(names[path] for path in paths)
 
 
 def require_numbers(values: object, shape: tuple[int, ...], place: str) -> Float[np.ndarray, "*shape"]:

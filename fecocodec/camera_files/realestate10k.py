@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
+from fecocodec.camera_files.image_matching import match_images
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, photographs_of, require_numbers
 from fecocodec.errors import InputError
 from fecocodec.input_file import read_text
 from fecocodec.photographs.lens import Lens
@@ -22,21 +23,22 @@ _LONGEST_LINE = 1 << 16  # characters
 
 def find_realestate10k(path: Path) -> Path | None:
     """Return the camera text of a scene folder: the first `.txt` with a line of 19 columns. `path` may be that file."""
-    candidates = [path] if path.is_file() else sorted(file for file in path.glob("*.txt") if file.is_file())
+    candidates = [path] if path.is_file() else sorted(file for file in path.glob("[!.]*.txt") if file.is_file())
     return next((candidate for candidate in candidates if _has_camera_line(candidate)), None)
 
 
 def read_realestate10k(path: Path) -> PosedPhotographs:
-    """Read the camera of every line. Raises InputError, with the line number, if one is not valid."""
+    """Read the camera of every line. A line that is not valid gives a camera with a problem."""
     lines = [(number, line.split()) for number, line in enumerate(_lines(path), start=1) if line.strip()]
     if len(lines[0][1]) == 1:  # the video's URL
         lines = lines[1:]
-    folder = _image_folder(path, lines[0][1][0])
-    return PosedPhotographs(path, [_photograph(path, folder, number, words) for number, words in lines])
+    folders = [path.parent, path.parent / "images", path.with_suffix("")]
+    images = match_images(path, [words[0] for _, words in lines], folders)
+    cameras = [(f"{path}, line {number}", partial(_photograph, words)) for number, words in lines]
+    return PosedPhotographs(path, photographs_of(images, cameras), remarks=images.remarks)
 
 
-def _photograph(path: Path, folder: Path, number: int, words: list[str]) -> PosedPhotograph:
-    place = f"{path}, line {number}"
+def _photograph(words: list[str], image: Path, place: str) -> PosedPhotograph:
     if len(words) != _COLUMNS:
         raise InputError(f"{place}: {len(words)} columns found, {_COLUMNS} expected; export the cameras again.")
     values = require_numbers(words[1:], (_COLUMNS - 1,), place)
@@ -50,7 +52,7 @@ def _photograph(path: Path, folder: Path, number: int, words: list[str]) -> Pose
     if not np.abs(world_to_camera[:, :3]).max() < 1e6 or abs(np.linalg.det(world_to_camera)) < 1e-12:
         raise InputError(f"{place}: the pose is singular (its axes span no volume); export the cameras again.")
     return PosedPhotograph(
-        path=find_image(folder, words[0]),
+        path=image,
         place=place,
         camera_to_world=np.linalg.inv(world_to_camera),
         lens_for=partial(_lens, fx, fy, cx, cy),
@@ -59,11 +61,6 @@ def _photograph(path: Path, folder: Path, number: int, words: list[str]) -> Pose
 
 def _lens(fx: float, fy: float, cx: float, cy: float, width: int, height: int) -> Lens:
     return Lens(width, height, fx * width, fy * height, cx * width, cy * height)
-
-
-def _image_folder(path: Path, first_name: str) -> Path:
-    folders = (path.parent, path.parent / "images", path.with_suffix(""))
-    return next((folder for folder in folders if find_image(folder, first_name).is_file()), path.parent)
 
 
 def _has_camera_line(path: Path) -> bool:

@@ -1,7 +1,8 @@
 """Cameras in `cameras.json`, the list that training with the 3DGS reference implementation writes.
 
 Each camera has a position and a camera-to-world rotation in OpenCV axes, the size of its image, and focal lengths in
-pixels; the principal point is the centre of the image (`camera_to_JSON` of the reference).
+pixels; the principal point is the centre of the image (`camera_to_JSON` of the reference). Images are named with or
+without suffix, and lie beside the file or in `images`.
 """
 
 from functools import partial
@@ -10,23 +11,41 @@ from typing import Any
 
 import numpy as np
 
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
+from fecocodec.camera_files.image_matching import match_images
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, photographs_of, require_numbers
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import MAX_SIDE_PX, Lens
 
 
+def is_reference_cameras(cameras: object) -> bool:
+    """Return whether what a JSON file holds is such a list."""
+    return isinstance(cameras, list) and any(isinstance(camera, dict) and "img_name" in camera for camera in cameras)
+
+
 def read_reference_cameras(path: Path, cameras: list[Any]) -> PosedPhotographs:
-    """Return the cameras of a file. cameras: what its JSON holds. Raises InputError if one is not valid."""
+    """Return the cameras of a file. cameras: what its JSON holds. A camera that is not valid has a problem.
+
+    Raises InputError for an empty list.
+    """
     if not cameras:
         raise InputError(f"{path}: no cameras; export it again.")
-    return PosedPhotographs(path, [_photograph(path, index, camera) for index, camera in enumerate(cameras)])
+    names = [_name(camera) for camera in cameras]
+    images = match_images(path, names, [path.parent, path.parent / "images"])
+    readers = [
+        (f"{path}, camera {index}" + (f" ({name})" if name else ""), partial(_photograph, camera))
+        for index, (name, camera) in enumerate(zip(names, cameras, strict=True))
+    ]
+    return PosedPhotographs(path, photographs_of(images, readers), remarks=images.remarks)
 
 
-def _photograph(path: Path, index: int, camera: object) -> PosedPhotograph:
-    place = f"{path}, camera {index}"
-    if not isinstance(camera, dict) or not isinstance(camera.get("img_name"), str):
+def _name(camera: object) -> str:
+    name = camera.get("img_name") if isinstance(camera, dict) else None
+    return name if isinstance(name, str) else ""
+
+
+def _photograph(camera: object, image: Path, place: str) -> PosedPhotograph:
+    if not isinstance(camera, dict) or not _name(camera):
         raise InputError(f"{place}: no `img_name`; name the image of this camera.")
-    place = f"{place} ({camera['img_name']})"
     pose = np.eye(4)
     pose[:3, :3] = require_numbers(camera.get("rotation"), (3, 3), f"{place}, rotation")
     pose[:3, 3] = require_numbers(camera.get("position"), (3,), f"{place}, position")
@@ -38,8 +57,7 @@ def _photograph(path: Path, index: int, camera: object) -> PosedPhotograph:
         raise InputError(f"{place}: no positive focal length; give fx and fy in pixels.")
     size = round(float(width)), round(float(height))
     lens = Lens(*size, float(fx), float(fy), float(width) / 2, float(height) / 2)
-    lens_for = partial(_scaled, lens, place)
-    return PosedPhotograph(find_image(path.parent, camera["img_name"]), place, pose, lens_for, declared_size=size)
+    return PosedPhotograph(image, place, pose, partial(_scaled, lens, place), declared_size=size)
 
 
 def _scaled(lens: Lens, place: str, width: int, height: int) -> Lens:

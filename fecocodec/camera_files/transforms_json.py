@@ -1,12 +1,12 @@
 """Cameras in `transforms.json`, the format of nerfstudio and instant-ngp.
 
 Poses are camera-to-world in OpenGL axes (+X right, +Y up, +Z backwards). A value in a frame takes precedence over the
-same value at the top level. Optional `near` and `far` at the top level are bounds of depth in scene units.
+same value at the top level; `null` is no value. Optional `near` and `far` at the top level are bounds of depth in scene
+units. `distortion_params` of nerfstudio are k1 k2 k3 k4 p1 p2.
 """
 
 import math
 import os
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,37 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, find_image, require_numbers
-from fecocodec.camera_files.reference_cameras import read_reference_cameras
+from fecocodec.camera_files.image_matching import match_images
+from fecocodec.camera_files.posed_photographs import (
+    PosedPhotograph,
+    PosedPhotographs,
+    photographs_of,
+    require_numbers,
+)
+from fecocodec.camera_files.reference_cameras import is_reference_cameras, read_reference_cameras
 from fecocodec.errors import InputError
 from fecocodec.input_file import read_json
-from fecocodec.photographs.lens import ASPECT_TOLERANCE, MAX_SIDE_PX, Lens
+from fecocodec.photographs.lens import (
+    ASPECT_TOLERANCE,
+    MAX_SIDE_PX,
+    Lens,
+    lens_of_model,
+    require_known_model,
+)
 
-_FILE_NAMES = ("transforms.json", "transforms_train.json")
-_SUPPORTED_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
-_RADIAL_KEYS = ("k1", "k2", "k3", "k4")
+_DISTORTION_PARAMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+_NUMBERS = (
+    *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y"),
+    *(*_DISTORTION_PARAMS, "k5", "k6"),
+)
+_MODELS_OF_KEYS = {  # of instant-ngp
+    "is_fisheye": "OPENCV_FISHEYE",
+    "latlong": "EQUIRECTANGULAR",
+    "equirectangular": "EQUIRECTANGULAR",
+    "ftheta_p0": "FTHETA",
+}
 
 
 def find_transforms_json(path: Path) -> Path | None:
@@ -31,13 +52,26 @@ def find_transforms_json(path: Path) -> Path | None:
     if path.is_file():
         return path if path.suffix.lower() == ".json" else None
     # Also a pipe, a folder or a broken link of that name, which reading then reports.
-    return next((path / name for name in _FILE_NAMES if os.path.lexists(path / name)), None)
+    return next((path / name for name in FILE_NAMES if os.path.lexists(path / name)), None)
+
+
+def find_cameras_json(path: Path) -> Path | None:
+    """Return `cameras.json` of a scene folder if it is of 3DGS or, as `--save-cameras` writes it, has frames."""
+    found = path / "cameras.json"
+    if not found.is_file():
+        return None
+    try:
+        scene = read_json(found)
+    except InputError:
+        return None
+    has_frames = isinstance(scene, dict) and isinstance(scene.get("frames"), list)
+    return found if has_frames or is_reference_cameras(scene) else None
 
 
 def read_transforms_json(path: Path) -> PosedPhotographs:
     """Read the cameras of all frames; a list is read as `cameras.json` of the 3DGS reference.
 
-    Raises InputError if the file or a camera is not valid.
+    Raises InputError if the file is not valid. A frame that is not valid has a problem.
     """
     scene = read_json(path)
     if isinstance(scene, list):
@@ -47,47 +81,71 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
     frames = scene.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InputError(f"{path}: no frames; add a list `frames` with one camera per image.")
-    photographs = [_photograph(path, scene, index, frame) for index, frame in enumerate(frames)]
-    _require_one_camera_each(photographs)
-    near, far = (_number(scene, key, str(path)) for key in ("near", "far"))
-    return PosedPhotographs(path, photographs, near, far)
+    images = match_images(path, [_name(frame) for frame in frames], [path.parent])
+    cameras = [
+        (_place(path, index, frame), partial(_photograph, scene, frame, images.reduction))
+        for index, frame in enumerate(frames)
+    ]
+    near, far = (None if scene.get(key) is None else _number(scene, key, str(path)) for key in ("near", "far"))
+    return PosedPhotographs(path, photographs_of(images, cameras), near, far, images.remarks)
 
 
-def _require_one_camera_each(photographs: list[PosedPhotograph]) -> None:
-    """Raise InputError if two frames name one image."""
-    places: dict[Path, str] = {}
-    for photograph in photographs:
-        if photograph.path in places:
-            raise InputError(
-                f"{photograph.place}: another frame has this image, too ({places[photograph.path]}); remove one."
-            )
-        places[photograph.path] = photograph.place
+def _name(frame: object) -> str:
+    name = frame.get("file_path") if isinstance(frame, dict) else None
+    return name if isinstance(name, str) else ""
 
 
-def _photograph(path: Path, scene: dict[str, Any], index: int, frame: object) -> PosedPhotograph:
-    place = f"{path}, frame {index}"
-    if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+def _is_named(frame: object) -> bool:
+    return isinstance(frame, dict) and isinstance(frame.get("file_path"), str)
+
+
+def _place(path: Path, index: int, frame: object) -> str:
+    return f"{path}, frame {index}" + (f" ({_name(frame)})" if _is_named(frame) else "")
+
+
+def _photograph(scene: dict[str, Any], frame: object, reduction: int, image: Path, place: str) -> PosedPhotograph:
+    if not isinstance(frame, dict) or not _is_named(frame):
         raise InputError(f"{place}: no `file_path`; name the image of this camera.")
-    place = f"{place} ({frame['file_path']})"
-    values = scene | frame
-    model = values.get("camera_model", "OPENCV")
-    if model not in _SUPPORTED_MODELS or values.get("is_fisheye"):
-        raise InputError(f"{place}: camera model {model} or fisheye is not supported; undistort the images first.")
+    model = _model(_stated(scene) | _stated(frame), place)
+    values = _with_coefficients(scene, place) | _with_coefficients(frame, place)
+    numbers = {key: _number(values, key, place) for key in _NUMBERS if key in values}
+    if min(_focal_lengths(numbers, 1.0, 1.0) or (0.0,)) <= 0:
+        raise InputError(f"{place}: no positive focal length; give fl_x in pixels or camera_angle_x in radians.")
     return PosedPhotograph(
-        path=find_image(path.parent, frame["file_path"]),
+        path=image,
         place=place,
-        camera_to_world=_pose(frame.get("transform_matrix"), place) @ OPENGL_TO_OPENCV,
-        lens_for=partial(_lens, values, place),
-        declared_size=_declared_size(values, place),
+        camera_to_world=_pose(values.get("transform_matrix"), place) @ OPENGL_TO_OPENCV,
+        lens_for=partial(_lens, model, numbers, reduction, place),
+        declared_size=_declared_size(numbers),
     )
 
 
-def _declared_size(values: dict[str, Any], place: str) -> tuple[int, int] | None:
+def _stated(part: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in part.items() if value is not None}
+
+
+def _with_coefficients(part: dict[str, Any], place: str) -> dict[str, Any]:
+    """Return the values of a frame or of the top level, with `distortion_params` as k1 to p2."""
+    values = _stated(part)
+    if "distortion_params" not in values:
+        return values
+    parameters = require_numbers(values["distortion_params"], (6,), f"{place}, distortion_params")
+    return values | dict(zip(_DISTORTION_PARAMS, parameters.tolist(), strict=True))
+
+
+def _model(values: dict[str, Any], place: str) -> str:
+    """Return one of CAMERA_MODELS. Raises InputError for another camera model."""
+    stated = str(values.get("camera_model", "OPENCV")).upper()
+    stated = next((model for key, model in _MODELS_OF_KEYS.items() if values.get(key)), stated)
+    model = "OPENCV" if stated == "PERSPECTIVE" else stated
+    require_known_model(model, place)
+    return model
+
+
+def _declared_size(numbers: dict[str, float]) -> tuple[int, int] | None:
     """Return (`w`, `h`) in pixels, None if one is missing or is no size of an image."""
-    w, h = (_number(values, key, place) for key in ("w", "h"))
-    if w is None or h is None or not (1 <= w <= MAX_SIDE_PX and 1 <= h <= MAX_SIDE_PX):
-        return None
-    return round(w), round(h)
+    w, h = numbers.get("w", 0.0), numbers.get("h", 0.0)
+    return (round(w), round(h)) if 1 <= w <= MAX_SIDE_PX and 1 <= h <= MAX_SIDE_PX else None
 
 
 def _pose(matrix: object, place: str) -> Float[np.ndarray, "4 4"]:
@@ -99,43 +157,30 @@ def _pose(matrix: object, place: str) -> Float[np.ndarray, "4 4"]:
     return require_numbers(matrix, (4, 4), place)
 
 
-def _lens(values: dict[str, Any], place: str, width: int, height: int) -> Lens:
+def _lens(model: str, numbers: dict[str, float], reduction: int, place: str, width: int, height: int) -> Lens:
     """Return the lens for a stored image of this size in pixels, which may differ from the calibrated size.
 
     The calibrated size is (`w`, `h`). If missing, it is derived from `fl_x` and `camera_angle_x`; if one of these is
-    also missing, it is the size of the image.
+    also missing, it is the size of the image times the reduction of its folder.
     """
-    get = partial(_number, values, place=place)
-    scale = _implied_scale(get, width)
-    w, h = get("w") or scale * width, get("h") or scale * height
+    scale = _implied_scale(numbers, width, reduction)
+    w, h = numbers.get("w") or scale * width, numbers.get("h") or scale * height
     if not (1 <= w <= MAX_SIDE_PX and 1 <= h <= MAX_SIDE_PX):
         raise InputError(f"{place}: w and h are no size of an image; give the image size in pixels.")
-    fx = get("fl_x") or _focal_length(get("camera_angle_x"), w)
-    fy = get("fl_y") or _focal_length(get("camera_angle_y"), h)
-    fx, fy = fx or fy, fy or fx  # one focal length is for square pixels
-    if fx is None or fy is None or fx <= 0 or fy <= 0:
-        raise InputError(f"{place}: no positive focal length; give fl_x in pixels or camera_angle_x in radians.")
-    cx, cy = get("cx"), get("cy")
-    if get("w") is None and get("h") is None:
-        _require_central(cx, cy, width, height, place)
-    lens = Lens(
-        width=round(w),
-        height=round(h),
-        fx=fx,
-        fy=fy,
-        cx=w / 2 if cx is None else cx,
-        cy=h / 2 if cy is None else cy,
-        radial=tuple(get(key) or 0.0 for key in _RADIAL_KEYS),
-        tangential=(get("p1") or 0.0, get("p2") or 0.0),
-    )
+    focal = _focal_lengths(numbers, w, h)
+    assert focal is not None  # `_numbers` has refused a lens without one
+    if "w" not in numbers and "h" not in numbers and reduction == 1:
+        _require_central(numbers.get("cx"), numbers.get("cy"), width, height, place)
+    centre = {"cx": numbers.get("cx", w / 2), "cy": numbers.get("cy", h / 2)}
+    lens = lens_of_model(model, (round(w), round(h)), numbers | {"fx": focal[0], "fy": focal[1]} | centre)
     return lens.scaled_to(width, height, place)
 
 
-def _implied_scale(get: Callable[[str], float | None], width: int) -> float:
-    """Return the ratio of the width implied by `fl_x` and `camera_angle_x` to the stored width; 1 if one is missing."""
-    focal, angle = get("fl_x"), get("camera_angle_x")
+def _implied_scale(numbers: dict[str, float], width: int, reduction: int) -> float:
+    """Return the ratio of the width implied by `fl_x` and `camera_angle_x` to the stored width."""
+    focal, angle = numbers.get("fl_x"), numbers.get("camera_angle_x")
     if focal is None or angle is None or not 0 < angle < math.pi:
-        return 1.0
+        return float(reduction)
     scale = 2 * focal * math.tan(angle / 2) / width
     return scale if abs(scale - 1) > ASPECT_TOLERANCE else 1.0
 
@@ -151,6 +196,14 @@ def _require_central(cx: float | None, cy: float | None, width: int, height: int
         )
 
 
+def _focal_lengths(numbers: dict[str, float], w: float, h: float) -> tuple[float, float] | None:
+    """Return (fx, fy) in pixels; one focal length is for square pixels. None if there is none."""
+    fx = numbers.get("fl_x") or _focal_length(numbers.get("camera_angle_x"), w)
+    fy = numbers.get("fl_y") or _focal_length(numbers.get("camera_angle_y"), h)
+    fx, fy = fx or fy, fy or fx
+    return None if fx is None or fy is None else (fx, fy)
+
+
 def _focal_length(angle: float | None, length: float) -> float | None:
     """Return the focal length in pixels for a field of view in radians across `length` pixels."""
     if angle is None or not 0 < angle < math.pi:
@@ -158,6 +211,5 @@ def _focal_length(angle: float | None, length: float) -> float | None:
     return length / 2 / math.tan(angle / 2)
 
 
-def _number(values: dict[str, Any], key: str, place: str) -> float | None:
-    value = values.get(key)
-    return None if value is None else float(require_numbers(value, (), f"{place}, {key}"))
+def _number(values: dict[str, Any], key: str, place: str) -> float:
+    return float(require_numbers(values[key], (), f"{place}, {key}"))

@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, require_images, stored_lens
-from fecocodec.camera_files.view_choice import choose_views
-from fecocodec.captures.reading_notes import framing_notes, lens_notes, orientation_notes, unposed_notes
-from fecocodec.captures.view_spread import auto_views
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names, stored_lens
+from fecocodec.captures.reading_notes import framing_notes, lens_notes, orientation_notes, unposed_notes, without_copies
+from fecocodec.captures.view_choice import select_views
+from fecocodec.captures.view_selection import All, Auto, Selection
 from fecocodec.input_file import StrPath
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import common_size, framed_intrinsics, require_size
@@ -23,7 +23,9 @@ class ChosenPhotographs:
     """Chosen photographs, before their pixels are read.
 
     lenses: of the stored images, and the pinholes to which they are undistorted. image_size: common (height, width).
-    extrinsics, intrinsics: of the cameras, for that size. notes: see `Views`.
+    extrinsics, intrinsics: of the cameras, for that size. names: of the files, with as many folders as tell them apart.
+    notes: see `Views`. remarks: one sentence for each choice that the camera file left open, which is no reason to
+    doubt the result.
     """
 
     scene: PosedPhotographs
@@ -32,15 +34,13 @@ class ChosenPhotographs:
     image_size: tuple[int, int]
     extrinsics: Float[np.ndarray, "view 4 4"]
     intrinsics: Float[np.ndarray, "view 3 3"]
+    names: tuple[str, ...]
     notes: tuple[str, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(photograph.path.name for photograph in self.photographs)
+    remarks: tuple[str, ...]
 
 
 def choose_photographs(
-    path: StrPath, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
+    path: StrPath, *, views: Selection | None = None, size: tuple[int, int] | None = None
 ) -> ChosenPhotographs:
     """Read poses, lenses and sizes from the camera file and the headers of the images; needs no torch.
 
@@ -52,30 +52,42 @@ def choose_photographs(
         require_size(size)
     scene = read_cameras(path)
     photographs, notes = _chosen_photographs(scene, views, path)
-    require_images(photographs)
+    names = _names(scene, photographs)
     poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
     require_float32_range(poses, str(scene.cameras_path))
     lenses = [stored_lens(photograph) for photograph in photographs]
     pinholes = [pinhole for _, pinhole in lenses]
     common = size or common_size(pinholes, [str(photograph.path) for photograph in photographs])
     intrinsics = np.stack([framed_intrinsics(pinhole, common) for pinhole in pinholes])
-    names = [photograph.path.name for photograph in photographs]
     sizes = [photograph.declared_size for photograph in photographs]
     notes += [*lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
     notes += orientation_notes([photograph.path for photograph in photographs])
-    return ChosenPhotographs(scene, photographs, lenses, common, poses, intrinsics, tuple(notes))
+    return ChosenPhotographs(
+        scene, photographs, lenses, common, poses, intrinsics, tuple(names), tuple(notes), scene.remarks
+    )
+
+
+def _names(scene: PosedPhotographs, photographs: list[PosedPhotograph]) -> list[str]:
+    """Return names that tell the photographs apart from all others of the scene."""
+    paths = [photograph.path for photograph in scene.photographs]
+    name_of = dict(zip(paths, distinct_names(paths), strict=True))
+    return [name_of[photograph.path] for photograph in photographs]
 
 
 def _chosen_photographs(
-    scene: PosedPhotographs, views: tuple[int | str, ...] | None, path: Path
+    scene: PosedPhotographs, views: Selection | None, path: Path
 ) -> tuple[list[PosedPhotograph], list[str]]:
-    """Return the photographs to read, and notes on those that are not, unless the caller has chosen."""
-    if views is not None:
-        return choose_views(scene.photographs, views, path), []
-    notes = unposed_notes(scene)
-    if len(scene.photographs) <= MAX_VIEWS:
-        return scene.photographs, notes
-    photographs = [scene.photographs[index] for index in auto_views(scene)]
-    names = ", ".join(photograph.path.name for photograph in photographs)
-    note = f"{len(photographs)} of {len(scene.photographs)} photographs are used ({names}); choose others by `views`."
-    return photographs, [*notes, note]
+    """Return the photographs to read, and notes on those that are not, unless the caller has chosen by name."""
+    photographs, notes = select_views(scene, views, path)
+    if isinstance(views, tuple):
+        return photographs, notes
+    notes += unposed_notes(scene) if views is None else []
+    if views is None and len(photographs) > MAX_VIEWS:
+        total = len(photographs)
+        photographs, _ = select_views(scene, Auto(), path)
+        names = ", ".join(_names(scene, photographs))
+        notes.append(f"{len(photographs)} of {total} photographs are used ({names}); choose others by `views`.")
+    if isinstance(views, All):
+        return photographs, notes
+    photographs, copies = without_copies(photographs)
+    return photographs, notes + copies

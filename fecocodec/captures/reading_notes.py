@@ -1,18 +1,20 @@
 """Notes on results of `read_views` that the user may not expect, one sentence each."""
 
+import filecmp
 import os
 from collections import Counter
 from pathlib import Path
 
-from fecocodec.camera_files.posed_photographs import PosedPhotographs
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names
 from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, is_upright
+from fecocodec.photographs.image_headers import has_image_name, is_upright
 from fecocodec.photographs.lens import Lens
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
 LARGEST_FOCAL_WITHOUT_SIZE = 1.5  # 37 degrees; twice the focal length of a phone exceeds it
+MOST_NAMED = 20  # photographs in one note
 
 
 def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int]) -> list[str]:
@@ -38,17 +40,61 @@ def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int])
     return notes
 
 
+def passed_over_notes(scene: PosedPhotographs, usable: list[PosedPhotograph]) -> list[str]:
+    """Return a note on images that are missing, and one for each cause for which cameras cannot be used."""
+    used = {id(photograph) for photograph in usable}
+    names: dict[str, list[str]] = {}
+    for photograph in scene.photographs:
+        if id(photograph) not in used:
+            names.setdefault(photograph.cause, []).append(photograph.name or photograph.place.split(", ")[-1])
+    return [_passed_over(scene, cause, of_cause) for cause, of_cause in names.items()]
+
+
+def _passed_over(scene: PosedPhotographs, cause: str, names: list[str]) -> str:
+    count = f"{len(names)} of {len(scene.photographs)}"
+    is_one = len(names) == 1
+    if not cause:
+        are = "is missing and is" if is_one else "are missing and are"
+        return (
+            f"{count} images that {scene.cameras_name} names {are} passed over ({_listed(names)}); put "
+            f"{'it' if is_one else 'them'} there to use {'it' if is_one else 'them'}."
+        )
+    return (
+        f"{count} cameras of {scene.cameras_name} {'is' if is_one else 'are'} passed over ({_listed(names)}): {cause}"
+    )
+
+
+def _listed(names: list[str], most: int = MOST_NAMED) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def unposed_notes(scene: PosedPhotographs) -> list[str]:
     """Return a note if images beside the photographs of a scene have no camera."""
     posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
     folders = sorted({path.parent for path in posed})
     beside = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
-    found = [path.name for path in beside if path.suffix.lower() in IMAGE_SUFFIXES and path not in posed]
+    found = [path.name for path in beside if has_image_name(path) and path not in posed]
     if not found:
         return []
-    names = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
     has, used = ("has", "is not used") if len(found) == 1 else ("have", "are not used")
-    return [f"{names} {has} no camera in {scene.cameras_path.name} and {used}; add one for each, or choose by `views`."]
+    return [
+        f"{_listed(found, 3)} {has} no camera in {scene.cameras_name} and {used}; add one for each, or choose by "
+        "`views`."
+    ]
+
+
+def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotograph], list[str]]:
+    """Leave out photographs whose files have equal bytes, but the first; return the others and a note for each."""
+    kept: list[PosedPhotograph] = []
+    notes = []
+    for photograph in photographs:
+        original = next((other for other in kept if filecmp.cmp(other.path, photograph.path, shallow=False)), None)
+        if original is None:
+            kept.append(photograph)
+        else:
+            shown, of = distinct_names([photograph.path, original.path])
+            notes.append(f"{shown} is left out: it is a copy of {of}; remove it, or choose both by `views`.")
+    return kept, notes
 
 
 def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:

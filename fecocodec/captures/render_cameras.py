@@ -10,7 +10,9 @@ from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.nerfstudio_path import read_camera_path
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
 from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
-from fecocodec.camera_files.view_choice import choose_views
+from fecocodec.captures.archives import unpacked
+from fecocodec.captures.view_choice import select_views
+from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_bounds import bounds_of_depths
@@ -25,7 +27,8 @@ class RenderCameras:
     """Cameras to render at.
 
     cameras: near and far are NaN if `has_depth_bounds` is false. image_size: (height, width) in pixels. names: one per
-    camera, without suffix. frames_per_second: that of a camera path, None if it states none.
+    camera, without suffix. frames_per_second: that of a camera path, None if it states none. notes: one sentence for
+    each choice that reading made, and for cameras that were passed over.
     """
 
     cameras: Cameras
@@ -33,23 +36,28 @@ class RenderCameras:
     names: tuple[str, ...]
     has_depth_bounds: bool
     frames_per_second: float | None
+    notes: tuple[str, ...] = ()
 
 
 def read_render_cameras(
-    path: StrPath, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
+    path: StrPath, *, views: Selection | None = None, size: tuple[int, int] | None = None
 ) -> RenderCameras:
-    """Read cameras from a scene folder, one of its camera files, a COLMAP model or a nerfstudio camera path.
+    """Read cameras from a scene folder or a ZIP archive of it, a camera file, a COLMAP model or a camera path.
 
     The image size is `size` = (height, width), else that of a camera path, else that of `read_views`: the most frequent
     size of the photographs, or of the camera file where a photograph is missing. views: as for `read_views`.
     Raises InputError if a camera cannot be used, or a size is neither known nor given.
     """
-    path = Path(path)
     if size and not all(1 <= side <= LARGEST_SIDE for side in size):
         raise InputError(f"size {size[1]}x{size[0]}: renderings have sides of 1 to {LARGEST_SIDE}; change `size`.")
+    with unpacked(path) as folder:
+        return _read(folder, views, size)
+
+
+def _read(path: Path, views: Selection | None, size: tuple[int, int] | None) -> RenderCameras:
     found = read_camera_path(path) if path.suffix.lower() == ".json" and path.is_file() else None
     scene, frames_per_second = found or (read_cameras(path), None)
-    photographs = scene.photographs if views is None else choose_views(scene.photographs, views, path)
+    photographs, notes = select_views(scene, views, path, are_images_needed=False)
     pinholes = [known_pinhole(photograph, size) for photograph in photographs]
     if found and not size:
         size = (min(pinholes[0].height, LARGEST_SIDE), min(pinholes[0].width, LARGEST_SIDE))
@@ -65,7 +73,8 @@ def read_render_cameras(
         far=torch.tensor(far, dtype=torch.float32),
     )
     names = _distinct(tuple(photograph.path.stem for photograph in photographs))
-    return RenderCameras(cameras, image_size, names, 0 < near < far < float("inf"), frames_per_second)
+    has_bounds = 0 < near < far < float("inf")
+    return RenderCameras(cameras, image_size, names, has_bounds, frames_per_second, (*scene.remarks, *notes))
 
 
 def _depth_bounds(scene: PosedPhotographs) -> tuple[float, float]:

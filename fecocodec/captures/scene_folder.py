@@ -10,8 +10,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.camera_files.find import read_cameras
+from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
+from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_bounds import bounds_of_depths
@@ -26,26 +27,29 @@ from fecocodec.photographs.resampling import crop_and_resize, undistort
 def read_views(
     path: StrPath,
     *,
-    views: tuple[int | str, ...] | None = None,
+    views: Selection | None = None,
     size: tuple[int, int] | None = None,
     near: float | None = None,
     far: float | None = None,
     background: Background | None = None,
 ) -> Views:
-    """Read the views of a scene folder (or of a camera file in it).
+    """Read the views of a scene folder (or of a camera file in it, or of a ZIP archive of it).
 
     The search order for cameras is `transforms.json`, a COLMAP model (`sparse/0`, `sparse` or the folder itself),
-    RealEstate10K camera text. Lens distortion is removed. All images are centre-cropped and resized to `size` =
-    (height, width). The default is the most frequent size, scaled down if a side exceeds 1024 pixels. `notes` of the
-    result lists effects that the caller may not expect.
-    views: see `choose_views`; None selects all views, or `auto_views` if there are more than 16.
+    RealEstate10K camera text, `cameras.json` of 3DGS, `poses_bounds.npy` of LLFF. Lens distortion is removed. All
+    images are centre-cropped and resized to `size` = (height, width). The default is the most frequent size, scaled
+    down if a side exceeds 1024 pixels. `notes` of the result lists effects that the caller may not expect.
+    views: indices and names, see `choose_views`, or `Spread`, `Auto` or `All`; None selects all views, or `Auto` if
+    there are more than 16. Views that cannot be used, or whose image is missing, are passed over unless they are named.
     near, far: bounds of depth in scene units. The defaults are those of the camera file, else of its sparse points,
     else estimated from the images (`estimate_depth_range`).
     background: colour on which transparent images are composited; `alpha` of the result is then None. By default the
     background is white, and `alpha` is their opacity.
     Raises InputError if the folder, a camera or an image cannot be used.
     """
-    return read_pixels(choose_photographs(path, views=views, size=size), near=near, far=far, background=background)
+    with unpacked(path) as folder:
+        chosen = choose_photographs(folder, views=views, size=size)
+        return read_pixels(chosen, near=near, far=far, background=background)
 
 
 def read_pixels(
@@ -61,14 +65,6 @@ def read_pixels(
         unbounded = replace(unbounded, alpha=None)
     cameras = _with_depth_bounds(chosen, unbounded.cameras, near, far, partial(estimate_depth_range, unbounded))
     return replace(unbounded, cameras=cameras)
-
-
-def view_names(path: StrPath) -> tuple[str, ...]:
-    """Return the file names of all views of a scene folder, in the order of their indices. Images are not read.
-
-    Raises InputError, as `read_views` does, if the cameras cannot be read.
-    """
-    return tuple(photograph.path.name for photograph in read_cameras(path).photographs)
 
 
 def _read_unbounded(chosen: ChosenPhotographs, background: Background = "white") -> Views:

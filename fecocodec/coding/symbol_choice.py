@@ -21,7 +21,7 @@ from fecocodec.entropy.tables import (
     WIDE_SIGMA,
 )
 
-# Price of a bit in squared quantisation steps, per stage, at lambda 1e-5 and 1e-2, as measured (docs/experiments.md).
+# Price of a bit in squared quantisation steps, per stage, at lambda 1e-5 and 1e-2, as measured.
 # At high rate one more bit divides the squared error by four, which gives 2 ln(2) / 12 = 0.12. The price is higher in
 # stage 1, because stage 2 corrects its errors.
 PRICES = {1: (0.35, 0.16), 2: (0.3, 0.05)}

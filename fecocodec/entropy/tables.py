@@ -19,7 +19,7 @@ from fecocodec.errors import ModelError
 NUM_TABLES = 64
 TABLES_PER_OCTAVE = 7
 SIGMA_ONE_INDEX = 22
-# The mixture, in standard deviations of its table, fitted to symbols of training scenes (docs/experiments.md).
+# The mixture, in standard deviations of its table, fitted to symbols of training scenes (docs/what_we_learned.md).
 WIDE_SHARE, WIDE_SIGMA = 0.125, 1.8
 NARROW_SIGMA = math.sqrt((1.0 - WIDE_SHARE * WIDE_SIGMA**2) / (1.0 - WIDE_SHARE))  # 0.825: the mixture has variance 1
 FIRST_CODED_TABLE = 6  # sigma 0.205; below it symbols are nearly always 0, and coding them hardly lowers the error

@@ -8,25 +8,61 @@ from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
+import torch
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor
+
 from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import InputError, ModelError
 from fecocodec.evaluation.entries import open_scenes
-from fecocodec.evaluation.external import ExternalRow, read_external
-from fecocodec.evaluation.extras import require_packages
+from fecocodec.evaluation.extras import require_extra, require_packages
 from fecocodec.evaluation.machine import describe_machine
-from fecocodec.evaluation.paper_tables import complexity_table, quality_charts
+from fecocodec.evaluation.paper_tables import ExternalRow, complexity_table, quality_charts, read_external
 from fecocodec.evaluation.records import Measurement, RecordFile
-from fecocodec.evaluation.report.png import write_png
+from fecocodec.evaluation.report.charts import write_png
 from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
-from fecocodec.evaluation.strips import strip
 from fecocodec.evaluation.summary import OURS, Average, Comparison, as_tsv, averages, compare
 from fecocodec.evaluation.systems.groups import lambdas_in_range, systems_of
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
 from fecocodec.photographs.images import write_image
 from fecocodec.sender.codec import Codec, load_codec
+
+ERROR_GAIN = 4.0  # an error of 1/4 has the last colour of the map
+MAX_ROWS = 4
+
+
+def strip(views: Views, num_context: int, found: Reconstruction) -> Float[Tensor, "3 height width"]:
+    """Return the comparison image of the first MAX_ROWS target views, sRGB in [0, 1].
+
+    Depth is drawn as disparity, from far (dark) to near (bright). Raises InputError if matplotlib is not installed.
+    """
+    stop = min(len(views.images), num_context + MAX_ROWS)
+    rows = []
+    for view in range(num_context, stop):
+        error = (found.images[view] - views.images[view]).abs().mean(dim=0) * ERROR_GAIN
+        panels = [views.images[view], found.images[view], in_colour(error)]
+        if found.depth is not None:
+            panels.append(in_colour(_relative_disparity(found.depth[view], views)))
+        rows.append(torch.cat(panels, dim=2))
+    return torch.cat(rows, dim=1)
+
+
+def in_colour(values: Float[Tensor, "height width"]) -> Float[Tensor, "3 height width"]:
+    """Map values in [0, 1] to viridis colours. Raises InputError if matplotlib is not installed."""
+    colours = require_extra("matplotlib", "drawing strips").colormaps["viridis"](values.clamp(0, 1).numpy())
+    return rearrange(torch.from_numpy(colours).float(), "h w rgba -> rgba h w")[:3]
+
+
+def _relative_disparity(depth: Float[Tensor, "height width"], views: Views) -> Float[Tensor, "height width"]:
+    """Return relative disparity: 0 at far and where nothing is rendered, 1 at near."""
+    near, far = 1 / views.cameras.near, 1 / views.cameras.far
+    disparity = torch.where(depth > 0, 1 / depth.clamp_min(1e-12), far)
+    return (disparity - far) / (near - far)
+
 
 RECORDS = "measurements.jsonl"
 SHARD_RECORDS = "measurements_{number}_of_{count}.jsonl"

@@ -82,6 +82,11 @@ class Cameras:
         """Return the cameras of these views, in this order."""
         return replace(self, extrinsics=self.extrinsics[..., views, :, :], intrinsics=self.intrinsics[..., views, :, :])
 
+    def joined(self, others: "Cameras") -> "Cameras":
+        """Return these views, then the others, which have the same batch dimensions; the depth bounds are kept."""
+        extrinsics = torch.cat((self.extrinsics, others.extrinsics), dim=-3)
+        return replace(self, extrinsics=extrinsics, intrinsics=torch.cat((self.intrinsics, others.intrinsics), dim=-3))
+
     def scene(self, index: int) -> "Cameras":
         """Return the cameras of one scene of a batch."""
         return Cameras(*(field[index] for field in self.fields()))

@@ -6,35 +6,30 @@ from jaxtyping import Float, Float32, Int, Int64
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-LARGEST_DISTANCES = 2**26  # entries of the distance matrix held at once on a GPU: 256 MiB
+MAX_DISTANCES = 2**26  # 256 MiB
 
 
 @torch.no_grad()
-def nearest_neighbours(
-    points: Float[Tensor, "n 3"], count: int, queries: Float[Tensor, "m 3"] | None = None
-) -> Int[Tensor, "m count"]:
-    """Return the indices of the `count` points nearest to each query; repeats the nearest if n < count.
+def nearest_neighbours(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, "n count"]:
+    """Return the indices of the `count` points nearest to each point; repeats the nearest if n < count.
 
-    queries: None for the points themselves. Each point is then among its own neighbours, unless more than `count`
-    points coincide with it. Uses a k-d tree on the CPU and brute-force distances in chunks on a GPU.
+    Each point is among its own neighbours, unless more than `count` points coincide with it. Uses a k-d tree on the CPU
+    and brute-force distances in chunks on a GPU.
     """
     available = min(count, points.shape[0])
-    queries = points if queries is None else queries
     on_cpu = points.device.type == "cpu"
     search = neighbours_by_tree if on_cpu else neighbours_by_distance
-    found = search(points, available, queries)
+    found = search(points, available)
     return found if available == count else torch.cat((found, found[:, :1].expand(-1, count - available)), dim=1)
 
 
-def neighbours_by_tree(
-    points: Float[Tensor, "n 3"], count: int, queries: Float[Tensor, "m 3"]
-) -> Int[Tensor, "m count"]:
+def neighbours_by_tree(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, "n count"]:
     """Search on the CPU; count <= n. Coinciding points are ordered by index.
 
     The tree holds every position once, because a leaf with many equal points would make the search quadratic. Points
     that are not finite count as the origin. An unbalanced tree is faster here, including its construction.
     """
-    positions, asked = _finite(points), _finite(queries)
+    positions = asked = _finite(points)
     groups = _coinciding(positions)
     if groups is not None:
         positions = positions[groups.first]
@@ -46,16 +41,16 @@ def neighbours_by_tree(
 
 
 def neighbours_by_distance(
-    points: Float[Tensor, "n 3"], count: int, queries: Float[Tensor, "m 3"]
-) -> Int[Tensor, "m count"]:
-    """Search on a GPU; count <= n.
+    points: Float[Tensor, "n 3"], count: int, max_distances: int = MAX_DISTANCES
+) -> Int[Tensor, "n count"]:
+    """Search on a GPU; count <= n. max_distances: entries of the distance matrix held at once.
 
     Distances are computed from differences. The matrix product |a|^2 + |b|^2 - 2ab has rounding errors larger than the
     distances.
     """
-    rows = max(1, LARGEST_DISTANCES // len(points))
+    rows = max(1, max_distances // len(points))
     distances = (
-        torch.cdist(chunk, points, compute_mode="donot_use_mm_for_euclid_dist") for chunk in queries.split(rows)
+        torch.cdist(chunk, points, compute_mode="donot_use_mm_for_euclid_dist") for chunk in points.split(rows)
     )
     return torch.cat([chunk.topk(count, dim=1, largest=False).indices for chunk in distances])
 

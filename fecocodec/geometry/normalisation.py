@@ -43,6 +43,14 @@ def normalise_scene(cameras: Cameras) -> tuple[Cameras, SceneFrame]:
     return normalised, SceneFrame(origin, near)
 
 
+def normalised_extrinsics(extrinsics: Float[Tensor, "view 4 4"], frame: SceneFrame) -> Float[Tensor, "view 4 4"]:
+    """Return camera-to-world extrinsics of further cameras in the normalised frame, not rounded."""
+    moved = extrinsics.clone()
+    centres = extrinsics[:, :3, 3].double().cpu()
+    moved[:, :3, 3] = ((centres - frame.origin) / frame.scale).to(extrinsics)
+    return moved
+
+
 def denormalise_gaussians(gaussians: Gaussians, frame: SceneFrame) -> Gaussians:
     """Transform Gaussians from the normalised frame to the world frame and unit of length of the original cameras."""
     means = (gaussians.means.double() * frame.scale + frame.origin.to(gaussians.means.device)).float()

@@ -132,8 +132,8 @@ def pointwise(
 class Block2d(nn.Module):
     """x -> AdaLN(condition) -> 3x3 conv -> GELU -> 1x1 conv -> + x: the codec's 2D block.
 
-    On a CPU a dense 3x3 convolution reaches three times the throughput of a depthwise one (docs/experiments.md), so the
-    block is wide and short instead of a chain of depthwise layers.
+    On a CPU a dense 3x3 convolution reaches three times the throughput of a depthwise one (docs/what_we_learned.md),
+    so the block is wide and short instead of a chain of depthwise layers.
     """
 
     def __init__(self, channels: int, hidden: int, is_residual_branch: bool = False) -> None:

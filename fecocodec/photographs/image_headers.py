@@ -2,11 +2,16 @@
 
 from pathlib import Path
 
-from fecocodec.input_file import StrPath
-from fecocodec.photographs.pillow_images import UPRIGHT, orientation_with_pillow, size_with_pillow
+from fecocodec.errors import InputError
+from fecocodec.input_file import StrPath, require_regular_file
+from fecocodec.photographs.pillow_images import RAW_SUFFIXES, UPRIGHT, orientation_with_pillow, size_with_pillow
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".exr")
-UNREAD_SUFFIXES = (".heic", ".heif", ".avif", ".bmp", ".tif", ".tiff", ".dng", ".cr2", ".nef", ".arw")
+IMAGE_SUFFIXES = (
+    ".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".webp", ".avif", ".heic", ".heif", ".hif", ".tif", ".tiff", ".bmp",
+    ".exr",
+)  # fmt: skip
+UNREAD_SUFFIXES = (*RAW_SUFFIXES, ".gif", ".jp2", ".jxl", ".ppm", ".psd", ".tga", ".hdr")
+_EXR_SIGNATURE = b"v/1\x01"
 
 
 def has_image_name(path: Path) -> bool:
@@ -14,15 +19,37 @@ def has_image_name(path: Path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
 
 
+def is_unread(path: Path) -> bool:
+    """Return whether a file is, by its name, a photograph of a kind that cannot be read."""
+    return path.suffix.lower() in UNREAD_SUFFIXES and not path.name.startswith(".")
+
+
+def conversion_advice(unread: list[Path]) -> str:
+    """Return what to do with photographs of kinds that cannot be read."""
+    if all(path.suffix.lower() in RAW_SUFFIXES for path in unread):
+        return "develop RAW photographs to JPEG, TIFF or PNG"
+    return "convert them to JPEG, PNG or WebP"
+
+
+def is_exr(path: Path) -> bool:
+    """Return whether a file is OpenEXR, by its first bytes; by its name if they cannot be read."""
+    try:
+        require_regular_file(path)  # a pipe would block
+        with path.open("rb") as file:
+            return file.read(len(_EXR_SIGNATURE)) == _EXR_SIGNATURE
+    except (OSError, InputError):
+        return path.suffix.lower() == ".exr"
+
+
 def is_upright(path: Path) -> bool:
     """Return whether the stored pixels are upright by the EXIF orientation. Raises InputError as `read_image` does."""
-    return path.suffix.lower() == ".exr" or orientation_with_pillow(path) == UPRIGHT
+    return is_exr(path) or orientation_with_pillow(path) == UPRIGHT
 
 
 def read_image_size(path: StrPath) -> tuple[int, int]:
     """Return (height, width) of the stored pixels, from the header alone. Raises InputError as `read_image` does."""
     path = Path(path)
-    if path.suffix.lower() != ".exr":
+    if not is_exr(path):
         return size_with_pillow(path)
     from fecocodec.photographs.exr import read_exr_size  # it loads torch
 

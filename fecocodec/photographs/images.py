@@ -1,16 +1,17 @@
-"""Read and write photographs: PNG, JPEG, WebP and OpenEXR.
+"""Read photographs of all kinds (`image_headers.IMAGE_SUFFIXES`), and write PNG, JPEG, WebP and OpenEXR.
 
-The EXIF orientation is ignored, because camera files refer to the pixels as they are stored.
-Transparent pixels are composited on white by default, the convention of NeRF's synthetic scenes.
+Colours are converted to sRGB. The EXIF orientation is ignored, because camera files refer to the pixels as they are
+stored. Transparent pixels are composited on white by default, the convention of NeRF's synthetic scenes.
 """
 
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import torch
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from PIL import Image
 from torch import Tensor
 
@@ -18,7 +19,7 @@ from fecocodec.atomic import write_atomically
 from fecocodec.errors import OutputError
 from fecocodec.input_file import StrPath
 from fecocodec.photographs.exr import ExrImage, read_exr, write_exr
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES
+from fecocodec.photographs.image_headers import is_exr
 from fecocodec.photographs.pillow_images import decode_with_pillow
 
 Background = Literal["white", "black"]
@@ -32,7 +33,7 @@ _SAVE_OPTIONS: dict[str, dict[str, Any]] = {
 
 
 def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
-    """Read an image as sRGB in [0, 1], float32. Supports 8 and 16 bits, grey, palettes and transparency.
+    """Read an image as sRGB in [0, 1], float32. Supports 8 and 16 bits, ICC profiles, grey, palettes and transparency.
 
     Raises InputError if the file is missing, damaged, too large (64 megapixels, 512 MiB), or of another format.
     """
@@ -47,7 +48,7 @@ def read_image_and_alpha(
     The opacity is None for an image without alpha, and for one that is opaque everywhere.
     """
     path = Path(path)
-    if path.suffix.lower() == ".exr":
+    if is_exr(path):
         image = read_exr(path, LEVELS[background])
         colour, alpha = image.colour, image.alpha
     else:
@@ -56,8 +57,13 @@ def read_image_and_alpha(
 
 
 def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:
-    """Decode the bytes of a PNG, JPEG or WebP file like `read_image`; error messages begin with `place`."""
+    """Decode the bytes of an image other than OpenEXR like `read_image`; error messages begin with `place`."""
     return _composited(torch.from_numpy(decode_with_pillow(BytesIO(data), place)), LEVELS["white"])[0]
+
+
+def read_eight_bits(path: StrPath) -> UInt8[np.ndarray, "height width 3"]:
+    """Read an image like `read_image`, with 8 bits a channel."""
+    return rearrange((read_image(path) * 255).round().to(torch.uint8), "rgb h w -> h w rgb").contiguous().numpy()
 
 
 def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwrite: bool = False) -> None:
@@ -70,7 +76,8 @@ def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwr
     if suffix == ".exr":
         return write_exr(path, ExrImage(image, None), overwrite=overwrite)
     if suffix not in _SAVE_OPTIONS:
-        raise OutputError(f"{path}: images of kind {suffix!r} are not written; use one of {', '.join(IMAGE_SUFFIXES)}.")
+        known = ", ".join((*_SAVE_OPTIONS, ".exr"))
+        raise OutputError(f"{path}: images of kind {suffix!r} are not written; use one of {known}.")
     pixels = image.detach().cpu().float()
     if pixels.isnan().any():
         raise OutputError(f"{path}: the image holds NaN; nothing was written, check where it comes from.")

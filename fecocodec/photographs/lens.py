@@ -1,5 +1,6 @@
 """The lens model of a photograph, and the pinhole to which it is undistorted."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,20 +9,38 @@ from jaxtyping import Float
 from fecocodec.container.camera_validation import MAX_FOCAL, MAX_PRINCIPAL_POINT, MIN_FOCAL
 from fecocodec.errors import InputError
 
+FISHEYE_MODELS = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE")
+CAMERA_MODELS = (
+    *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"),
+    *FISHEYE_MODELS,
+)  # those of COLMAP that are undistorted here
+# Undistorted by COLMAP, and by other programs.
+_OTHER_COLMAP_MODELS = (
+    *("FOV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION", "DIVISION", "EUCM"),
+)
+_OTHER_MODELS = ("FISHEYE624", "FTHETA")
+_PANORAMAS = (
+    *("EQUIRECTANGULAR", "SPHERICAL", "OMNIDIRECTIONALSTEREO_L", "OMNIDIRECTIONALSTEREO_R", "VR180_L", "VR180_R"),
+)
 MAX_SIDE_PX = 10**6  # largest image side in a camera file
 MAX_GROWTH = 2.0  # largest ratio of the sides of an undistorted image to those of the photograph
+MAX_FISHEYE_SLOPE = np.tan(np.radians(60.0))  # a pinhole of more than 120 degrees shows little but stretched edges
 ASPECT_TOLERANCE = 0.01
 _SOLVER_STEPS = 200
+_ANGLES = np.radians(np.linspace(0, 89, 8193))  # of rays to the optical axis; linear interpolation errs by 1e-8
 
 
 @dataclass(frozen=True)
 class Lens:
-    """Pinhole with Brown-Conrady distortion, in pixels of an image of width x height, pixel centres at i + 0.5.
+    """Pinhole or fisheye with distortion, in pixels of an image of width x height, pixel centres at i + 0.5.
 
     With (x, y) on the plane z = 1 and r2 = x^2 + y^2, the image point is at fx * xd + cx, fy * yd + cy, where
-    xd = x * (1 + radial[0] r2 + radial[1] r2^2 + ...) + 2 p1 x y + p2 (r2 + 2 x^2)
-    yd = y * (1 + radial[0] r2 + radial[1] r2^2 + ...) + p1 (r2 + 2 y^2) + 2 p2 x y
-    with (p1, p2) = tangential: the OPENCV model of OpenCV, COLMAP and nerfstudio.
+    xd = x * factor + 2 p1 x y + p2 (r2 + 2 x^2)
+    yd = y * factor + p1 (r2 + 2 y^2) + 2 p2 x y
+    factor = (1 + radial[0] r2 + radial[1] r2^2 + ...) / (1 + denominator[0] r2 + denominator[1] r2^2 + ...)
+    with (p1, p2) = tangential: OPENCV and FULL_OPENCV of OpenCV, COLMAP and nerfstudio. For a fisheye, xd = x * factor
+    and yd = y * factor with the angle a = atan(r) and
+    factor = a (1 + radial[0] a^2 + radial[1] a^4 + ...) / r: OPENCV_FISHEYE of the same programs.
     """
 
     width: int
@@ -32,10 +51,12 @@ class Lens:
     cy: float
     radial: tuple[float, ...] = ()
     tangential: tuple[float, float] = (0.0, 0.0)
+    denominator: tuple[float, ...] = ()
+    is_fisheye: bool = False
 
     @property
     def has_distortion(self) -> bool:
-        return any(self.radial) or any(self.tangential)
+        return self.is_fisheye or any(self.radial) or any(self.tangential) or any(self.denominator)
 
     def scaled_to(self, width: int, height: int, place: str) -> "Lens":
         """Return the lens for the photograph resized to this size in pixels.
@@ -57,6 +78,37 @@ class Lens:
         )
 
 
+def require_known_model(model: str, place: str) -> None:
+    """Raise InputError, which begins with `place`, for a camera model that is not one of CAMERA_MODELS."""
+    if model in CAMERA_MODELS:
+        return
+    if model in _PANORAMAS:
+        raise InputError(
+            f"{place}: panoramas ({model}) are not read; cut them into perspective images, as `ns-process-data` of "
+            "nerfstudio does for its camera type equirectangular."
+        )
+    if model in (*_OTHER_COLMAP_MODELS, *_OTHER_MODELS):
+        how = "with `colmap image_undistorter` first" if model in _OTHER_COLMAP_MODELS else "the images first"
+        raise InputError(f"{place}: camera model {model} is not supported; undistort {how}.")
+    raise InputError(f"{place}: camera model {model} is not known; use one of {', '.join(CAMERA_MODELS)}.")
+
+
+def lens_of_model(model: str, size: tuple[int, int], values: Mapping[str, float]) -> Lens:
+    """Return the lens of one of CAMERA_MODELS. size: (width, height) in pixels.
+
+    values: fx, fy, cx and cy in pixels, and the coefficients k1 to k6, p1 and p2, which are 0 by default. COLMAP and
+    nerfstudio name models and coefficients alike; OPENCV may have nerfstudio's k3 and k4.
+    """
+    k1, k2, k3, k4, k5, k6 = (values.get(f"k{index}", 0.0) for index in range(1, 7))
+    lens = Lens(*size, values["fx"], values["fy"], values["cx"], values["cy"])
+    if model in FISHEYE_MODELS:
+        return replace(lens, radial=(k1, k2, k3, k4), is_fisheye=True)
+    tangential = values.get("p1", 0.0), values.get("p2", 0.0)
+    if model == "FULL_OPENCV":
+        return replace(lens, radial=(k1, k2, k3), denominator=(k4, k5, k6), tangential=tangential)
+    return replace(lens, radial=(k1, k2, k3, k4), tangential=tangential)
+
+
 def require_representable(lens: Lens, place: str) -> None:
     """Raise InputError, which begins with `place`, if focal length or principal point exceed the limits of streams."""
     for focal, centre, side in ((lens.fx, lens.cx, lens.width), (lens.fy, lens.cy, lens.height)):
@@ -70,8 +122,8 @@ def require_representable(lens: Lens, place: str) -> None:
 def undistorted(lens: Lens, place: str) -> Lens:
     """Return the pinhole whose image is the largest upright rectangle inside the undistorted photograph.
 
-    The focal lengths, and thus the scale at the centre, do not change. Raises InputError, which begins with `place`, if
-    the distortion is not invertible inside the image.
+    The focal lengths, and thus the scale at the centre, do not change. Of a fisheye at most 120 degrees are kept.
+    Raises InputError, which begins with `place`, if the distortion is not invertible inside the image.
     """
     if not lens.has_distortion:
         return lens
@@ -81,8 +133,8 @@ def undistorted(lens: Lens, place: str) -> Lens:
         _undistort_points(lens, np.stack((u * lens.width, v * lens.height), axis=-1), place)
         for u, v in ((zero, edge), (one, edge), (edge, zero), (edge, one))
     )
-    x0, x1 = _bounded(left[:, 0].max(), right[:, 0].min(), lens.width, place)
-    y0, y1 = _bounded(top[:, 1].max(), bottom[:, 1].min(), lens.height, place)
+    x0, x1 = _bounded(left[:, 0].max(), right[:, 0].min(), lens.width, _reach(lens, lens.fx, lens.cx), place)
+    y0, y1 = _bounded(top[:, 1].max(), bottom[:, 1].min(), lens.height, _reach(lens, lens.fy, lens.cy), place)
     return Lens(x1 - x0, y1 - y0, lens.fx, lens.fy, lens.cx - x0, lens.cy - y0)
 
 
@@ -92,8 +144,14 @@ def distort(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "
 
 
 def _undistort_points(lens: Lens, points: Float[np.ndarray, "n 2"], place: str) -> Float[np.ndarray, "n 2"]:
-    """Invert the distortion of image points, in pixels, by fixed-point iteration."""
+    """Invert the distortion of image points, in pixels."""
     seen = (points - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
+    plane = _fisheye_plane(lens, seen) if lens.is_fisheye else _iterated_plane(lens, seen, place)
+    return plane * (lens.fx, lens.fy) + (lens.cx, lens.cy)
+
+
+def _iterated_plane(lens: Lens, seen: Float[np.ndarray, "n 2"], place: str) -> Float[np.ndarray, "n 2"]:
+    """Invert `distort` by fixed-point iteration."""
     plane = seen.copy()
     with np.errstate(all="ignore"):  # the check below detects divergence
         for _ in range(_SOLVER_STEPS):
@@ -103,12 +161,31 @@ def _undistort_points(lens: Lens, points: Float[np.ndarray, "n 2"], place: str) 
         raise InputError(
             f"{place}: its lens distortion has no inverse inside the image; check k1, k2, p1, p2 or undistort it."
         )
-    return plane * (lens.fx, lens.fy) + (lens.cx, lens.cy)
+    return plane
+
+
+def _fisheye_plane(lens: Lens, seen: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """Invert `distort` of a fisheye. Rays beyond 89 degrees, or beyond the invertible angles, become the last one."""
+    radii = _ANGLES * _polynomial(lens.radial, _ANGLES**2)
+    falling = np.flatnonzero(np.diff(radii) <= 0)
+    end = falling[0] + 1 if falling.size else len(radii)
+    radius = np.linalg.norm(seen, axis=-1)
+    slope = np.tan(np.interp(radius, radii[:end], _ANGLES[:end]))
+    return seen * np.divide(slope, radius, out=np.ones_like(radius), where=radius > 0)[:, None]
 
 
 def _radial_factor(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
     r2 = (plane**2).sum(axis=-1)
-    return 1 + sum(k * r2 ** (power + 1) for power, k in enumerate(lens.radial))
+    if lens.is_fisheye:
+        r = np.sqrt(r2)
+        angle = np.arctan(r)
+        return np.divide(angle, r, out=np.ones_like(r), where=r > 0) * _polynomial(lens.radial, angle**2)
+    factor = _polynomial(lens.radial, r2)
+    return factor / _polynomial(lens.denominator, r2) if any(lens.denominator) else factor
+
+
+def _polynomial(coefficients: tuple[float, ...], squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    return sum((k * squares ** (power + 1) for power, k in enumerate(coefficients)), start=np.ones_like(squares))
 
 
 def _tangential_shift(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
@@ -118,10 +195,17 @@ def _tangential_shift(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.
     return np.stack((2 * p1 * x * y + p2 * (r2 + 2 * x**2), p1 * (r2 + 2 * y**2) + 2 * p2 * x * y), axis=-1)
 
 
-def _bounded(low: float, high: float, length: int, place: str) -> tuple[int, int]:
-    """Return the first and last whole pixel inside [low, high], limited by MAX_GROWTH."""
+def _reach(lens: Lens, focal: float, centre: float) -> tuple[float, float]:
+    """Return the first and last position, in pixels, that an undistorted fisheye may show."""
+    reach = focal * MAX_FISHEYE_SLOPE if lens.is_fisheye else np.inf
+    return centre - reach, centre + reach
+
+
+def _bounded(low: float, high: float, length: int, reach: tuple[float, float], place: str) -> tuple[int, int]:
+    """Return the first and last whole pixel inside [low, high], limited by MAX_GROWTH and `reach`."""
     margin = (MAX_GROWTH - 1) / 2 * length
-    first, last = int(np.ceil(max(low, -margin) - 1e-6)), int(np.floor(min(high, length + margin) + 1e-6))
+    first = int(np.ceil(max(low, -margin, reach[0]) - 1e-6))
+    last = int(np.floor(min(high, length + margin, reach[1]) + 1e-6))
     if last <= first:
         raise InputError(f"{place}: its lens distortion leaves no usable image; check k1, k2, p1, p2 or undistort it.")
     return first, last

@@ -1,4 +1,4 @@
-"""Decode PNG, JPEG and WebP with Pillow. Bounds the number of pixels and raises only InputError."""
+"""Decode photographs of all kinds but OpenEXR with Pillow. Bounds the number of pixels and raises only InputError."""
 
 import struct
 import warnings
@@ -9,34 +9,60 @@ import numpy as np
 from jaxtyping import Float, UInt8, UInt16
 from PIL import ExifTags, Image, UnidentifiedImageError
 
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, installation
 from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
+from fecocodec.photographs.colour import adobe_rgb_to_srgb, coded_to_srgb, is_srgb, profile_to_srgb
 from fecocodec.photographs.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
 
-_FORMATS = ("PNG", "JPEG", "WEBP")
+_FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "TIFF", "BMP")
+RAW_SUFFIXES = (
+    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".orf", ".raf", ".rw2", ".pef", ".srw", ".x3f",
+    ".3fr", ".iiq", ".raw",
+)  # fmt: skip
+_HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+_COLOUR_BYTES = 1 << 16  # in which HEIC and AVIF files state primaries and transfer function
 UPRIGHT, LAST_ORIENTATION = 1, 8  # of EXIF
+_TURNED_UPRIGHT = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+Samples = UInt8[np.ndarray, "height width channel"] | UInt16[np.ndarray, "height width channel"]
 
 
 def decode_with_pillow(source: Path | BytesIO, place: Path | str) -> Float[np.ndarray, "channel height width"]:
     """Return 3 channels of sRGB in [0, 1], or 4 if the image has opacity (not premultiplied).
 
-    Pillow reads the header of every image; PNG images with 16 bits per channel are then decoded by `png16`.
     Raises InputError, which begins with `place`, if the image is missing, damaged, too large or of another format.
     """
-    try:
-        with _open(source, place) as image:
-            data = _bytes_of_sixteen_bits(source)
-            return _in_unit_range(_samples(image) if data is None else decode_sixteen_bits(data, str(place)))
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
-        raise InputError(unreadable(place, error)) from error
+    return _in_unit_range(_read_samples(source, place))
+
+
+def upright_with_pillow(path: Path) -> Image.Image:
+    """Return a photograph as 8-bit sRGB, on white if transparent, turned upright by its EXIF orientation.
+
+    Raises InputError as `decode_with_pillow` does.
+    """
+    samples = _read_samples(path, path)
+    if samples.dtype == np.uint16:
+        samples = np.rint(samples / np.float32(257)).astype(np.uint8)
+    if samples.shape[2] <= 2:
+        samples = np.concatenate((np.repeat(samples[..., :1], 3, axis=2), samples[..., 1:]), axis=2)
+    image = Image.fromarray(np.ascontiguousarray(samples))
+    if image.mode == "RGBA":
+        image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image).convert("RGB")
+    turn = _TURNED_UPRIGHT.get(orientation_with_pillow(path))
+    return image if turn is None else image.transpose(turn)
 
 
 def size_with_pillow(path: Path) -> tuple[int, int]:
     """Return (height, width) from the header alone. Raises InputError as `decode_with_pillow` does."""
     try:
-        with _open(path, path) as image:
+        with open_image(path, path) as image:
             return image.height, image.width
     except (InputError, MemoryError):
         raise
@@ -45,17 +71,27 @@ def size_with_pillow(path: Path) -> tuple[int, int]:
 
 
 def orientation_with_pillow(path: Path) -> int:
-    """Return the EXIF orientation, from 1 (upright) to 8; 1 for an image without readable EXIF data.
+    """Return the EXIF orientation of the decoded pixels, from 1 (upright) to 8; 1 without readable EXIF data.
 
     Raises InputError as `decode_with_pillow` does for an image that cannot be opened.
     """
-    with _open(path, path) as image, warnings.catch_warnings():
+    with open_image(path, path) as image:
+        if image.format in ("TIFF", "HEIF"):  # their decoders turn the pixels
+            return UPRIGHT
+        found = exif_value(image, ExifTags.Base.Orientation)
+    return found if isinstance(found, int) and UPRIGHT <= found <= LAST_ORIENTATION else UPRIGHT
+
+
+def exif_value(image: Image.Image, tag: int, ifd: int | None = None) -> object:
+    """Return a value of the EXIF data, from their main directory or from `ifd`; None if it is not there or damaged."""
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about damaged EXIF data
         try:
-            found = image.getexif().get(ExifTags.Base.Orientation, UPRIGHT)
+            exif = image.getexif()
+            value: object = (exif if ifd is None else exif.get_ifd(ifd)).get(tag)
         except (OSError, SyntaxError, ValueError, struct.error):  # what Pillow raises for damaged EXIF data
-            return UPRIGHT
-    return found if isinstance(found, int) and UPRIGHT <= found <= LAST_ORIENTATION else UPRIGHT
+            return None
+    return value
 
 
 def require_few_pixels(height: int, width: int, place: Path | str) -> None:
@@ -75,35 +111,99 @@ def unreadable(place: Path | str, error: Exception) -> str:
         return f"{place}: cannot be read ({error.strerror}); check the path and its permissions."
     has_reason = str(error) and not isinstance(error, UnidentifiedImageError)  # which only repeats the path
     reason = f" ({error})" if has_reason else ""
-    return f"{place}: the image is damaged, cut short or not PNG, JPEG or WebP{reason}; store it again or remove it."
+    return (
+        f"{place}: the image is damaged, cut short or of a kind that is not read{reason}; store it again or remove it."
+    )
 
 
-def _open(source: Path | BytesIO, place: Path | str) -> Image.Image:
+def open_image(source: Path | BytesIO, place: Path | str) -> Image.Image:
+    """Open an image with Pillow, which reads its header. Raises InputError as `decode_with_pillow` does, and OSError.
+
+    Kinds are recognised by content; only RAW is by name, because many RAW files are TIFF files of a preview.
+    """
     if isinstance(source, Path):
         require_regular_file(source)
+        if source.suffix.lower() in RAW_SUFFIXES:
+            raise InputError(f"{place}: RAW photographs are not read; develop it to JPEG, TIFF or PNG.")
+    formats: tuple[str, ...] = _FORMATS
+    if _head(source, 12)[4:] in [b"ftyp" + brand for brand in _HEIC_BRANDS]:
+        _register_heic(place)
+        formats = (*_FORMATS, "HEIF")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about damage that Pillow repairs, and about sizes, which are checked below
         try:
-            image = Image.open(source, formats=_FORMATS)
+            image = Image.open(source, formats=formats)
         except Image.DecompressionBombError as error:
             raise InputError(f"{place}: the image has too many pixels; store it smaller.") from error
     require_few_pixels(image.height, image.width, place)
     return image
 
 
-def _bytes_of_sixteen_bits(source: Path | BytesIO) -> bytes | None:
-    """Return the bytes of a PNG with 16 bits per channel; None for all other images."""
+def _register_heic(place: Path | str) -> None:
+    try:
+        import pillow_heif
+    except ImportError as error:
+        raise InputError(
+            f"{place}: HEIC photographs need the package pillow-heif; run {installation('heic')}, or convert it to "
+            "JPEG."
+        ) from error
+    pillow_heif.register_heif_opener()
+
+
+def _head(source: Path | BytesIO, count: int) -> bytes:
+    """Return the first `count` bytes, or all of them."""
     if isinstance(source, BytesIO):
-        data = source.getvalue()
-        return data if has_sixteen_bits(data[:HEAD_BYTES]) else None
+        return source.getvalue()[:count]
     with source.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-        return head + file.read() if has_sixteen_bits(head) else None
+        return file.read(count)
 
 
-def _samples(image: Image.Image) -> UInt8[np.ndarray, "height width channel"]:
-    """Return 8-bit samples with 3 or 4 channels."""
-    return np.asarray(image.convert("RGBA" if image.has_transparency_data else "RGB"))
+def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:
+    """Return sRGB samples with 3 or 4 channels, or grey ones with 1 or 2; the last of 2 and 4 is opacity."""
+    try:
+        with open_image(source, place) as image:
+            if has_sixteen_bits(_head(source, HEAD_BYTES)):
+                data = source.getvalue() if isinstance(source, BytesIO) else source.read_bytes()
+                return decode_sixteen_bits(data, str(place), image.info.get("icc_profile"))
+            return _samples(image, source, place)
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
+        raise InputError(unreadable(place, error)) from error
+
+
+def _samples(image: Image.Image, source: Path | BytesIO, place: Path | str) -> Samples:
+    """Return the samples of an image that Pillow decodes."""
+    if image.mode.startswith("I;16"):
+        return np.asarray(image).astype(np.uint16)[..., None]
+    if image.mode in ("I", "F"):
+        raise InputError(
+            f"{place}: its values have 32 bits, of which the range is unknown; store it with 8 or 16 bits a channel."
+        )
+    profile = image.info.get("icc_profile")
+    if profile:
+        image = profile_to_srgb(image, profile)
+    samples = np.asarray(image.convert("RGBA" if image.has_transparency_data else "RGB"))
+    if profile:
+        return samples
+    if exif_value(image, 1, ExifTags.IFD.Interop) == "R03":
+        return np.concatenate((adobe_rgb_to_srgb(samples[..., :3]), samples[..., 3:]), axis=2)
+    return _from_coded_colours(samples, _head(source, _COLOUR_BYTES)) if image.format in ("HEIF", "AVIF") else samples
+
+
+def _from_coded_colours(
+    samples: UInt8[np.ndarray, "height width channel"], head: bytes
+) -> UInt8[np.ndarray, "height width channel"]:
+    """Return sRGB samples of a HEIC or AVIF image. head: its first bytes, which may state how colours are coded."""
+    _, mark, numbers = head.partition(b"colrnclx")
+    if not mark or len(numbers) < 4:
+        return samples
+    primaries, transfer = struct.unpack(">HH", numbers[:4])
+    if is_srgb(primaries, transfer):
+        return samples
+    pixels = samples[..., :3] / np.float32(255)
+    coded_to_srgb(pixels, primaries, transfer)
+    return np.concatenate((np.rint(255 * pixels).astype(np.uint8), samples[..., 3:]), axis=2)
 
 
 def _in_unit_range(

@@ -17,10 +17,13 @@ def has_sixteen_bits(head: bytes) -> bool:
     return head.startswith(_SIGNATURE) and head[_BIT_DEPTH_AT:HEAD_BYTES] == bytes([16])
 
 
-def decode_sixteen_bits(data: bytes, place: str) -> UInt16[np.ndarray, "height width channel"]:
-    """Return the samples of a PNG with 16 bits: grey, grey and opacity, colour, or colour and opacity.
+def decode_sixteen_bits(
+    data: bytes, place: str, profile: bytes | None = None
+) -> UInt16[np.ndarray, "height width channel"]:
+    """Return the sRGB samples of a PNG with 16 bits: grey, grey and opacity, colour, or colour and opacity.
 
-    A colour that the file declares transparent becomes an opacity of 0. The caller must bound the number of pixels.
+    A colour that the file declares transparent becomes an opacity of 0. profile: ICC profile of the colours; one that
+    is damaged or not of the image's kind changes nothing. The caller must bound the number of pixels.
     Raises InputError, which begins with `place`, if imagecodecs is missing or the image is damaged.
     """
     imagecodecs = _imagecodecs(place)
@@ -30,7 +33,23 @@ def decode_sixteen_bits(data: bytes, place: str) -> UInt16[np.ndarray, "height w
         raise InputError(
             f"{place}: the image is damaged, cut short or not PNG ({error}); store it again or remove it."
         ) from error
-    return samples.reshape(*samples.shape[:2], -1)
+    samples = samples.reshape(*samples.shape[:2], -1)
+    return _in_srgb(imagecodecs, samples, profile) if profile else samples
+
+
+def _in_srgb(
+    imagecodecs: ModuleType, samples: UInt16[np.ndarray, "height width channel"], profile: bytes
+) -> UInt16[np.ndarray, "height width channel"]:
+    count = samples.shape[2] - (samples.shape[2] + 1) % 2  # without opacity
+    colours = np.ascontiguousarray(samples[..., :count]) if count == 3 else np.ascontiguousarray(samples[..., 0])
+    space = "rgb" if count == 3 else "gray"
+    try:
+        converted = imagecodecs.cms_transform(
+            colours, profile, imagecodecs.cms_profile("srgb"), colorspace=space, outcolorspace="rgb"
+        )
+    except imagecodecs.CmsError:
+        return samples
+    return np.concatenate((converted, samples[..., count:]), axis=2)
 
 
 def _imagecodecs(place: str) -> ModuleType:

@@ -14,6 +14,7 @@ import numpy as np
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import InputError
 from fecocodec.geometry.depth_bounds import bounds_of_depths
+from fecocodec.photographs.image_headers import conversion_advice
 from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
 from fecocodec.poses.pose_estimation import LEAST_ANGLE, reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
@@ -102,12 +103,13 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
 
 def _unread(folder: Path) -> list[str]:
     """Return a warning about photographs of kinds that cannot be read."""
-    unread = [path.name for path in unread_photographs(folder)]
+    paths = unread_photographs(folder)
+    unread = [path.name for path in paths]
     if not unread:
         return []
     more = f" and {len(unread) - 3} more" if len(unread) > 3 else ""
     verb = "is" if len(unread) == 1 else "are"
-    return [f"{', '.join(unread[:3])}{more} {verb} of a kind that cannot be read; convert to JPEG, PNG or WebP."]
+    return [f"{', '.join(unread[:3])}{more} {verb} of a kind that cannot be read; {conversion_advice(paths)}."]
 
 
 def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:

@@ -4,13 +4,12 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
-from PIL import ExifTags, Image, ImageOps
+from PIL import ExifTags, Image
 
 from fecocodec.errors import InputError
 from fecocodec.limits import MIN_SIDE
-from fecocodec.photographs.image_headers import UNREAD_SUFFIXES, has_image_name
-from fecocodec.photographs.pillow_images import decode_with_pillow, unreadable
+from fecocodec.photographs.image_headers import has_image_name, is_exr, is_unread
+from fecocodec.photographs.pillow_images import exif_value, open_image, upright_with_pillow
 from fecocodec.poses.estimated_cameras import ImageGroup
 
 MAX_PHOTOGRAPHS = 60
@@ -22,19 +21,23 @@ _LEAST_FOCAL, _LARGEST_FOCAL = 0.2, 20.0  # longer image sides; others are error
 
 
 def find_photographs(folder: Path) -> list[Path]:
-    """Return the PNG, JPEG and WebP files of a folder, or of its folder `images`, in the order of their names."""
+    """Return the images of a folder, or of its folder `images`, in the order of their names."""
     for place in (folder, folder / "images"):
-        if place.is_dir():
-            files = [path for path in place.iterdir() if has_image_name(path) and path.is_file()]
-            if found := sorted(path for path in files if path.suffix.lower() != ".exr"):
-                return found
+        files = place.iterdir() if place.is_dir() else ()
+        if found := sorted(path for path in files if has_image_name(path) and path.is_file()):
+            return found
     return []
 
 
 def unread_photographs(folder: Path) -> list[Path]:
-    """Return photographs of kinds that cannot be read, such as HEIC, in a folder and in its folder `images`."""
+    """Return photographs of kinds that cannot be read, in a folder and in its folder `images`.
+
+    A RAW file beside an image of the same name is left out: both are the same photograph.
+    """
     places = [place for place in (folder, folder / "images") if place.is_dir()]
-    return sorted(path for place in places for path in place.iterdir() if path.suffix.lower() in UNREAD_SUFFIXES)
+    files = [path for place in places for path in place.iterdir()]
+    read = {path.with_suffix("") for path in files if has_image_name(path)}
+    return sorted(path for path in files if is_unread(path) and path.with_suffix("") not in read)
 
 
 def upright_copies(photographs: list[Path], target: Path, focal_px: float | None = None) -> list[ImageGroup]:
@@ -100,40 +103,23 @@ def _upright(path: Path) -> tuple[Image.Image, float | None, int]:
 
     The longer side is in pixels of the stored photograph.
     """
-    samples = decode_with_pillow(path, path)  # reports damage and sizes beyond the limits as one sentence
-    try:
-        with Image.open(path) as stored:
-            focal = _focal_of_exif(stored)
-            image = _in_eight_bits(stored, samples) if stored.mode.startswith("I") else stored
-            image = _on_white(ImageOps.exif_transpose(image))
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InputError(unreadable(path, error)) from error
+    if is_exr(path):
+        from fecocodec.photographs.images import read_eight_bits  # it loads torch
+
+        image, focal = Image.fromarray(read_eight_bits(path)), None
+    else:
+        image, focal = upright_with_pillow(path), _focal_of_exif(path)
     longer_side = max(image.size)
     image.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX), Image.Resampling.LANCZOS)
     return image, focal, longer_side
 
 
-def _in_eight_bits(stored: Image.Image, samples: Float[np.ndarray, "3 height width"]) -> Image.Image:
-    """Return a grey image of 16 bits as RGB, with its EXIF data. Pillow would clip its values at 255."""
-    pixels = np.rint(255.0 * samples).astype(np.uint8).transpose(1, 2, 0)
-    image = Image.fromarray(np.ascontiguousarray(pixels))
-    image.info = dict(stored.info)
-    return image
-
-
-def _on_white(image: Image.Image) -> Image.Image:
-    if not image.has_transparency_data:
-        return image.convert("RGB")
-    colours = image.convert("RGBA")
-    white = Image.new("RGBA", colours.size, "white")
-    return Image.alpha_composite(white, colours).convert("RGB")
-
-
-def _focal_of_exif(image: Image.Image) -> float | None:
+def _focal_of_exif(path: Path) -> float | None:
     """Return the focal length in longer image sides from FocalLengthIn35mmFilm; None if it is missing or absurd."""
-    value = image.getexif().get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.FocalLengthIn35mmFilm)
+    with open_image(path, path) as image:
+        value = exif_value(image, ExifTags.Base.FocalLengthIn35mmFilm, ExifTags.IFD.Exif)
     try:
-        focal = float(value) / _FILM_WIDTH_MM if value is not None else 0.0
-    except (TypeError, ValueError):
+        focal = float(str(value)) / _FILM_WIDTH_MM
+    except ValueError:
         return None
     return focal if np.isfinite(focal) and _LEAST_FOCAL < focal < _LARGEST_FOCAL else None

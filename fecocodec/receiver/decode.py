@@ -1,6 +1,5 @@
 """Decode a `.fcs` stream to Gaussians, with the receiver's networks alone."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -25,16 +24,17 @@ from fecocodec.container import (
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE
-from fecocodec.receiver.background import DEFAULT_BACKGROUND, BackgroundConfig
-from fecocodec.receiver.emission import EmissionConfig, emit
+from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.receiver.load import load_receiver
-from fecocodec.receiver.merging import MergingConfig
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.state import State
+from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
+from fecocodec.splatting.emission import Emission, emit
+from fecocodec.splatting.merging import MergingConfig
 
-OnProgress = Callable[[str, float], None]  # (current task, fraction done)
 LATENT_FACTOR = 8
 
 
@@ -64,7 +64,7 @@ def decode(
     device: str = "cpu",
     model: Path | str | None = None,
     max_pixels: int = DEFAULT_MAX_PIXELS,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
 ) -> Decoded:
     """Decode a `.fcs` stream.
 
@@ -84,7 +84,7 @@ def decode(
     part = read_stages(data, stages)
     check_pixels(part.stream.header, max_pixels)
     receiver = receiver_of(part.stream.header.model_id, None if model is None else Path(model).absolute(), device)
-    return _decode_part(receiver, part, stages, EmissionConfig(sh_degree, background, merging), on_progress)
+    return _decode_part(receiver, part, stages, _emission(sh_degree, background, merging), on_progress)
 
 
 def decode_with(
@@ -95,14 +95,14 @@ def decode_with(
     sh_degree: int = MAX_SH_DEGREE,
     background: BackgroundConfig | None = DEFAULT_BACKGROUND,
     merging: MergingConfig | None = None,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
 ) -> Decoded:
     """Decode with a loaded receiver; arguments and errors as for `decode`.
 
     The caller must ensure that the receiver has the model id of the stream.
     """
-    config = EmissionConfig(sh_degree, background, merging)
-    return _decode_part(receiver, read_stages(data, stages), stages, config, on_progress)
+    emission = _emission(sh_degree, background, merging)
+    return _decode_part(receiver, read_stages(data, stages), stages, emission, on_progress)
 
 
 @lru_cache(maxsize=2)
@@ -118,13 +118,9 @@ def receiver_of(model_id: bytes, model: Path | None, device: str) -> Receiver:
 
 
 def _decode_part(
-    receiver: Receiver, part: IntactPart, stages: Stages, config: EmissionConfig, on_progress: OnProgress
+    receiver: Receiver, part: IntactPart, stages: Stages, emission: Emission, on_progress: OnProgress
 ) -> Decoded:
     """Decode the stages, then predict the Gaussians once, from the last state."""
-    if config.sh_degree not in range(MAX_SH_DEGREE + 1):
-        raise InputError(
-            f"spherical harmonics of degree {config.sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}."
-        )
     stream, header, damage = part.stream, part.stream.header, part.damage
     cameras = unpack(stream.cameras)
     with torch.inference_mode():
@@ -135,10 +131,31 @@ def _decode_part(
         visibility = visibility_of(stream, receiver.config.gaussians_per_side)
         factors = None if visibility is None else torch.from_numpy(visibility)
         is_filled = is_filled_behind(header.num_views, stream.coverage is not None)
-        gaussians = emit(receiver, state, cameras, factors, config, is_filled)
+        emission = replace(emission, visibility=factors, is_filled=emission.background is not None and is_filled)
+        gaussians = reconstruct(receiver, state, cameras, emission)
     # Clone outside inference mode, so that a caller can compute gradients of the tensors.
     gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
     return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)
+
+
+def reconstruct(receiver: Receiver, state: State, cameras: Cameras, emission: Emission) -> Gaussians:
+    """Return the Gaussians of a state in the world frame and unit of length of `cameras`, on the CPU.
+
+    cameras: of the context views, as stored in the stream.
+    """
+    normalised, frame = normalise_scene(cameras)
+    of_scene, device = normalised.to(state.state.device).as_batch(), state.state.device
+    prediction = receiver.predict(state.state, of_scene, state.condition, state.detail)
+    if emission.visibility is not None:
+        emission = replace(emission, visibility=emission.visibility.to(device))
+    return denormalise_gaussians(emit(prediction, of_scene, receiver.config, emission).to("cpu"), frame)
+
+
+def _emission(sh_degree: int, background: BackgroundConfig | None, merging: MergingConfig | None) -> Emission:
+    """Return what a decoder emits. Raises InputError for a degree of the harmonics that is not supported."""
+    if sh_degree not in range(MAX_SH_DEGREE + 1):
+        raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}.")
+    return Emission(has_constant_colours=sh_degree == 0, is_culled=True, background=background, merging=merging)
 
 
 def _with_detail(

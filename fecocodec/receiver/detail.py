@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
-from fecocodec.receiver.attributes import RAW
+from fecocodec.splatting.attributes import RAW
 
 CELLS = 4  # Gaussians along a side of a block of 8x8 pixels
 NUM_BUCKETS = 16  # of the context that chooses the table of a symbol (ENTROPY.md)

@@ -4,23 +4,22 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.coding.priors import LatentPrior
-from fecocodec.config import COMPACT, PAPER, ReceiverConfig
+from fecocodec.config import METHODS, PAPER, ReceiverConfig
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition, RateEmbedding
 from fecocodec.receiver.detail import DetailBasis
-from fecocodec.receiver.predictor import Prediction, Predictor
+from fecocodec.receiver.predictor import Predictor
 from fecocodec.receiver.state import State, StateUpdate
 from fecocodec.receiver.synthesis import Synthesis
-from fecocodec.receiver.view_dependence import view_dependent
+from fecocodec.splatting.emission import Prediction
 
 
 class Receiver(nn.Module):
     """Receiver: payload -> entropy model -> y_hat -> g_s -> U -> S, per stage; then S, cameras -> P -> Gaussians.
 
-    Both stages share all networks. With the method "paper", P has no free-space check, and colours are constant.
+    Both stages share all networks. `splatting.emission.emit` turns the output of P into Gaussians.
     """
 
     def __init__(self, config: ReceiverConfig) -> None:
@@ -80,24 +79,14 @@ class Receiver(nn.Module):
             raise ModelError("the model has no detail layer, but the stream has one; use the model that wrote it.")
         return self.detail
 
-    def appearance(self, prediction: Prediction, cameras: Cameras) -> Gaussians:
-        """Return the Gaussians of a batch of one scene with view-dependent colours (degree 1).
-
-        cameras: those of the prediction, without the batch dimension. With the method "paper", colours stay constant.
-        """
-        if self.config.method == PAPER:
-            return prediction.gaussians.scene(0)
-        height, width = prediction.relative_disparity.shape[-2:]
-        return view_dependent(prediction.gaussians.scene(0), cameras, (2 * height, 2 * width), self.config)
-
 
 def _check(config: ReceiverConfig) -> None:
-    if config.method not in (COMPACT, PAPER):
-        raise ModelError(f"There is no method '{config.method}'; choose {COMPACT} or {PAPER}.")
-    if config.gaussians_per_side not in (1, 2, 4) or (config.gaussians_per_side != 2 and config.method != PAPER):
+    if config.method not in METHODS:
+        raise ModelError(f"There is no method '{config.method}'; choose {' or '.join(METHODS)}.")
+    if config.gaussians_per_side not in config.kind.gaussians_per_side:
         raise ModelError(
             f"{config.gaussians_per_side} Gaussians a side of a cell with the method '{config.method}' are not "
             f"supported; choose 2, or 1 or 4 with the method '{PAPER}'."
         )
-    if config.detail_planes and config.method == PAPER:
+    if config.detail_planes and not config.kind.has_steps:
         raise ModelError(f"The method '{PAPER}' has no detail layer; set detail_planes to 0.")

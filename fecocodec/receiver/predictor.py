@@ -1,6 +1,4 @@
-"""Gaussian predictor P: state S and cameras -> 3D Gaussians."""
-
-from dataclasses import dataclass
+"""Gaussian predictor P: state S and cameras -> attributes of 3D Gaussians, which `emit` turns into Gaussians."""
 
 import torch
 import torch.nn.functional as F
@@ -8,10 +6,9 @@ from einops import rearrange, repeat
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from fecocodec.config import PAPER, ReceiverConfig
+from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity
-from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import (
     Block2d,
     PointwiseConv2d,
@@ -21,10 +18,9 @@ from fecocodec.layers.blocks import (
     residual_branch,
     upsample,
 )
-from fecocodec.receiver.attributes import RAW, Attributes, activate
-from fecocodec.receiver.duplicates import kept_share
-from fecocodec.receiver.free_space import free_space_violation
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
+from fecocodec.splatting.attributes import RAW, activate
+from fecocodec.splatting.emission import Prediction
 
 BeforeHead = tuple[
     Float[Tensor, "item channel h4 w4"], Float[Tensor, "item channel h4 w4"], Float[Tensor, "batch view h4 w4"]
@@ -33,21 +29,10 @@ Detail = Float[Tensor, "item raw h2 w2"]  # added to the raw outputs of the head
 PER_CELL = 4  # Gaussians per cell of the 1/4 grid by default: one per 2x2 pixels
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """Gaussians per scene, ordered (view, row, column) on their grid, and relative disparity on the 1/4 grid.
-
-    The grid of the Gaussians has `gaussians_per_side` rows and columns per cell of the 1/4 grid: the 1/2 grid for two.
-    """
-
-    gaussians: Gaussians
-    relative_disparity: Float[Tensor, "batch view h4 w4"]
-
-
 class Predictor(nn.Module):
-    """S -> U-Net (1/4 to 1/16) -> depth (1/4) -> points -> KNN attention in 3D (1/8) -> head -> shuffle -> Gaussians.
+    """S -> U-Net (1/4 to 1/16) -> depth (1/4) -> points -> KNN attention in 3D (1/8) -> head -> shuffle -> attributes.
 
-    Attention runs at 1/8 resolution, because at 1/4 it dominates the decoding time (docs/experiments.md).
+    Attention runs at 1/8 resolution, because at 1/4 it dominates the decoding time (docs/what_we_learned.md).
     """
 
     def __init__(self, config: ReceiverConfig) -> None:
@@ -76,11 +61,12 @@ class Predictor(nn.Module):
         condition: RateCondition,
         detail: Detail | None = None,
     ) -> Prediction:
-        """Predict the Gaussians in the frame of the cameras. item: (batch view). cameras: with one batch dimension.
+        """Predict attributes of Gaussians in the frame of the cameras.
 
-        detail: added to the raw outputs of the head, see `DetailBasis`.
+        item: (batch view). cameras: with one batch dimension. detail: added to the raw outputs of the head, see
+        `DetailBasis`.
         """
-        return self.gaussians(*self.before_head(state, cameras, condition), cameras, detail)
+        return self.at_head(*self.before_head(state, cameras, condition), cameras, detail)
 
     def before_head(
         self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
@@ -101,7 +87,7 @@ class Predictor(nn.Module):
         relative = 1.1 * torch.sigmoid(self.depth_head(features)[:, 0].float()) - 0.05
         return features, rearrange(relative, "(b v) h w -> b v h w", v=views)
 
-    def gaussians(
+    def at_head(
         self,
         features: Float[Tensor, "item channel h4 w4"],
         attended: Float[Tensor, "item channel h4 w4"],
@@ -109,29 +95,12 @@ class Predictor(nn.Module):
         cameras: Cameras,
         detail: Detail | None = None,
     ) -> Prediction:
-        """Return the Gaussians, the part of the predictor after attention. attended: residual of the features."""
-        found = self.attributes(features, attended, relative, cameras, detail)
-        if self.config.method == PAPER:
-            return Prediction(found.gaussians(found.opacity), relative)
-        maps = (found.means, found.depth, found.colour, found.opacity)
-        opacity = found.opacity * (1.0 - free_space_violation(*maps, cameras, self.config))
-        kept = kept_share(*maps, opacity, cameras, self.config)
-        return Prediction(found.gaussians(opacity * kept), relative)
-
-    def attributes(
-        self,
-        features: Float[Tensor, "item channel h4 w4"],
-        attended: Float[Tensor, "item channel h4 w4"],
-        relative: Float[Tensor, "batch view h4 w4"],
-        cameras: Cameras,
-        detail: Detail | None = None,
-    ) -> Attributes:
-        """Return the attributes of the Gaussians before the free-space check; arguments as for `gaussians`."""
+        """Return the prediction, the part of the predictor after attention. attended: residual of the features."""
         shuffled = pixel_shuffle(self.head(features + attended).float(), self.config.gaussians_per_side)
         if detail is not None:
             shuffled = shuffled + detail
         raw = rearrange(shuffled, "(b v) c h w -> b v h w c", v=cameras.num_views)
-        return activate(raw, relative, cameras)
+        return Prediction(activate(raw, relative, cameras), relative)
 
     def _coarser(self, state: Tensor, condition: RateCondition) -> Tensor:
         """Return the residual of the U-Net's levels at 1/8 and 1/16."""

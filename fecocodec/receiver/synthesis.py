@@ -10,7 +10,7 @@ from fecocodec.layers.blocks import BlockChain, RateCondition, upsample
 class Synthesis(nn.Module):
     """y_hat (1/8) -> 3x3 conv -> 2D blocks at 1/8 -> upsample -> features (1/4).
 
-    There is no block at 1/4, because the state update has one and a second one is slow (docs/experiments.md).
+    There is no block at 1/4, because the state update has one and a second one is slow.
     """
 
     def __init__(self, config: ReceiverConfig) -> None:

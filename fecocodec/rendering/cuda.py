@@ -11,6 +11,7 @@ import torch
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.layers.memory_format import usable_device
 from fecocodec.rendering.rendering import Rendering
 
 BACKEND = "gsplat.cuda._backend"
@@ -57,6 +58,16 @@ def render_on_cuda(
         render_mode="RGB+ED",
     )
     return Rendering(images[..., :3].permute(0, 3, 1, 2), images[..., 3], alpha[..., 0])
+
+
+def require_rendering_device(name: str) -> None:
+    """Check a device on which Gaussians are rendered; rendering on CUDA needs gsplat.
+
+    Raises InputError if the device, or gsplat for a CUDA device, is missing.
+    """
+    usable_device(name)
+    if name != "cpu":
+        gsplat_rasterization()
 
 
 def gsplat_rasterization() -> Callable[..., Any]:

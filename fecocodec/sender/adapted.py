@@ -7,7 +7,7 @@ of the extractor that they were trained with. It does not contain the weights of
 from pathlib import Path
 
 from fecocodec.checkpoint import config_of, load_into, read_weights
-from fecocodec.config import PAPER, AdaptedSenderConfig, ReceiverConfig
+from fecocodec.config import AdaptedSenderConfig, ReceiverConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, ConditionedAdapter, LargeExtractor
 from fecocodec.sender.load import require_receiver
@@ -21,7 +21,7 @@ def adapted_sender(extractor: LargeExtractor, receiver: ReceiverConfig) -> Sende
     are conditioned on lambda.
     """
     config = AdaptedSenderConfig(fingerprint=extractor.fingerprint(), extractor_channels=extractor.num_channels())
-    adapter = ConditionedAdapter if receiver.method == PAPER else AdaptedExtractor
+    adapter = ConditionedAdapter if receiver.kind.has_conditioned_adapter else AdaptedExtractor
     return Sender(config, receiver, adapter(extractor, receiver.state_channels))
 
 

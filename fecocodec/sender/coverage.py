@@ -13,7 +13,7 @@ from fecocodec.container import COVERAGE_CELLS, Header
 
 LEAST_OPACITY = 0.5  # pixels with at least this opacity count as opaque
 # Mean opacity of a covered cell. With a smaller value, rims show on black; with a larger one, missing borders show on
-# white. At this value both errors are equal (docs/experiments.md).
+# white. At this value both errors are equal (docs/what_we_learned.md).
 LEAST_MEAN_OPACITY = 0.8
 
 

@@ -5,25 +5,26 @@ the predictor's head directly (`receiver/detail.py`).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int32, UInt8
+from jaxtyping import Float, Int32, UInt8
 from torch import Tensor
 
 from fecocodec.coding.detail import BLOCK, Choose, encode_detail, step_size
 from fecocodec.coding.symbol_choice import choose_symbols
 from fecocodec.container import Detail
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.receiver.predictor import Prediction
-from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.cut_out import Pictures
+from fecocodec.progress import Progress
 from fecocodec.sender.distortion import LogDistortion
-from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_detail
+from fecocodec.sender.lambda_roles import detail_step, price_of_detail
+from fecocodec.sender.optimisation_config import OptimisationConfig
+from fecocodec.sender.references import Pictures, References
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import OnFraction, Stage
+from fecocodec.sender.stages import Stage
 
 Values = Float[Tensor, "view plane h8 w8"]  # in steps
 
@@ -40,48 +41,48 @@ PRICE_OF_CHOICE = 0.12  # of a bit, in squared steps, for the choice of symbols
 class Search:
     """What a search of one scene needs.
 
-    images: photographs; of cut-outs on white, then on black. rendered: pictures of the views, like the photographs,
-    with constant colours. as_decoded: the same with those of a decoder. price: of a bit, in units of D.
+    references: photographs. gaussians: of these values, with constant colours. as_decoded: those of a decoder. price:
+    of a bit, in units of D.
     """
 
-    images: Pictures
-    rendered: Callable[[Values], Pictures]
-    as_decoded: Callable[[Values], Pictures]
+    references: References
+    gaussians: Callable[[Values], Gaussians]
+    as_decoded: Callable[[Values], Gaussians]
     price: float
-
-    def distortion(self, rendered: Pictures) -> Float[Tensor, ""]:
-        """Return D, without its part for structure."""
-        squared = (rendered - self.images).square().mean(dim=(-3, -2, -1))
-        return LogDistortion.log_weight * torch.log(squared + LogDistortion.least_error).mean()
 
     @torch.no_grad()
     def distortion_of_file(self, values: Values) -> Float[Tensor, ""]:
         """Return D of what is decoded."""
-        return self.distortion(self.as_decoded(values))
+        return self.references.distortion(self.as_decoded(values), distortion)[0]
+
+
+def distortion(renderings: Pictures, photographs: Pictures) -> Float[Tensor, " picture"]:
+    """Return D of each picture, without its part for structure."""
+    squared = (renderings - photographs).square().mean(dim=(-3, -2, -1))
+    return LogDistortion.log_weight * torch.log(squared + LogDistortion.least_error)
 
 
 def find_detail(
     encoder: SceneEncoder,
     last: Stage[Any],
-    visibility: Float32[np.ndarray, " n"] | None,
     lambda_q: int,
     config: OptimisationConfig,
-    on_fraction: OnFraction = lambda _fraction: None,
+    progress: Progress = Progress(),  # noqa: B008 - frozen
 ) -> Detail | None:
     """Return the detail layer of one scene; None if it gains less than its bits cost.
 
-    last: the last stage, as coded. visibility: factors of opacities, as the decoder applies them. lambda_q: that the
-    user chose. config: with one step of the detail layer or more. Raises ModelError if the model has no detail layer.
+    last: the last stage, as coded. lambda_q: that the user chose. config: with one step of the detail layer or more.
+    Raises ModelError if the model has no detail layer.
     """
-    search = search_of(encoder, last, visibility, lambda_q, config)
-    values = values_of(encoder, search, lambda_q, config, on_fraction)
+    search = search_of(encoder, last, lambda_q)
+    values = values_of(encoder, search, lambda_q, config, progress)
     if not bool(values.isfinite().all()):
         return None
     tables = encoder.codec.receiver.detail_basis.tables.cpu().numpy()
     payload, symbols = encode_detail(tables, symbols_of(values), (len(values), values.shape[2], values.shape[3]))
     coded = torch.from_numpy(symbols).transpose(0, 1).to(values)
     gain = float(search.distortion_of_file(torch.zeros_like(values)) - search.distortion_of_file(coded))
-    return Detail(config.detail_step_of(lambda_q), payload) if gain > search.price * 8 * len(payload) else None
+    return Detail(detail_step(lambda_q), payload) if gain > search.price * 8 * len(payload) else None
 
 
 def values_of(
@@ -89,13 +90,13 @@ def values_of(
     search: Search,
     lambda_q: int,
     config: OptimisationConfig,
-    on_fraction: OnFraction = lambda _fraction: None,
+    progress: Progress = Progress(),  # noqa: B008 - frozen
 ) -> Values:
     """Return the numbers before the choice of symbols. search: `search_of` the same scene."""
     height, width = (side // BLOCK for side in encoder.size)
     planes = len(encoder.codec.receiver.detail_basis.basis)
     start = torch.zeros(encoder.num_views, planes, height, width, device=encoder.images.device)
-    return descend(search, start, config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q), on_fraction)
+    return descend(search, start, config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q), progress)
 
 
 def symbols_of(values: Values) -> Choose:
@@ -111,13 +112,18 @@ def symbols_of(values: Values) -> Choose:
     return choose
 
 
-def descend(search: Search, start: Values, num_steps: int, on_fraction: OnFraction = lambda _fraction: None) -> Values:
+def descend(
+    search: Search,
+    start: Values,
+    num_steps: int,
+    progress: Progress = Progress(),  # noqa: B008 - frozen
+) -> Values:
     """Return the numbers after `num_steps` steps of descent on D + price * R from `start`."""
     values, mean, square, of_plane = start, torch.zeros_like(start), torch.zeros(()), torch.zeros(())
     threshold = search.price * BITS_OF_ONE
     for number in range(num_steps):
-        on_fraction(number / num_steps)
-        gradient = _gradient(search, values)
+        progress("finding detail", number / num_steps)
+        gradient = _gradient(search, values, number)
         age = number + 1
         mean = MOMENTUM * mean + (1.0 - MOMENTUM) * gradient
         square = MEMORY * square + (1.0 - MEMORY) * gradient.square().mean(dim=1, keepdim=True)
@@ -132,50 +138,26 @@ def descend(search: Search, start: Values, num_steps: int, on_fraction: OnFracti
 
 
 @torch.enable_grad()
-def _gradient(search: Search, values: Values) -> Values:
-    """Return the gradient of D."""
+def _gradient(search: Search, values: Values, number: int) -> Values:
+    """Return the gradient of D. number: of the step."""
     values = values.detach().requires_grad_()
-    (gradient,) = torch.autograd.grad(search.distortion(search.rendered(values)), values)
+    of_scene, _ = search.references.taught(number).distortion(search.gaussians(values), distortion)
+    (gradient,) = torch.autograd.grad(of_scene, values)
     return gradient
 
 
-def search_of(
-    encoder: SceneEncoder,
-    last: Stage[Any],
-    visibility: Float32[np.ndarray, " n"] | None,
-    lambda_q: int,
-    config: OptimisationConfig,
-) -> Search:
+def search_of(encoder: SceneEncoder, last: Stage[Any], lambda_q: int) -> Search:
     """Return the search of one scene. Arguments as for `find_detail`.
 
-    Colours are constant in the descent: view-dependent ones would compensate depth errors.
+    Colours are constant in the descent: colours by direction would compensate depth errors.
     """
     predictor, basis = encoder.codec.receiver.predictor, encoder.codec.receiver.detail_basis
-    cameras = encoder.cameras
-    inputs = predictor.before_head(last.state, cameras, last.inputs.condition)
-    factors = None if visibility is None else torch.from_numpy(visibility).to(encoder.images)
-    step = float(step_size(config.detail_step_of(lambda_q)))
+    inputs = predictor.before_head(last.state, encoder.cameras, last.inputs.condition)
+    step = float(step_size(detail_step(lambda_q)))
 
-    def predicted(values: Values) -> Prediction:
-        return predictor.gaussians(*inputs, cameras, basis(values * step))
+    def gaussians(values: Values, has_constant_colours: bool = True) -> Gaussians:
+        prediction = predictor.at_head(*inputs, encoder.cameras, basis(values * step))
+        return encoder.emit(prediction, last.fading, has_constant_colours=has_constant_colours)
 
-    def pictures(gaussians: Gaussians, prediction: Prediction) -> Pictures:
-        if factors is not None:
-            gaussians = replace(gaussians, opacities=gaussians.opacities * factors)
-        gaussians = encoder.completed(gaussians, prediction)
-        return encoder.pictures(render(gaussians, cameras.scene(0), encoder.size))
-
-    def rendered(values: Values) -> Pictures:
-        prediction = predicted(values)
-        return pictures(prediction.gaussians.scene(0), prediction)
-
-    def as_decoded(values: Values) -> Pictures:
-        prediction = predicted(values)
-        return pictures(encoder.gaussians(prediction), prediction)
-
-    return Search(
-        encoder.photographs,
-        rendered,
-        as_decoded,
-        price_of_detail(config, encoder.num_views, lambda_q) / encoder.num_pixels,
-    )
+    price = price_of_detail(encoder.num_views, lambda_q) / encoder.num_pixels
+    return Search(References.of(encoder), gaussians, partial(gaussians, has_constant_colours=False), price)

@@ -9,23 +9,25 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.coding.visibility import visibility_of
-from fecocodec.config import PAPER, ReceiverConfig
+from fecocodec.config import ReceiverConfig
 from fecocodec.container import EXCESS_UNIT, Header, Stream, dequantise_lambda, quantise_lambda, write_stream
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
-from fecocodec.receiver.decode import OnProgress
+from fecocodec.progress import OnProgress, Progress, ignore_progress
+from fecocodec.sender.ablations import without
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.coverage import LEAST_OPACITY, coverage_of
 from fecocodec.sender.detail_steps import find_detail
-from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, Fade, fader, fading_of
+from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, fader, fading_of
+from fecocodec.sender.guide_check import check_guides, confirmed_guides, reason_of
+from fecocodec.sender.lambda_roles import lambda_of_latents
 from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import Optimise, Stage, not_optimised
+from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, Stage
 from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 
 OnWarning = Callable[[str], None]  # (sentence)
@@ -36,23 +38,26 @@ def encode(
     views: Views,
     *,
     lmbda: float = 1e-3,
+    guides: Views | None = None,
     effort: str | OptimisationConfig = "default",
     sharpness: float = 0.0,
     num_stages: int = 2,
     device: str = "cpu",
     model: Path | str | None = None,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream.
 
     lmbda: weight of the rate (bits per pixel) against the distortion, in [1e-5, 1e-2]; larger values give smaller
-    files. effort: "fast", "default" or "best", or an `OptimisationConfig`; more effort gives a smaller file at equal
-    quality; "fast" neither optimises latents nor fades what hides other views. sharpness: -1 to 1; more of it gives
-    sharper pictures at the price of a larger file, see `OptimisationConfig`. num_stages: 1 omits the feedback stage.
-    device: "cpu", "cuda" or "cuda:N". model: folder of the weights of sender and receiver, None for the default shipped
-    model. on_progress: called with the name of the current step and the completed fraction. on_warning: called with a
-    sentence about each view that does not fit the others.
+    files. guides: photographs of the scene that are not coded, with cameras in the same world frame; the sender learns
+    depth and appearance between the views from them. effort: "fast", "default" or "best", or an `OptimisationConfig`;
+    more effort gives a smaller file at equal quality; "fast" neither optimises latents nor fades what hides other
+    views. sharpness: -1 to 1; more of it gives sharper pictures at the price of a larger file, see
+    `OptimisationConfig`. num_stages: 1 omits the feedback stage. device: "cpu", "cuda" or "cuda:N". model: folder of
+    the weights of sender and receiver, None for the default shipped model. on_progress: called with the name of the
+    current step and the completed fraction. on_warning: called with a sentence about each view that does not fit the
+    others.
 
     If `views` has `alpha`, the stream marks the transparent cells, and decoders emit no Gaussians for them.
 
@@ -61,7 +66,7 @@ def encode(
     lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort, sharpness)
     check_views(views, num_stages)
     codec = load_codec(model_folder(model), device)
-    return encode_with(codec, views, lambda_q, num_stages, config, on_progress, on_warning)
+    return encode_with(codec, views, lambda_q, num_stages, config, on_progress, on_warning, guides)
 
 
 @torch.inference_mode(False)  # the optimisation needs gradients, which inference-mode tensors cannot have
@@ -72,18 +77,49 @@ def encode_with(
     lambda_q: int,
     num_stages: int = 2,
     config: OptimisationConfig = DEFAULT,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
+    guides: Views | None = None,
 ) -> bytes:
     """Encode with loaded networks. lambda_q: quantised lambda, see `quantise_lambda`. Views must pass `check_views`.
 
     Raises InputError for cameras that a stream cannot represent.
     """
-    scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder.of(codec, scene)
     on_progress("matching views", 0.0)
-    warn_of_overlap(encoder, views.names, on_warning)
+    encoder, scene = matched_scene(codec, views, guides, on_warning)
     return write_scene(encoder, scene, lambda_q, num_stages, config, on_progress)
+
+
+def matched_scene(
+    codec: Codec, views: Views, guides: Views | None, on_warning: OnWarning
+) -> tuple[SceneEncoder, Scene]:
+    """Prepare the scene and match its views. Guides that matching does not confirm are left out, with a warning.
+
+    Raises InputError for cameras that a stream cannot represent.
+    """
+    if guides is not None and (guides.alpha is None) != (views.alpha is None):
+        which = "are cut-outs and the guides are not" if guides.alpha is None else "are opaque and the guides are not"
+        on_warning(f"the guides are left out: the coded views {which}.")
+        guides = None
+    if not codec.receiver.config.kind.has_steps:
+        guides = None  # the paper's method has no use for them
+    scene = prepare_scene(views, codec.device, guides)
+    encoder = encoder_of(codec, scene)
+    if guides is not None and scene.guides is not None:
+        checks = check_guides(encoder.images[0], encoder.matching.depth, encoder.cameras.scene(0), scene.guides)
+        for name, check in zip(guides.names, checks, strict=True):
+            if not check.is_confirmed:
+                on_warning(f"guide {name} is left out: {reason_of(check)}.")
+        if not all(check.is_confirmed and not check.has_other_exposure for check in checks):
+            scene = replace(scene, guides=confirmed_guides(scene.guides, checks))
+            encoder = encoder_of(codec, scene)
+    warn_of_overlap(encoder, views.names, on_warning)
+    return encoder, scene
+
+
+def encoder_of(codec: Codec, scene: Scene) -> SceneEncoder:
+    """Return the encoder of one scene, without what the sender was trained without."""
+    return without(codec.sender.config.ablation, SceneEncoder).of(codec, scene)
 
 
 def write_scene(
@@ -92,34 +128,25 @@ def write_scene(
     lambda_q: int,
     num_stages: int,
     config: OptimisationConfig,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
 ) -> bytes:
     """Return the bytes of the stream of one scene: its stages, then the detail layer if the model has one.
 
-    With detail, stages are coded at `OptimisationConfig.latent_lambda_q`, because detail buys more with further bits.
     Raises InputError for a lambda outside the range of the model, and for a sharpness that it does not have.
     """
     receiver = encoder.codec.receiver
     check_lambda(receiver.config, lambda_q)
     if config.sharpness != 0.0 and encoder.codec.sender.sharp_steps is None:
         raise InputError("this model has no network for `sharpness`; leave it out, or choose another model.")
-    detail_steps = config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q)
-    has_detail = receiver.detail is not None and detail_steps > 0
-    of_latents = config.latent_lambda_q(lambda_q) if has_detail else lambda_q
-    share = 1.0 - SHARE_OF_DETAIL if has_detail else 1.0
-    stages = write_stages(encoder, of_latents, num_stages, config, lambda task, done: on_progress(task, share * done))
+    num_detail_steps = config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q)
+    has_detail = receiver.detail is not None and num_detail_steps > 0
+    of_latents = lambda_of_latents(lambda_q) if has_detail else lambda_q
+    of_stages, of_detail = Progress(on_progress).split(1.0 - SHARE_OF_DETAIL, SHARE_OF_DETAIL if has_detail else 0.0)
+    stages = write_stages(encoder, of_latents, num_stages, config, of_stages)
     stream = assemble(encoder.codec, scene, stages)
-    if not has_detail:
-        return write_stream(stream)
-    detail = find_detail(
-        encoder,
-        stages[-1],
-        visibility_of(stream, receiver.config.gaussians_per_side),
-        lambda_q,
-        config,
-        lambda done: on_progress("finding detail", share + SHARE_OF_DETAIL * done),
-    )
-    return write_stream(replace(stream, detail=detail))
+    if has_detail:
+        stream = replace(stream, detail=find_detail(encoder, stages[-1], lambda_q, config, of_detail))
+    return write_stream(stream)
 
 
 def warn_of_overlap(encoder: SceneEncoder, names: tuple[str, ...], on_warning: OnWarning) -> None:
@@ -135,24 +162,25 @@ def write_stages(
     lambda_q: int,
     num_stages: int,
     config: OptimisationConfig,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    progress: Progress = Progress(),  # noqa: B008 - frozen
 ) -> tuple[Stage[WrittenLatent], ...]:
-    """Optimise the latents of each stage of one scene and entropy-code them; fade blocks of many views.
+    """Run the stages of one scene, with the improvements of the model's method, and entropy-code the latents.
 
-    Nothing is faded without steps of optimisation. The method "paper" neither optimises nor fades, whatever `config`
-    says, and a model that was trained with one stage codes one. Raises InputError for a lambda outside the range of the
-    model.
+    A model that was trained with one stage codes one. Raises InputError for a lambda outside the range of the model.
     """
     model = encoder.codec.receiver.config
     check_lambda(model, lambda_q)
+    improve = improvements_of(encoder, config, lambda_q) if model.kind.has_steps else NO_IMPROVEMENTS
     num_stages = min(num_stages, model.num_stages)
-    optimise: Optimise = not_optimised
-    fade: Fade | None = None
-    if model.method != PAPER:
-        optimise = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
-        if config.num_steps > 0 and encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS:
-            fade = fader(encoder.images[0], encoder.cameras.scene(0), encoder.background)
-    return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), optimise, fade, on_progress)
+    return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), improve, progress)
+
+
+def improvements_of(encoder: SceneEncoder, config: OptimisationConfig, lambda_q: int) -> Improvements:
+    """Return the optimisation of latents, and the fading of many views. Nothing is faded without steps."""
+    latent = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
+    is_faded = config.num_steps > 0 and encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS
+    fade = fader(encoder.images[0], encoder.cameras.scene(0), encoder.background) if is_faded else None
+    return Improvements(latent, fade)
 
 
 def check_lambda(model: ReceiverConfig, lambda_q: int) -> None:

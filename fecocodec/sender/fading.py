@@ -22,7 +22,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.cut_out import BLACK
 
 LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them
-# Chosen on captures that the weights were not trained on (docs/experiments.md, More views).
+# Chosen on captures that the weights were not trained on (docs/what_we_learned.md, More views).
 NUM_STEPS = 4
 STEP = 1.5  # learning rate of Adam, for the logits of the factors
 LEAST_SLOPE = 1e-3  # dB: epsilon of Adam. Blocks whose slopes are smaller change little
@@ -45,11 +45,10 @@ class Fading:
         highest = len(FACTOR_OF_LEVEL) - 1
         return (highest * (1.0 - _factors(self.logits))).round().to(torch.uint8)
 
-    def faded(self, gaussians: Gaussians) -> Gaussians:
-        """Return all Gaussians of the scene as a decoder fades them."""
+    def factors(self, count: int) -> Float[Tensor, " n"]:
+        """Return the factor of each of `count` Gaussians, as a decoder applies it."""
         factors = torch.from_numpy(FACTOR_OF_LEVEL).to(self.logits.device)[self.levels.long()]
-        opacities = gaussians.opacities * _of_gaussians(factors, gaussians.count)
-        return replace(gaussians, opacities=opacities)
+        return _of_gaussians(factors, count)
 
 
 Fade = Callable[[Gaussians, Fading | None], Fading]  # (all Gaussians after a stage, fading before it)

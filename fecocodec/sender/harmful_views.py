@@ -30,10 +30,11 @@ from fecocodec.sender.latent_coding import EstimatedLatent, estimate_bits
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import Stage
+from fecocodec.splatting.emission import Emission, emit
 
 OnLeftOut = Callable[[tuple[str, ...]], None]  # (names of views)
 LEAST_VIEWS = 5  # fewer views are not judged
-# Chosen on captures that the weights were not trained on (docs/experiments.md, More views).
+# Chosen on captures that the weights were not trained on (docs/what_we_learned.md, More views).
 LEAST_GAIN = 0.2  # dB by which the mean PSNR must rise without a view, for it to be left out
 LEAST_SLOPE = 0.02  # dB, see `_Judgement`: a view of a smaller slope is not tried
 NUM_TRIED = 3  # views, those with the largest slopes, of which one or none is left out
@@ -153,7 +154,7 @@ class _Trial:
         receiver, cameras = self.encoder.codec.receiver, self.encoder.cameras.scene(0).select(kept)
         condition = receiver.condition(self.stage.inputs.lambda_q[kept], self.stage.inputs.stage)
         prediction = receiver.predict(self.stage.state[kept], cameras.as_batch(), condition)
-        gaussians, cut_out = receiver.appearance(prediction, cameras), self.encoder.cut_out
+        gaussians, cut_out = emit(prediction, cameras.as_batch(), receiver.config, Emission()), self.encoder.cut_out
         view_of = torch.tensor(kept, device=gaussians.means.device).repeat_interleave(gaussians.count // len(kept))
         if cut_out is None:
             return gaussians, view_of

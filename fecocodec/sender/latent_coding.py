@@ -8,7 +8,6 @@ from torch import Tensor
 from fecocodec.coding.payload import encode_latents
 from fecocodec.coding.rate import estimate_latents, rounding, straight_through
 from fecocodec.coding.symbol_choice import no_price, price_of_bits
-from fecocodec.config import PAPER
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.stages import LatentCoder, StageInputs
 
@@ -33,9 +32,9 @@ class EstimatedLatent:
 def write_latents(codec: Codec) -> LatentCoder[WrittenLatent]:
     """Return a coder that codes y and z = h_a(y) of one scene to bytes. It raises InputError for a latent with NaN.
 
-    Symbols are chosen by rate and distortion; with the method "paper", latents are rounded.
+    Symbols are chosen by rate and distortion; a method without this choice rounds.
     """
-    price = no_price if codec.receiver.config.method == PAPER else price_of_bits
+    price = price_of_bits if codec.receiver.config.kind.has_symbol_choice else no_price
 
     def code(y: Tensor, inputs: StageInputs) -> WrittenLatent:
         z = codec.sender.hyper_analysis(y)

@@ -1,12 +1,13 @@
 """Optimise the latents for D + price * R before coding, by gradient descent through the receiver and the rasteriser.
 
 Follows Campos et al., "Content Adaptive Optimization for Neural Image Compression", 2019, who optimise latents of
-images. The stream format and the receiver do not change. Results: docs/experiments.md.
+images. The stream format and the receiver do not change.
 """
 
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -15,14 +16,24 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.nearby_cameras import cameras_between
-from fecocodec.layers.blocks import direct_gradients
+from fecocodec.layers.blocks import RateCondition, direct_gradients
+from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.lambda_roles import price_of_rate
 from fecocodec.sender.latent_coding import EstimatedLatent
-from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate, step_size, steps_of_first
+from fecocodec.sender.optimisation_config import OptimisationConfig, steps_of_first
+from fecocodec.sender.references import References
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import LatentCoder, OnFraction, Optimise, StageInputs
+from fecocodec.sender.stages import LatentCoder, Optimise, StageInputs
 
 Latent = Float[Tensor, "view latent h8 w8"]
+# RMS of the first step, in quantisation steps and in units of y / gain. The larger of the two is used: the first limits
+# the bits that a step adds, the second takes over when quantisation is fine.
+STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
+# With more steps, changes of renderings between the context views are penalised: many steps overfit the context views.
+MAX_STEPS_UNHELD, HELD_WEIGHT = 8, 0.5
+MAX_VIEWS_OF_DIRECT_GRADIENTS = 4  # with more, gradients also pass through the residual branches of the predictor
+SSIM_STRIDE = 3  # of the windows, see `metrics.ssim`
 
 
 @dataclass(frozen=True)
@@ -68,12 +79,12 @@ def optimiser(
     """
     num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
 
-    def optimise(y: Tensor, features: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
+    def optimise(y: Tensor, features: Tensor, inputs: StageInputs, progress: Progress) -> Tensor:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
         if steps == 0:
             return y
         propose = proposer(encoder, features, inputs, config.sharpness)
-        return optimise_latents(encoder, config, estimate, inputs, y, steps, propose, on_fraction)
+        return optimise_latents(encoder, config, estimate, inputs, y, steps, propose, progress)
 
     return optimise
 
@@ -86,36 +97,40 @@ def optimise_latents(
     y: Latent,
     num_steps: int,
     propose: Propose,
-    on_fraction: OnFraction = lambda _fraction: None,
+    progress: Progress = Progress(),  # noqa: B008 - frozen
 ) -> Latent:
     """Return y of one stage after `num_steps` steps, at least one, of descent on D + price * R.
 
-    D is the distortion of the context views, rendered after this stage. R is the rate that `estimate` returns.
-    propose: see `proposer`. on_fraction: called before each step.
+    D is the mean distortion of context views and guides, rendered after this stage. R is the rate that `estimate`
+    returns. propose: see `proposer`.
     """
-    lambda_q = int(inputs.lambda_q[0])
-    price, photographs = price_of_rate(config, lambda_q) / encoder.num_pixels, encoder.photographs
-
+    price, references = price_of_rate(int(inputs.lambda_q[0])) / encoder.num_pixels, References.of(encoder)
+    references = references.taught(inputs.stage)  # the same in all steps, whose objectives are compared
+    photographs, of_picture = references.pictures, partial(config.distortion, ssim_stride=SSIM_STRIDE)
     held = None
-    if num_steps > config.max_steps_unheld:
-        held = hold_views_between(encoder, gaussians_of(encoder, config, inputs, estimate(y, inputs).y_hat))
+    if num_steps > MAX_STEPS_UNHELD and encoder.guides is None:
+        held = hold_views_between(encoder, gaussians_of(encoder, inputs, estimate(y, inputs).y_hat))
 
     num_evaluated = 0
 
     def evaluate(y: Tensor) -> Objective:
         nonlocal num_evaluated
-        on_fraction(num_evaluated / num_steps)
+        progress(f"optimising stage {inputs.stage}", num_evaluated / num_steps)
         num_evaluated += 1
         estimated = estimate(y, inputs)
-        gaussians = gaussians_of(encoder, config, inputs, estimated.y_hat)
-        pictures = encoder.pictures(render(gaussians, encoder.cameras.scene(0), encoder.size))
-        distortion = config.distortion(pictures, photographs, config.ssim_stride).mean()
+        gaussians = gaussians_of(encoder, inputs, estimated.y_hat)
+        distortion, pictures = references.distortion(gaussians, of_picture)
         if held is not None:
-            distortion = distortion + config.held_weight * _change(gaussians, held, encoder.size)
-        errors = (photographs - pictures.detach())[: encoder.num_views]  # on white, if there is a choice
+            distortion = distortion + HELD_WEIGHT * _change(gaussians, held, encoder.size)
+        errors = (photographs - pictures)[: encoder.num_views]  # on white, if there is a choice
         return Objective(distortion, price * estimated.bits.sum(), errors)
 
-    return descend(y, evaluate, num_steps, step_size(config, inputs.condition), propose)
+    return descend(y, evaluate, num_steps, step_size(inputs.condition), propose)
+
+
+def step_size(condition: RateCondition) -> float:
+    """Return the RMS of the first step, in quantisation steps."""
+    return max(STEP_SIZE, STEP_SIZE_UNSCALED * float(condition.latent_gain[0]))
 
 
 @torch.no_grad()
@@ -183,24 +198,16 @@ def _change(gaussians: Gaussians, held: HeldViews, size: tuple[int, int]) -> Flo
     return (render(gaussians, held.cameras, size).color - held.images).square().mean()
 
 
-def gaussians_of(
-    encoder: SceneEncoder, config: OptimisationConfig, inputs: StageInputs, y_hat: Float[Tensor, "view latent h8 w8"]
-) -> Gaussians:
-    """Predict the Gaussians of a stage, faded if there is fading, without those that a cut-out does not emit.
+def gaussians_of(encoder: SceneEncoder, inputs: StageInputs, y_hat: Float[Tensor, "view latent h8 w8"]) -> Gaussians:
+    """Return the Gaussians of a stage, with the fading before it.
 
-    Those behind near surfaces are added, as by a decoder.
-
-    Colours are constant: view-dependent colours would compensate depth errors. For few views, gradients skip the
-    residual branches of the predictor. Gradients through these branches improve only the context views, and cost rate
-    and time (docs/experiments.md).
+    Colours are constant: colours by direction would compensate depth errors. For few views, gradients skip the residual
+    branches of the predictor. Gradients through these branches improve only the context views, and cost rate and time.
     """
-    is_direct = encoder.num_views <= config.max_views_of_direct_gradients
+    is_direct = encoder.num_views <= MAX_VIEWS_OF_DIRECT_GRADIENTS
     with direct_gradients() if is_direct else nullcontext():
         prediction = encoder.predict(encoder.update(inputs, y_hat), inputs.condition)
-    gaussians = encoder.emitted(prediction.gaussians.scene(0))
-    if inputs.fading is not None:
-        gaussians = inputs.fading.faded(gaussians)
-    return encoder.completed(gaussians, prediction)
+    return encoder.emit(prediction, inputs.fading, has_constant_colours=True)
 
 
 @torch.enable_grad()

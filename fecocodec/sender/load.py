@@ -3,20 +3,13 @@
 from pathlib import Path
 
 from fecocodec.checkpoint import Weights, config_of, load_into, read_weights, serialise_weights
-from fecocodec.config import (
-    AdaptedSenderConfig,
-    CodecConfig,
-    PaperSenderConfig,
-    ReceiverConfig,
-    SenderConfig,
-    stored_fields,
-)
+from fecocodec.config import CodecConfig, ReceiverConfig, stored_fields
 from fecocodec.errors import ModelError
+from fecocodec.sender.extractors.table import config_named
 from fecocodec.sender.model import Sender
 
 RECEIVER_ID = "receiver_model_id"
 EXTRACTOR = "extractor"
-_CONFIGS: tuple[CodecConfig, ...] = (SenderConfig(), PaperSenderConfig(), AdaptedSenderConfig())
 
 
 def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender:
@@ -50,9 +43,10 @@ def serialise_sender(sender: Sender, model_id: bytes) -> bytes:
 
 
 def _config_like(weights: Weights, path: Path) -> CodecConfig:
-    """Return a default configuration for the extractor named in the file. Old files name none: they are compact."""
-    name = weights.config.get(EXTRACTOR, SenderConfig.extractor)
-    for config in _CONFIGS:
-        if config.extractor == name:
-            return config
-    raise ModelError(f"{path}: its extractor {name!r} is not known to this version; install the one that made it.")
+    """Return a default configuration for the extractor that the file names."""
+    if EXTRACTOR not in weights.config:
+        raise ModelError(f"{path}: holds no sender; name a sender's weights file.")
+    name = weights.config[EXTRACTOR]
+    if (config := config_named(name)) is None:
+        raise ModelError(f"{path}: its extractor {name!r} is not known to this version; install the one that made it.")
+    return config

@@ -4,16 +4,13 @@ from typing import Any
 
 from torch import nn
 
-from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import NO_CONTEXT, NO_FEEDBACK, CodecConfig, ReceiverConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.analysis import Analysis, HyperAnalysis
 from fecocodec.sender.extractors.adapter import AdaptedExtractor
-from fecocodec.sender.extractors.compact import CompactExtractor
-from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
+from fecocodec.sender.extractors.table import EXTRACTORS
 from fecocodec.sender.feedback import FeedbackExtractor, PictureFeedbackExtractor
 from fecocodec.sender.step_network import StepNetwork
-
-NO_CONTEXT, NO_FEEDBACK = "no-context", "no-feedback"
 
 
 class Sender(nn.Module):
@@ -34,9 +31,9 @@ class Sender(nn.Module):
         if config.ablation not in ("", NO_CONTEXT, NO_FEEDBACK):
             raise ModelError(f"There is no ablation '{config.ablation}'; choose {NO_CONTEXT} or {NO_FEEDBACK}.")
         self.config = config
-        # CompactExtractor, DepthSplatSmall or AdaptedExtractor. All have `match`, `fuse`, and `forward`, which is both.
-        self.extractor: Any = extractor or _extractor(config, receiver.state_channels)
-        feedback = PictureFeedbackExtractor if receiver.method == PAPER else FeedbackExtractor
+        # An `Extractor`; Any, because calling a module has no type.
+        self.extractor: Any = extractor or EXTRACTORS[type(config)](config, receiver.state_channels)
+        feedback = FeedbackExtractor if receiver.kind.has_depth_feedback else PictureFeedbackExtractor
         self.feedback = feedback(config, receiver)
         self.analysis = Analysis(config, receiver)
         self.hyper_analysis = HyperAnalysis(receiver)
@@ -48,11 +45,3 @@ def _step_network(config: CodecConfig, receiver: ReceiverConfig) -> StepNetwork 
     if not config.step_channels:
         return None
     return StepNetwork(receiver.latent_channels, receiver.state_channels, config.step_channels)
-
-
-def _extractor(config: CodecConfig, channels: int) -> CompactExtractor | DepthSplatSmall:
-    if isinstance(config, SenderConfig):
-        return CompactExtractor(config, channels)
-    if isinstance(config, PaperSenderConfig):
-        return DepthSplatSmall(config.geometry, config.matching_scale)
-    raise ModelError(f"extractor {config.extractor}: its own network is needed too; use `load_adapted_sender`.")

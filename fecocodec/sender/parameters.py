@@ -8,7 +8,6 @@ from torch import nn
 from fecocodec.config import COMPACT_SENDER, PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig
 from fecocodec.errors import InputError
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
 
 
@@ -45,18 +44,18 @@ def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
     with torch.device("meta"):  # shapes without allocation
         receiver, sender = Receiver(of_receiver), Sender(config, of_receiver)
     modules = [("receiver", name, module) for name, module in receiver.named_children()]
-    modules += [("sender", name, module) for name, module in _parts(sender)]
+    modules += [("sender", name, module) for name, module in _parts(sender, profile == "paper")]
     rows = [ParameterRow(name, side, _count(module)) for side, name, module in modules]
     rows.append(ParameterRow(RECEIVER_SUM, "sum", _count(receiver)))
     rows.append(ParameterRow(SENDER_SUM, "sum", _count(receiver) + _count(sender)))
     return tuple(rows)
 
 
-def _parts(sender: Sender) -> list[tuple[str, nn.Module]]:
-    """Return the modules of the sender by name; DepthSplatSmall is split into its submodules."""
+def _parts(sender: Sender, is_split: bool) -> list[tuple[str, nn.Module]]:
+    """Return the modules of the sender by name. is_split: list the submodules of the extractor."""
     parts = []
     for name, module in sender.named_children():
-        if isinstance(module, DepthSplatSmall):
+        if is_split and name == "extractor":
             parts += [(f"{name}.{part}", inner) for part, inner in module.named_children()]
         else:
             parts.append((name, module))

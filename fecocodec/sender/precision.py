@@ -11,12 +11,11 @@ from fecocodec.layers.blocks import RateEmbedding
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
 from fecocodec.receiver.predictor import Predictor
-from fecocodec.sender.extractors.compact import CompactExtractor
-from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
+from fecocodec.sender.extractors.protocol import Extractor
 from fecocodec.sender.model import Sender
 
 # Their forward passes compute projections, depths or correlations, so only their submodules are converted.
-_CONVERTED_BY_PART = (nn.ModuleDict, nn.ModuleList, Sender, Receiver, CompactExtractor, DepthSplatSmall, Predictor)
+_CONVERTED_BY_PART = (nn.ModuleDict, nn.ModuleList, Sender, Receiver, Predictor)
 # Not converted: integer arithmetic, 3D positions, and the conditioning of all blocks.
 _KEPT = (LatentPrior, NeighbourAttention, RateEmbedding)
 _KEPT_HEADS = ("depth_head", "matching_head")  # depth, and the features of the cost volume
@@ -36,7 +35,7 @@ def _convertible(module: nn.Module) -> Iterator[nn.Module]:
     for name, child in module.named_children():
         if isinstance(child, _KEPT) or name in _KEPT_HEADS:
             continue
-        if type(child) in _CONVERTED_BY_PART:
+        if type(child) in _CONVERTED_BY_PART or isinstance(child, Extractor):
             yield from _convertible(child)
         else:
             yield child

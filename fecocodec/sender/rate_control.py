@@ -4,7 +4,6 @@ File size and PSNR decrease with lambda in practice. A few fast encodings withou
 rate-distortion curve; a few full encodings then correct the remaining difference by the secant method.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,14 +14,14 @@ from fecocodec.checkpoint import model_folder
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import OnProgress
+from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.decoded_quality import DecodedQuality, decoded_quality
-from fecocodec.sender.encode import OnWarning, check_views, warn_of_overlap, write_scene
+from fecocodec.sender.decoded_quality import decoded_quality
+from fecocodec.sender.encode import OnWarning, check_views, matched_scene, write_scene
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
-from fecocodec.sender.scene import prepare_scene
-from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.rate_targets import AtMostKib, Target
+from fecocodec.sender.view_quality import DecodedQuality
 
 FIRST_LAMBDA_Q = 1179  # lambda 1e-3
 NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS = 3, 3
@@ -30,36 +29,6 @@ NEARBY_LAMBDA_Q = 64  # the curve is nearly linear over this distance, so the fa
 # Gain of the default number of optimisation steps at equal lambda, on training scenes: ln(bytes) and dB.
 SIZE_GAIN, PSNR_GAIN = 0.13, 0.7
 TIME_OF_STEP = 0.5  # time that an optimisation step adds to an encoding, relative to one without optimisation
-
-
-@dataclass(frozen=True)
-class AtMostKib:
-    """Target: the best quality in a file of at most `kib` KiB."""
-
-    kib: float
-
-    def __post_init__(self) -> None:
-        """Raise InputError for a size that no file can have."""
-        _require_positive(self.kib, "KiB")
-
-
-@dataclass(frozen=True)
-class AtLeastPsnr:
-    """Target: the smallest file whose decoded context views have at least this PSNR in dB."""
-
-    psnr: float
-
-    def __post_init__(self) -> None:
-        """Raise InputError for a quality that no file can have."""
-        _require_positive(self.psnr, "dB")
-
-
-def _require_positive(value: float, unit: str) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"a target of {value} {unit} cannot be reached; give a positive number.")
-
-
-Target = AtMostKib | AtLeastPsnr
 
 
 @dataclass(frozen=True)
@@ -83,11 +52,12 @@ def encode_to_target(
     views: Views,
     target: Target,
     *,
+    guides: Views | None = None,
     effort: str | OptimisationConfig = "default",
     sharpness: float = 0.0,
     device: str = "cpu",
     model: Path | str | None = None,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
@@ -98,7 +68,7 @@ def encode_to_target(
     check_views(views, num_stages=2)
     config = config_of_effort(effort, sharpness)
     codec = load_codec(model_folder(model), device)
-    return encode_to_target_with(codec, views, target, config, on_progress, on_warning)
+    return encode_to_target_with(codec, views, target, config, on_progress, on_warning, guides)
 
 
 @torch.inference_mode(False)
@@ -108,14 +78,13 @@ def encode_to_target_with(
     views: Views,
     target: Target,
     config: OptimisationConfig = DEFAULT,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
+    guides: Views | None = None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
-    scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder.of(codec, scene)
     on_progress("matching views", 0.0)
-    warn_of_overlap(encoder, views.names, on_warning)
+    encoder, scene = matched_scene(codec, views, guides, on_warning)
 
     def attempt(lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
         data = write_scene(encoder, scene, lambda_q, 2, config, on_progress)

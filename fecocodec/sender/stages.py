@@ -1,4 +1,4 @@
-"""Inputs and results of a coding stage, and the two functions that a pass over the stages is given."""
+"""Inputs and results of a coding stage, and what a pass over the stages is given: a coder and improvements."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,9 +8,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.layers.blocks import RateCondition
-from fecocodec.receiver.predictor import Prediction
+from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import Rendering
-from fecocodec.sender.fading import Fading
+from fecocodec.sender.fading import Fade, Fading
+from fecocodec.splatting.emission import Prediction
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,30 @@ class CodedLatent(Protocol):
 
 Coded = TypeVar("Coded", bound=CodedLatent)
 LatentCoder = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Coded]
-OnFraction = Callable[[float], None]  # (fraction done)
 Optimise = Callable[
-    [Float[Tensor, "item latent h8 w8"], Float[Tensor, "item channel h4 w4"], StageInputs, OnFraction],
+    [Float[Tensor, "item latent h8 w8"], Float[Tensor, "item channel h4 w4"], StageInputs, Progress],
     Float[Tensor, "item latent h8 w8"],
 ]
+
+
+def as_analysed(y: Tensor, features: Tensor, inputs: StageInputs, progress: Progress) -> Tensor:
+    """Return the output of the analysis transform unchanged."""
+    return y
+
+
+@dataclass(frozen=True)
+class Improvements:
+    """What this codec adds to the paper's stages. The defaults add nothing.
+
+    latent: (y, F_k, inputs, progress) -> y before coding. fading: (Gaussians after a stage, fading before it) ->
+    fading; None for no fading.
+    """
+
+    latent: Optimise = as_analysed
+    fading: Fade | None = None
+
+
+NO_IMPROVEMENTS = Improvements()
 
 
 @dataclass(frozen=True)
@@ -69,8 +89,3 @@ class Stage(Generic[Coded]):
     state: Float[Tensor, "item channel h4 w4"]
     feedback: StageRendering | None
     fading: Fading | None = None
-
-
-def not_optimised(y: Tensor, features: Tensor, inputs: StageInputs, on_fraction: OnFraction) -> Tensor:
-    """Return the output of the analysis transform unchanged: no optimisation."""
-    return y

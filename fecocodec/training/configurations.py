@@ -1,7 +1,8 @@
-"""Named configurations of `fecosplat train`."""
+"""Named configurations of `fecosplat train`, and settings of a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
@@ -17,10 +18,9 @@ from fecocodec.config import (
 from fecocodec.container.lambda_quantisation import LAMBDA_MAX, LAMBDA_MIN, quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.sender.distortion import Distortion, LogDistortion, MseDistortion, PerceptualDistortion
-from fecocodec.training.batch_shapes import BatchShapes
-from fecocodec.training.optimisation import OptimiserConfig
-from fecocodec.training.schedule import Schedule
-from fecocodec.training.video_protocol import DL3DV, REALESTATE10K, VideoProtocol
+from fecocodec.training.batch import BatchShapes
+from fecocodec.training.chunk_scenes import DL3DV, REALESTATE10K, VideoProtocol
+from fecocodec.training.optimisation import OptimiserConfig, Schedule
 
 Precision = Literal["float32", "bfloat16"]
 Background = Literal["black", "random"]
@@ -34,7 +34,7 @@ class Configuration:
     precision: of convolutions and matrix products (see `sender.precision`). frozen: parts that are not trained (see
     `fine_tuning`). distortion: D of the loss.
     perceptual_weight: of ST-LPIPS beside D, for all networks and for the step network. More of it gives sharper
-    pictures of lower PSNR (docs/experiments.md).
+    pictures of lower PSNR (docs/what_we_learned.md).
     background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
     alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimised_share: share of the steps whose
@@ -46,7 +46,8 @@ class Configuration:
     With the method "paper", the loss and the coding of latents are the paper's.
 
     Raises InputError if lambda_range is empty or exceeds that of the codec, if features are kept of an extractor that
-    is trained, and if latents are to be optimised but the sender has no network that proposes steps.
+    is trained, if latents are to be optimised but the sender has no network that proposes steps, and if a field is set
+    that the loss of the method ignores.
     """
 
     shapes: BatchShapes
@@ -81,6 +82,15 @@ class Configuration:
                 "Latents are optimised by a network that proposes steps, which this configuration does not have; leave "
                 "out `optimised_share`, or choose the configuration compact."
             )
+        loss_options = {
+            "perceptual_weight": self.perceptual_weight > 0,
+            "disparity_weight": any(self.schedule.disparity_weight),
+            "optimised_share": self.optimised_share > 0,
+            "background": self.background != "black",
+        }
+        ignored = [f"`{name}`" for name, is_set in loss_options.items() if is_set]
+        if self.is_paper and ignored:
+            raise InputError(f"The paper's loss is D + lambda R and ignores {', '.join(ignored)}; leave them out.")
 
     @property
     def is_paper(self) -> bool:
@@ -150,8 +160,6 @@ _COMPACT = Configuration(
 CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
     {
         "compact": _COMPACT,
-        # With depth completion from DINOv2's features (`--completion-steps`).
-        "compact-monocular": replace(_COMPACT, sender=replace(COMPACT_SENDER, is_monocular=True)),
         # Our method with the paper's extractor, for the receivers of compact models.
         "compact-re10k": Configuration(
             shapes=_PAPER_RE10K.shapes,
@@ -183,3 +191,27 @@ def configuration_named(name: str) -> Configuration:
     if name not in CONFIGURATIONS:
         raise InputError(f"There is no training configuration '{name}'; choose one of {', '.join(CONFIGURATIONS)}.")
     return CONFIGURATIONS[name]
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """Where and how long a run trains, and what it writes; what it trains is in the configuration.
+
+    max_minutes: save and stop after this time; None for no limit. device: where the networks run, `cpu` or `cuda:N`;
+    batches are drawn on the CPU. num_workers: processes that draw batches ahead; with 0 the training process does.
+    validate_every, keep_every: steps between validations, and between checkpoints that are kept, with a number.
+    validation_scenes: number of validation scenes.
+    """
+
+    folder: Path
+    configuration: Configuration
+    max_minutes: float | None
+    seed: int = 0
+    device: str = "cpu"
+    log_every: int = 50
+    save_every_minutes: float = 5.0
+    samples_every_minutes: float = 15.0
+    num_workers: int = 0
+    validate_every: int = 5_000
+    validation_scenes: int = 8
+    keep_every: int = 25_000

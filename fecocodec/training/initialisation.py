@@ -1,8 +1,9 @@
 """Initialisation of training as a linear block-transform codec.
 
-Random networks need thousands of steps to learn to transmit colour from photographs to Gaussians (docs/experiments.md).
-Here reserved channels of every residual chain transmit pixels and matched disparity as 8x8 DCT coefficients to the
-colours and depths of the Gaussians. All other weights start at random and add to these channels.
+Random networks need thousands of steps to learn to transmit colour from photographs to Gaussians
+(docs/what_we_learned.md). Here reserved channels of every residual chain transmit pixels and matched disparity as 8x8
+DCT coefficients to the colours and depths of the Gaussians. All other weights start at random and add to these
+channels.
 """
 
 import math
@@ -11,11 +12,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.predictor import PER_CELL
 from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
+from fecocodec.splatting.attributes import RAW
 
 PIXELS = 48  # of a 4x4 cell: (colour, row, column), as pixel unshuffle orders them
 DISPARITY = PIXELS  # the channel after the pixels, in [-1, 1]

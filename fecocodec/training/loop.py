@@ -1,14 +1,21 @@
-"""The training loop: optimisation steps, log, checkpoints, validation and pictures."""
+"""The training loops: of all networks, with log, checkpoints, validation and pictures, and of one part alone."""
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+
+from torch import nn
 
 from fecocodec.atomic import make_folder
-from fecocodec.training.log import append_row, mean_of_rows
+from fecocodec.sender.codec import Codec
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.optimisation import build_optimiser, clipped_step, copy_of_weights, update_average
 from fecocodec.training.processes import broadcast_from_first, is_first
+from fecocodec.training.run_files import append_row, mean_of_rows
 from fecocodec.training.run_monitor import RunMonitor
 from fecocodec.training.trainer import Trainer
+
+SCENES_OF_A_STEP = 2  # of each process that trains one part alone
 
 
 def train(trainer: Trainer) -> Iterator[dict[str, float]]:
@@ -48,3 +55,37 @@ def train(trainer: Trainer) -> Iterator[dict[str, float]]:
         if is_over:
             return
     trainer.save(trainer.checkpoint)
+
+
+def train_alone(
+    codec: Codec,
+    part: nn.Module,
+    configuration: Configuration,
+    add_gradients: Callable[[], dict[str, float]],
+    log_every: int,
+) -> Iterator[dict[str, float]]:
+    """Train one part of a codec alone, and give it its averaged weights at the end.
+
+    configuration: its schedule and its optimiser count. add_gradients: adds the gradients of one scene to those of the
+    part, and returns columns of the log. Every `log_every` steps, yields the number of steps, the number skipped
+    because gradients were not finite, and means over scenes.
+    """
+    schedule, decay = configuration.schedule, configuration.optimiser.average_decay
+    for network in (codec.sender, codec.receiver):
+        network.requires_grad_(False)
+    optimiser = build_optimiser(part.requires_grad_(True), configuration.optimiser)
+    average = copy_of_weights(part)
+    window: list[dict[str, float]] = []
+    num_skipped = 0
+    for step in range(schedule.num_steps):
+        optimiser.zero_grad(set_to_none=True)
+        window += [add_gradients() for _ in range(SCENES_OF_A_STEP)]
+        if math.isfinite(clipped_step(optimiser, part, schedule.learning_rate_at(step))):
+            update_average(average, part, decay, step)
+        else:
+            num_skipped += 1
+        if (step + 1) % log_every == 0 or step + 1 == schedule.num_steps:
+            yield {"step": float(step + 1), "skipped": float(num_skipped)} | mean_of_rows(window)
+            window = []
+    part.load_state_dict(average)
+    part.requires_grad_(False)

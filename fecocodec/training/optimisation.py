@@ -1,11 +1,12 @@
-"""Optimiser, its step, and the learning-rate schedule, shared by the phases of training."""
+"""The optimiser and its step, and the quantities of training that depend on the step."""
 
 import math
 from dataclasses import dataclass
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
+from fecocodec.errors import InputError
 from fecocodec.training.processes import average_gradients
 
 LARGEST_GRADIENT = 1.0
@@ -57,3 +58,56 @@ def clipped_step(optimiser: torch.optim.Optimizer, networks: nn.Module, learning
     if torch.isfinite(norm):
         optimiser.step()
     return float(norm)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Phases of training: without a rate (one stage, then two), then rate-distortion; see `docs/training.md`.
+
+    one_stage_until, bypass_until, warm_up: steps. photograph_share, disparity_weight: values at the first and last
+    step, linear in between. Raises InputError for numbers out of range.
+    """
+
+    num_steps: int
+    one_stage_until: int = 0
+    bypass_until: int = 0
+    learning_rate: float = 5e-4
+    warm_up: int = 200
+    photograph_share: tuple[float, float] = (0.4, 0.6)
+    disparity_weight: tuple[float, float] = (1.0, 0.1)
+
+    def __post_init__(self) -> None:
+        if self.num_steps < 1 or self.warm_up < 1:
+            raise InputError(f"A schedule of {self.num_steps} steps with {self.warm_up} of warm-up; give at least one.")
+        if not 0 < self.learning_rate < math.inf:
+            raise InputError(f"The learning rate is {self.learning_rate:g}; it must be positive.")
+        if not all(0 <= share <= 1 for share in self.photograph_share):
+            raise InputError(f"The share of photographs is {self.photograph_share}; give two numbers from 0 to 1.")
+        if not all(0 <= weight < math.inf for weight in self.disparity_weight):
+            raise InputError(f"The weight of depth is {self.disparity_weight}; give two numbers of 0 or more.")
+
+    def learning_rate_at(self, step: int) -> float:
+        """Return the learning rate at a step: linear warm-up, then cosine to zero."""
+        return cosine_with_warm_up(self.learning_rate, step, self.num_steps, self.warm_up)
+
+    def photograph_share_at(self, step: int) -> float:
+        return self._between(self.photograph_share, step)
+
+    def disparity_weight_at(self, step: int) -> float:
+        return self._between(self.disparity_weight, step)
+
+    def _between(self, ends: tuple[float, float], step: int) -> float:
+        progress = min(1.0, step / self.num_steps)
+        return ends[0] + (ends[1] - ends[0]) * progress
+
+
+def copy_of_weights(networks: nn.Module) -> dict[str, Tensor]:
+    """Return a copy of the state, with which an average of weights begins."""
+    return {name: value.detach().clone() for name, value in networks.state_dict().items()}
+
+
+@torch.no_grad()
+def update_average(average: dict[str, Tensor], networks: nn.Module, largest_decay: float, step: int) -> None:
+    """Move an exponential average of weights towards the weights after a step. The decay grows with the steps."""
+    decay = min(largest_decay, (1 + step) / (10 + step))
+    torch._foreach_lerp_(list(average.values()), list(networks.state_dict().values()), 1.0 - decay)

@@ -43,6 +43,13 @@ def is_first() -> bool:
     return process_rank() == 0
 
 
+def seeded_generator(seed: int) -> torch.Generator:
+    """Seed torch's own generator and return another one, each with a state of its own in every process."""
+    own = seed * 1000 + process_rank()
+    torch.manual_seed(own)
+    return torch.Generator().manual_seed(own)
+
+
 def gather_states(state: UInt8[Tensor, " byte"]) -> list[Tensor]:
     """Gather the state of a random generator from every process, by rank."""
     if not dist.is_initialized():

@@ -1,14 +1,18 @@
-"""Training samples: context views, target views, and depth where it is known."""
+"""Training samples, and augmentation of photographed frames: crop, resize, mirror and tint, with adjusted cameras."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 import torch
-from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
+from fecocodec.photographs.lens import Lens
+
+CROP_SPREAD = 0.1  # of the windows of a scene's frames, as a share of the room that they have
 
 
 @dataclass(frozen=True)
@@ -35,15 +39,103 @@ class SampleSource(Protocol):
         """Draw one scene; size: (height, width) in pixels. Equal generator states give equal samples."""
 
 
-def contact_sheet(samples: list[Sample]) -> Float[Tensor, "3 rows columns"]:
-    """Return one row per sample: its views, then, if known, their disparity (bright is near). All have one size."""
-    return torch.cat([_sheet_row(sample) for sample in samples], dim=1)
+@runtime_checkable
+class Capture(Protocol):
+    """Frames of one scene taken with one camera, wherever they are stored.
+
+    extrinsics: camera-to-world, OpenCV axes. near, far: in scene units.
+    """
+
+    @property
+    def lens(self) -> Lens: ...
+    @property
+    def extrinsics(self) -> Float[np.ndarray, "frame 4 4"]: ...
+    @property
+    def near(self) -> float: ...
+    @property
+    def far(self) -> float: ...
+    def frame_name(self, frame: int) -> str: ...
+    def image(self, frame: int) -> UInt8[Tensor, "3 height width"]: ...
 
 
-def _sheet_row(sample: Sample) -> Float[Tensor, "3 height columns"]:
-    tiles = sample.views.images
-    if sample.depth is not None:
-        cameras = sample.views.cameras
-        relative = (1 / sample.depth - 1 / cameras.far) / (1 / cameras.near - 1 / cameras.far)
-        tiles = torch.cat((tiles, relative.clamp(0, 1)[:, None].expand(-1, 3, -1, -1)))
-    return rearrange(tiles, "view rgb height width -> rgb height (view width)")
+@dataclass(frozen=True)
+class _Crop:
+    """A window of a stored photograph: left and top in pixels, and its size (height, width) in pixels."""
+
+    left: int
+    top: int
+    size: tuple[int, int]
+
+
+def augment(
+    rng: np.random.Generator,
+    scene: Capture,
+    frames: list[int],
+    num_context: int,
+    size: tuple[int, int],
+    spread: float = CROP_SPREAD,
+) -> Sample:
+    """Crop, resize, mirror at random and tint frames, and adjust the cameras. size: (height, width) in pixels.
+
+    spread: largest distance of a frame's window from their common position, as a share of the room. With 0 all frames
+    have one window, and so equal intrinsics, which the public geometry of depthsplat-small requires.
+    """
+    crops = _crops(rng, (scene.lens.height, scene.lens.width), len(frames), size, spread)
+    images = [_resized(scene.image(frame), crop, size) for frame, crop in zip(frames, crops, strict=True)]
+    intrinsics = torch.stack([_cropped_intrinsics(scene.lens, crop) for crop in crops])
+    extrinsics = torch.from_numpy(scene.extrinsics[frames]).float()
+    near, far = torch.tensor(scene.near, dtype=torch.float32), torch.tensor(scene.far, dtype=torch.float32)
+    views = Views(
+        images=_tinted(rng, torch.stack(images)),
+        cameras=Cameras(extrinsics, intrinsics, near, far),
+        names=tuple(scene.frame_name(frame) for frame in frames),
+    )
+    return Sample(mirrored(views) if rng.random() < 0.5 else views, num_context, None)
+
+
+def mirrored(views: Views) -> Views:
+    """Mirror the images left to right, and the cameras with the world's x negated.
+
+    Mirroring an image negates x of the camera axes. Conjugating the extrinsics with diag(-1, 1, 1) negates x of the
+    world, too, so that rotations stay proper.
+    """
+    negate = torch.diag(torch.tensor([-1.0, 1.0, 1.0, 1.0]))
+    intrinsics = views.cameras.intrinsics.clone()
+    intrinsics[:, 0, 2] = 1 - intrinsics[:, 0, 2]
+    cameras = Cameras(negate @ views.cameras.extrinsics @ negate, intrinsics, views.cameras.near, views.cameras.far)
+    return Views(views.images.flip(-1), cameras, views.names)
+
+
+def _crops(
+    rng: np.random.Generator, stored: tuple[int, int], count: int, size: tuple[int, int], spread: float
+) -> list[_Crop]:
+    """Draw windows of one size, 60-100% of the largest that fits, each near one common random position."""
+    share = rng.uniform(0.6, 1.0) * min(stored[0] / size[0], stored[1] / size[1])
+    window = (max(round(size[0] * share), 1), max(round(size[1] * share), 1))
+    room = np.array([stored[0] - window[0], stored[1] - window[1]])
+    # Photographers keep the subject in the middle; far corners of different frames would not overlap.
+    middle = rng.uniform(0.25, 0.75, 2)
+    corners = np.clip(middle + rng.uniform(-spread, spread, (count, 2)), 0, 1) * room
+    return [_Crop(int(left), int(top), window) for top, left in corners]
+
+
+def _resized(image: UInt8[Tensor, "3 h w"], crop: _Crop, size: tuple[int, int]) -> Float[Tensor, "3 height width"]:
+    """Resize a window with antialiasing (area-weighted); returns sRGB in [0, 1]."""
+    window = image[None, :, crop.top : crop.top + crop.size[0], crop.left : crop.left + crop.size[1]]
+    resized = torch.nn.functional.interpolate(window, size, mode="bilinear", antialias=True, align_corners=False)
+    return resized[0].float() / 255
+
+
+def _cropped_intrinsics(lens: Lens, crop: _Crop) -> Float[Tensor, "3 3"]:
+    """Return the normalised intrinsics of a window of a photograph."""
+    height, width = crop.size
+    focal_x, centre_x = lens.fx / width, (lens.cx - crop.left) / width
+    focal_y, centre_y = lens.fy / height, (lens.cy - crop.top) / height
+    return torch.tensor([[focal_x, 0.0, centre_x], [0.0, focal_y, centre_y], [0.0, 0.0, 1.0]])
+
+
+def _tinted(rng: np.random.Generator, images: Float[Tensor, "view 3 h w"]) -> Float[Tensor, "view 3 h w"]:
+    """Apply one mild change of brightness, white balance and contrast to all views."""
+    gain = torch.from_numpy(np.exp(rng.normal(0, 0.08) + rng.normal(0, 0.04, (3, 1, 1)))).float()
+    gamma = float(np.exp(rng.normal(0, 0.1)))
+    return (images * gain).clamp(0, 1) ** gamma

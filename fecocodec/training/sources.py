@@ -1,17 +1,77 @@
-"""Data sources of a training run."""
+"""Data sources of a training run, and batches from them, with scenes normalised as in the codec."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import torch
 
 from fecocodec.camera_files.chunks import is_chunk_folder
 from fecocodec.config import CodecConfig, PaperSenderConfig
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import InputError
-from fecocodec.training.augmentation import CROP_SPREAD
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.normalisation import normalise_scene
+from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.chunk_scenes import ChunkScenes
 from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources
 from fecocodec.training.photographs import Photographs
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures, textures_from_folder, textures_from_photographs
+from fecocodec.training.samples import CROP_SPREAD, Sample, SampleSource
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures, textures_from_folder, textures_from_photographs
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Sources of samples. photographs: None to train on synthetic scenes alone. validation: scenes to measure."""
+
+    synthetic: SampleSource
+    photographs: SampleSource | None
+    validation: SampleSource | None = None
+
+    def at_step(self, step: int, rank: int, num_ranks: int) -> "Sources":
+        """Return the sources of process `rank` of `num_ranks` at a training step; only chunks depend on it."""
+        if not isinstance(self.photographs, ChunkScenes):
+            return self
+        return replace(self, photographs=self.photographs.at_step(step, rank, num_ranks))
+
+
+def draw_batch(
+    sources: Sources,
+    generator: torch.Generator,
+    shape: BatchShape,
+    photograph_share: float,
+    lambda_q_range: tuple[int, int] = (0, LAMBDA_Q_MAX),
+) -> Batch:
+    """Draw a batch. Each scene is photographed with probability `photograph_share`; lambda is log-uniform.
+
+    lambda_q_range: least and largest `lambda_q`, both included. Depth of photographs is NaN.
+    """
+    samples = [draw_sample(sources, generator, shape, photograph_share) for _ in range(shape.num_scenes)]
+    normalised = [normalise_scene(sample.views.cameras) for sample in samples]
+    cameras = [cameras for cameras, _ in normalised]
+    depths = [
+        torch.full_like(sample.views.images[:, 0], float("nan")) if sample.depth is None else sample.depth / frame.scale
+        for sample, (_, frame) in zip(samples, normalised, strict=True)
+    ]
+    lowest, highest = lambda_q_range
+    return Batch(
+        images=torch.stack([sample.views.images for sample in samples]),
+        cameras=Cameras(
+            *(torch.stack([getattr(c, name) for c in cameras]) for name in ("extrinsics", "intrinsics", "near", "far"))
+        ),
+        depth=torch.stack(depths).float(),
+        num_context=shape.num_context,
+        lambda_q=torch.randint(lowest, highest + 1, (shape.num_scenes,), generator=generator),
+        skipped=tuple(sentence for sample in samples for sentence in sample.skipped),
+    )
+
+
+def draw_sample(sources: Sources, generator: torch.Generator, shape: BatchShape, photograph_share: float) -> Sample:
+    """Draw one scene, photographed with probability `photograph_share` if there are photographs."""
+    is_photograph = float(torch.rand((), generator=generator)) < photograph_share
+    source = sources.photographs if is_photograph and sources.photographs is not None else sources.synthetic
+    return source.sample(generator, num_context=shape.num_context, num_target=shape.num_target, size=shape.size)
+
 
 NUM_PATTERNS, NUM_CROPS = 100, 300
 
@@ -19,7 +79,7 @@ NUM_PATTERNS, NUM_CROPS = 100, 300
 def open_sources(
     photographs: Path | None, textures: Path | None, configuration: Configuration, validation: Path | None = None
 ) -> Sources:
-    """Open procedural scenes, textured with patterns, `textures` and crops of the photographs, and the photographs.
+    """Open synthetic scenes, textured with patterns, `textures` and crops of the photographs, and the photographs.
 
     photographs: folder of scene folders, or of chunks of RealEstate10K, ACID or DL3DV (which are not used as textures).
     All frames of a scene are cropped alike for an extractor with public geometry. validation: the same kind of folder,
@@ -31,13 +91,13 @@ def open_sources(
     texture_set = pattern_textures(NUM_PATTERNS)
     if textures is not None:
         texture_set += textures_from_folder(textures)
-    held_out = None if validation is None else _open_photographs(validation, configuration)
+    measured = None if validation is None else _open_photographs(validation, configuration)
     if photographs is None:
-        return Sources(ProceduralWorld(texture_set), None, held_out)
+        return Sources(SyntheticScenes(texture_set), None, measured)
     scenes = _open_photographs(photographs, configuration)
     if isinstance(scenes, Photographs):
         texture_set += textures_from_photographs(photographs, NUM_CROPS)
-    return Sources(ProceduralWorld(texture_set), scenes, held_out)
+    return Sources(SyntheticScenes(texture_set), scenes, measured)
 
 
 def _open_photographs(folder: Path, configuration: Configuration) -> ChunkScenes | Photographs:

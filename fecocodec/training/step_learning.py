@@ -19,12 +19,22 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
+from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.lambda_roles import price_of_rate
 from fecocodec.sender.latent_coding import estimate_bits
-from fecocodec.sender.latent_optimisation import Latent, Objective, gaussians_of
-from fecocodec.sender.optimisation_config import OptimisationConfig, price_of_rate, step_size, steps_of_first
+from fecocodec.sender.latent_optimisation import (
+    SSIM_STRIDE,
+    STEP_SIZE,
+    STEP_SIZE_UNSCALED,
+    Latent,
+    Objective,
+    gaussians_of,
+    step_size,
+)
+from fecocodec.sender.optimisation_config import OptimisationConfig, steps_of_first
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import OnFraction, Optimise, StageInputs
+from fecocodec.sender.stages import Optimise, StageInputs
 from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training.batch import Batch
 from fecocodec.training.loss import perceptual_distance
@@ -83,14 +93,14 @@ class StepLearner:
         """Return the `optimise` argument of `SceneEncoder.run` for a batch, whose scenes are optimised one by one.
 
         The optimised latents pass no gradient to the sender. If they did, g_a would learn to rely on the steps: files
-        without steps became 25% larger, and those with steps no better (docs/experiments.md). It learns by
+        without steps became 25% larger, and those with steps no better (docs/what_we_learned.md). It learns by
         `analysis_loss` instead. report:
         called for each stage of each scene with the change of `Parts` by its steps; names end in the stage's number.
         """
         pixels = encoder.num_pixels // len(batch.images)
         numbers = [self._draw_num_steps(pixels, int(lambda_q)) for lambda_q in batch.lambda_q]
 
-        def optimise(y: Tensor, features: Tensor, inputs: StageInputs, _on_fraction: OnFraction) -> Tensor:
+        def optimise(y: Tensor, features: Tensor, inputs: StageInputs, _progress: Progress) -> Tensor:
             found = [
                 self._optimise_scene(encoder, batch, scene, numbers[scene], y, features, inputs, report)
                 for scene in range(len(batch.images))
@@ -98,7 +108,7 @@ class StepLearner:
             optimised = torch.cat(found)
             if y.requires_grad:
                 gains = inputs.condition.latent_gain.detach()
-                lengths = torch.clamp_min(self.config.step_size_unscaled * gains, self.config.step_size)
+                lengths = torch.clamp_min(STEP_SIZE_UNSCALED * gains, STEP_SIZE)
                 self._distances.append(((y - optimised) / lengths).square().mean())
             return optimised
 
@@ -141,7 +151,7 @@ class StepLearner:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
         evaluate = partial(_evaluate, alone, self.config, own, targets)
         given = features[items].detach(), own.state, own.condition
-        first_length = step_size(self.config, own.condition)
+        first_length = step_size(own.condition)
         found, before, after = learn(
             self.network, evaluate, y[items], steps, first_length, given, self.perceptual_weight
         )
@@ -226,16 +236,16 @@ def _evaluate(
     """Evaluate latents of a stage of a scene."""
     y = y.detach().requires_grad_()
     estimated = estimate_bits(encoder.codec)(y, inputs)
-    gaussians = gaussians_of(encoder, config, inputs, estimated.y_hat)
+    gaussians = gaussians_of(encoder, inputs, estimated.y_hat)
 
     def render_at(cameras: Cameras) -> Tensor:
         return render(gaussians, cameras, encoder.size).color
 
     rendered, between = render_at(encoder.cameras.scene(0)), render_at(targets.cameras)
-    context = config.distortion(rendered, encoder.images[0], config.ssim_stride).mean()
-    target = config.distortion(between, targets.images, config.ssim_stride).mean()
+    context = config.distortion(rendered, encoder.images[0], SSIM_STRIDE).mean()
+    target = config.distortion(between, targets.images, SSIM_STRIDE).mean()
     bits = estimated.bits.sum()
-    rate = price_of_rate(config, int(inputs.lambda_q[0])) / encoder.num_pixels * bits
+    rate = price_of_rate(int(inputs.lambda_q[0])) / encoder.num_pixels * bits
     loss = CONTEXT_SHARE * context + (1.0 - CONTEXT_SHARE) * target + rate
     values = {"loss": loss, "context": context, "target": target, "log_bits": bits.clamp_min(1.0).log()}
     objective = Objective(context, rate, encoder.images[0] - rendered.detach())

@@ -18,18 +18,16 @@ from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.batch import Batch, Extracted
-from fecocodec.training.batch_source import BatchSource
-from fecocodec.training.checkpoint import load_checkpoint, save_checkpoint
-from fecocodec.training.dataset import Sources
-from fecocodec.training.fine_tuning import freeze, load_extractor, load_fitting_weights, load_model_weights
+from fecocodec.training.batch_source import BatchSource, KeptBatches
+from fecocodec.training.configurations import RunSettings
 from fecocodec.training.initialisation import start_as_block_transform
-from fecocodec.training.kept_batches import KeptBatches
-from fecocodec.training.log import append_lines, remove_rows_after
 from fecocodec.training.loss import loss_of
-from fecocodec.training.optimisation import build_optimiser, clipped_step
+from fecocodec.training.model_weights import freeze, load_extractor, load_fitting_weights, load_model_weights
+from fecocodec.training.optimisation import build_optimiser, clipped_step, copy_of_weights, update_average
 from fecocodec.training.paper_objective import code_with_additive_noise, paper_loss, run_paper_stages
-from fecocodec.training.processes import gather_states, is_first, process_rank
-from fecocodec.training.run_settings import RunSettings
+from fecocodec.training.processes import gather_states, is_first, process_rank, seeded_generator
+from fecocodec.training.run_files import append_lines, load_checkpoint, remove_rows_after, save_checkpoint
+from fecocodec.training.sources import Sources
 from fecocodec.training.step_learning import StepLearner
 from fecocodec.training.training_pass import Coding, bypass_coding, code_with_noise, extract, run_stages
 
@@ -53,8 +51,7 @@ class Trainer:
         self.begin_average()
         freeze(self.sender, self.receiver, configuration.frozen)
         self.optimiser = build_optimiser(self.networks, configuration.optimiser)
-        self.generator = torch.Generator().manual_seed(settings.seed * 1000 + process_rank())
-        torch.manual_seed(settings.seed * 1000 + process_rank())  # from here on each has its own noise
+        self.generator = seeded_generator(settings.seed)  # from here on each process has its own noise
         self.step, self.num_skipped, self.num_bad_scenes, self.seed = 0, 0, 0, settings.seed
         self._batches = BatchSource(sources, settings, self.generator)
 
@@ -87,7 +84,7 @@ class Trainer:
 
     def begin_average(self) -> None:
         """Start the averaged weights anew, at the present weights."""
-        self.average = {name: value.detach().clone() for name, value in self.networks.state_dict().items()}
+        self.average = copy_of_weights(self.networks)
 
     def resume(self, path: Path) -> None:
         """Restore a checkpoint exactly. Raises ModelError if networks or number of processes differ."""
@@ -144,15 +141,15 @@ class Trainer:
 
     def train_step(self) -> dict[str, float]:
         """Draw a batch, take one step and return the parts of the loss. Non-finite gradients skip the step."""
-        schedule = self.settings.configuration.schedule
+        configuration = self.settings.configuration
         batch, extracted = self.draw_batch()
         self._report_skipped(batch)
         self.optimiser.zero_grad(set_to_none=True)
         loss, parts = self._loss(batch, extracted)  # a learner adds to the gradients here
         loss.backward()
-        norm = clipped_step(self.optimiser, self.networks, schedule.learning_rate_at(self.step))
+        norm = clipped_step(self.optimiser, self.networks, configuration.schedule.learning_rate_at(self.step))
         if math.isfinite(norm):
-            self._update_average()
+            update_average(self.average, self.networks, configuration.optimiser.average_decay, self.step)
         else:
             self.num_skipped += 1
         self.step += 1
@@ -223,9 +220,3 @@ class Trainer:
             return bypass_coding
         code = code_with_additive_noise if configuration.is_paper else code_with_noise
         return code(self.receiver, self.sender)
-
-    @torch.no_grad()
-    def _update_average(self) -> None:
-        largest = self.settings.configuration.optimiser.average_decay
-        decay = min(largest, (1 + self.step) / (10 + self.step))
-        torch._foreach_lerp_(list(self.average.values()), list(self.networks.state_dict().values()), 1.0 - decay)

@@ -9,16 +9,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.coding.rate import estimate_latents, rounding, uniform_noise
-from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.predictor import Prediction
 from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.ablations import without
 from fecocodec.sender.codec import Codec
+from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stage_lambdas import stage_1_offset, stage_lambdas
-from fecocodec.sender.stages import LatentCoder, Stage, StageInputs, StageRendering, not_optimised
+from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, LatentCoder, Stage, StageInputs, StageRendering
 from fecocodec.training.batch import Batch, Extracted, MatchedDisparity, StageOutcome
 from fecocodec.training.loss import ENTROPY_PRICE, MIN_CONSISTENCY, lambda_of
 from fecocodec.training.step_learning import StepLearner
@@ -67,9 +66,9 @@ class BatchEncoder(SceneEncoder):
         return super().matching if self.extracted is None else self.extracted.matching
 
     @cached_property
-    def features(self) -> Float[Tensor, "item channel h4 w4"]:
+    def _features(self) -> Float[Tensor, "item channel h4 w4"]:
         if self.extracted is None or self.extracted.features is None:
-            return super().features
+            return super()._features
         return self.extracted.features
 
     @property
@@ -100,20 +99,17 @@ class BatchEncoder(SceneEncoder):
         prediction = self.predict(stage.state, stage.inputs.condition)
         cameras = self.batch.cameras.select(list(range(num_views)))
         scenes = (
-            render(self._completed(prediction, scene), cameras.scene(scene), self.size)
+            render(self.emit(prediction, has_constant_colours=True, scene=scene), cameras.scene(scene), self.size)
             for scene in range(len(self.images))
         )
         return StageRendering(prediction, tuple(scenes))
-
-    def _completed(self, prediction: Prediction, scene: int) -> Gaussians:
-        return self.completed(prediction.gaussians.scene(scene), prediction, scene)
 
 
 @torch.no_grad()
 def extract(sender: Sender, receiver: Receiver, is_fused: bool, batch: Batch) -> Extracted:
     """Compute what the frozen parts of an extractor give for a batch. is_fused: whether its fusion is frozen too."""
     encoder = BatchEncoder(sender, receiver, batch)
-    return Extracted(encoder.matching, encoder.features if is_fused else None, encoder.matched)
+    return Extracted(encoder.matching, encoder._features if is_fused else None, encoder.matched)
 
 
 def run_stages(
@@ -132,11 +128,12 @@ def run_stages(
     disparity_weight: with 0, target views are not matched, which would take a third of a step. The last stage is
     rendered at all views, earlier stages at the context views and one target view.
     """
-    encoder = BatchEncoder(sender, receiver, batch, extracted)
-    optimise = not_optimised if learner is None else learner.optimiser(encoder, batch)
-    stages = encoder.run(batch.lambda_q, num_stages, coding, optimise)
+    encoder = without(sender.config.ablation, BatchEncoder)(sender, receiver, batch, extracted)
+    improve = NO_IMPROVEMENTS if learner is None else Improvements(learner.optimiser(encoder, batch))
+    stages = encoder.run(batch.lambda_q, num_stages, coding, improve)
     renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None]
     renderings.append(encoder.render_views(stages[-1], batch.images.shape[1]))
+    lambdas = stage_lambdas(batch.lambda_q, num_stages, receiver.config.kind.stage_1_offset)
     outcomes = [
         StageOutcome(
             rendering.prediction,
@@ -144,9 +141,7 @@ def run_stages(
             rearrange(stage.coded.bits, "(b v) -> b v", v=encoder.num_views).sum(dim=1),
             lambda_q,
         )
-        for stage, rendering, lambda_q in zip(
-            stages, renderings, stage_lambdas(batch.lambda_q, num_stages, stage_1_offset(receiver.config)), strict=True
-        )
+        for stage, rendering, lambda_q in zip(stages, renderings, lambdas, strict=True)
     ]
     return outcomes, encoder.matched if disparity_weight else encoder.matched_in_context
 

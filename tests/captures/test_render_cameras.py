@@ -73,8 +73,11 @@ def test_a_camera_of_the_3dgs_reference_that_is_not_valid_is_named(change, sente
     camera["rotation"] = np.eye(3).tolist()
     path = tmp_path / "cameras.json"
     path.write_text(json.dumps([camera, camera | {"img_name": "b"} | change]))
+    assert [
+        ("1 of 2 cameras of cameras.json is passed over (" in note) for note in read_render_cameras(path).notes
+    ] == [True]
     with pytest.raises(InputError) as refused:
-        read_render_cameras(path)
+        read_render_cameras(path, views=(1,))
     assert str(refused.value).startswith(f"{path}, {sentence}")
     path.write_text("[]")
     with pytest.raises(InputError, match="no cameras; export it again"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph
-from fecocodec.camera_files.view_choice import choose_views
+from fecocodec.captures.view_choice import choose_views
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import Lens
 

@@ -53,6 +53,31 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
         shutil.rmtree,
         "{folder}: no such folder; give the folder that holds images and cameras.",
     ),
+    "unreadable image": (
+        lambda folder: (folder / "view_1.png").write_text("no image"),
+        "{folder}/view_1.png: the image is damaged, cut short or of an unknown kind; store it again or remove it.",
+    ),
+    "truncated image": (
+        cut_an_image,
+        "{folder}/view_2.png: the image is damaged, cut short or of an unknown kind (...",
+    ),
+    "image of another shape": (
+        turn_an_image,
+        "{folder}/view_3.png: 64x96 pixels, while the other images are 96x64; choose images of one shape by --views, "
+        "or say with --size what all are cropped and resized to.",
+    ),
+    "near equals far": (
+        editing(lambda cameras: cameras.update(near=2.0, far=2.0)),
+        "{folder}/transforms.json: near 2 and far 2 are no range of depths; 0 < near < far is needed, set them with "
+        "--near and --far.",
+    ),
+    "lens that a stream cannot hold": (
+        editing(lambda cameras: cameras.update(fl_x=96e6)),
+        "{folder}/transforms.json, frame 0 (view_0.png): the focal length is 1e+06 and the principal point 0.5 image "
+        "sides, but 0.0156 to 256 are possible; correct the camera.",
+    ),
+}
+BAD_VIEWS: dict[str, tuple[Damage, str]] = {  # errors only if the view is named
     "camera without image": (
         lambda folder: (folder / "view_1.png").unlink(),
         FRAME + ": there is no image {folder}/view_1.png; put it there or leave this view out by --views.",
@@ -61,19 +86,6 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
         lambda folder: [(folder / f"view_{view}.png").unlink() for view in (1, 2, 3)],
         FRAME + ": there is no image {folder}/view_1.png, and of 4 images 3 are missing in all; put them there or "
         "choose others by --views.",
-    ),
-    "unreadable image": (
-        lambda folder: (folder / "view_1.png").write_text("no image"),
-        "{folder}/view_1.png: the image is damaged, cut short or not PNG, JPEG or WebP; store it again or remove it.",
-    ),
-    "truncated image": (
-        cut_an_image,
-        "{folder}/view_2.png: the image is damaged, cut short or not PNG, JPEG or WebP (...",
-    ),
-    "image of another shape": (
-        turn_an_image,
-        "{folder}/view_3.png: 64x96 pixels, while the other images are 96x64; choose images of one shape by --views, "
-        "or say with --size what all are cropped and resized to.",
     ),
     "name that no file can have": (
         editing(lambda cameras: cameras["frames"][0].update(file_path="a" * 300 + ".png")),
@@ -100,16 +112,6 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
         editing(lambda cameras: cameras["frames"][1].update(fl_x=float("nan"))),
         FRAME + ", fl_x: a camera value is NaN or infinite; correct it or take this view out of the file.",
     ),
-    "near equals far": (
-        editing(lambda cameras: cameras.update(near=2.0, far=2.0)),
-        "{folder}/transforms.json: near 2 and far 2 are no range of depths; 0 < near < far is needed, set them with "
-        "--near and --far.",
-    ),
-    "lens that a stream cannot hold": (
-        editing(lambda cameras: cameras.update(fl_x=96e6)),
-        "{folder}/transforms.json, frame 0 (view_0.png): the focal length is 1e+06 and the principal point 0.5 image "
-        "sides, but 0.0156 to 256 are possible; correct the camera.",
-    ),
 }
 
 
@@ -119,6 +121,32 @@ def test_bad_photographs(fecosplat, scene: Path, output: Path, damage: Damage, s
     damage(scene)
     result = fecosplat("encode", scene, "-o", output / "a.fcs")
     assert_refused(result, output, sentence.replace("{folder}", str(scene)))
+
+
+@pytest.mark.usefixtures("networks")
+@pytest.mark.parametrize(("damage", "sentence"), BAD_VIEWS.values(), ids=BAD_VIEWS)
+def test_bad_views(fecosplat, scene: Path, output: Path, damage: Damage, sentence: str) -> None:
+    damage(scene)
+    named = fecosplat("encode", scene, "-o", output / "a.fcs", "--views", "0,1,2,3")
+    assert_refused(named, output, sentence.replace("{folder}", str(scene)))
+    strict = fecosplat("encode", scene, "-o", output / "a.fcs", "--strict")
+    assert strict.code == 1 and " passed over (" in strict.err and strict.err.count("\n") == 1
+    assert strict.err.endswith(" (--strict makes this warning an error).\n")
+    assert list(output.iterdir()) == []
+
+
+@pytest.mark.usefixtures("networks")
+def test_views_that_cannot_be_used_are_passed_over(fecosplat, scene: Path, output: Path) -> None:
+    (scene / "view_1.png").unlink()
+    result = fecosplat("encode", scene, "-o", output / "a.fcs", "--json")
+    assert result.code == 0
+    warning = (
+        "1 of 4 images that transforms.json names is missing and is passed over (view_1.png); put it there to use it."
+    )
+    assert result.err.splitlines()[0] == f"warning: {warning}"
+    fields = json.loads(result.out)
+    assert [view["name"] for view in fields["context_views"]] == ["view_0.png", "view_2.png", "view_3.png"]
+    assert fields["warnings"][0] == warning
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,25 @@ def test_strict_fails_scenes_with_warnings(fecosplat, networks, scenes: Path, ou
     assert sidecar["traceback"] is None and sidecar["warnings"] == []
 
 
+def test_a_batch_is_as_strict_as_encode(
+    fecosplat, networks, scenes: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing but the second stage is wrong here; a batch once measured the last stage alone."""
+    for name in ("quality_warnings", "stage_warnings"):
+        monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments: ())
+    monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
+    strict = (*FAST, "--strict")
+    assert fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict).code == 0
+    batch = ("batch", "encode", scenes, "-o", output, "--shard", "2/2", *strict)
+    assert fecosplat(*batch).code == 0
+    sentence = "stage 2 lowers the PSNR"
+    monkeypatch.setattr("fecocodec.codec.encode_folder.stage_warnings", lambda _quality: (f"{sentence}.",))
+    refused = fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict, "--overwrite")
+    assert fecosplat(*batch, "--overwrite").code == refused.code == 1
+    assert refused.err == f"fecosplat: {scenes / 'wall'}: {sentence} (--strict makes this warning an error).\n"
+    assert json.loads((output / "wall.fcs.json").read_text())["error"] == refused.err[len("fecosplat: ") : -1]
+
+
 def test_a_note_of_estimated_cameras_is_no_warning(fecosplat, networks, tmp_path: Path, output: Path) -> None:
     """The warning about the focal length of a rectified pair is one."""
     pytest.importorskip("pycolmap")

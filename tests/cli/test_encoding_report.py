@@ -9,7 +9,7 @@ from refusals import assert_refused
 
 from fecocodec.container import inspect
 from fecocodec.errors import InputError
-from fecocodec.sender.decoded_quality import DecodedQuality, quality_warnings, stage_warnings
+from fecocodec.sender.view_quality import DecodedQuality, quality_warnings, stage_warnings
 
 QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
 
@@ -47,7 +47,7 @@ def test_warnings_come_before_the_work(
     def stop(*_arguments: object, **_options: object) -> bytes:
         raise InputError("the encoder was started.")
 
-    monkeypatch.setattr("fecocodec.encode", stop)
+    monkeypatch.setattr("fecocodec.codec.encode_views.encode", stop)
     result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", "0", "--size", "64x96")
     assert (result.code, result.out) == (1, "")
     assert result.err.splitlines() == [
@@ -75,7 +75,7 @@ def test_strict_covers_the_decoded_views_and_keeps_an_older_file(
 ) -> None:
     """Untrained networks decode to poor views; this warning is the last one, after the file is coded."""
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
-    monkeypatch.setattr("fecocodec.sender.decoded_quality.stage_warnings", lambda *_arguments: ())
+    monkeypatch.setattr("fecocodec.codec.encode_folder.stage_warnings", lambda *_arguments: ())
     arguments = ("encode", photographs, "-o", output / "a.fcs", "--views", "0,1", "--effort", "fast", "--json")
     (warning,) = json.loads(fecosplat(*arguments).out)["warnings"]
     (output / "a.fcs").write_bytes(b"precious")
@@ -90,8 +90,8 @@ def test_strict_covers_the_decoded_views_and_keeps_an_older_file(
 def test_strict_without_a_warning_changes_nothing(
     fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fecocodec.quality_warnings", lambda *_arguments: ())
-    monkeypatch.setattr("fecocodec.sender.decoded_quality.stage_warnings", lambda *_arguments: ())
+    monkeypatch.setattr("fecocodec.codec.encode_folder.quality_warnings", lambda *_arguments: ())
+    monkeypatch.setattr("fecocodec.codec.encode_folder.stage_warnings", lambda *_arguments: ())
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
     for name, strict in (("a.fcs", ()), ("b.fcs", ("--strict",))):
         result = fecosplat("encode", photographs, "-o", output / name, "--views", "0,1", "--effort", "fast", *strict)

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from fecocodec.container import inspect
-from fecocodec.evaluation.stress.box_room import Room, painted, photograph, waves
-from fecocodec.evaluation.stress.camera_paths import look
+from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph, waves
 from fecocodec.photographs.images import write_image
 
 SIZE = (96, 128)  # height, width in pixels

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fecocodec.evaluation.stress import run as stress_run
+from fecocodec.evaluation.stress import suite
 from fecocodec.evaluation.stress.suite import Verdict
 from tests.cli.conftest import CommandLine
 from tests.example_scenes import MODEL
@@ -19,8 +19,8 @@ def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
 def test_the_table_is_written_and_broken_rules_are_named(
     fecosplat: CommandLine, random_weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stress_run, "read_pairs", lambda *_arguments: {})
-    monkeypatch.setattr(stress_run, "run_suite", verdicts)
+    monkeypatch.setattr(suite, "read_pairs", lambda *_arguments: {})
+    monkeypatch.setattr(suite, "run_suite", verdicts)
     model, output, index = random_weights / MODEL, tmp_path / "out", tmp_path / "i.json"
     index.write_text("{}")
     result = fecosplat("stress", tmp_path, "--index", index, "-o", output, "--model", model)

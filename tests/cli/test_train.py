@@ -9,6 +9,8 @@ from fecosplat_cli.train_options import overridden
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration
 from tests.cli.conftest import CommandLine
 
+PAPER = ("--config", "paper-re10k", "--photographs", ".")
+
 
 def parsed(*arguments: str) -> Configuration:
     """The configuration that these options of `train` lead to."""
@@ -27,7 +29,9 @@ def test_without_options_a_configuration_is_taken_as_it_is() -> None:
 
 
 def test_options_override_the_configuration_and_nothing_else() -> None:
-    found = parsed("--views", "2", "--side", "128", "--scenes", "3", "--steps", "70", "--photograph-share", "0", "0.5")
+    found = parsed(
+        "--views", "2", "--size", "128x128", "--scenes", "3", "--steps", "70", "--photograph-share", "0", "0.5"
+    )
     assert found.shapes.view_shares == ((2, 1.0),) and found.shapes.sizes == ((128, 128),)
     assert (found.shapes.num_scenes, found.shapes.num_target) == (3, 2)
     assert (found.schedule.num_steps, found.schedule.photograph_share) == (70, (0.0, 0.5))
@@ -41,7 +45,7 @@ def test_options_override_the_configuration_and_nothing_else() -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--side", "100"], "A training image side of 100 pixels cannot be used; choose a multiple of 32 from 64"),
+        (["--size", "100x128"], "A training image side of 100 pixels cannot be used; choose a multiple of 32 from 64"),
         (["--config", "large"], "There is no training configuration 'large'; choose one of compact"),
         (["--config", "paper-re10k"], "trains on photographs alone, but there are none; give --photographs."),
         (["--views", "40"], "40 context views with share 1 cannot be trained; give 1 to 16"),
@@ -51,6 +55,9 @@ def test_options_override_the_configuration_and_nothing_else() -> None:
         (["--photograph-share", "0", "2"], "The share of photographs is (0.0, 2.0); give two numbers from 0 to 1."),
         (["--depth-weight", "nan", "1"], "give two numbers of 0 or more."),
         (["--lambda-range", "1e-3", "1e-4"], "The range of lambda goes from 0.001 down; give the smaller end first."),
+        (["--perceptual-weight", "5", *PAPER], "D + lambda R and ignores --perceptual-weight; leave them out."),
+        (["--depth-weight", "1", "0", "--optimised-share", "0.5", *PAPER], "a network that proposes steps"),
+        (["--depth-weight", "1", "0", *PAPER], "D + lambda R and ignores --depth-weight; leave them out."),
         (["--lambda-range", "1e-9", "1e-4"], "lambda is 1e-09, outside the range of the codec"),
         (["--photographs", "nowhere"], "nowhere: there is no such file or folder"),
         (["--photographs", str(Path(__file__).parent)], "cli: no scene folders with transforms.json"),

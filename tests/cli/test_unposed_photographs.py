@@ -26,7 +26,7 @@ def test_photographs_without_cameras_are_encoded_previewed_and_decoded(fecosplat
     text = ("--title", "Motorcycle", "--author", "A. B.", "--licence", "CC0", "--date", "2014-01-02")
     result = fecosplat("encode", unposed, "-o", stream, *FAST, "--save-cameras", cameras, *text)
     assert result.code == 0, result.err
-    assert "\ncameras estimated for 2 of 2 photographs" in f"\n{result.err}"
+    assert "\nnote: cameras estimated for 2 of 2 photographs" in f"\n{result.err}"
     assert "warning: the cameras may be wrong: two photographs do not determine their focal length" in result.err
     summary = inspect(stream.read_bytes())
     assert summary.header.num_views == 2

@@ -9,8 +9,7 @@ import pytest
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import InputError
 from fecocodec.evaluation.evaluation import COMPLEXITY_TABLE, Plan, evaluate_to_folder, shard_of
-from fecocodec.evaluation.external import ExternalRow, read_external
-from fecocodec.evaluation.paper_tables import BASELINES, complexity_table, quality_charts
+from fecocodec.evaluation.paper_tables import BASELINES, ExternalRow, complexity_table, quality_charts, read_external
 from fecocodec.evaluation.summary import averages, compare
 from fecocodec.evaluation.systems.groups import LAMBDAS, lambdas_in_range
 from fecocodec.sender.codec import Codec, load_codec

@@ -11,25 +11,22 @@ from PIL import Image
 from fecocodec.errors import InputError
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
-from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
-from fecocodec.evaluation.report.complexity_section import complexity_section
-from fecocodec.evaluation.report.page import html_page
+from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front, write_panels
+from fecocodec.evaluation.report.complexity_section import Need
+from fecocodec.evaluation.report.make import html_page
 from fecocodec.evaluation.report.plan import ReportPlan
-from fecocodec.evaluation.report.png import write_panels
-from fecocodec.evaluation.report.results import ResultFile
-from fecocodec.evaluation.report.scaling_section import scaling_section
+from fecocodec.evaluation.report.rate_section import rate_sections
+from fecocodec.evaluation.report.scaling_section import Load, exponent, scaling_section
 from fecocodec.evaluation.report.section import table
 from fecocodec.evaluation.report.speed_section import speed_section
-from fecocodec.evaluation.report.studies import Studies
-from fecocodec.evaluation.scaling import Load, exponent
-from fecocodec.evaluation.stress.complexity import Need
+from fecocodec.evaluation.report.studies import ResultFile, Studies
 from fecocodec.evaluation.stress.suite import Verdict
 
 ENTRIES = ("a", "b", "c")
 SETTINGS = ("lambda 0.01", "lambda 0.001", "lambda 0.0001")
 
 
-def curve(system: str, kib: float, psnr: float, seconds: float = 1.0, gaussians: int = 1000) -> list[Measurement]:
+def curve(system: str, kib: float, psnr: float, seconds: float = 1.0) -> list[Measurement]:
     """Three points that double in bytes and gain 1 dB each, of three entries that double in bytes."""
     return [
         Measurement(
@@ -41,7 +38,7 @@ def curve(system: str, kib: float, psnr: float, seconds: float = 1.0, gaussians:
             64,
             64,
             num_bytes=int(kib * 1024 * 2**step * 2**at),
-            num_gaussians=gaussians,
+            num_gaussians=1000,
             psnr=psnr + step,
             context_psnr=psnr + step,
             encode_seconds=seconds,
@@ -63,7 +60,6 @@ def studies() -> Studies:
     rate = [
         *curve("fecosplat", 2.0, 20.0),
         *curve("stage 1 alone", 1.5, 19.0),
-        *curve("fecosplat, pruned", 2.0, 19.99, gaussians=750),
         *photographs(),
         replace(curve("nearest view", 1.0, 15.0)[0], num_bytes=0),
     ]
@@ -89,10 +85,12 @@ def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: py
     plan = ReportPlan(tmp_path, tmp_path, tmp_path / "compact", tmp_path / "work", tmp_path / "docs")
     assert make.make_report(plan, lambda _study: None) == ()
     text = (plan.output / "report.md").read_text()
+    assert text.startswith(make.TITLE + make.MARK)
     pictures = set(re.findall(r"\]\((report/\w+\.png)\)", text))
     assert pictures == {f"report/{path.name}" for path in (plan.output / "report").glob("*.png")}
     assert len(pictures) == 9 and sum((plan.output / path).stat().st_size for path in pictures) < 1_500_000
     assert "Weights `compact` (0123)" in text and "torch" in text and "0 of 1 cases satisfy their rule" in text
+    assert "`wall`:" in text and "| reference | finite, broken: a Gaussian is not finite | 20.00 |" in text
     assert "| fecosplat: BD-rate by ST-LPIPS, % |" in text
     assert re.search(r"\| JPEG XL \| -50\.0 \| \S+ \| -50\.0 \|", text), (
         "ours needs half the bytes of what was made to need twice"
@@ -103,21 +101,29 @@ def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: py
     assert {f"report/{chart['name']}.png" for chart in charts} == pictures
 
 
+def test_what_stands_above_the_mark_is_kept(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(make, "measure_studies", lambda _plan, _on_study: studies)
+    monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
+    plan = ReportPlan(tmp_path, tmp_path, tmp_path / "compact", tmp_path / "work", tmp_path / "docs")
+    plan.output.mkdir()
+    (plan.output / "report.md").write_text(f"# Ours\n\n{make.MARK}old figures\n")
+    make.make_report(plan, lambda _study: None)
+    text = (plan.output / "report.md").read_text()
+    assert text.startswith(f"# Ours\n\n{make.MARK}") and "old figures" not in text and text.count(make.MARK) == 1
+
+
+def test_lpips_has_a_column_where_it_was_measured(studies: Studies) -> None:
+    assert "LPIPS | LPIPS |" not in rate_sections(studies.rate, ())[0].text
+    measured = [replace(m, lpips=0.25) for m in studies.rate]
+    assert "ST-LPIPS | LPIPS |" in rate_sections(measured, ())[0].text
+
+
 def test_failures_are_told(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = replace(studies.rate[0], entry="d", error="is gone")
     monkeypatch.setattr(make, "measure_studies", lambda *_: replace(studies, rate=(*studies.rate, broken)))
     monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
     plan = ReportPlan(tmp_path, tmp_path, tmp_path, tmp_path / "work", tmp_path / "docs")
     assert make.make_report(plan, lambda _study: None) == ("d, fecosplat, lambda 0.01: is gone",)
-
-
-def test_pruning_is_judged_by_what_was_asked(studies: Studies) -> None:
-    def text(rate: list[Measurement]) -> str:
-        return complexity_section(rate, studies.photographs, studies.complexity, studies.needs).text
-
-    assert "| 25.0 | 0.010 | 0.010 | 0.010 | met |" in text(list(studies.rate))
-    costly = [replace(m, psnr=m.psnr - 1.0) if m.system == "fecosplat, pruned" else m for m in studies.rate]
-    assert "| 25.0 | 1.010 | 1.010 | 0.010 | missed |" in text(costly)
 
 
 def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:

@@ -7,19 +7,21 @@ import pytest
 import torch
 from torch import Tensor
 
-from fecocodec.geometry import neighbours
-from fecocodec.geometry.neighbours import nearest_neighbours, neighbours_by_distance, neighbours_by_tree
+from fecocodec.geometry.neighbours import nearest_neighbours, neighbours_by_distance
 
-Search = Callable[[Tensor, int, Tensor], Tensor]
+Search = Callable[[Tensor, int], Tensor]
 
 
-@pytest.mark.parametrize("search", [nearest_neighbours, neighbours_by_tree, neighbours_by_distance])
+def by_distance_in_chunks(points: Tensor, count: int) -> Tensor:
+    return neighbours_by_distance(points, count, max_distances=100 * len(points))
+
+
+@pytest.mark.parametrize("search", [nearest_neighbours, neighbours_by_distance, by_distance_in_chunks])
 @pytest.mark.parametrize("offset", [0.0, 100.0])
-def test_the_nearest_points_are_found(search: Search, offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(neighbours, "LARGEST_DISTANCES", 100 * 333)  # chunks of 100 rows
+def test_the_nearest_points_are_found(search: Search, offset: float) -> None:
     points = torch.randn(333, 3, generator=torch.Generator().manual_seed(0)) + offset
     distances = (points.double()[:, None] - points.double()).norm(dim=-1)
-    found = search(points, 7, points)
+    found = search(points, 7)
     torch.testing.assert_close(
         distances.gather(1, found).sort(dim=1).values, distances.topk(7, largest=False).values, atol=1e-5, rtol=0
     )
@@ -33,12 +35,6 @@ def test_too_few_points_repeat_the_nearest(num_points: int) -> None:
     found = nearest_neighbours(points, 5)
     assert found.shape == (num_points, 5)
     assert torch.equal(found[:, num_points:], torch.arange(num_points)[:, None].expand(-1, 5 - num_points))
-
-
-@pytest.mark.parametrize("search", [nearest_neighbours, neighbours_by_tree, neighbours_by_distance])
-def test_queries_may_be_other_points(search: Search) -> None:
-    points, queries = torch.tensor([[0.0, 0, 0], [1, 0, 0], [5, 0, 0]]), torch.tensor([[4.0, 0, 0], [0.9, 0, 0]])
-    assert search(points, 2, queries).tolist() == [[2, 1], [1, 0]]
 
 
 def test_coinciding_points_come_by_index_and_take_little_time() -> None:

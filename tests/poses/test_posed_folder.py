@@ -154,10 +154,12 @@ def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
 
 def test_photographs_of_kinds_that_are_not_read_get_a_warning(tmp_path):
     copies(tmp_path / "photos")
-    for name in ("a.HEIC", "b.heic", "c.heic", "d.tif", "e.tif"):
+    for name in ("a.DNG", "b.nef", "c.gif", "d.dng", "e.psd", "left.dng", "._a.dng"):
         (tmp_path / "photos" / name).write_bytes(b"-")
     with posed_folder(tmp_path / "photos", num_threads=1) as posed:
-        assert posed.warnings[0].startswith("a.HEIC, b.heic, c.heic and 2 more are of a kind that cannot be read;")
+        assert posed.warnings[0] == (
+            "a.DNG, b.nef, c.gif and 2 more are of a kind that cannot be read; convert them to JPEG, PNG or WebP."
+        )
         assert len(posed.notes) == 1 and "2 of 2" in posed.notes[0]
 
 

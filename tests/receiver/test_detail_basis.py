@@ -7,10 +7,10 @@ import torch
 
 from fecocodec.config import PAPER, ReceiverConfig
 from fecocodec.errors import ModelError
-from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.detail import CELLS, DetailBasis
 from fecocodec.receiver.load import load_receiver, serialise_receiver
 from fecocodec.receiver.model import Receiver
+from fecocodec.splatting.attributes import RAW
 from tests.example_scenes import example_views
 
 PLANES = 3
@@ -38,9 +38,11 @@ def test_zeros_change_nothing_and_other_numbers_do() -> None:
     receiver, cameras = Receiver(CONFIG).eval(), example_views(2).cameras.as_batch()
     state, condition = torch.randn(2, CONFIG.state_channels, 16, 16), receiver.condition(torch.tensor([900, 900]), 2)
     values = torch.zeros(2, PLANES, 8, 8)
-    plain, zeros = (receiver.predict(state, cameras, condition, detail).gaussians for detail in (None, values))
+    plain, zeros = (
+        receiver.predict(state, cameras, condition, detail).attributes.gaussians() for detail in (None, values)
+    )
     values[1, 0, 2, 3] = 5.0
-    changed = receiver.predict(state, cameras, condition, values).gaussians
+    changed = receiver.predict(state, cameras, condition, values).attributes.gaussians()
     for before, after in zip(plain.fields(), zeros.fields(), strict=True):
         assert torch.equal(before, after)
     moved = (changed.means != plain.means).any(dim=-1)[0].view(2, 32, 32)

@@ -12,6 +12,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import direct_gradients
 from fecocodec.receiver.model import Receiver
+from fecocodec.splatting.emission import Emission, emit
 from tests.example_scenes import example_cameras
 
 
@@ -23,7 +24,8 @@ def receiver() -> Receiver:
 
 def predict(receiver: Receiver, state: Tensor, cameras: Cameras) -> Gaussians:
     condition = receiver.condition(torch.full((len(state),), 600), 2)
-    return receiver.predict(state, cameras.as_batch(), condition).gaussians.scene(0)
+    prediction = receiver.predict(state, cameras.as_batch(), condition)
+    return emit(prediction, cameras.as_batch(), receiver.config, Emission(has_constant_colours=True))
 
 
 def state_of(num_views: int, height4: int = 16, width4: int = 16) -> Tensor:

@@ -15,14 +15,15 @@ from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.receiver import emission as torch_emission
-from fecocodec.receiver.background import DEFAULT_BACKGROUND
 from fecocodec.receiver.decode import decode as decode_with_torch
+from fecocodec.receiver.decode import reconstruct
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.state import State
 from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.prediction import LastState
+from fecocodec.splatting.background import DEFAULT_BACKGROUND
+from fecocodec.splatting.emission import Emission
 from tests.vectors.chosen_symbols import cells_covered, levels_of
 from tests.vectors.gaussian_difference import beyond, difference, without_rendering
 from tests.vectors.gaussian_samples import table
@@ -125,8 +126,8 @@ def test_networks_agree_for_any_number_of_views_and_any_size(
     state = 0.3 * torch.randn(num_views, receiver.config.state_channels, height // 4, width // 4, generator=generator)
     with torch.inference_mode():
         before = State(state, receiver.condition(torch.full((num_views,), 900), 2))
-        config = torch_emission.EmissionConfig(1, DEFAULT_BACKGROUND, None)
-        expected = torch_emission.emit(receiver, before, cameras, None, config, is_filled)
+        emission = Emission(is_culled=True, background=DEFAULT_BACKGROUND, is_filled=is_filled)
+        expected = reconstruct(receiver, before, cameras, emission)
     arrays = SceneCameras(cameras.extrinsics.numpy(), cameras.intrinsics.numpy(), 0.5, 40.0)
     last = LastState(state.numpy(), 900, 2)
     graphs = graphs_of(find_receiver(MODEL_ID).parent, MODEL_ID, 1)

@@ -22,7 +22,7 @@ def surfaces(num_views: int, side: int) -> np.ndarray:
 
 def by_tree(points: np.ndarray, count: int) -> np.ndarray:
     tensor = torch.from_numpy(points)
-    return neighbours_by_tree(tensor, count, tensor).numpy()
+    return neighbours_by_tree(tensor, count).numpy()
 
 
 @pytest.mark.parametrize(("num_views", "side"), [(1, 8), (2, 32), (5, 24)])

@@ -9,15 +9,16 @@ import torch
 from fecocodec import read_views
 from fecocodec.coding.visibility import visibility_of
 from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.cut_out import CutOut
 from fecocodec.sender.encode import write_scene
 from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.references import References
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 
@@ -40,13 +41,16 @@ def cut_out_views() -> Views:
     return replace(views, images=views.images * opacity[:, None] + 1.0 - opacity[:, None], alpha=opacity)
 
 
-def test_pictures_and_photographs_are_on_white_then_on_black() -> None:
-    cut_out = CutOut(torch.tensor([0.0, 0.25, 1.0]).reshape(1, 1, 1, 3), torch.ones(1, 1, dtype=torch.bool))
+def test_pictures_and_photographs_are_on_white_then_on_black(monkeypatch: pytest.MonkeyPatch) -> None:
     on_white = torch.tensor([0.5, 0.5, 1.0]).expand(1, 3, 1, 3)
     on_black = torch.tensor([0.5, 0.25, 0.0]).expand(1, 3, 1, 3)
-    assert torch.equal(cut_out.photographs(on_white), torch.cat((on_white, on_black)))
+    cameras = Cameras(torch.eye(4)[None], torch.eye(3)[None], torch.ones(()), torch.ones(()))
+    references = References(cameras, on_white, torch.tensor([0.0, 0.25, 1.0]).reshape(1, 1, 1, 3), 1)
+    assert torch.equal(references.pictures, torch.cat((on_white, on_black)))
     rendering = Rendering(on_black, torch.zeros(1, 1, 3), torch.tensor([1.0, 0.75, 0.0]).reshape(1, 1, 3))
-    assert torch.equal(cut_out.pictures(rendering), torch.cat((on_white, on_black)))
+    monkeypatch.setattr("fecocodec.sender.references.render", lambda *_: rendering)
+    nothing = Gaussians(*(torch.zeros(0, *shape) for shape in ((3,), (3,), (4,), (), (1, 3))))
+    assert torch.equal(references.rendered(nothing), torch.cat((on_white, on_black)))
 
 
 @torch.no_grad()
@@ -54,7 +58,7 @@ def test_opaque_photographs_are_compared_as_they_are(codec: Codec) -> None:
     views = read_views(ROOT / "examples" / "motorcycle", size=SIZE)
     encoder = SceneEncoder.of(codec, prepare_scene(views, codec.device))
     assert encoder.cut_out is None
-    assert torch.equal(encoder.photographs, encoder.images[0])
+    assert torch.equal(References.of(encoder).pictures, encoder.images[0])
 
 
 @torch.no_grad()
@@ -65,14 +69,6 @@ def test_the_emitted_gaussians_are_those_of_the_decoder(codec: Codec, cut_out_vi
     visibility = visibility_of(read_stream(write_scene(encoder, scene, quantise_lambda(1e-2), 1, DEFAULT)))
     assert visibility is not None
     assert torch.equal(encoder.cut_out.is_covered.flatten().float(), torch.from_numpy(visibility))
-    plain = Gaussians(
-        torch.zeros(len(visibility), 3),
-        torch.ones(len(visibility), 3),
-        torch.ones(len(visibility), 4),
-        torch.full((len(visibility),), 0.5),
-        torch.zeros(len(visibility), 1, 3),
-    )
-    assert torch.equal(encoder.cut_out.emitted(plain).opacities, 0.5 * torch.from_numpy(visibility))
 
 
 @pytest.mark.parametrize("lmbda", [1e-3, 1e-4])  # without and with detail

@@ -8,11 +8,15 @@ import torch
 
 from fecocodec import encode, measure_decoded, read_views
 from fecocodec.container import quantise_lambda, read_stream
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.detail_steps import Search, descend, symbols_of
-from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, price_of_detail
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.sender.lambda_roles import price_of_detail
+from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST
+from fecocodec.sender.references import References
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 WITHOUT = replace(DEFAULT, detail_steps=0)
@@ -23,9 +27,26 @@ def views() -> Views:
     return read_views(EXAMPLE, size=(64, 96))
 
 
+class Shown(References):
+    """Photographs that are compared with 0.1 * red, green and blue of each Gaussian, as if these were pixels."""
+
+    def rendered(self, gaussians: Gaussians) -> torch.Tensor:
+        return 0.1 * gaussians.means.reshape(len(self.images), 8, 8, 3).permute(0, 3, 1, 2)
+
+
 def search_of(images: torch.Tensor, price: float = 0.0) -> Search:
     """Pictures that depend on the numbers as if every plane were a colour."""
-    return Search(images, lambda values: 0.1 * values, lambda values: 0.1 * values, price)
+    count = len(images)
+    cameras = Cameras(
+        torch.eye(4).expand(count, 4, 4), torch.eye(3).expand(count, 3, 3), torch.ones(()), torch.ones(())
+    )
+
+    def gaussians(values: torch.Tensor) -> Gaussians:
+        means = values.permute(0, 2, 3, 1).reshape(-1, 3)
+        ones = torch.ones(len(means))
+        return Gaussians(means, means, torch.ones(len(means), 4), ones, torch.zeros(len(means), 1, 3))
+
+    return Search(Shown(cameras, images, None, len(images)), gaussians, gaussians, price)
 
 
 def test_steps_approach_the_photographs() -> None:
@@ -78,9 +99,9 @@ def test_smaller_lambdas_buy_more_detail(views: Views) -> None:
 def test_many_views_have_detail_at_every_lambda() -> None:
     lambda_q = quantise_lambda(1e-3)
     assert DEFAULT.detail_steps_of(3, 2**17, lambda_q) == 0 < DEFAULT.detail_steps_of(4, 2**17, lambda_q)
-    assert price_of_detail(DEFAULT, 3, lambda_q) > price_of_detail(DEFAULT, 4, lambda_q)
+    assert price_of_detail(3, lambda_q) > price_of_detail(4, lambda_q)
     generator = torch.Generator().manual_seed(3)
-    four = ProceduralWorld(pattern_textures(8)).sample(generator, num_context=4, num_target=0, size=(64, 96)).views
+    four = SyntheticScenes(pattern_textures(8)).sample(generator, num_context=4, num_target=0, size=(64, 96)).views
     with_detail = encode(four, lmbda=1e-3)
     assert read_stream(with_detail).detail is not None
     without = encode(four, lmbda=1e-3, effort=WITHOUT)

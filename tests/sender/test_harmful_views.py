@@ -7,8 +7,7 @@ import torch
 
 from fecocodec import without_harmful_views
 from fecocodec.errors import InputError
-from fecocodec.evaluation.stress.box_room import Room, painted, photograph, waves
-from fecocodec.evaluation.stress.camera_paths import look
+from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph, waves
 from fecocodec.geometry.views import Views
 from fecocodec.sender.harmful_views import left_out_note
 

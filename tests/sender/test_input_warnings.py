@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from fecocodec.evaluation.stress.box_room import Room, painted, photograph
-from fecocodec.evaluation.stress.camera_paths import back_to_back, look, sideways, turning
+from fecocodec.evaluation.stress.box_room import Room, back_to_back, look, painted, photograph, sideways, turning
 from fecocodec.geometry.views import Views
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, OptimisationConfig

@@ -10,9 +10,11 @@ from torch import Tensor
 
 from fecocodec.container.lambda_quantisation import dequantise_lambda, quantise_lambda
 from fecocodec.errors import InputError
+from fecocodec.sender import latent_optimisation
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import LogDistortion, MseDistortion
 from fecocodec.sender.encode import encode, encode_with, write_stages
+from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.latent_coding import WrittenLatent
 from fecocodec.sender.latent_optimisation import Objective, descend, hold_views_between
 from fecocodec.sender.optimisation_config import (
@@ -25,7 +27,6 @@ from fecocodec.sender.optimisation_config import (
 )
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stage_lambdas import stage_lambdas
 from fecocodec.sender.stages import Stage
 from tests.example_scenes import MODEL, example_views
 
@@ -111,22 +112,26 @@ def test_every_stage_is_optimised_by_its_own_rate_and_distortion(encoder: SceneE
     assert steps == 3 and first.coded.payload == alone.coded.payload
 
 
-def test_many_steps_hold_the_views_between_and_few_do_not(encoder: SceneEncoder) -> None:
+def test_many_steps_hold_the_views_between_and_few_do_not(
+    encoder: SceneEncoder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """How far the view half-way moves from where it was before the first step."""
 
     @torch.no_grad()
     def between(config: OptimisationConfig) -> Tensor:
         (stage,) = coded(encoder, config, num_stages=1)
-        held = hold_views_between(encoder, encoder.predict(stage.state, stage.inputs.condition).gaussians.scene(0))
+        prediction = encoder.predict(stage.state, stage.inputs.condition)
+        held = hold_views_between(encoder, encoder.emit(prediction, has_constant_colours=True, is_filled=False))
         assert held is not None
         return held.images
 
-    held = replace(MSE, step_size=1.0)  # shorter steps change no symbol of these networks
-    free = replace(held, held_weight=0.0)
+    monkeypatch.setattr(latent_optimisation, "STEP_SIZE", 1.0)  # shorter steps change no symbol of these networks
     start = between(FAST)
-    moved, moved_freely = ((between(one.with_steps(12)) - start).square().mean() for one in (held, free))
-    assert 0.0 < moved < moved_freely
-    assert torch.equal(between(held.with_steps(3)), between(free.with_steps(3)))
+    held, few = ((between(MSE.with_steps(steps)) - start).square().mean() for steps in (12, 3))
+    monkeypatch.setattr(latent_optimisation, "HELD_WEIGHT", 0.0)
+    free, few_freely = ((between(MSE.with_steps(steps)) - start).square().mean() for steps in (12, 3))
+    assert 0.0 < held < free
+    assert few == few_freely
 
 
 @pytest.mark.parametrize(("most", "is_skipped"), [(2, True), (1, False)])
@@ -142,8 +147,8 @@ def test_gradients_skip_residual_branches_where_views_are_few(
         return attend(*inputs)
 
     monkeypatch.setattr(predictor, "_attend", watched)
-    config = replace(DEFAULT.with_steps(2), max_views_of_direct_gradients=most)
-    coded(encoder, config, COARSE_LAMBDA_Q, num_stages=1)
+    monkeypatch.setattr(latent_optimisation, "MAX_VIEWS_OF_DIRECT_GRADIENTS", most)
+    coded(encoder, DEFAULT.with_steps(2), COARSE_LAMBDA_Q, num_stages=1)
     assert has_gradient == 2 * [not is_skipped]
 
 

@@ -1,13 +1,14 @@
 """Plane-sweep matching against a straightforward warp, and on a scene whose depth is known."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, pixel_rays
-from fecocodec.sender.extractors import plane_sweep
-from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
+from fecocodec.sender.extractors.plane_sweep import cost_volume, from_all_pairs, from_sampled_rows, nearest_views
 from tests.example_scenes import example_cameras
 
 
@@ -57,22 +58,15 @@ def test_a_source_behind_the_camera_counts_as_unseen() -> None:
     assert float(volume.abs().max()) == 0.0
 
 
-@pytest.mark.parametrize("largest", [1, 500, 70_000])
-def test_the_size_of_chunks_does_not_matter(largest: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    cameras, features = example_cameras(3).as_batch(), unit_features(3, 16, 16, with_gradients=True)
-    sources = nearest_views(cameras, 2)
-    whole = cost_volume(features, cameras, sources, 8)
-    monkeypatch.setattr(plane_sweep, "LARGEST_CORRELATION", largest)
-    torch.testing.assert_close(cost_volume(features, cameras, sources, 8), whole, atol=1e-5, rtol=0)
-
-
-def test_sampling_candidates_gives_what_correlating_all_pairs_gives(monkeypatch: pytest.MonkeyPatch) -> None:
-    cameras, features = example_cameras(3).as_batch(), unit_features(3, 16, 24, with_gradients=True)
-    sources = nearest_views(cameras, 2)
-    correlated = cost_volume(features, cameras, sources, 8)
-    monkeypatch.setattr(plane_sweep, "MOST_CORRELATED", 0)
-    monkeypatch.setattr(plane_sweep, "LARGEST_CORRELATION", 5_000)
-    torch.testing.assert_close(cost_volume(features, cameras, sources, 8), correlated, atol=1e-5, rtol=0)
+@pytest.mark.parametrize("pick", [from_all_pairs, from_sampled_rows])
+@pytest.mark.parametrize("max_products", [1, 500, 70_000, 2**24])
+def test_ways_and_sizes_of_chunks_give_the_same(pick: Callable[..., Tensor], max_products: int) -> None:
+    generator = torch.Generator().manual_seed(0)
+    queries, keys = torch.randn(384, 8, generator=generator), torch.randn(8, 384, generator=generator)
+    index = torch.randint(384, (384, 6, 4), generator=generator)
+    weight = torch.rand(384, 6, 4, generator=generator)
+    expected = torch.einsum("pc,cpdk,pdk->pd", queries, keys[:, index], weight)
+    torch.testing.assert_close(pick(queries, keys, index, weight, max_products), expected, atol=1e-4, rtol=0)
 
 
 def test_a_view_on_its_own_matches_nothing() -> None:

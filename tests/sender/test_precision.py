@@ -10,18 +10,17 @@ from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
 from fecocodec.sender.precision import run_in_bfloat16
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape
-from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.loss import loss_of
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.sources import Sources, draw_batch
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.training_pass import bypass_coding, run_stages
 
 
 @pytest.fixture(scope="module")
 def batch() -> Batch:
-    sources = Sources(ProceduralWorld(pattern_textures(13)), None)
+    sources = Sources(SyntheticScenes(pattern_textures(13)), None)
     return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 1, (64, 64)), 0.0)
 
 
@@ -53,7 +52,7 @@ def seen_dtypes(networks: nn.ModuleDict, batch: Batch) -> dict[str, set[torch.dt
     for name, module in networks.named_modules():
         watch(name, module)
     outcomes, _ = run_stages(networks["sender"], networks["receiver"], batch, bypass_coding, 2)
-    assert all(field.dtype == torch.float32 for field in outcomes[1].prediction.gaussians.fields())
+    assert all(field.dtype == torch.float32 for field in outcomes[1].prediction.attributes.gaussians().fields())
     return seen
 
 

@@ -13,19 +13,18 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress, decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.decoded_quality import DecodedQuality, measure_decoded
+from fecocodec.sender.decoded_quality import measure_decoded
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 from fecocodec.sender.rate_control import (
     NUM_FAST_ENCODINGS,
     NUM_FULL_ENCODINGS,
-    AtLeastPsnr,
-    AtMostKib,
     Attempt,
-    Target,
     encode_to_target_with,
     search,
 )
+from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib, Target
+from fecocodec.sender.view_quality import DecodedQuality
 from tests.example_scenes import MODEL, example_views
 
 CONFIG = DEFAULT.with_steps(2)

@@ -2,11 +2,9 @@
 
 import math
 
-import pytest
 import torch
 from torch import Tensor
 
-from fecocodec.sender.extractors import semi_global
 from fecocodec.sender.extractors.semi_global import ACROSS_EDGE, EDGE, LARGE_STEP, SMALL_STEP, aggregate_costs
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
@@ -58,13 +56,6 @@ def test_it_is_the_mean_of_eight_paths() -> None:
         paths = [path_costs(cost, colours[item].permute(1, 2, 0), *way) for way in DIRECTIONS]
         expected = -torch.stack(paths).mean(dim=0)
         torch.testing.assert_close(found[item].permute(1, 2, 0), expected, atol=1e-4, rtol=1e-5)
-
-
-def test_free_steps_leave_scores_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(semi_global, "SMALL_STEP", 0.0)
-    monkeypatch.setattr(semi_global, "LARGE_STEP", 0.0)
-    score = torch.randn(1, 7, 5, 9, generator=torch.Generator().manual_seed(1))
-    torch.testing.assert_close(aggregate_costs(score, one_colour(score)), score, atol=1e-5, rtol=0)
 
 
 def test_a_slanted_surface_comes_out_of_noise() -> None:

@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.evaluation.stress.box_room import Room, painted, photograph, waves
-from fecocodec.evaluation.stress.camera_paths import look
+from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph, waves
 from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.scene import prepare_scene

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fecocodec.geometry.frustum_overlap import frustum_overlap
-from fecocodec.training.frame_choice import LEAST_OVERLAP, choose_frames, context_pairs, relative_baselines
+from fecocodec.training.photographs import LEAST_OVERLAP, choose_frames, context_pairs, relative_baselines
 
 LENS = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
 

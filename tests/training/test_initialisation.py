@@ -7,8 +7,7 @@ import torch.nn.functional as F
 from fecocodec.config import PAPER, ReceiverConfig, SenderConfig
 from fecocodec.geometry.gaussians import SH_DEGREE_0
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.extractors.compact import Matching
-from fecocodec.sender.extractors.depth_completion import MatchedMaps
+from fecocodec.sender.extractors.compact import MatchedMaps, Matching
 from fecocodec.sender.model import Sender
 from fecocodec.training.initialisation import (
     CELL_CHANNELS,
@@ -78,7 +77,7 @@ def colour_error(sender: Sender, receiver: Receiver, side: int) -> float:
     state = receiver.update.start(1, 16, 16)
     y_hat = sender.analysis(cells, state, condition).round()
     prediction = receiver.predict(receiver.next_state(state, y_hat, condition), views.cameras.as_batch(), condition)
-    harmonics = prediction.gaussians.scene(0).harmonics.view(1, side, side, 3).permute(0, 3, 1, 2)
+    harmonics = prediction.attributes.gaussians().scene(0).harmonics.view(1, side, side, 3).permute(0, 3, 1, 2)
     expected = F.interpolate(F.avg_pool2d(picture, 2), size=(side, side), mode="area")
     return float((0.5 + SH_DEGREE_0 * harmonics - expected).abs().mean())
 
@@ -102,8 +101,7 @@ def test_matched_disparity_reaches_the_predictor(networks: tuple[Sender, Receive
         appearance=torch.zeros(1, 2 * stem, 16, 16),
         cost=torch.zeros(1, candidates, 16, 16),
         relative_disparity=nothing,
-        maps=MatchedMaps(relative, nothing, nothing, nothing),
-        completed_disparity=relative,
+        maps=MatchedMaps(relative, nothing, nothing, relative),
     )
     features = sender.extractor.fuse(views.images[None], matching)
     condition = receiver.condition(LAMBDA_Q, 1)

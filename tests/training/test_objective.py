@@ -17,12 +17,11 @@ from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
 from fecocodec.sender.stages import StageInputs
-from fecocodec.training.batch import Batch, MatchedDisparity
-from fecocodec.training.batch_shapes import BatchShape
-from fecocodec.training.dataset import Sources, draw_batch
+from fecocodec.training.batch import Batch, BatchShape, MatchedDisparity
 from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of, perceptual_distance
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.sources import Sources, draw_batch
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.training_pass import bypass_coding, code_with_noise, run_stages, with_targets
 
 
@@ -79,8 +78,8 @@ def test_a_bit_costs_a_latent_lambda_and_the_entropy_model_one_price(
 
 @pytest.fixture(scope="module")
 def batch() -> Batch:
-    """A procedural scene: two context views, one target."""
-    sources = Sources(ProceduralWorld(pattern_textures(5)), None)
+    """A synthetic scene: two context views, one target."""
+    sources = Sources(SyntheticScenes(pattern_textures(5)), None)
     return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 1, (64, 64)), 0.0)
 
 
@@ -143,7 +142,7 @@ def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.Mod
     assert contexts[0] is None
     assert not torch.equal(contexts[1], contexts[2])
     assert len(outcomes[1].renderings) == len(outcomes[2].renderings) == 1
-    assert not torch.equal(outcomes[2].prediction.gaussians.means, outcomes[1].prediction.gaussians.means)
+    assert not torch.equal(outcomes[2].prediction.attributes.means, outcomes[1].prediction.attributes.means)
     assert len(two) == 2
 
 

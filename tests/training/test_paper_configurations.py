@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from fecocodec.training.checkpoint import load_checkpoint
 from fecocodec.training.configurations import CONFIGURATIONS, configuration_named
+from fecocodec.training.run_files import load_checkpoint
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.wall_scene import shots
 

@@ -21,16 +21,14 @@ from fecocodec.sender.extractors.adapter import ConditionedAdapter
 from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import BEST
-from fecocodec.sender.stage_lambdas import stage_1_offset
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape
+from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
-from fecocodec.training.dataset import Sources, draw_batch
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import SHARE, build_optimiser
 from fecocodec.training.paper_objective import RatedStage, code_with_additive_noise, paper_loss, run_paper_stages
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.sources import Sources, draw_batch
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from tests.example_scenes import example_views
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -54,14 +52,14 @@ def codec() -> Codec:
 
 @pytest.fixture(scope="module")
 def batch() -> Batch:
-    sources = Sources(ProceduralWorld(pattern_textures(13)), None)
+    sources = Sources(SyntheticScenes(pattern_textures(13)), None)
     return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 2, (64, 64)), 0.0)
 
 
 @pytest.mark.parametrize("name", PAPERS)
 def test_no_configuration_of_the_paper_has_an_addition_of_ours(name: str) -> None:
     found = configuration_named(name)
-    assert found.is_paper and stage_1_offset(found.receiver) == 0
+    assert found.is_paper and found.receiver.kind.stage_1_offset == 0
     assert found.distortion == PerceptualDistortion(perceptual_weight=0.05)
     assert found.schedule.one_stage_until == found.schedule.bypass_until == 0 and found.schedule.warm_up == 1
     assert found.schedule.learning_rate == 2e-4 and found.schedule.disparity_weight == (0.0, 0.0)
@@ -74,7 +72,7 @@ def test_no_configuration_of_the_paper_has_an_addition_of_ours(name: str) -> Non
 @pytest.mark.parametrize("name", ["compact", "compact-re10k"])
 def test_compact_keeps_its_method(name: str) -> None:
     found = configuration_named(name)
-    assert not found.is_paper and stage_1_offset(found.receiver) == 229 and found.protocol is None
+    assert not found.is_paper and found.receiver.kind.stage_1_offset == 229 and found.protocol is None
     assert found.alone_every == 8 and found.optimiser.average_decay == 0.998
 
 

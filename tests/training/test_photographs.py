@@ -12,9 +12,8 @@ from torch import Tensor
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.photographs.images import write_image
-from fecocodec.training.augmentation import mirrored
 from fecocodec.training.photographs import Photographs
-from fecocodec.training.samples import Sample
+from fecocodec.training.samples import Sample, mirrored
 
 HEIGHT, WIDTH, FOCAL = 96, 128, 110.0
 POINTS = np.array([[0.0, 0.0, 0.0], [0.25, -0.2, 0.3], [-0.3, 0.2, 0.2]])

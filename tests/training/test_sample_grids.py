@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from fecocodec.photographs.images import read_image
-from fecocodec.training.run_monitor import RunMonitor
-from fecocodec.training.sample_grids import NUM_SCENES
+from fecocodec.training.run_monitor import NUM_SCENES, RunMonitor
 from fecocodec.training.trainer import Trainer
 from tests.training.test_loop import trainer
 

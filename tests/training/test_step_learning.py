@@ -11,23 +11,22 @@ from torch import Tensor
 
 from fecocodec.config import SenderConfig
 from fecocodec.errors import InputError
+from fecocodec.progress import Progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import MseDistortion
-from fecocodec.sender.latent_optimisation import Objective
-from fecocodec.sender.optimisation_config import OptimisationConfig, step_size
+from fecocodec.sender.latent_optimisation import Objective, step_size
+from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.stages import StageInputs
 from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training import loss, step_learning
 from fecocodec.training import trainer as trainer_module
-from fecocodec.training.batch import Batch
-from fecocodec.training.batch_shapes import BatchShape, BatchShapes
-from fecocodec.training.configurations import Configuration
-from fecocodec.training.dataset import Sources, draw_batch
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
-from fecocodec.training.run_settings import RunSettings
-from fecocodec.training.schedule import Schedule
+from fecocodec.training.batch import Batch, BatchShape, BatchShapes
+from fecocodec.training.configurations import Configuration, RunSettings
+from fecocodec.training.optimisation import Schedule
+from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.step_learning import CONTEXT_SHARE, LAST_WEIGHT, Evaluated, StepLearner, learn
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import BatchEncoder
 from tests.example_scenes import MODEL
@@ -43,7 +42,7 @@ def codec(random_weights: Path) -> Codec:
 
 
 def sources() -> Sources:
-    return Sources(ProceduralWorld(pattern_textures(13)), None)
+    return Sources(SyntheticScenes(pattern_textures(13)), None)
 
 
 def new_trainer(folder: Path, share: float) -> Trainer:
@@ -122,7 +121,7 @@ def optimised(
     items = num_views * len(scenes)
     y = (4.0 * torch.randn(items, 32, 8, 8, generator=torch.Generator().manual_seed(7))).requires_grad_()
     features = torch.ones(items, 128, 16, 16)
-    return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, lambda _fraction: None), rows
+    return y, learner.optimiser(encoder, batch, rows.append)(y, features, inputs, Progress()), rows
 
 
 def test_optimised_latents_differ_and_pass_no_gradient_to_the_sender(codec: Codec) -> None:
@@ -206,7 +205,7 @@ def test_the_distance_of_g_a_counts_in_first_steps(codec: Codec) -> None:
     batch = replace(batch, lambda_q=torch.tensor([0, 1768]))
     learner = new_learner(1)
     y, found, _ = optimised(codec, batch, [0, 1], 1, learner)
-    fine, coarse = (step_size(STEPS, codec.receiver.condition(torch.tensor([value]), 1)) for value in (0, 1768))
+    fine, coarse = (step_size(codec.receiver.condition(torch.tensor([value]), 1)) for value in (0, 1768))
     assert fine > 2.0 * coarse
     lengths = torch.tensor([fine, fine, coarse, coarse])[:, None, None, None]
     expected = ((y - found).detach() / lengths).square().mean()

@@ -15,8 +15,8 @@ from torch import Tensor
 from fecocodec.checkpoint import model_id_of, serialise_weights
 from fecocodec.coding.fixed_point import export_integers, load_integers
 from fecocodec.coding.priors import LatentPrior
-from fecocodec.receiver.attributes import RAW
 from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
+from fecocodec.splatting.attributes import RAW
 
 VECTORS = Path(__file__).resolve().parents[2] / "bitstream_spec" / "vectors"
 TINY_MODEL = VECTORS / "tiny.safetensors"

@@ -1,41 +1,72 @@
-"""Report section: file size and number of Gaussians against scene complexity, and the effect of `decode --prune`."""
+"""Report section: file size and number of Gaussians of synthetic rooms and photographs against their complexity."""
 
 from collections.abc import Mapping, Sequence
-from statistics import fmean
+from dataclasses import dataclass
+from functools import partial
 
+from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
-from fecocodec.evaluation.report.section import Section, number, picture, table
-from fecocodec.evaluation.stress.complexity import LAMBDA, Need
+from fecocodec.evaluation.report.section import Section, picture
+from fecocodec.evaluation.stress.box_room import Room, blank, photograph, sideways, waves
 from fecocodec.evaluation.summary import OURS
-from fecocodec.evaluation.systems.pruned import PRUNED
+from fecocodec.evaluation.systems.image_compression import encode_image
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_with
+from fecocodec.sender.codec import Codec
+from fecocodec.sender.encode import encode_with
 
-LEAST_FEWER_GAUSSIANS, LARGEST_LOSS_DB = 20.0, 0.05  # required by the project
+LAMBDA = 1e-3
+
+
+@dataclass(frozen=True)
+class Need:
+    """Size of one coded room. num_waves: number of superimposed patterns on its walls, 0 for one grey per wall.
+
+    photograph_kib: size of the context views as JPEG XL at distance 1, the measure of complexity. kib: size of the
+    coded file. gaussians_per_pixel: number of Gaussians per pixel of the context views.
+    """
+
+    num_waves: int
+    photograph_kib: float
+    kib: float
+    gaussians_per_pixel: float
+
+
+def measure_need(codec: Codec, num_waves: int, side: int) -> Need:
+    """Encode and decode two square views of the room with `num_waves` patterns. side: image side in pixels."""
+    paint = partial(waves, count=num_waves) if num_waves else blank
+    views = photograph(Room(paint), sideways(), (side, side)).select([0, 1])
+    data = encode_with(codec, views, quantise_lambda(LAMBDA))
+    density = decode_with(codec.receiver, data).gaussians.count / (2 * side * side)
+    return Need(num_waves, photograph_kib(views), len(data) / 1024, density)
+
+
+def photograph_kib(views: Views) -> float:
+    """Return the size of the views in KiB as JPEG XL at distance 1. Raises InputError if imagecodecs is missing."""
+    files = [encode_image(image, "JPEG XL", 1.0) for image in views.images]
+    return sum(map(len, files)) / 1024
+
+
 TEXT = """\
-Complexity is measured as the size of the context views as JPEG XL at distance 1. File sizes and numbers of Gaussians
-are those of the codec at lambda 1e-3, for photographs and for synthetic rooms whose walls have no pattern or the sum of
-up to {waves} patterns.
+Complexity is the size of the context views as JPEG XL at distance 1. Files at lambda 1e-3, of photographs and of
+synthetic rooms whose walls have no pattern or the sum of up to {waves} patterns.
 
 {bytes_chart}
 
 {gaussians_chart}
-
-Effect of `decode --prune` on files at lambda 1e-3: fraction of Gaussians removed, and loss of PSNR.
-
-{pruning}
 """
 
 
 def complexity_section(
-    rate: Sequence[Measurement],
     photographs: Sequence[Measurement],
     complexity: Mapping[str, float],
     needs: Sequence[Need],
 ) -> Section:
     """Return the section.
 
-    rate: measurements of all systems, including the pruned one. photographs: measurements of more pairs at one lambda.
-    complexity: size of the context views in KiB, by entry of `photographs`. needs: measurements of synthetic rooms.
+    photographs: measurements of pairs at one lambda. complexity: size of the context views in KiB, by entry of
+    `photographs`. needs: measurements of synthetic rooms.
     """
     at_lambda = [m for m in photographs if m.system == OURS and m.setting == f"lambda {LAMBDA:g}" and not m.error]
     shown = [(m, complexity[m.entry]) for m in at_lambda]
@@ -63,7 +94,6 @@ def complexity_section(
         waves=max((n.num_waves for n in needs), default=0),
         bytes_chart=picture(kib),
         gaussians_chart=picture(gaussians),
-        pruning=_pruning(rate),
     )
     return Section("Bytes, Gaussians and complexity", text, (kib, gaussians))
 
@@ -74,28 +104,3 @@ def _note(need: Need) -> str:
 
 def _density(measurement: Measurement) -> float:
     return measurement.num_gaussians / (measurement.num_context * measurement.height * measurement.width)
-
-
-def _pruning(found: Sequence[Measurement]) -> str:
-    """Return a table with means over entries and the largest loss of an entry."""
-    whole = {(m.entry, m.setting): m for m in found if m.system == OURS and not m.error}
-    pairs = [
-        (whole[m.entry, m.setting], m)
-        for m in found
-        if m.system == PRUNED and (m.entry, m.setting) in whole and not m.error
-    ]
-    head = (
-        "fewer Gaussians, %",
-        "loss of target views, dB",
-        "largest loss of an entry",
-        "loss of context views",
-        f"at least {LEAST_FEWER_GAUSSIANS:.0f}% at under {LARGEST_LOSS_DB} dB",
-    )
-    if not pairs:
-        return table(head, [])
-    saved = fmean(100 * (1 - kept.num_gaussians / every.num_gaussians) for every, kept in pairs)
-    losses = [every.psnr - kept.psnr for every, kept in pairs]
-    context = fmean(every.context_psnr - kept.context_psnr for every, kept in pairs)
-    is_met = saved >= LEAST_FEWER_GAUSSIANS and fmean(losses) < LARGEST_LOSS_DB
-    numbers = (number(saved, 1), number(fmean(losses), 3), number(max(losses), 3), number(context, 3))
-    return table(head, [(*numbers, "met" if is_met else "missed")])

@@ -8,27 +8,23 @@ from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, Comparison, averages, compare
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
 from fecocodec.evaluation.systems.codec import BEST, FAST
-from fecocodec.evaluation.systems.pruned import PRUNED
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 
 TEXT = """\
-The rate is the size of the whole file, cameras included. Quality is measured at target views, which the sender does not
-have, rendered from decoded files. All numbers are means over {entries} pairs of context views. Baselines:
+Means over {entries} pairs of context views. Baselines:
 
 - *JPEG XL*, *AVIF*, *WebP*, *JPEG*: the sender transmits compressed context views, and the receiver computes Gaussians
-  with our networks, without coding of latents. It therefore also needs the networks of the sender. *optimised at the
-  receiver*: the receiver also optimises the latents towards the decoded photographs, as our encoder does.
+  with our networks, those of the sender included. *optimised at the receiver*: it also optimises the latents towards
+  the decoded photographs, as our encoder does.
 - *PLY*, *compressed PLY*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding.
 - *nearest view*: a copy of the nearest context view (not drawn). *best plane*: both context views, warped by the plane
   that fits the target view best.
 
-*{best}* is `encode --effort best`.
-
 {chart}
 
-BD-rate and BD-PSNR of our codec, and of *{best}*, against each baseline: difference in bytes at equal PSNR, and in PSNR
-at equal bytes. BD-rate by ST-LPIPS is the difference in bytes at equal ST-LPIPS. A dash means that the curves do not
-overlap, or that the baseline is a single point. Variants of our codec are compared at their common lambdas.
+BD-rate and BD-PSNR against each baseline: difference in bytes at equal PSNR, and in PSNR at equal bytes. BD-rate by
+ST-LPIPS is that at equal ST-LPIPS. A dash: the curves do not overlap, or the baseline is a single point. Variants of
+our codec are compared at their common lambdas; *{best}* is `encode --effort best`.
 
 {comparisons}
 
@@ -36,8 +32,7 @@ overlap, or that the baseline is a single point. Variants of our codec are compa
 """
 ABLATION_TEXT = """\
 A part is removed at inference without retraining, which shows how much the trained networks depend on it. *effort fast*
-omits the optimisation of the latents before coding. Gaussians at 1/4 or 1/1 of the resolution and a third stage would
-need other weights or another format; docs/experiments.md contains short training runs of both.
+omits the optimisation of the latents. Parts that need retraining are in [what_we_learned.md](what_we_learned.md).
 
 {chart}
 
@@ -49,7 +44,7 @@ HEADS = ("BD-rate, %", "BD-PSNR, dB", "BD-rate by ST-LPIPS, %")
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
     """Return the sections on rate and quality, ablations, and entries with more than two context views."""
     rows = averages(found)
-    hidden = (*ABLATION_NAMES, FAST, PRUNED)
+    hidden = (*ABLATION_NAMES, FAST)
     main, ablated = (
         _rows(rows, lambda name: name not in hidden),
         _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES, FAST)),
@@ -105,38 +100,19 @@ def _comparison_cells(found: Comparison | None) -> tuple[str, ...]:
 
 
 def _averages(rows: Sequence[Average]) -> str:
-    head = (
-        "system",
-        "setting",
-        "KiB",
-        "bits a pixel",
-        "PSNR",
-        "SSIM",
-        "MS-SSIM",
-        "FLIP",
-        "ST-LPIPS",
-        "LPIPS",
-        "Gaussians",
-    )
-    return table(
-        head,
-        [
-            (
-                row.system,
-                row.setting,
-                number(row.kib),
-                number(row.bits_per_pixel, 3),
-                number(row.psnr),
-                number(row.ssim, 3),
-                number(row.ms_ssim, 3),
-                number(row.flip, 3),
-                number(row.st_lpips, 3),
-                number(row.lpips, 3),
-                number(row.gaussians, 0),
-            )
-            for row in rows
-        ],
-    )
+    """Return a table of all measures, with LPIPS where it was measured."""
+    measures: dict[str, tuple[Callable[[Average], float | None], int]] = {
+        "KiB": (lambda row: row.kib, 2),
+        "PSNR": (lambda row: row.psnr, 2),
+        "SSIM": (lambda row: row.ssim, 3),
+        "MS-SSIM": (lambda row: row.ms_ssim, 3),
+        "FLIP": (lambda row: row.flip, 3),
+        "ST-LPIPS": (lambda row: row.st_lpips, 3),
+    }
+    if any(row.lpips is not None for row in rows):
+        measures["LPIPS"] = (lambda row: row.lpips, 3)
+    cells = [(row.system, row.setting, *(number(of(row), n) for of, n in measures.values())) for row in rows]
+    return table(("system", "setting", *measures), cells)
 
 
 def _by_views(found: Sequence[Measurement]) -> str:

@@ -9,16 +9,18 @@ from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
 from fecocodec.evaluation.report.section import Section, number, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
-from fecocodec.evaluation.systems.pruned import PRUNED
 
 TEXT = """\
-Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU. Rendering is not included. At
-equal rate: PSNR and time of each curve at {kib:.1f} KiB, interpolated over the logarithm of the file size; a curve that
-does not cover this size is shown at its nearest end, which is stated in its tooltip. Variants of our codec: *effort
-fast*; *one thread*; *bfloat16* (convolutions and attention at both ends; not available as a command-line option);
-*half the size* (photographs of half the width and height are encoded, the Gaussians are rendered at full size).
+Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU, without rendering. PSNR and time
+of each curve are those at {kib:.1f} KiB, interpolated over the logarithm of the file size. A curve that does not cover
+this size is shown at its nearest end, which its tooltip states. Variants of our codec:
+
+- *effort fast*; *one thread*;
+- *bfloat16*: convolutions and attention at both ends; no option of the commands;
+- *half the size*: photographs of half the width and height are encoded, the Gaussians are rendered at full size.
+
 Gaussian files and photographs are coded by third-party libraries; the receiver time for photographs includes our
-networks. There are no trained weights of the paper's larger extractor.
+networks.
 
 {sender}
 
@@ -30,9 +32,7 @@ All operating points, at different rates:
 
 {receiver_all}
 
-## Where the time goes
-
-Two views of {side}x{side} pixels at lambda 1e-3, in milliseconds, after warm-up.
+Time by step, two views of {side}x{side} pixels at lambda 1e-3, after warm-up:
 
 {steps}
 """
@@ -47,7 +47,7 @@ def speed_section(
     steps: seconds by processing step, for encoding and decoding. side: image side of `steps` in pixels.
     """
     entries = {m.entry for m in speed}
-    own = {m.system for m in speed} | {PRUNED} | set(ABLATION_NAMES)
+    own = {m.system for m in speed} | set(ABLATION_NAMES)
     others = [m for m in rate if m.entry in entries and m.system not in own and m.num_bytes]
     rows = averages([*speed, *others])
     if not rows:

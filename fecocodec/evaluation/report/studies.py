@@ -1,31 +1,75 @@
-"""Run the measurements of a report; results of an earlier run are reused."""
+"""Run the measurements of a report.
 
-from collections.abc import Callable, Sequence
+Each result is written immediately to a JSON Lines file, so that an interrupted report can be resumed.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
 from fecocodec.atomic import make_folder
 from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.container import quantise_lambda
+from fecocodec.errors import InputError, OutputError
 from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
+from fecocodec.evaluation.machine import StepClock
 from fecocodec.evaluation.records import Measurement, RecordFile
+from fecocodec.evaluation.report.complexity_section import Need, measure_need, photograph_kib
 from fecocodec.evaluation.report.plan import ReportPlan
-from fecocodec.evaluation.report.results import ResultFile
+from fecocodec.evaluation.report.scaling_section import LAMBDA, Load, measure_load
 from fecocodec.evaluation.run import measure_all
-from fecocodec.evaluation.scaling import LAMBDA, Load, measure_load
-from fecocodec.evaluation.step_clock import StepClock
-from fecocodec.evaluation.stress.box_room import Room, painted, photograph
-from fecocodec.evaluation.stress.camera_paths import sideways
-from fecocodec.evaluation.stress.complexity import Need, measure_need, photograph_kib
-from fecocodec.evaluation.stress.run import read_pairs, run_suite
-from fecocodec.evaluation.stress.suite import STRESS_LAMBDA, Verdict
+from fecocodec.evaluation.stress.box_room import Room, painted, photograph, sideways
+from fecocodec.evaluation.stress.suite import STRESS_LAMBDA, Verdict, read_pairs, run_suite
+from fecocodec.evaluation.systems.codec import speed_systems
 from fecocodec.evaluation.systems.groups import systems_of
-from fecocodec.evaluation.systems.operating_points import speed_systems
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import encode_with
+
+
+class ResultFile:
+    """Results by key, for one set of weights. Results of other weights in the file are ignored."""
+
+    def __init__(self, path: Path, label: str) -> None:
+        """label: identifies the weights. Raises InputError if the file does not contain results."""
+        self._path, self._label = path, label
+        self._known: dict[str, dict[str, Any]] = {}
+        try:
+            lines = path.read_text().splitlines() if path.exists() else []
+            rows = [json.loads(line) for line in lines if line.endswith("}")]  # the last line may be incomplete
+            self._known = {row["key"]: row["values"] for row in rows if row["label"] == label}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: not results of this version ({error}); give another work folder.") from error
+
+    def known(self) -> Mapping[str, dict[str, Any]]:
+        """Return all results in the order of measurement."""
+        return self._known
+
+    def add(self, key: str, values: dict[str, Any]) -> None:
+        """Store a result and append it to the file. Raises OutputError if writing fails."""
+        self._known[key] = values
+        try:
+            with self._path.open("a") as file:
+                file.write(
+                    "\n" * self._is_cut() + json.dumps({"key": key, "label": self._label, "values": values}) + "\n"
+                )
+        except OSError as error:
+            raise OutputError(
+                f"{self._path}: writing failed ({error.strerror}); check free space and permissions."
+            ) from error
+
+    def _is_cut(self) -> bool:
+        """Return whether the last line of the file is incomplete."""
+        if not self._path.exists():
+            return False
+        data = self._path.read_bytes()
+        return bool(data) and not data.endswith(b"\n")
+
 
 OnStudy = Callable[[str], None]  # name of the next study
 WARM_UP_SIDE = 64
@@ -108,7 +152,6 @@ def _rate_systems(plan: ReportPlan, codec: Codec) -> tuple[System, ...]:
     return (
         *systems_of(["codec"], codec, plan.lambdas),
         *systems_of(["fast", "best", "ablations"], codec, plan.few_lambdas),
-        *systems_of(["pruned"], codec, [LAMBDA]),
         *systems_of(["images", "gaussians", "trivial"], codec, ()),
     )
 

@@ -6,13 +6,17 @@ from dataclasses import dataclass
 import torch
 
 from fecocodec.evaluation.stress import perturbations
-from fecocodec.evaluation.stress.box_room import Room, blank, chequered, painted, photograph
-from fecocodec.evaluation.stress.camera_paths import (
+from fecocodec.evaluation.stress.box_room import (
+    Room,
     along_a_line,
     back_to_back,
+    blank,
+    chequered,
     facing,
     forwards,
     orbit,
+    painted,
+    photograph,
     sideways,
     turning,
     with_far_view,

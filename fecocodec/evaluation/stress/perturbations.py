@@ -13,13 +13,13 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
 
 
-def exposed(views: Views, gains: Float[Tensor, "view 3"], noise: float = 0.0, seed: int = 0) -> Views:
+def exposed(views: Views, gains: Float[Tensor, "view 3"], noise: float = 0.0) -> Views:
     """Multiply linear light by a gain per view and colour channel, and add noise.
 
     noise: standard deviation of Gaussian noise, sRGB in [0, 1].
     """
     light = views.images.clamp_min(1e-6) ** 2.2 * gains[:, :, None, None]
-    grain = noise * torch.randn(views.images.shape, generator=torch.Generator().manual_seed(seed))
+    grain = noise * torch.randn(views.images.shape, generator=torch.Generator().manual_seed(0))
     return replace(views, images=(light ** (1 / 2.2) + grain).clamp(0, 1))
 
 
@@ -39,9 +39,9 @@ def blurred(views: Views, length_px: int, num_context: int) -> Views:
     return replace(views, images=images)
 
 
-def turned(views: Views, degrees: float, num_context: int, seed: int = 0) -> Views:
+def turned(views: Views, degrees: float, num_context: int) -> Views:
     """Rotate the poses of the context views by `degrees` about random axes."""
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(0)
     extrinsics = views.cameras.extrinsics.clone()
     for view in range(num_context):
         axis = torch.randn(3, generator=generator)
@@ -49,9 +49,9 @@ def turned(views: Views, degrees: float, num_context: int, seed: int = 0) -> Vie
     return _with_cameras(views, extrinsics=extrinsics)
 
 
-def moved(views: Views, share: float, num_context: int, seed: int = 0) -> Views:
+def moved(views: Views, share: float, num_context: int) -> Views:
     """Translate the poses of the context views in random directions by a fraction `share` of the baseline."""
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(0)
     extrinsics = views.cameras.extrinsics.clone()
     baseline = (extrinsics[0, :3, 3] - extrinsics[1, :3, 3]).norm()
     for view in range(num_context):

@@ -2,15 +2,19 @@
 
 import math
 import tempfile
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 
+from fecocodec.captures.evaluation_index import read_index
 from fecocodec.container import quantise_lambda, read_stream
 from fecocodec.errors import FecoError, InputError
+from fecocodec.evaluation.entries import open_scenes
+from fecocodec.evaluation.evaluation import choose_entries
 from fecocodec.evaluation.novel_views import render_views
-from fecocodec.evaluation.stress.cases import StressCase, Trial
+from fecocodec.evaluation.stress.cases import StressCase, Trial, cases_of, room_cases
 from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import decode_with
@@ -175,3 +179,29 @@ def _not_finite(found: _Outcome) -> str:
         except FecoError as error:
             return f"the PLY cannot be written: {error}"
     return ""
+
+
+def read_pairs(root: Path, index: Path, most: int) -> dict[str, Trial]:
+    """Read at most `most` two-view entries, evenly spaced over the index, by name.
+
+    Raises InputError if there is no such entry, or if a scene cannot be read.
+    """
+    read = open_scenes(root)
+    entries = choose_entries(read_index(index), 2, most, index)
+    return {entry.name: Trial(read(entry), 2) for entry in entries}
+
+
+def run_suite(
+    codec: Codec, pairs: Mapping[str, Trial], lmbda: float, known: Mapping[str, Verdict] | None = None
+) -> Iterator[tuple[Verdict, float]]:
+    """Yield each verdict with the completed fraction: cases of every pair, of the room, and repeated coding of pairs.
+
+    known: verdicts of an earlier run by case, which are reused.
+    """
+    suite, known = StressSuite(codec, lmbda), known or {}
+    cases = [case for name, pair in pairs.items() for case in cases_of(pair, name)] + list(room_cases())
+    total = len(cases) + len(pairs)
+    for number, case in enumerate(cases, start=1):
+        yield known.get(case.name) or suite.judge(case), number / total
+    for number, (name, pair) in enumerate(pairs.items(), start=len(cases) + 1):
+        yield known.get(suite.name_of_generations(name)) or suite.judge_generations(name, pair), number / total

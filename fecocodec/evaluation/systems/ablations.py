@@ -5,46 +5,26 @@ are optimised with the default effort. Only the sender changes, so the streams d
 at other resolutions and a third stage would need other weights or another format.
 """
 
-from dataclasses import replace
 from functools import partial
 
 import torch
-from torch import Tensor
 
+from fecocodec.config import NO_CONTEXT, NO_FEEDBACK
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.systems.codec import stream_system
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.views import Views
-from fecocodec.layers.blocks import RateCondition
+from fecocodec.sender.ablations import without
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with, write_scene
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import StageInputs, StageRendering
-
-
-class WithoutContext(SceneEncoder):
-    """Sender whose g_a takes S0 instead of S1 in stage 2."""
-
-    def analyse(self, features: Tensor, inputs: StageInputs) -> Tensor:
-        return super().analyse(features, replace(inputs, state=self.initial_state))
-
-
-class WithoutFeedback(SceneEncoder):
-    """Sender whose E_fb takes the photographs and the matched depth instead of those of stage 1: all errors are 0."""
-
-    def feedback(self, rendering: StageRendering, condition: RateCondition) -> Tensor:
-        return self.features_of_errors(self.images[0], self.matching.depth.relative_disparity, condition)
-
 
 STAGE_1 = "stage-1"
-WITHOUT: dict[str, tuple[str, type[SceneEncoder]]] = {  # option name -> (name of the curve, encoder)
-    "no-context": ("no decoded context", WithoutContext),
-    "no-feedback": ("no rendered feedback", WithoutFeedback),
-}
+WITHOUT = {NO_CONTEXT: "no decoded context", NO_FEEDBACK: "no rendered feedback"}  # option -> name of the curve
 ABLATIONS = (STAGE_1, *WITHOUT)
-ABLATION_NAMES = ("stage 1 alone", *(name for name, _ in WITHOUT.values()))
+ABLATION_NAMES = ("stage 1 alone", *WITHOUT.values())
 
 
 def ablation_system(part: str, codec: Codec, lmbda: float, config: OptimisationConfig = DEFAULT) -> System:
@@ -56,13 +36,10 @@ def ablation_system(part: str, codec: Codec, lmbda: float, config: OptimisationC
     if part == STAGE_1:
         encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=1, config=config)
         return stream_system(codec, ABLATION_NAMES[0], setting, encoder)
-    name, kind = WITHOUT[part]
-    return stream_system(codec, name, setting, partial(_encode, codec, kind, lambda_q, config))
+    return stream_system(codec, WITHOUT[part], setting, partial(_encode, codec, part, lambda_q, config))
 
 
 @torch.no_grad()
-def _encode(
-    codec: Codec, encoder: type[SceneEncoder], lambda_q: int, config: OptimisationConfig, views: Views
-) -> bytes:
+def _encode(codec: Codec, part: str, lambda_q: int, config: OptimisationConfig, views: Views) -> bytes:
     scene = prepare_scene(views, codec.device)
-    return write_scene(encoder(codec, scene.images, scene.cameras), scene, lambda_q, 2, config)
+    return write_scene(without(part, SceneEncoder).of(codec, scene), scene, lambda_q, 2, config)

@@ -1,21 +1,36 @@
-"""The codec as a system under comparison: encode to bytes, decode them, and render."""
+"""The codec as a system under comparison: encode to bytes, decode them, and render.
+
+Its operating points trade time for quality. Of models of three stages, whose last stage no stream holds, the quality of
+all stages is measured with the size of their payloads.
+"""
 
 from collections.abc import Callable
+from copy import deepcopy
 from functools import partial
 from time import perf_counter
 
 import torch
+from torch import nn
 
+from fecocodec.coding.camera_packing import unpack
 from fecocodec.container import quantise_lambda
+from fecocodec.evaluation.stress.perturbations import resized
 from fecocodec.evaluation.summary import OURS
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_with
+from fecocodec.receiver.decode import decode_with, reconstruct
+from fecocodec.receiver.state import State
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with
+from fecocodec.sender.latent_coding import write_latents
 from fecocodec.sender.optimisation_config import config_of_effort
+from fecocodec.sender.precision import run_in_bfloat16
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.splatting.background import DEFAULT_BACKGROUND
+from fecocodec.splatting.emission import Emission
 
 Encoder = Callable[[Views], bytes]
 FAST, BEST = "fecosplat, effort fast", "fecosplat, effort best"
@@ -58,3 +73,64 @@ def rendered(
     result = render(gaussians.to(device), views.cameras.to(device), views.image_size)
     images, depth = result.color.clamp(0, 1).cpu(), result.depth.cpu()
     return Reconstruction(num_bytes, encode_seconds, decode_seconds, gaussians, images, depth)
+
+
+def estimated_system(codec: Codec, lmbda: float) -> System:
+    """Return all stages of a model at one lambda. The rate is estimated: the payloads, without header and cameras."""
+    name = f"{OURS}, {codec.receiver.config.num_stages} stages, estimated rate"
+    return System(name, f"lambda {lmbda:g}", partial(_reconstruct_all_stages, codec, quantise_lambda(lmbda)))
+
+
+@torch.no_grad()
+def _reconstruct_all_stages(codec: Codec, lambda_q: int, views: Views, num_context: int) -> Reconstruction:
+    begin = perf_counter()
+    scene = prepare_scene(views.select(list(range(num_context))), codec.device)
+    encoder = SceneEncoder.of(codec, scene)
+    stages = encoder.run(torch.tensor([lambda_q]), codec.receiver.config.num_stages, write_latents(codec))
+    num_bytes, last = sum(len(stage.coded.payload) for stage in stages), stages[-1]
+    encoded = perf_counter()
+    state, cameras = State(last.state, last.inputs.condition), unpack(scene.packed)
+    emission = Emission(is_culled=True, background=DEFAULT_BACKGROUND, is_filled=encoder.is_filled)
+    gaussians = reconstruct(codec.receiver, state, cameras, emission)
+    return rendered(gaussians, views, num_bytes, encoded - begin, perf_counter() - encoded, codec.device)
+
+
+def speed_systems(codec: Codec, lmbda: float) -> tuple[System, ...]:
+    """Return the codec with: default effort, fast effort, one stage, one thread, bfloat16, half the image size."""
+    setting, lambda_q = f"lambda {lmbda:g}", quantise_lambda(lmbda)
+    default = codec_system(codec, lmbda)
+    fast = codec_system(codec, lmbda, effort="fast")
+    half = stream_system(codec, "half the size", setting, partial(_at_half_size, codec, lambda_q))
+    single = on_one_thread(default, setting)
+    narrow = in_bfloat16(codec)
+    in_narrow = stream_system(narrow, "bfloat16", setting, partial(encode_with, narrow, lambda_q=lambda_q))
+    one_stage = codec_system(codec, lmbda, num_stages=1)
+    return default, fast, one_stage, single, in_narrow, half
+
+
+def in_bfloat16(codec: Codec) -> Codec:
+    """Return a copy of the codec whose convolutions and attention compute in bfloat16, at both ends."""
+    copy = deepcopy(codec)
+    networks = nn.ModuleDict({"sender": copy.sender, "receiver": copy.receiver})
+    run_in_bfloat16(networks, next(networks.parameters()).device.type)
+    return copy
+
+
+def _at_half_size(codec: Codec, lambda_q: int, views: Views) -> bytes:
+    """Encode the views at half width and height. The Gaussians are rendered and compared at full size."""
+    height, width = views.image_size
+    return encode_with(codec, resized(views, height // 2, width // 2), lambda_q, 2)
+
+
+def on_one_thread(system: System, setting: str) -> System:
+    """The same system, encoding and decoding with one thread."""
+    return System("one thread", setting, partial(_on_one_thread, system))
+
+
+def _on_one_thread(system: System, views: Views, num_context: int) -> Reconstruction:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return system.reconstruct(views, num_context)
+    finally:
+        torch.set_num_threads(threads)

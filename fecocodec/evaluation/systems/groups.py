@@ -6,11 +6,9 @@ from functools import partial
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.ablations import ABLATIONS, ablation_system
-from fecocodec.evaluation.systems.codec import codec_system
-from fecocodec.evaluation.systems.estimated import estimated_system
+from fecocodec.evaluation.systems.codec import codec_system, estimated_system
 from fecocodec.evaluation.systems.gaussian_compression import gaussian_systems
 from fecocodec.evaluation.systems.image_compression import image_systems
-from fecocodec.evaluation.systems.pruned import pruned_system
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.evaluation.systems.trivial_baselines import trivial_baselines
 from fecocodec.limits import MAX_STAGES
@@ -21,7 +19,6 @@ OF_LAMBDA: dict[str, Callable[[Codec, float], System]] = {
     "codec": codec_system,
     "fast": partial(codec_system, effort="fast"),
     "best": partial(codec_system, effort="best"),
-    "pruned": pruned_system,
     **{part: partial(ablation_system, part) for part in ABLATIONS},
 }
 WHATEVER_LAMBDA: dict[str, Callable[[Codec], tuple[System, ...]]] = {

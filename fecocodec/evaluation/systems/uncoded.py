@@ -6,7 +6,7 @@ from torch import Tensor
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.emission import EmissionConfig, emit
+from fecocodec.receiver.decode import reconstruct
 from fecocodec.receiver.state import State
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.latent_coding import EstimatedLatent
@@ -14,7 +14,9 @@ from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import StageInputs
+from fecocodec.sender.stages import Improvements, StageInputs
+from fecocodec.splatting.background import DEFAULT_BACKGROUND
+from fecocodec.splatting.emission import Emission
 
 FINEST_LAMBDA_Q = 0
 
@@ -27,10 +29,11 @@ def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) ->
     """
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder.of(codec, scene)
-    optimise = optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q)
-    last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, optimise)[-1]
+    improve = Improvements(optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q))
+    last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, improve)[-1]
     state, cameras = State(last.state, last.inputs.condition), unpack(scene.packed)
-    return emit(codec.receiver, state, cameras, None, EmissionConfig(), encoder.is_filled)
+    emission = Emission(is_culled=True, background=DEFAULT_BACKGROUND, is_filled=encoder.is_filled)
+    return reconstruct(codec.receiver, state, cameras, emission)
 
 
 def without_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:

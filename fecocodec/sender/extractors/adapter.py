@@ -18,6 +18,7 @@ from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import BlockChain, PlainBlock2d, PointwiseConv2d, RateCondition
 from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.scene import Guides
 
 NUM_BLOCKS, HIDDEN = 3, 96
 
@@ -61,6 +62,8 @@ class AdaptedFeatures:
 class AdaptedExtractor(nn.Module):
     """features -> pixel unshuffle 4 -> 1x1 conv -> three 2D blocks -> F1. Parameters: 1x1 conv and blocks only."""
 
+    is_conditioned = False
+
     def __init__(self, extractor: LargeExtractor, channels: int) -> None:
         super().__init__()
         self._frozen = (extractor,)  # a tuple keeps it out of this module's parameters
@@ -73,8 +76,13 @@ class AdaptedExtractor(nn.Module):
         """Return F1 of every view. Arguments as for `LargeExtractor.features`."""
         return self.fuse(images, self.match(images, cameras))
 
-    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> AdaptedFeatures:
-        """Run the frozen extractor. Raises ModelError if its features do not have the declared shape."""
+    def match(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None
+    ) -> AdaptedFeatures:
+        """Run the frozen extractor, which does not use guides.
+
+        Raises ModelError if its features do not have the declared shape.
+        """
         extractor = self._frozen[0]
         with torch.no_grad():
             features = extractor.features(images, cameras)
@@ -87,27 +95,38 @@ class AdaptedExtractor(nn.Module):
         unshuffled = F.pixel_unshuffle(rearrange(features, "b v c h w -> (b v) c h w"), 4)
         return AdaptedFeatures(unshuffled, unshuffled.new_full((len(unshuffled), 1, h // 4, w // 4), 0.5))
 
+    @property
+    def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
+        """The frozen extractor has no parts here."""
+        return ()
+
     def fuse(
-        self, images: Float[Tensor, "batch view 3 h w"], found: AdaptedFeatures
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        matching: AdaptedFeatures,
+        condition: RateCondition | None = None,
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """Run the trained adapter. The images are not used."""
-        return self.blocks(self.input(found.unshuffled))
+        """Run the trained adapter. The images and the condition are not used."""
+        return self.blocks(self.input(matching.unshuffled))
 
 
 class ConditionedAdapter(AdaptedExtractor):
     """`AdaptedExtractor` whose 2D blocks are conditioned on lambda by AdaLN, as every 2D block of the paper is."""
+
+    is_conditioned = True
 
     def __init__(self, extractor: LargeExtractor, channels: int) -> None:
         super().__init__(extractor, channels)
         self.blocks = BlockChain(channels, HIDDEN, NUM_BLOCKS)
 
     def fuse(
-        self, images: Float[Tensor, "batch view 3 h w"], found: AdaptedFeatures
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        matching: AdaptedFeatures,
+        condition: RateCondition | None = None,
     ) -> Float[Tensor, "item channel h4 w4"]:
-        """Raises ModelError: F1 depends on lambda, see `fuse_at`."""
-        raise ModelError("The adapter depends on lambda; call `fuse_at` with a rate condition.")
-
-    def fuse_at(self, found: AdaptedFeatures, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
-        """Run the trained adapter at a rate condition; returns F1."""
-        features: Tensor = self.blocks(self.input(found.unshuffled), condition)
+        """Run the trained adapter. Raises ModelError without a condition."""
+        if condition is None:
+            raise ModelError("The adapter depends on lambda; call `fuse` with a rate condition.")
+        features: Tensor = self.blocks(self.input(matching.unshuffled), condition)
         return features

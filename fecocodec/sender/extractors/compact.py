@@ -1,6 +1,6 @@
 """The compact multi-view extractor E_mv: posed photographs -> geometry-aware features at 1/4 resolution."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 import torch.nn.functional as F
@@ -10,16 +10,15 @@ from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, downsample, upsample
+from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, RateCondition, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
-from fecocodec.sender.extractors.depth_completion import DepthCompletion, MatchedMaps
-from fecocodec.sender.extractors.dinov2 import dinov2_features
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
 from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
 from fecocodec.sender.extractors.semi_global import aggregate_costs
 from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.scene import Guides
 
 PYRAMID_LEVELS = 3  # matching runs at full, half and quarter image size
 FIRST_TEMPERATURES = (1.2, 1.2, 1.2, 1.8)  # initial log weights of the pyramid levels and of photo-consistency
@@ -27,19 +26,40 @@ SHARPNESS = 0.5  # factor before the softmax: aggregated scores differ more than
 
 
 @dataclass(frozen=True)
+class MatchedMaps:
+    """Result of the aggregation of matching scores, without gradient; item = (batch view), 1/4 resolution, in [0, 1].
+
+    disparity: relative disparity. consistency: its cross-view consistency. confidence: its largest probability.
+    extrapolated: relative disparity of the planes of confirmed neighbours.
+    """
+
+    disparity: Float[Tensor, "item 1 h4 w4"]
+    consistency: Float[Tensor, "item 1 h4 w4"]
+    confidence: Float[Tensor, "item 1 h4 w4"]
+    extrapolated: Float[Tensor, "item 1 h4 w4"]
+
+    @property
+    def blended(self) -> Float[Tensor, "item 1 h4 w4"]:
+        """Matched disparity where it is consistent, extrapolated disparity elsewhere."""
+        return torch.lerp(self.extrapolated, self.disparity, self.consistency)
+
+    def first(self, count: int) -> "MatchedMaps":
+        """Return the maps of the first `count` items."""
+        return MatchedMaps(*(getattr(self, entry.name)[:count] for entry in fields(self)))
+
+
+@dataclass(frozen=True)
 class Matching:
     """Result of matching the views, before fusion; item = (batch view), all at 1/4 resolution.
 
     cost: matching score of each depth candidate, higher is better. relative_disparity: expectation over the softmax of
-    `cost`, in [0, 1]; differentiable, for the depth loss of training. maps: results of the aggregation, without
-    gradient. completed_disparity: the aggregated disparity where it is consistent, an estimate elsewhere.
+    `cost`, in [0, 1]; differentiable, for the depth loss of training.
     """
 
     appearance: Float[Tensor, "item stem h4 w4"]
     cost: Float[Tensor, "item candidate h4 w4"]
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
     maps: MatchedMaps
-    completed_disparity: Float[Tensor, "item 1 h4 w4"]
 
     @property
     def depth(self) -> MatchedDepth:
@@ -52,8 +72,10 @@ class CompactExtractor(nn.Module):
 
     All steps before the aggregation run on an image pyramid of three levels. The U-Net also takes the pixels (pixel
     unshuffle 4), because the latent must carry colour as well as geometry. Where no other view confirms a depth, planes
-    of confirmed neighbours are continued; with `config.is_monocular`, a network with features of DINOv2 corrects them.
+    of confirmed neighbours are extrapolated.
     """
+
+    is_conditioned = False
 
     def __init__(self, config: SenderConfig, channels: int) -> None:
         super().__init__()
@@ -71,7 +93,6 @@ class CompactExtractor(nn.Module):
         self.up_attended = upsample(config.attention_channels, stem)
         self.matching_head = nn.Conv2d(stem, config.matching_channels, 3, padding=1)
         self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURES))
-        self.completion = DepthCompletion() if config.is_monocular else None
         self.input = PointwiseConv2d(2 * stem + config.num_candidates + 3 + 48, fine)
         self.fine_in, self.fine_out = PlainBlock2d(fine, fine), PlainBlock2d(fine, fine)
         self.middle_in, self.middle_out = PlainBlock2d(middle, middle), PlainBlock2d(middle, middle)
@@ -83,8 +104,9 @@ class CompactExtractor(nn.Module):
     @property
     def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
         """All parts whose results `fuse` takes."""
-        parts = (self.stem, self.down_stem, self.cross_view, self.up_attended, self.matching_head, self.log_temperature)
-        return parts if self.completion is None else (*parts, self.completion)
+        return (
+            self.stem, self.down_stem, self.cross_view, self.up_attended, self.matching_head, self.log_temperature,
+        )  # fmt: skip
 
     def forward(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
@@ -92,24 +114,32 @@ class CompactExtractor(nn.Module):
         """Return F1. images: sRGB in [0, 1], sides multiples of 32. cameras: a batch of normalised scenes."""
         return self.fuse(images, self.match(images, cameras))
 
-    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Matching:
+    def match(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None
+    ) -> Matching:
         """Compute the features of all views, the cost volume, and depth with its cross-view consistency.
 
         Scores are summed over an image pyramid: coarse levels resolve ambiguities of the fine ones. Photo-consistency
         of the images is added: correlation of pixel windows is less distinctive than learned features, but localises
-        more precisely.
+        more precisely. guides: further sources of the disparity and its consistency; the cost volume and appearance,
+        which the U-Net was trained on, are those of the context views alone.
         """
         sources = nearest_views(cameras, self.config.num_source_views)
         appearance, cost = self._scores(images, cameras, sources)
-        maps = self._aggregated(cost, images, cameras, sources)
-        return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps, self._completed(images, maps))
+        if guides is not None:
+            maps = self._guided_maps(images, cameras, guides)
+        else:
+            maps = self._aggregated(cost, images, cameras, sources)
+        return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps)
 
-    def matched_maps(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, num_sources: int
-    ) -> MatchedMaps:
-        """Return what matching each view against its `num_sources` nearest other views finds out."""
-        sources = nearest_views(cameras, num_sources)
-        return self._aggregated(self._scores(images, cameras, sources)[1], images, cameras, sources)
+    def _guided_maps(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides) -> MatchedMaps:
+        """Return the maps of the context views with their nearest views, guides among them, as sources."""
+        count, num_sources = images.shape[1], self.config.num_source_views
+        nearest = nearest_views(cameras.joined(guides.cameras.as_batch()), num_sources)[0, :count]
+        guides = guides.select(sorted({view - count for view in nearest.flatten().tolist() if view >= count}))
+        of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
+        sources = nearest_views(of_all[1], num_sources)
+        return self._aggregated(self._scores(*of_all, sources)[1], *of_all, sources).first(count)
 
     def _scores(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
@@ -139,11 +169,6 @@ class CompactExtractor(nn.Module):
         extrapolated = extrapolate_planes(disparity, consistency, photographs)
         return MatchedMaps(disparity, consistency, probability.amax(dim=1, keepdim=True), extrapolated)
 
-    def _completed(self, images: Float[Tensor, "batch view 3 h w"], maps: MatchedMaps) -> Float[Tensor, "item 1 h4 w4"]:
-        if self.completion is None:
-            return maps.blended
-        return self.completion(maps, _flat(images), dinov2_features(_flat(images)))
-
     def _match_level(
         self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
     ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
@@ -160,11 +185,11 @@ class CompactExtractor(nn.Module):
         return appearance, _flat(cost_volume(features, cameras, sources, self.config.num_candidates))
 
     def fuse(
-        self, images: Float[Tensor, "batch view 3 h w"], matching: Matching
+        self, images: Float[Tensor, "batch view 3 h w"], matching: Matching, condition: RateCondition | None = None
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1: the U-Net applied to appearance, matching results and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
-        maps, disparity = matching.maps, 2.0 * matching.completed_disparity - 1.0
+        maps, disparity = matching.maps, 2.0 * matching.maps.blended - 1.0
         inputs = (matching.appearance, matching.cost / 8.0, maps.consistency, disparity, maps.confidence)
         fine = self.fine_in(self.input(torch.cat((*inputs, pixels), dim=1)))
         middle = self.middle_in(self.down_fine(fine))

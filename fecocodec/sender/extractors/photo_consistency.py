@@ -2,7 +2,7 @@
 """Photo-consistency of the images at candidate depths: normalised cross-correlation of small windows.
 
 Learned features at 1/4 resolution are distinctive; windows of pixels localise precisely. Together they halve the median
-error of the matched depth (docs/experiments.md).
+error of the matched depth (docs/what_we_learned.md).
 """
 
 import numpy as np

@@ -14,7 +14,7 @@ from fecocodec.kernels.threads import run_in_ranges
 
 OUTSIDE = 4.0  # normalised image position of points behind the source camera; outside of every image
 MOST_CORRELATED = 2**14  # maximum number of positions of a view for correlating all pairs
-LARGEST_CORRELATION = 2**24  # maximum number of entries of the correlation matrix in memory
+MAX_PRODUCTS = 2**24  # maximum number of products in memory
 SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
 
@@ -71,7 +71,7 @@ def correlate(
     needs_gradients = torch.is_grad_enabled() and (reference.requires_grad or sources.requires_grad)
     if reference.device.type == "cpu" and not needs_gradients:
         return _without_gradient(queries, sources, grid).to(reference.dtype)
-    pick = _from_all_pairs if height * width <= MOST_CORRELATED else _from_sampled_rows
+    pick = from_all_pairs if height * width <= MOST_CORRELATED else from_sampled_rows
     total = queries.new_zeros(grid.shape[1:3])
     for source, positions in zip(sources, grid, strict=True):
         keys = rearrange(source, "c h w -> c (h w)")
@@ -93,27 +93,29 @@ def _without_gradient(
     return torch.from_numpy(total) / max(1, len(sources))
 
 
-def _from_all_pairs(
+def from_all_pairs(
     queries: Float[Tensor, "point channel"],
     keys: Float[Tensor, "channel point"],
     index: Int[Tensor, "point candidate 4"],
     weight: Float[Tensor, "point candidate 4"],
+    max_products: int = MAX_PRODUCTS,
 ) -> Float[Tensor, "point candidate"]:
     """Compute the products of all pairs, and interpolate four for each candidate. Fastest for few positions."""
-    chunk = max(1, LARGEST_CORRELATION // keys.shape[1])
+    chunk = max(1, max_products // keys.shape[1])
     parts = zip(queries.split(chunk), index.split(chunk), weight.split(chunk), strict=True)
     return torch.cat([((q @ keys).gather(1, i.flatten(1)).view_as(w) * w).sum(dim=-1) for q, i, w in parts])
 
 
-def _from_sampled_rows(
+def from_sampled_rows(
     queries: Float[Tensor, "point channel"],
     keys: Float[Tensor, "channel point"],
     index: Int[Tensor, "point candidate 4"],
     weight: Float[Tensor, "point candidate 4"],
+    max_products: int = MAX_PRODUCTS,
 ) -> Float[Tensor, "point candidate"]:
     """Sample features at each candidate, then multiply. Cost is linear in the number of positions."""
     rows = keys.T.contiguous()
-    chunk = max(1, LARGEST_CORRELATION // (index.shape[1] * rows.shape[1]))
+    chunk = max(1, max_products // (index.shape[1] * rows.shape[1]))
     parts = zip(queries.split(chunk), index.split(chunk), weight.split(chunk), strict=True)
     picked = []
     for query, corners, share in parts:

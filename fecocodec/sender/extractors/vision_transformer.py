@@ -12,6 +12,7 @@ _DEPTH, _NUM_HEADS, _HIDDEN = 12, 6, 1536
 _TRAINED_SIDE = 37  # side of the trained position embedding, in patches
 _OFFSET = 0.1  # added to the number of patches when the embedding is resized, as in DINOv2
 _EPSILON = 1e-6
+_FIRST_SCALE = 1e-5  # of LayerScale, before training
 
 
 def normalised(images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 3 h w"]:
@@ -23,9 +24,9 @@ def normalised(images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 3 h w
 class LayerScale(nn.Module):
     """Learned factor for each channel."""
 
-    def __init__(self, channels: int, start: float) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.gamma = nn.Parameter(torch.full((channels,), start))
+        self.gamma = nn.Parameter(torch.full((CHANNELS,), _FIRST_SCALE))
 
     def forward(self, x: Float[Tensor, "*batch channel"]) -> Float[Tensor, "*batch channel"]:
         return x * self.gamma
@@ -34,13 +35,12 @@ class LayerScale(nn.Module):
 class Attention(nn.Module):
     """Self-attention over all tokens of a view."""
 
-    def __init__(self, channels: int, num_heads: int) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.num_heads = num_heads
-        self.qkv, self.proj = nn.Linear(channels, 3 * channels), nn.Linear(channels, channels)
+        self.qkv, self.proj = nn.Linear(CHANNELS, 3 * CHANNELS), nn.Linear(CHANNELS, CHANNELS)
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
-        query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, n=self.num_heads)
+        query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, n=_NUM_HEADS)
         attended = F.scaled_dot_product_attention(query, key, value)
         return self.proj(rearrange(attended, "i n t c -> i t (n c)"))
 
@@ -48,9 +48,9 @@ class Attention(nn.Module):
 class Mlp(nn.Module):
     """Linear -> GELU -> linear."""
 
-    def __init__(self, channels: int, hidden: int) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.fc1, self.fc2 = nn.Linear(channels, hidden), nn.Linear(hidden, channels)
+        self.fc1, self.fc2 = nn.Linear(CHANNELS, _HIDDEN), nn.Linear(_HIDDEN, CHANNELS)
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
         return self.fc2(F.gelu(self.fc1(x)))
@@ -59,14 +59,11 @@ class Mlp(nn.Module):
 class Block(nn.Module):
     """Pre-norm attention and MLP, each with LayerScale and a residual connection."""
 
-    def __init__(
-        self, channels: int = CHANNELS, num_heads: int = _NUM_HEADS, hidden: int = _HIDDEN, first_scale: float = 1e-5
-    ) -> None:
-        """hidden: width of the MLP. first_scale: of LayerScale, before training."""
+    def __init__(self) -> None:
         super().__init__()
-        self.norm1, self.norm2 = nn.LayerNorm(channels, _EPSILON), nn.LayerNorm(channels, _EPSILON)
-        self.attn, self.mlp = Attention(channels, num_heads), Mlp(channels, hidden)
-        self.ls1, self.ls2 = LayerScale(channels, first_scale), LayerScale(channels, first_scale)
+        self.norm1, self.norm2 = nn.LayerNorm(CHANNELS, _EPSILON), nn.LayerNorm(CHANNELS, _EPSILON)
+        self.attn, self.mlp = Attention(), Mlp()
+        self.ls1, self.ls2 = LayerScale(), LayerScale()
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
         x = x + self.ls1(self.attn(self.norm1(x)))
@@ -98,27 +95,15 @@ class VisionTransformer(nn.Module):
         nn.init.normal_(self.cls_token, std=1e-6)
 
     def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
-        """Return the features after the last block. images: see `after_blocks`."""
-        return self.after_blocks(images, (_DEPTH,))[0]
-
-    def after_blocks(
-        self, images: Float[Tensor, "item 3 h w"], numbers: tuple[int, ...]
-    ) -> list[Float[Tensor, "item channel rows columns"]]:
-        """Return the features after the blocks with these numbers, 1 to 12, each after the final layer norm.
-
-        images: `normalised`; sides multiples of 14.
-        """
+        """Return the features after the last block and the norm. images: `normalised`; sides multiples of 14."""
         patches = self.patch_embed(images)
         rows, columns = patches.shape[-2:]
         tokens = rearrange(patches + self._positions(rows, columns), "i c h w -> i (h w) c")
         first = (self.cls_token + self.pos_embed[:, :1]).expand(len(images), -1, -1)
         tokens = torch.cat((first, tokens), dim=1)
-        found = []
-        for number, block in enumerate(self.blocks, start=1):
+        for block in self.blocks:
             tokens = block(tokens)
-            if number in numbers:
-                found.append(rearrange(self.norm(tokens)[:, 1:], "i (h w) c -> i c h w", h=rows))
-        return found
+        return rearrange(self.norm(tokens)[:, 1:], "i (h w) c -> i c h w", h=rows)
 
     def _positions(self, rows: int, columns: int) -> Float[Tensor, "1 channel rows columns"]:
         """Return the position embedding, resized from 37x37 patches."""

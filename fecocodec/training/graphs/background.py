@@ -7,9 +7,9 @@ from torch import Tensor, nn
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
-from fecocodec.receiver.background import DEFAULT_BACKGROUND, background_candidates, cell_centres
-from fecocodec.receiver.hidden import ExtendedDepth, is_hidden_from, standard_deviations
-from fecocodec.receiver.occluded import is_behind
+from fecocodec.splatting.background import DEFAULT_BACKGROUND, background_candidates, cell_centres
+from fecocodec.splatting.hidden import ExtendedDepth, is_hidden_from, standard_deviations
+from fecocodec.splatting.occluded import is_behind
 
 Find = Callable[[Gaussians, Cameras, tuple[int, int]], tuple[Gaussians, Tensor]]
 """(emitted Gaussians, cameras, grid) -> candidates of one part, and the depth that decides which are hidden."""

@@ -15,7 +15,6 @@ from onnxscript import optimizer
 
 from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
-from fecocodec.config import PAPER
 from fecocodec.errors import ModelError
 from fecocodec.receiver.load import load_receiver
 from fecocodec.training.graphs.canonical import make_canonical
@@ -40,7 +39,7 @@ def export_receiver(folder: Path) -> None:
     """
     path = folder / RECEIVER_FILE
     receiver, _ = load_receiver(path)
-    if receiver.config.method == PAPER:
+    if not receiver.config.kind.has_rules:
         raise ModelError(f"{path}: graphs are exported for the method 'compact' alone; decode this model with torch.")
     graphs = network_graphs(with_exported_blocks(receiver)) | prior_graphs(with_exact_layers(receiver.prior))
     write_graphs(graphs, path.read_bytes(), folder / GRAPHS)

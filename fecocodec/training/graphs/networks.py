@@ -3,9 +3,9 @@
 import torch
 
 from fecocodec.config import ReceiverConfig
-from fecocodec.receiver.background import DEFAULT_BACKGROUND, cell_centres
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.occluded import occluded_candidates
+from fecocodec.splatting.background import DEFAULT_BACKGROUND, cell_centres
+from fecocodec.splatting.occluded import occluded_candidates
 from fecocodec.training.graphs import pairs, prediction
 from fecocodec.training.graphs.background import BehindGraph, CandidatesGraph, HideGraph, outside_candidates
 from fecocodec.training.graphs.specification import Graph, GraphInput

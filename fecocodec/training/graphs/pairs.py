@@ -9,11 +9,11 @@ from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.confirmation import confirmation_by
-from fecocodec.receiver.duplicates import kept_beside, shown_surfaces
-from fecocodec.receiver.free_space import violation_by, with_confirmation
-from fecocodec.receiver.near_bound import near_bound_violation_by
-from fecocodec.receiver.view_dependence import NormalEquations, surfaces_of, with_view
+from fecocodec.splatting.confirmation import confirmation_by
+from fecocodec.splatting.duplicates import kept_beside, shown_surfaces
+from fecocodec.splatting.free_space import violation_by, with_confirmation
+from fecocodec.splatting.near_bound import near_bound_violation_by
+from fecocodec.splatting.view_dependence import NormalEquations, surfaces_of, with_view
 
 
 def _camera(extrinsics: Tensor, intrinsics: Tensor) -> Cameras:

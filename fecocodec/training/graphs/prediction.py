@@ -6,10 +6,10 @@ from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.free_space import surfaces_of
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.predictor import enlarged
-from fecocodec.receiver.view_dependence import NormalEquations, harmonics_of
+from fecocodec.splatting.free_space import surfaces_of
+from fecocodec.splatting.view_dependence import NormalEquations, harmonics_of
 from fecocodec.training.graphs.update import rate_condition
 
 
@@ -102,7 +102,7 @@ class AttributesGraph(nn.Module):
         cameras = normalised(extrinsics, intrinsics, far).as_batch()
         residual = enlarged(attended.permute(0, 3, 1, 2))
         added = None if detail is None else self.receiver.detail_basis(detail)
-        found = self.receiver.predictor.attributes(features, residual, relative[None], cameras, added)
+        found = self.receiver.predictor.at_head(features, residual, relative[None], cameras, added).attributes
         positions, colours = (x.permute(0, 1, 4, 2, 3).contiguous() for x in (found.means, found.colour))
         surfaces = surfaces_of(found.depth, colours, found.opacity)
         scales, rotations = (x[0].flatten(0, 2) for x in (found.scales, found.rotations))

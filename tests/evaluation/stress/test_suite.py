@@ -6,11 +6,9 @@ import pytest
 import torch
 
 from fecocodec.evaluation.stress import suite as stress
-from fecocodec.evaluation.stress.box_room import Room, blank, painted, photograph, waves
-from fecocodec.evaluation.stress.camera_paths import sideways
+from fecocodec.evaluation.stress.box_room import Room, blank, painted, photograph, sideways, waves
 from fecocodec.evaluation.stress.cases import StressCase, Trial, cases_of, room_cases
-from fecocodec.evaluation.stress.run import run_suite
-from fecocodec.evaluation.stress.suite import StressSuite
+from fecocodec.evaluation.stress.suite import StressSuite, run_suite
 from fecocodec.sender.codec import load_codec
 from tests.example_scenes import MODEL
 

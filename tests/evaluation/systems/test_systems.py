@@ -9,10 +9,8 @@ import torch
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.ablations import ABLATIONS, ablation_system
-from fecocodec.evaluation.systems.codec import codec_system
+from fecocodec.evaluation.systems.codec import codec_system, on_one_thread, speed_systems
 from fecocodec.evaluation.systems.groups import systems_of
-from fecocodec.evaluation.systems.operating_points import on_one_thread, speed_systems
-from fecocodec.evaluation.systems.pruned import pruned_system
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.evaluation.systems.uncoded import uncoded_gaussians
 from fecocodec.geometry.gaussians import Gaussians
@@ -49,9 +47,7 @@ def test_ablations_change_what_is_sent(codec: Codec) -> None:
 def test_an_ablation_can_be_asked_for_alone(codec: Codec) -> None:
     for part in ABLATIONS:
         assert len(systems_of([part], codec, [1e-2, 1e-4])) == 2
-    with pytest.raises(
-        InputError, match=r"no systems called magic; choose from codec, fast, best, pruned, .*ablations"
-    ):
+    with pytest.raises(InputError, match=r"no systems called magic; choose from codec, fast, best, .*ablations"):
         systems_of(["codec", "magic"], codec, [LAMBDA])
 
 
@@ -84,9 +80,3 @@ def test_latents_that_are_not_coded_are_optimised_for_distortion_alone(codec: Co
         return float(FAST.distortion(drawn, views.images).mean())
 
     assert distortion(optimised) < distortion(as_given)
-
-
-def test_pruning_sends_the_same_bytes_and_keeps_fewer_gaussians(codec: Codec) -> None:
-    plain, kept = run(systems_of(["codec"], codec, [LAMBDA])[0]), run(pruned_system(codec, LAMBDA))
-    assert plain.gaussians is not None and kept.gaussians is not None
-    assert kept.num_bytes == plain.num_bytes and kept.gaussians.count < plain.gaussians.count

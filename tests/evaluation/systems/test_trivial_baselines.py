@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.evaluation.systems.gaussian_codecs import GAUSSIAN_FORMATS, decode_gaussians, encode_gaussians
-from fecocodec.evaluation.systems.image_codecs import QUALITY_LADDERS, decode_image, encode_image
+from fecocodec.evaluation.systems.gaussian_compression import GAUSSIAN_FORMATS, decode_gaussians, encode_gaussians
+from fecocodec.evaluation.systems.image_compression import QUALITY_LADDERS, decode_image, encode_image
 from fecocodec.evaluation.systems.trivial_baselines import trivial_baselines
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.metrics import psnr

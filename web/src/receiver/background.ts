@@ -3,7 +3,7 @@
  *
  * The border of each view is extrapolated outwards, with more blur and larger cells at larger distances, on several
  * layers behind the surface at the border. Only candidates that no context view shows are kept. The layer is the same
- * as that of fecocodec/receiver/background.py.
+ * as that of fecocodec/splatting/background.py.
  */
 
 import { type Axis, backgroundAxis, blurWeights, borderWeights } from "./background-grid";

@@ -3,7 +3,7 @@
  *
  * Where a view shows a far surface beside a near one, the far one is continued behind the near one: each cell of 8x8
  * pixels gets one Gaussian with the blurred depth and colour of the farther surfaces around it. Only Gaussians that are
- * behind what every view shows are kept. They are the same as those of fecocodec/receiver/occluded.py.
+ * behind what every view shows are kept. They are the same as those of fecocodec/splatting/occluded.py.
  */
 
 import { blurredMeans, weightsAround } from "./blur";

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
@@ -31,6 +32,7 @@ from fecocodec.sender.extractors.depthsplat_small.windows import (
 from fecocodec.sender.extractors.vision_transformer import CHANNELS as MONOCULAR_CHANNELS
 from fecocodec.sender.extractors.vision_transformer import VisionTransformer, normalised
 from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.scene import Guides
 
 SIDE_MULTIPLE = 16  # pixels
 _LENS_TOLERANCE = 2e-3  # largest difference of normalised intrinsics between views with the public geometry
@@ -84,6 +86,8 @@ class DepthSplatSmall(nn.Module):
     The U-Net's output is added to a 1x1 convolution of its input.
     """
 
+    is_conditioned = False
+
     def __init__(self, geometry: str = "public", matching_scale: int = 1) -> None:
         """geometry: "public" computes positions and masks as the public code does, as its checkpoints require; "exact"
         computes them without the errors of that code (see `public_positions`, `public_masks_of_sources`).
@@ -108,8 +112,15 @@ class DepthSplatSmall(nn.Module):
         """Return F1 of every view. images: sRGB in [0, 1], sides multiples of 16. cameras: normalised scenes."""
         return self.fuse(images, self.match(images, cameras))
 
-    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Evidence:
-        """Run the three branches and build the cost volume.
+    @property
+    def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
+        """Nothing: its branches are frozen one by one, or as the whole extractor."""
+        return ()
+
+    def match(
+        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None
+    ) -> Evidence:
+        """Run the three branches and build the cost volume, without guides.
 
         Raises InputError if a side is not a multiple of 16, or if intrinsics differ with the public geometry.
         """
@@ -129,11 +140,13 @@ class DepthSplatSmall(nn.Module):
         consistency = cross_view_consistency(disparity, cameras, source_views(cameras))
         return Evidence(cost, appearance, _flat(multi_view), monocular, expected, _flat(consistency[:, :, None]), views)
 
-    def fuse(self, images: Float[Tensor, "batch view 3 h w"], evidence: Evidence) -> Float[Tensor, "item 128 h4 w4"]:
+    def fuse(
+        self, images: Float[Tensor, "batch view 3 h w"], matching: Evidence, condition: RateCondition | None = None
+    ) -> Float[Tensor, "item 128 h4 w4"]:
         """Return F1: the U-Net applied to the outputs of the branches. The images are not used."""
-        parts = (evidence.cost, evidence.appearance, evidence.multi_view, evidence.monocular)
-        joined = torch.cat([part.to(evidence.appearance.dtype) for part in parts], dim=1)
-        return self.regressor[0](joined, evidence.num_views) + self.regressor_residual[0](joined)
+        parts = (matching.cost, matching.appearance, matching.multi_view, matching.monocular)
+        joined = torch.cat([part.to(matching.appearance.dtype) for part in parts], dim=1)
+        return self.regressor[0](joined, matching.num_views) + self.regressor_residual[0](joined)
 
     def _multi_view(
         self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras

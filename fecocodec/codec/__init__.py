@@ -1,0 +1,1 @@
+"""From a folder of photographs to the bytes of a file: what the commands and Python users call."""

@@ -1,0 +1,63 @@
+"""Options of `encode_folder`. Needs no torch."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from fecocodec.captures.view_selection import Selection
+from fecocodec.container import quantise_lambda
+from fecocodec.container.metadata import pack_metadata
+from fecocodec.errors import OptionError
+from fecocodec.sender.rate_targets import Target
+
+DEFAULT_FRAMES = 8  # of a video
+
+
+@dataclass(frozen=True)
+class EncodingOptions:
+    """How a folder of photographs is encoded.
+
+    lmbda, num_stages, effort, sharpness, device, model: as for `encode`. target: None encodes at `lmbda`. views: as for
+    `read_views`, or `Spread`, `Auto` or `All`; None for all of up to 16, of which those that harm the others are left
+    out. size, near, far, background: as for `read_views`. metadata: stored in the file. num_frames: frames to take from
+    a video. focal_px: as for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured: decode the
+    file and measure it; `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
+    """
+
+    lmbda: float = 1e-3
+    target: Target | None = None
+    views: Selection | None = None
+    size: tuple[int, int] | None = None
+    near: float | None = None
+    far: float | None = None
+    background: Literal["white", "black"] | None = None
+    num_stages: int = 2
+    effort: str = "default"
+    sharpness: float = 0.0
+    metadata: dict[str, str] = field(default_factory=dict)
+    num_frames: int | None = None
+    focal_px: float | None = None
+    is_strict: bool = False
+    is_measured: bool = True
+    device: str = "cpu"
+    model: Path | str | None = None
+    num_threads: int = -1
+
+    def __post_init__(self) -> None:
+        """Raise InputError or BitstreamError for a lambda or metadata that no file has, OptionError for a conflict."""
+        quantise_lambda(self.lmbda)
+        pack_metadata(self.metadata)
+        if self.target is not None and self.num_stages == 1:
+            raise OptionError("`stages=1` has no rate control; leave out `stages` or the target.")
+        if self.sharpness != 0.0 and self.effort == "fast":
+            raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
+
+    def require_device(self) -> None:
+        """Raise InputError if the device cannot be used. Feedback and optimisation of latents render on it."""
+        from fecocodec.layers.memory_format import usable_device
+        from fecocodec.rendering.cuda import require_rendering_device
+
+        if self.num_stages == 1 and self.effort == "fast":
+            usable_device(self.device)
+        else:
+            require_rendering_device(self.device)

@@ -1,0 +1,46 @@
+"""What the encoder asks of a feature extractor E_mv."""
+
+from typing import Any, Protocol, runtime_checkable
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.layers.blocks import RateCondition
+from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.scene import Guides
+
+
+@runtime_checkable
+class Matching(Protocol):
+    """Result of matching, before fusion; item = (batch view), at 1/4 resolution. Extractors add what `fuse` needs."""
+
+    @property
+    def relative_disparity(self) -> Float[Tensor, "item 1 h4 w4"]:
+        """Relative disparity in [0, 1]; differentiable where training has a depth loss."""
+
+    @property
+    def depth(self) -> MatchedDepth:
+        """Disparity with its cross-view consistency, for the depth errors of E_fb; no gradient."""
+
+
+@runtime_checkable
+class Extractor(Protocol):
+    """E_mv = fuse(match). A module; `sender/model.py` has the table of those that weights files can name."""
+
+    is_conditioned: bool  # whether F1 depends on lambda
+
+    @property
+    def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
+        """All trainable parts whose results `fuse` takes; training freezes them as "matching"."""
+
+    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None) -> Any:
+        """Return a `Matching`. images: sRGB in [0, 1], sides multiples of 32. cameras: normalised, a batch.
+
+        guides: photographs that are not coded, of a batch of one scene; an extractor may ignore them.
+        """
+
+    def fuse(
+        self, images: Float[Tensor, "batch view 3 h w"], matching: Any, condition: RateCondition | None = None
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        """Return F1. matching: of `match`. condition: needed if `is_conditioned`."""

@@ -1,0 +1,53 @@
+"""Quality of decoded views as recorded, and the warnings that rest on it. Needs no torch."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+LEAST_LOSS = 0.1  # of the mean PSNR, in dB, that is worth a warning
+# Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between
+# the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/what_we_learned.md).
+LEAST_PSNR = 22.0
+
+
+@dataclass(frozen=True)
+class DecodedQuality:
+    """Quality of the context views after one stage. psnr_of_view: PSNR of each view in dB, at most 100."""
+
+    psnr_of_view: tuple[float, ...]
+
+    @property
+    def psnr(self) -> float:
+        """Mean PSNR over the views, in dB."""
+        return sum(self.psnr_of_view) / len(self.psnr_of_view)
+
+    @property
+    def worst_view(self) -> int:
+        """Index of the view with the smallest PSNR."""
+        return self.psnr_of_view.index(min(self.psnr_of_view))
+
+
+def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return one sentence if the decoded context views are poor, with what helps.
+
+    quality: after the last stage. names: of the views. The result is empty if their mean PSNR is LEAST_PSNR or more.
+    """
+    if quality.psnr >= LEAST_PSNR:
+        return ()
+    found = f"the decoded views are poor, with a PSNR of {quality.psnr:.1f} dB"
+    if len(names) == 1:
+        return (f"{found}; use a smaller lambda, a larger `size` or more `effort`.",)
+    worst = quality.worst_view
+    found += f" (worst {names[worst]}, {quality.psnr_of_view[worst]:.1f} dB), and images between them will be worse"
+    found += "; check that each camera belongs to its photograph, or"
+    if len(names) == 2:
+        return (f"{found} use a smaller lambda, a larger `size`, more `effort`, or two views closer together.",)
+    return (f"{found} choose fewer `views`, which are closer together, or use more `effort`.",)
+
+
+def stage_warnings(quality: Sequence[DecodedQuality]) -> tuple[str, ...]:
+    """Return one sentence if stage 2 lowers the decoded context views by LEAST_LOSS. quality: after each stage."""
+    before, after = quality[0].psnr, quality[-1].psnr
+    if after > before - LEAST_LOSS:
+        return ()
+    change = f"from {before:.2f} to {after:.2f} dB"
+    return (f"stage 2 lowers the PSNR of the decoded views {change}; `stages=1` gives a better file.",)

@@ -1,0 +1,113 @@
+"""Free-space check: find Gaussians in front of another view's surface that differ from it in colour.
+
+Depth that only one view determines is uncertain, and a Gaussian that is too near occludes the surfaces of other views.
+A real surface in front of another view's surface would be visible in that view (Curless and Levoy, "A volumetric method
+for building complex models from range images", 1996).
+
+With three or more views, a Gaussian is confirmed if its colour and depth are consistent with another view. Confirmed
+Gaussians are protected from violations against surfaces that are not confirmed. Gaussians of a view with less
+confirmation than the other view are rejected at a smaller colour difference. Gaussians closer to another camera than
+the near bound are rejected regardless of colour. FORMAT.md, section 9.1, has the formulas.
+"""
+
+import torch
+import torch.nn.functional as F
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.config import ReceiverConfig
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.splatting.confirmation import Comparison, compare, confirmation
+from fecocodec.splatting.near_bound import near_bound_violation
+from fecocodec.splatting.view_pairs import other_views
+
+POOLED = 2  # side of the blocks of Gaussians that are averaged to a view's surface
+
+
+@torch.no_grad()
+def free_space_violation(
+    means: Float[Tensor, "batch view h2 w2 3"],
+    depth: Float[Tensor, "batch view h2 w2"],
+    colour: Float[Tensor, "batch view h2 w2 3"],
+    opacity: Float[Tensor, "batch view h2 w2"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> Float[Tensor, "batch view h2 w2"]:
+    """Return the strongest free-space violation of each Gaussian over all other views, in [0, 1]; no gradient.
+
+    means: in the frame of the cameras. depth: in the Gaussian's own view, in scene units. colour: sRGB. h2 and w2 must
+    be even.
+    """
+    points, colour = (rearrange(x, "b v h w c -> b v c h w").contiguous() for x in (means, colour))
+    surfaces = surfaces_of(depth, colour, opacity)
+    scenes = zip(points, colour, surfaces, strict=True)
+    return torch.stack([_violation(*scene, cameras.scene(index), config) for index, scene in enumerate(scenes)])
+
+
+def surfaces_of(
+    depth: Float[Tensor, "batch view h2 w2"],
+    colour: Float[Tensor, "batch view 3 h2 w2"],
+    opacity: Float[Tensor, "batch view h2 w2"],
+) -> Float[Tensor, "batch view 4 h4 w4"]:
+    """Return each view's surface: colour and inverse depth of its Gaussians, averaged over blocks, opacity-weighted."""
+    values = torch.cat((colour, 1.0 / depth[:, :, None], torch.ones_like(depth)[:, :, None]), dim=2)
+    weighted = (values * (opacity[:, :, None] + 1e-3)).flatten(0, 1)
+    pooled = F.avg_pool2d(weighted, POOLED).unflatten(0, depth.shape[:2])
+    return pooled[:, :, :4] / pooled[:, :, 4:]
+
+
+def _violation(
+    points: Float[Tensor, "view 3 h2 w2"],
+    colour: Float[Tensor, "view 3 h2 w2"],
+    surfaces: Float[Tensor, "view 4 h4 w4"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> Float[Tensor, "view h2 w2"]:
+    """Return the strongest violation of each Gaussian of one scene."""
+    confirmed = confirmation(points, colour, surfaces, cameras, config)
+    share = confirmed.mean(dim=(1, 2)) if cameras.num_views > 2 else torch.ones_like(confirmed[:, 0, 0])
+    surfaces = with_confirmation(surfaces, confirmed)
+    strongest = near_bound_violation(points, cameras, config)
+    for index, there in other_views(cameras):
+        of_others = surfaces.index_select(0, index), share.index_select(0, index), there
+        strongest = torch.maximum(strongest, violation_by(points, colour, confirmed, share, *of_others, config))
+    return strongest
+
+
+def with_confirmation(
+    surfaces: Float[Tensor, "view 4 h4 w4"], confirmed: Float[Tensor, "view h2 w2"]
+) -> Float[Tensor, "view 5 h4 w4"]:
+    """Append the confirmation of the Gaussians, averaged over blocks, to the surfaces."""
+    return torch.cat((surfaces, F.avg_pool2d(confirmed[:, None], POOLED)), dim=1)
+
+
+def violation_by(
+    points: Float[Tensor, "view 3 h2 w2"],
+    colour: Float[Tensor, "view 3 h2 w2"],
+    confirmed: Float[Tensor, "view h2 w2"],
+    share: Float[Tensor, " view"],
+    surfaces: Float[Tensor, "view 5 h4 w4"],
+    share_there: Float[Tensor, " view"],
+    cameras: Cameras,
+    config: ReceiverConfig,
+) -> Float[Tensor, "view h2 w2"]:
+    """Return the violation of each Gaussian against the surface of another view.
+
+    confirmed: of the Gaussians. share: mean confirmation of their view; 1 for fewer than three views. surfaces,
+    share_there, cameras: of the other views; surfaces of `with_confirmation`.
+    """
+    seen = compare(points, colour, surfaces, cameras)
+    ratio = (share / share_there.clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
+    tolerance = config.free_space_colour * ratio
+    protection = config.free_space_protection * confirmed * (1.0 - seen.surface[:, 4])
+    return _in_front(seen, tolerance, config) * (1.0 - protection)
+
+
+def _in_front(
+    seen: Comparison, tolerance: Float[Tensor, " view"], config: ReceiverConfig
+) -> Float[Tensor, "view h2 w2"]:
+    """Return the violation from position and colour, without confirmation."""
+    nearer = torch.sigmoid((seen.lead - config.free_space_lead) / config.free_space_lead_width)
+    difference = seen.squared_difference.square()
+    return seen.is_seen * nearer * difference / (difference + tolerance.square()[:, None, None]).clamp_min(1e-20)

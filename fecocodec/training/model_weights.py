@@ -1,0 +1,150 @@
+"""Weights of a run: initial ones from model folders, frozen parts, and export to a model folder.
+
+The file of a frozen receiver stays equal to the byte, and with it the model id: streams of every sender that was
+trained with it decode with the same receiver. Exported are averaged weights in fp16, the prior in integers.
+"""
+
+from pathlib import Path
+
+from torch import nn
+
+from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into, model_id_of
+from fecocodec.errors import InputError, ModelError
+from fecocodec.model_files import read_bytes
+from fecocodec.receiver.load import load_receiver, serialise_receiver
+from fecocodec.receiver.model import Receiver
+from fecocodec.sender.adapted import adopt_codec
+from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
+from fecocodec.sender.load import load_sender, serialise_sender
+from fecocodec.sender.model import Sender
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.run_files import load_checkpoint
+
+TRAINED_ALONE = ("steps.", "sharp_steps.")  # parts that a model may lack
+DETAIL = "detail."
+FREEZABLE = ("receiver", "extractor", "matching")
+
+
+def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
+    """Copy the weights of a model's folder, except those of an extractor of another kind.
+
+    A sender keeps the initial weights of its step networks if the model has none, and does without them if it has none
+    itself. The detail layer is left out: it is fitted to a trained receiver.
+    Raises ModelError if the model is missing or has other sizes.
+    """
+    released, model_id = load_receiver(model / RECEIVER_FILE)
+    trained = load_sender(model / SENDER_FILE, released.config, model_id)
+    known = receiver.state_dict()
+    load_into(
+        receiver, {n: v for n, v in released.state_dict().items() if n in known or not n.startswith(DETAIL)}, model
+    )
+    if trained.config.extractor == sender.config.extractor:
+        own = sender.state_dict()
+        initial = {name: value for name, value in own.items() if name.startswith(TRAINED_ALONE)}
+        found = trained.state_dict().items()
+        load_into(
+            sender, initial | {n: value for n, value in found if n in own or not n.startswith(TRAINED_ALONE)}, model
+        )
+    else:
+        adopt_codec(sender, trained)
+
+
+def load_fitting_weights(
+    sender: Sender, receiver: Receiver, model: Path, anew: tuple[str, ...] = ()
+) -> tuple[str, ...]:
+    """Copy the weights of a model's folder that have the same name and shape, to start a variant of this model.
+
+    anew: layers that are not copied, such as "receiver.predictor.head.2". Returns the names of the tensors that keep
+    their initial values. Raises ModelError if the model is missing or damaged.
+    """
+    released, model_id = load_receiver(model / RECEIVER_FILE)
+    trained = load_sender(model / SENDER_FILE, released.config, model_id)
+    names: list[str] = []
+    for part, network, source in (("receiver", receiver, released), ("sender", sender, trained)):
+        known, tensors = source.state_dict(), network.state_dict()
+        for name, tensor in tensors.items():
+            is_anew = any(f"{part}.{name}".startswith(f"{layer}.") for layer in anew)
+            if name in known and known[name].shape == tensor.shape and not is_anew:
+                tensors[name] = known[name]
+            else:
+                names.append(f"{part}.{name}")
+        network.load_state_dict(tensors)
+    return tuple(names)
+
+
+def load_extractor(sender: Sender, source: Path) -> LoadReport:
+    """Load the extractor alone from a model's folder or, for depthsplat-small, from a public checkpoint.
+
+    Raises ModelError if the source is missing, damaged, or has another kind of extractor.
+    """
+    if not source.is_dir():
+        if not isinstance(sender.extractor, DepthSplatSmall):
+            raise ModelError(f"{source}: public checkpoints are for depthsplat-small; name the folder of a model.")
+        return load_public_weights(sender.extractor, source)
+    released, model_id = load_receiver(source / RECEIVER_FILE)
+    trained = load_sender(source / SENDER_FILE, released.config, model_id)
+    if trained.config.extractor != sender.config.extractor:
+        raise ModelError(
+            f"{source}: its extractor is {trained.config.extractor}, this run's is {sender.config.extractor}; "
+            "name another model."
+        )
+    tensors = trained.extractor.state_dict()
+    load_into(sender.extractor, tensors, source)
+    return LoadReport(tuple(tensors), (), ())
+
+
+def freeze(sender: Sender, receiver: Receiver, names: tuple[str, ...]) -> None:
+    """Exclude these parts from training: "receiver", "extractor", "matching" (all but fusion of the compact extractor).
+
+    Raises InputError for any other name, and for "matching" with another extractor.
+    """
+    matching = sender.extractor.before_fusion
+    parts: dict[str, tuple[nn.Module | nn.Parameter, ...]] = {
+        "receiver": (receiver,),
+        "extractor": (sender.extractor,),
+        "matching": matching,
+    }
+    for name in names:
+        if not parts.get(name):
+            raise InputError(f"There is no part '{name}' to freeze; choose from {', '.join(FREEZABLE)}.")
+        for part in parts[name]:
+            part.requires_grad_(False)
+
+
+def export_model(checkpoint: Path, folder: Path, configuration: Configuration, start: Path | None = None) -> None:
+    """Write `receiver.safetensors` and `sender.safetensors` with a checkpoint's averaged weights to `folder`.
+
+    configuration: that of the run. start: folder of the model with whose weights the run began; a frozen receiver is
+    copied from there.
+    Raises ModelError if the checkpoint cannot be read, OutputError if the folder cannot be written.
+    """
+    receiver, sender = Receiver(configuration.receiver), Sender(configuration.sender, configuration.receiver)
+    is_frozen = start is not None and "receiver" in configuration.frozen
+    export_networks(checkpoint, folder, receiver, sender, start / RECEIVER_FILE if start and is_frozen else None)
+
+
+def export_networks(
+    checkpoint: Path, folder: Path, receiver: Receiver, sender: Sender, receiver_file: Path | None = None
+) -> None:
+    """Export as `export_model` does, through these networks, which receive the averaged weights.
+
+    receiver_file: weights file that is copied in place of the receiver.
+    """
+    average = load_checkpoint(checkpoint)["average"]
+    for name, network in (("receiver.", receiver), ("sender.", sender)):
+        network.load_state_dict({k.removeprefix(name): v for k, v in average.items() if k.startswith(name)})
+    receiver_bytes = serialise_receiver(receiver) if receiver_file is None else read_bytes(receiver_file)
+    write_model(folder, receiver_bytes, sender)
+
+
+def write_model(folder: Path, receiver: bytes, sender: Sender) -> None:
+    """Write the weights files of a model. receiver: bytes of the receiver's file.
+
+    Raises OutputError if the folder cannot be written.
+    """
+    make_folder(folder)
+    for name, data in ((RECEIVER_FILE, receiver), (SENDER_FILE, serialise_sender(sender, model_id_of(receiver)))):
+        with write_atomically(folder / name, overwrite=True) as temporary:
+            temporary.write_bytes(data)

@@ -1,0 +1,79 @@
+"""What the sender renders and optimises is what `decode` emits, rule by rule; what it leaves out is named."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from fecocodec.checkpoint import model_folder
+from fecocodec.coding.camera_packing import unpack
+from fecocodec.coding.visibility import is_filled_behind, visibility_of
+from fecocodec.container import read_stream, write_stream
+from fecocodec.container.lambda_quantisation import quantise_lambda
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.normalisation import normalise_scene
+from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode_with
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.encode import assemble, write_stages
+from fecocodec.sender.latent_optimisation import gaussians_of
+from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.scene import prepare_scene
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.splatting.emission import LEAST_OPACITY
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
+
+SIZE = (64, 96)
+
+
+@pytest.fixture(scope="module")
+def codec() -> Codec:
+    return load_codec(model_folder(None), "cpu")
+
+
+def views_of(count: int, is_cut_out: bool) -> Views:
+    world, generator = SyntheticScenes(pattern_textures(8)), torch.Generator().manual_seed(count)
+    views = world.sample(generator, num_context=count, num_target=0, size=SIZE).views
+    if not is_cut_out:
+        return views
+    opacity = torch.zeros(count, *SIZE)
+    opacity[:, 16:48, 16:80] = 1.0
+    return replace(views, images=views.images * opacity[:, None] + 1.0 - opacity[:, None], alpha=opacity)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("count", "is_cut_out"), [(2, False), (4, False), (8, False), (2, True), (4, True)])
+def test_feedback_and_objective_show_what_is_decoded(codec: Codec, count: int, is_cut_out: bool) -> None:
+    views = views_of(count, is_cut_out)
+    scene = prepare_scene(views, codec.device)
+    encoder = SceneEncoder.of(codec, scene)
+    stages = write_stages(encoder, quantise_lambda(1e-3), 2, DEFAULT.with_steps(1))
+    stream = assemble(codec, scene, stages)
+    last, data = stages[-1], write_stream(stream)
+    prediction = encoder.predict(last.state, last.inputs.condition)
+    sent = encoder.emit(prediction, last.fading)
+    optimised = gaussians_of(encoder, replace(last.inputs, fading=last.fading), last.coded.y_hat)
+
+    _, frame = normalise_scene(unpack(scene.packed))
+
+    def decoded(sh_degree: int) -> Gaussians:
+        """What `decode` emits, in the normalised frame: Gaussians of the views, layers outside and behind."""
+        emitted = decode_with(codec.receiver, data, sh_degree=sh_degree).gaussians
+        means = ((emitted.means.double() - frame.origin) / frame.scale).float()
+        return replace(emitted, means=means, scales=emitted.scales / frame.scale)
+
+    per_view = prediction.attributes.opacity.numel()
+    for mine, theirs in ((sent, decoded(1)), (optimised, decoded(0))):
+        number = torch.arange(mine.count)
+        drawn = mine.keep((number < per_view) & (mine.opacities >= LEAST_OPACITY))
+        behind = mine.keep(number >= per_view)
+        of_views = torch.arange(theirs.count) < drawn.count
+        of_layer = torch.arange(theirs.count) >= theirs.count - behind.count
+        for ours, received in ((drawn, theirs.keep(of_views)), (behind, theirs.keep(of_layer))):
+            for one, other in zip(ours.fields(), received.fields(), strict=True):
+                torch.testing.assert_close(one, other, atol=1e-4, rtol=1e-4)
+    is_filled = is_filled_behind(count, is_cut_out)
+    assert (sent.count > per_view) == (optimised.count > per_view) == is_filled
+    visibility = visibility_of(read_stream(data))
+    assert (visibility is not None) == (is_cut_out or (last.fading is not None and bool(last.fading.levels.any())))

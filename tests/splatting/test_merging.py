@@ -1,0 +1,167 @@
+"""Merging at the receiver: which Gaussians are merged, and which properties a merged Gaussian preserves."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
+from fecocodec.merging.symmetric_matrices import adjugate_form, from_axes, to_axes
+from fecocodec.receiver.decode import decode
+from fecocodec.rendering.rasterizer import render
+from fecocodec.splatting.merging import MergingConfig, merged
+
+SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-6.fcs"
+SIDE = 32  # Gaussians a side
+CONFIG = MergingConfig()
+
+
+def camera() -> Cameras:
+    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])[None]
+    return Cameras(torch.eye(4)[None], intrinsics, torch.tensor(1.0), torch.tensor(20.0))
+
+
+def wall(grey: torch.Tensor, depth: torch.Tensor) -> Gaussians:
+    """Return one Gaussian per grid cell of one view, in the predictor's order. grey, depth: [SIDE SIDE]."""
+    cameras, count = camera(), SIDE * SIDE
+    means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depth[None, ..., None])
+    colour = grey.reshape(-1, 1, 1).expand(-1, 1, 3)
+    return Gaussians(
+        means=means.reshape(-1, 3),
+        scales=(0.9 / SIDE * depth.reshape(-1, 1)).expand(-1, 3) * torch.tensor([1.0, 1.0, 0.2]),
+        rotations=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
+        opacities=torch.full((count,), 0.3),
+        harmonics=torch.cat(((colour - 0.5) / SH_DEGREE_0, torch.zeros(count, 3, 3)), dim=1),
+    )
+
+
+def merge_all(gaussians: Gaussians, config: MergingConfig = CONFIG) -> Gaussians:
+    return merged(gaussians, torch.ones(gaussians.count, dtype=torch.bool), (SIDE, SIDE), camera(), config)
+
+
+def flat(value: float) -> torch.Tensor:
+    return torch.full((SIDE, SIDE), value)
+
+
+def noise(deviation: float) -> torch.Tensor:
+    return deviation * torch.randn(SIDE, SIDE, generator=torch.Generator().manual_seed(3))
+
+
+def test_a_uniform_wall_becomes_one_gaussian_per_4x4_cell() -> None:
+    assert merge_all(wall(flat(0.6), flat(4.0))).count == (SIDE // 4) ** 2
+
+
+def mean_squared_difference(first: Gaussians, second: Gaussians) -> float:
+    """Return the mean squared difference of renderings, without their borders."""
+    images = [render(g, camera(), (2 * SIDE, 2 * SIDE)).color[..., 8:-8, 8:-8] for g in (first, second)]
+    return float((images[0] - images[1]).square().mean())
+
+
+def test_a_nearly_uniform_opaque_wall_looks_the_same() -> None:
+    before = wall(0.6 + noise(0.003), flat(4.0))
+    before = replace(before, opacities=torch.full_like(before.opacities, 0.9))
+    after = merge_all(before)
+    assert after.count < 0.1 * before.count
+    assert mean_squared_difference(before, after) < 1e-4
+
+
+def test_receivers_that_round_differently_agree_within_50_db() -> None:
+    """At costs near the bound, rounding errors determine which cells are merged."""
+    before = wall(0.5 + noise(0.05), 4.0 + noise(0.2))
+    other = replace(before, means=before.means * (1.0 + 1e-6), opacities=before.opacities * (1.0 - 1e-5))
+    assert 0.2 * before.count < merge_all(before).count < 0.8 * before.count
+    assert mean_squared_difference(merge_all(before), merge_all(other)) < 1e-5
+
+
+def test_texture_is_kept() -> None:
+    before = wall(0.5 + noise(0.2), flat(4.0))
+    assert merge_all(before).count > 0.95 * before.count
+
+
+def test_colours_do_not_mix_across_an_edge() -> None:
+    grey, depth = flat(0.2), flat(3.0)
+    grey[:, SIDE // 2 + 1 :], depth[:, SIDE // 2 + 1 :] = 0.8, 6.0  # the edge runs through a column of cells
+    after = merge_all(wall(grey, depth))
+    shades = 0.5 + SH_DEGREE_0 * after.harmonics[:, 0, 0]
+    assert torch.minimum((shades - 0.2).abs(), (shades - 0.8).abs()).max() < 0.01
+    assert torch.minimum((after.means[:, 2] - 3.0).abs(), (after.means[:, 2] - 6.0).abs()).max() < 0.01
+
+
+def test_a_merged_gaussian_has_the_moments_of_its_members() -> None:
+    before = wall(flat(0.6), flat(4.0))
+    after = merge_all(before, replace(CONFIG, largest_costs=CONFIG.largest_costs[:1]))
+    corner = before.means.reshape(SIDE, SIDE, 3)[:2, :2].reshape(-1, 3)
+    offsets = corner - corner.mean(dim=0)
+    covariance = torch.diag(before.scales[0] ** 2) + offsets.T @ offsets / 4
+    found = after.means.sub(corner.mean(dim=0)).norm(dim=1).argmin()
+    entries = from_axes(after.scales[found][None].numpy(), after.rotations[found][None].numpy())[0]
+    expected = covariance[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    torch.testing.assert_close(after.means[found], corner.mean(dim=0), rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(entries, expected.numpy(), rtol=2e-2, atol=1e-5)
+
+
+def test_the_integral_of_optical_depth_is_kept() -> None:
+    before = wall(flat(0.6), flat(4.0))
+
+    def optical_depth(gaussians: Gaussians) -> float:
+        size = (8 * SIDE, 8 * SIDE)  # fine enough to make the renderer's low-pass filter negligible
+        return float(-torch.log1p(-render(gaussians, camera(), size).alpha[..., 32:-32, 32:-32].double()).mean())
+
+    assert optical_depth(merge_all(before)) == pytest.approx(optical_depth(before), rel=0.03)
+
+
+def test_gaussians_that_are_not_present_are_dropped_whatever_they_hold() -> None:
+    before = wall(flat(0.6), flat(4.0))
+    is_present = torch.ones(before.count, dtype=torch.bool)
+    is_present[5::7] = False
+    damaged = before.means.clone()
+    damaged[~is_present] = torch.nan
+    after = merged(replace(before, means=damaged), is_present, (SIDE, SIDE), camera(), CONFIG)
+    assert after.count < is_present.sum()
+    assert all(field.isfinite().all() for field in after.fields())
+
+
+def test_a_bound_of_zero_keeps_every_bit() -> None:
+    before = wall(0.5 + noise(0.1), flat(4.0))
+    after = merge_all(before, replace(CONFIG, largest_costs=(0.0, 0.0)))
+    assert all(torch.equal(a, b) for a, b in zip(after.fields(), before.fields(), strict=True))
+
+
+def test_the_unit_of_length_does_not_matter() -> None:
+    before = wall(0.5 + noise(0.05), 4.0 + noise(0.2))
+    longer = replace(before, means=1000.0 * before.means, scales=1000.0 * before.scales)
+    assert abs(merge_all(longer).count - merge_all(before).count) <= 2
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(1e-3, 1e2), min_size=3, max_size=3), st.lists(st.floats(-1, 1), min_size=4, max_size=4))
+def test_axes_and_covariances_are_inverse(scales: list[float], rotation: list[float]) -> None:
+    quaternion = np.array([rotation], np.float32)
+    quaternion[0, 0] += 2.0
+    quaternion /= np.linalg.norm(quaternion)
+    covariance = from_axes(np.array([scales], np.float32), quaternion)
+    again = from_axes(*to_axes(covariance))
+    np.testing.assert_allclose(again, covariance, rtol=0, atol=2e-6 * max(scales) ** 2)
+
+
+def test_the_adjugate_form_is_the_determinant_times_the_inverse_form() -> None:
+    factor = np.random.default_rng(5).normal(size=(20, 3, 3))
+    matrices = factor @ factor.swapaxes(1, 2)
+    vectors = np.random.default_rng(6).normal(size=(20, 3))
+    expected = np.linalg.det(matrices) * np.einsum("ni,nij,nj->n", vectors, np.linalg.inv(matrices), vectors)
+    entries = matrices[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    np.testing.assert_allclose(adjugate_form(entries, vectors), expected, rtol=1e-6)
+
+
+def test_decode_merges_when_asked_and_leaves_the_other_gaussians_unchanged() -> None:
+    data = SCENE.read_bytes()
+    fewer, every = decode(data, merging=MergingConfig()).gaussians, decode(data).gaussians
+    assert fewer.count < every.count
+    rows = {row.numpy().tobytes() for row in every.means}
+    unchanged = sum(row.numpy().tobytes() in rows for row in fewer.means)
+    assert 0 < unchanged < fewer.count

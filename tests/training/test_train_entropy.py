@@ -1,0 +1,109 @@
+"""The entropy model alone: fewer bits, and nothing else changes."""
+
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from fecocodec.coding.payload import encode_latents
+from fecocodec.config import PAPER
+from fecocodec.errors import InputError
+from fecocodec.receiver.load import serialise_receiver
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.lambda_roles import stage_lambdas
+from fecocodec.sender.optimisation_config import FAST
+from fecocodec.training.batch import BatchShapes
+from fecocodec.training.configurations import Configuration, RunSettings
+from fecocodec.training.model_weights import write_model
+from fecocodec.training.optimisation import Schedule
+from fecocodec.training.sources import Sources
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
+from fecocodec.training.train_entropy import ENTROPY, SceneLatents, draw_latents, latents_of, train_entropy_model
+from fecocodec.training.trainer import Trainer
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+LEARNS = ("receiver.prior.", "sender.hyper_analysis.")
+SHAPES = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
+SOURCES = Sources(SyntheticScenes(pattern_textures(13)), None)
+SHORT = replace(ENTROPY, shapes=SHAPES, schedule=replace(ENTROPY.schedule, num_steps=15, learning_rate=1.6e-2))
+
+
+@pytest.fixture(scope="module")
+def untrained(tmp_path_factory: pytest.TempPathFactory) -> Codec:
+    """Networks as training starts with them: a block transform, whose prior has learnt nothing."""
+    settings = RunSettings(tmp_path_factory.mktemp("run"), Configuration(SHAPES, Schedule(1)), max_minutes=5.0)
+    trainer = Trainer(settings, SOURCES)
+    return Codec(trainer.sender, trainer.receiver, b"")
+
+
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(0)
+
+
+def state_of(codec: Codec) -> dict[str, Tensor]:
+    return nn.ModuleDict({"receiver": codec.receiver, "sender": codec.sender}).state_dict()
+
+
+def bytes_of(codec: Codec, scenes: list[SceneLatents]) -> int:
+    """Of real payloads, both stages."""
+    prior, total = codec.receiver.prior, 0
+    with torch.no_grad():
+        for scene in scenes:
+            lambdas = stage_lambdas(torch.tensor([scene.lambda_q]), len(scene.y))
+            for stage, (y, lambda_q) in enumerate(zip(scene.y, lambdas, strict=True), start=1):
+                context = None if stage == 1 else scene.y1_hat
+                z = codec.sender.hyper_analysis(y)
+                total += len(encode_latents(prior, y, z, int(lambda_q), stage, context)[0])
+    return total
+
+
+def test_bytes_fall_on_other_scenes_and_the_other_networks_stay(untrained: Codec, tmp_path: Path) -> None:
+    codec = deepcopy(untrained)
+    others = draw_latents(codec, SOURCES, SHORT, generator(), 2, FAST)
+    before = bytes_of(codec, others)
+    rows = list(train_entropy_model(codec, SOURCES, SHORT, seed=1, num_scenes=2, optimisation=FAST))
+    assert [(row["step"], row["skipped"]) for row in rows] == [(15.0, 0.0)]
+    assert rows[0]["bpp1"] > 0 and rows[0]["bpp2"] > 0
+    assert bytes_of(codec, others) < 0.9 * before
+    old = state_of(untrained)
+    changed = {name for name, value in state_of(codec).items() if not torch.equal(value, old[name])}
+    assert changed and all(name.startswith(LEARNS) for name in changed)
+    assert not any(parameter.requires_grad for parameter in codec.receiver.parameters())
+
+    write_model(tmp_path / "model", serialise_receiver(codec.receiver), codec.sender)
+    load_codec(tmp_path / "model", "cpu")
+
+
+def test_latents_are_those_of_the_sender_at_every_lambda(untrained: Codec) -> None:
+    views = SOURCES.synthetic.sample(
+        torch.Generator().manual_seed(3), num_context=2, num_target=1, size=(64, 64)
+    ).views.select([0, 1])
+    fine, coarse, alone = latents_of(untrained, views, (200, 1700, 200), num_alone=1, optimisation=FAST)
+    assert fine.y[0].shape == fine.y[1].shape == fine.y1_hat.shape == (2, 32, 8, 8)
+    assert float(fine.y[0].std()) > 3 * float(coarse.y[0].std())  # finer steps at lower lambda
+    assert not fine.y[0].requires_grad
+    assert len(alone.y) == 1 and alone.y1_hat is None
+    assert float(alone.y[0].std()) > 1.5 * float(fine.y[0].std())  # the first of two stages is coarser
+
+
+def test_the_last_of_several_scenes_has_one_stage_alone(untrained: Codec) -> None:
+    assert ENTROPY.alone_every == 8
+    scenes = draw_latents(untrained, SOURCES, replace(SHORT, alone_every=2), generator(), 2, FAST)
+    assert [len(scene.y) for scene in scenes] == [2, 2, 2, 1]
+
+
+def test_equal_seeds_draw_equal_latents(untrained: Codec) -> None:
+    first, again = (draw_latents(untrained, SOURCES, SHORT, generator(), 1, FAST) for _ in range(2))
+    assert all(torch.equal(a.y[0], b.y[0]) and a.lambda_q == b.lambda_q for a, b in zip(first, again, strict=True))
+
+
+def test_a_model_of_the_paper_is_refused(untrained: Codec) -> None:
+    codec = deepcopy(untrained)
+    codec.receiver.config = replace(codec.receiver.config, method=PAPER)
+    with pytest.raises(InputError, match="has the paper's method, which trains all networks together; train it as"):
+        next(train_entropy_model(codec, SOURCES, SHORT))

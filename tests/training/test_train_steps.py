@@ -1,0 +1,139 @@
+"""The step network alone: steps get better for the scenes it sees, and nothing else changes."""
+
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from fecocodec.config import ReceiverConfig, SenderConfig
+from fecocodec.errors import InputError
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.receiver.load import serialise_receiver
+from fecocodec.receiver.model import Receiver
+from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.distortion import MseDistortion
+from fecocodec.sender.fading import LEAST_VIEWS
+from fecocodec.sender.latent_optimisation import gaussians_of
+from fecocodec.sender.model import Sender
+from fecocodec.sender.optimisation_config import OptimisationConfig
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import StageInputs
+from fecocodec.training import step_learning
+from fecocodec.training.batch import Batch, BatchShapes
+from fecocodec.training.configurations import Configuration
+from fecocodec.training.loop import SCENES_OF_A_STEP
+from fecocodec.training.model_weights import load_model_weights, write_model
+from fecocodec.training.samples import Sample
+from fecocodec.training.sources import Sources
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
+from fecocodec.training.train_steps import STEPS, train_step_network, with_sharp_steps
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+TWO_STEPS = OptimisationConfig(num_steps=2, extra_step_below=(), distortion=MseDistortion())
+
+
+class OneScene:
+    """A source that always gives the same scene."""
+
+    def __init__(self) -> None:
+        self._world = SyntheticScenes(pattern_textures(13))
+
+    def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
+        again = torch.Generator().manual_seed(3)
+        return self._world.sample(again, num_context=num_context, num_target=num_target, size=size)
+
+
+def new_codec(step_channels: int = 32) -> Codec:
+    torch.manual_seed(0)
+    receiver = ReceiverConfig()
+    return Codec(Sender(SenderConfig(step_channels=step_channels), receiver), Receiver(receiver), b"")
+
+
+def short(num_steps: int, views: int = 2, perceptual_weight: float = 0.0) -> Configuration:
+    shapes = BatchShapes(num_scenes=4, view_shares=((views, 1.0),), num_target=1, sizes=((64, 64),))
+    schedule = replace(STEPS.schedule, num_steps=num_steps)
+    return replace(
+        STEPS, shapes=shapes, schedule=schedule, lambda_range=(1e-3, 1e-3), perceptual_weight=perceptual_weight
+    )
+
+
+def trained(codec: Codec, configuration: Configuration) -> list[dict[str, float]]:
+    return list(train_step_network(codec, Sources(OneScene(), None), configuration, optimisation=TWO_STEPS))
+
+
+def test_the_network_changes_and_nothing_else() -> None:
+    codec = new_codec()
+    before = deepcopy(codec)
+    rows = trained(codec, short(2))
+    assert [(row["step"], row["skipped"]) for row in rows] == [(2.0, 0.0)]
+    assert {f"{name}{stage}" for name in ("loss", "context", "target", "log_bits") for stage in (1, 2)} <= rows[
+        0
+    ].keys()
+    old = before.sender.state_dict()
+    changed = {name for name, value in codec.sender.state_dict().items() if not torch.equal(value, old[name])}
+    assert changed and all(name.startswith("steps.") for name in changed)
+    assert all(
+        torch.equal(a, b) for a, b in zip(codec.receiver.parameters(), before.receiver.parameters(), strict=True)
+    )
+
+
+def test_scenes_are_moved_to_the_device_of_the_networks(monkeypatch: pytest.MonkeyPatch) -> None:
+    moved: list[str] = []
+    to = Batch.to
+
+    def recorded(batch: Batch, device: str) -> Batch:
+        moved.append(device)
+        return to(batch, device)
+
+    monkeypatch.setattr(Batch, "to", recorded)
+    trained(new_codec(), short(1))
+    assert moved == ["cpu"] * SCENES_OF_A_STEP
+
+
+@pytest.mark.parametrize("views", [LEAST_VIEWS - 1, LEAST_VIEWS])
+def test_many_views_are_faded_as_in_encoding(monkeypatch: pytest.MonkeyPatch, views: int) -> None:
+    found: list[tuple[int, bool]] = []
+
+    def recorded(encoder: SceneEncoder, inputs: StageInputs, y_hat: Tensor) -> Gaussians:
+        found.append((inputs.stage, inputs.fading is not None))
+        return gaussians_of(encoder, inputs, y_hat)
+
+    monkeypatch.setattr(step_learning, "gaussians_of", recorded)
+    trained(new_codec(), short(1, views))
+    assert set(found) == {(1, False), (2, views == LEAST_VIEWS)}
+
+
+def test_the_network_for_sharper_pictures_is_the_mean_of_what_was_trained() -> None:
+    codec = new_codec()
+    own = codec.sender.steps.log_scale.bias
+    states = [{name: value + shift for name, value in codec.sender.steps.state_dict().items()} for shift in (1.0, 3.0)]
+    beside, between = (with_sharp_steps(codec, states, is_between) for is_between in (False, True))
+    for found, share in ((beside, 0.0), (between, 1.0)):
+        assert found.sender.config.has_sharp_steps and found.receiver is codec.receiver
+        torch.testing.assert_close(found.sender.sharp_steps.log_scale.bias, own + 2.0)
+        torch.testing.assert_close(found.sender.steps.log_scale.bias, own + share)
+    assert codec.sender.sharp_steps is None
+
+
+def test_models_with_and_without_the_network_start_each_other(tmp_path: Path) -> None:
+    codec = new_codec()
+    torch.nn.init.ones_(codec.sender.steps.log_scale.bias)
+    write_model(tmp_path / "model", serialise_receiver(codec.receiver), codec.sender)
+    assert load_codec(tmp_path / "model", "cpu").sender.steps is not None
+
+    without = new_codec(step_channels=0)
+    load_model_weights(without.sender, without.receiver, tmp_path / "model")
+    assert without.sender.steps is None
+    write_model(tmp_path / "plain", serialise_receiver(without.receiver), without.sender)
+    load_model_weights(codec.sender, codec.receiver, tmp_path / "plain")
+    assert bool((codec.sender.steps.log_scale.bias == 1).all())  # its own, because the model has none
+
+
+def test_a_sender_without_the_network_is_refused() -> None:
+    with pytest.raises(InputError, match="no network that proposes steps; train one with the configuration compact"):
+        trained(new_codec(step_channels=0), short(1))
