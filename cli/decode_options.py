@@ -1,6 +1,5 @@
 """Options of `fecosplat decode` and `fecosplat batch decode`: what is decoded, and how it is written."""
 
-import os
 from collections.abc import Callable
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ import click
 from fecocodec.limits import MAX_SH_DEGREE
 from fecocodec.splat_files.output_formats import FORMATS, PLY, RUB
 
-from .options import device_option, max_pixels_option, model_option, overwrite_option, threads_option
+from .options import device_option, max_pixels_option, model_option, num_threads, overwrite_option, threads_option
 
 if TYPE_CHECKING:
     from fecocodec import Decoded
@@ -89,8 +88,7 @@ def decode_here(data: bytes, **options: Any) -> "Decoded":
     """Run `fecocodec.decode` with the threads that --threads or the environment allows this process."""
     from fecocodec import decode
 
-    value = os.environ.get("OMP_NUM_THREADS", "")
-    return decode(data, num_threads=int(value) if value.isdecimal() else 0, **options)
+    return decode(data, num_threads=num_threads(0), **options)
 
 
 def require_page(suffix: str) -> None:

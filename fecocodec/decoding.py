@@ -1,6 +1,5 @@
 """Decode a `.fcs` stream: the function that commands, batches and programs call. Torch is loaded only where needed."""
 
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -10,9 +9,8 @@ from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE
 from fecocodec.merging.merge import MergingConfig
 from fecocodec.model_files import find_receiver, has_graphs
+from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.runtime.scene import Decoded as Decoded
-
-OnProgress = Callable[[str, float], None]  # (current task, fraction done)
 
 
 def decode(
@@ -26,7 +24,7 @@ def decode(
     num_threads: int = 0,
     model: Path | str | None = None,
     max_pixels: int = DEFAULT_MAX_PIXELS,
-    on_progress: OnProgress = lambda _task, _fraction: None,
+    on_progress: OnProgress = ignore_progress,
 ) -> Decoded:
     """Decode a `.fcs` stream to Gaussians and cameras, which are NumPy arrays.
 

@@ -1,6 +1,5 @@
 """Decode the stages of a `.fcs` stream to Gaussians without torch."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,14 +16,13 @@ from fecocodec.container import (
 )
 from fecocodec.errors import BitstreamError
 from fecocodec.limits import SIDE_MULTIPLE
+from fecocodec.progress import OnProgress
 from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.latents import Steps, decode_stage
 from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import Decoded, unpack
 from fecocodec.runtime.view_groups import run_by_views
-
-OnProgress = Callable[[str, float], None]  # (current task, fraction done)
 
 
 def decode(
