@@ -1,4 +1,4 @@
-"""Measure the depth error of decoded Gaussians on procedural scenes that are not used for training.
+"""Measure the depth error of decoded Gaussians on synthetic scenes that are not used for training.
 
     python benchmarks/depth_accuracy.py MODEL_FOLDER [--textures FOLDER] [--scenes 40] [--lambdas 1e-2 1e-3 1e-4]
 
@@ -23,9 +23,9 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.encode import encode_with
 from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures, textures_from_folder
 from fecocodec.training.samples import Sample
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures, textures_from_folder
 
 SEED = 20_261_121_001  # differs from all seeds of training, which are small numbers
 NUM_PATTERNS, NUM_CONTEXT, NUM_TARGET = 100, 2, 2
@@ -79,7 +79,7 @@ def main() -> None:
     textures = pattern_textures(NUM_PATTERNS)
     if arguments.textures is not None:
         textures += textures_from_folder(arguments.textures)
-    codec, world = load_codec(arguments.model, "cpu"), ProceduralWorld(textures)
+    codec, world = load_codec(arguments.model, "cpu"), SyntheticScenes(textures)
     size = (arguments.size, arguments.size)
     print("lambda\tcontext\ttarget\tmedian scene, target\tmedian pixel, target\tbest constant\tcovered")
     for lmbda in arguments.lambdas:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fecocodec.camera_files.colmap import find_colmap_model, read_colmap
+from fecocodec.camera_files.image_matching import short_name
 from fecocodec.camera_files.llff import find_llff, read_llff
 from fecocodec.camera_files.other_cameras import program_of, unread_cameras
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
@@ -74,8 +75,8 @@ def cameras_above(folder: Path) -> Path | None:
 def unread_cameras_notes(folder: Path) -> list[str]:
     """Return a sentence if photographs whose cameras are estimated lie beside camera files that are not read."""
     unread = unread_cameras(folder, set()) if folder.is_dir() else ""
-    convert = "to use its cameras, convert it to a transforms.json or a COLMAP model"
-    return [f"{unread} is not read, and cameras are estimated; {convert}."] if unread else []
+    convert = "to use them, convert them to a transforms.json or a COLMAP model"
+    return [f"cameras in {unread} are not read, and cameras are estimated; {convert}."] if unread else []
 
 
 def _camera_files(path: Path) -> list[Path]:
@@ -105,8 +106,9 @@ def _others(folder: Path, found: list[Path]) -> list[str]:
         names = ", ".join(str(path.relative_to(folder)) for path in others)
         has, it = ("has", "it") if len(others) == 1 else ("have", "one of them")
         notes.append(f"{names} {has} cameras, too, which are not used; give {it} in place of the folder to use it.")
-    if unread := unread_cameras(folder, {*found, *splits}):
-        notes.append(f"{unread} is not read; the cameras are those of {found[0].relative_to(folder)}.")
+    tables = {folder / "cameras.txt"} if folder in found else set()  # the folder is itself a COLMAP model
+    if unread := unread_cameras(folder, {*found, *splits, *tables}):
+        notes.append(f"cameras in {unread} are not read; those of {short_name(found[0])} are used.")
     return notes
 
 

@@ -78,7 +78,7 @@ def _found(folder: Path, seen: set[Path]) -> Iterator[tuple[str, Path]]:
     for kind in _KINDS:
         for path in sorted(folder.glob(kind.pattern)):
             if path not in seen and _has(path, kind.content):
-                seen.add(path)
+                seen |= {path, folder / path.relative_to(folder).parts[0]}
                 yield kind.program, path
     for path in sorted(folder.iterdir()):
         if path not in seen and not path.name.startswith(".") and _may_hold_cameras(path):

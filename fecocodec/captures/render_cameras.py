@@ -10,6 +10,7 @@ from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.nerfstudio_path import read_camera_path
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
 from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
+from fecocodec.captures.archives import unpacked
 from fecocodec.captures.view_choice import select_views
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
@@ -41,15 +42,19 @@ class RenderCameras:
 def read_render_cameras(
     path: StrPath, *, views: Selection | None = None, size: tuple[int, int] | None = None
 ) -> RenderCameras:
-    """Read cameras from a scene folder, one of its camera files, a COLMAP model or a nerfstudio camera path.
+    """Read cameras from a scene folder or a ZIP archive of it, a camera file, a COLMAP model or a camera path.
 
     The image size is `size` = (height, width), else that of a camera path, else that of `read_views`: the most frequent
     size of the photographs, or of the camera file where a photograph is missing. views: as for `read_views`.
     Raises InputError if a camera cannot be used, or a size is neither known nor given.
     """
-    path = Path(path)
     if size and not all(1 <= side <= LARGEST_SIDE for side in size):
         raise InputError(f"size {size[1]}x{size[0]}: renderings have sides of 1 to {LARGEST_SIDE}; change `size`.")
+    with unpacked(path) as folder:
+        return _read(folder, views, size)
+
+
+def _read(path: Path, views: Selection | None, size: tuple[int, int] | None) -> RenderCameras:
     found = read_camera_path(path) if path.suffix.lower() == ".json" and path.is_file() else None
     scene, frames_per_second = found or (read_cameras(path), None)
     photographs, notes = select_views(scene, views, path, are_images_needed=False)

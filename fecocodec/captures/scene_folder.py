@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph
+from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks
 from fecocodec.captures.view_selection import Selection
@@ -39,7 +40,7 @@ def read_views(
     background: Background | None = None,
     masks: Masks = "leave-out",
 ) -> Views:
-    """Read the views of a scene folder (or of a camera file in it).
+    """Read the views of a scene folder (or of a camera file in it, or of a ZIP archive of it).
 
     The search order for cameras is `transforms.json`, a COLMAP model (`sparse/0`, `sparse` or the folder itself),
     RealEstate10K camera text, `cameras.json` of 3DGS, `poses_bounds.npy` of LLFF. Lens distortion is removed. All
@@ -55,9 +56,10 @@ def read_views(
     are `ignored` in the result ("leave-out"), or transparent ("cut-out"), or nothing ("unused").
     Raises InputError if the folder, a camera or an image cannot be used.
     """
-    chosen = choose_photographs(path, views=views, size=size)
-    read = read_pixels(chosen, near=near, far=far, background=background, masks=masks)
-    return replace(read, remarks=(*chosen.remarks, *read.remarks))
+    with unpacked(path) as folder:
+        chosen = choose_photographs(folder, views=views, size=size)
+        read = read_pixels(chosen, near=near, far=far, background=background, masks=masks)
+        return replace(read, remarks=(*chosen.remarks, *read.remarks))
 
 
 def read_pixels(

@@ -100,7 +100,7 @@ def lens_of_model(model: str, size: tuple[int, int], values: Mapping[str, float]
     nerfstudio name models and coefficients alike; OPENCV may have nerfstudio's k3 and k4.
     """
     k1, k2, k3, k4, k5, k6 = (values.get(f"k{index}", 0.0) for index in range(1, 7))
-    lens = Lens(*size, *(values[key] for key in ("fx", "fy", "cx", "cy")))
+    lens = Lens(*size, values["fx"], values["fy"], values["cx"], values["cy"])
     if model in FISHEYE_MODELS:
         return replace(lens, radial=(k1, k2, k3, k4), is_fisheye=True)
     tangential = values.get("p1", 0.0), values.get("p2", 0.0)
@@ -185,7 +185,7 @@ def _radial_factor(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.nda
 
 
 def _polynomial(coefficients: tuple[float, ...], squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    return 1 + sum(k * squares ** (power + 1) for power, k in enumerate(coefficients))
+    return sum((k * squares ** (power + 1) for power, k in enumerate(coefficients)), start=np.ones_like(squares))
 
 
 def _tangential_shift(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:

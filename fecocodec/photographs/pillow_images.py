@@ -125,7 +125,7 @@ def open_image(source: Path | BytesIO, place: Path | str) -> Image.Image:
         require_regular_file(source)
         if source.suffix.lower() in RAW_SUFFIXES:
             raise InputError(f"{place}: RAW photographs are not read; develop it to JPEG, TIFF or PNG.")
-    formats = _FORMATS
+    formats: tuple[str, ...] = _FORMATS
     if _head(source, 12)[4:] in [b"ftyp" + brand for brand in _HEIC_BRANDS]:
         _register_heic(place)
         formats = (*_FORMATS, "HEIF")

@@ -21,7 +21,7 @@ from fecocodec.sender.scene import Guides
 LEAST_CONSISTENCY = 0.5  # of a matched point that is compared
 LEAST_POINTS = 64  # fewer say nothing
 SAME_COLOUR = 0.1  # largest mean absolute difference of sRGB
-LEAST_AGREEMENT = 0.45  # share of points with the same colour, of a guide that is used
+LEAST_AGREEMENT = 0.35  # share of points with the same colour, of a guide that is used
 GAINS, OFFSETS = (0.5, 2.0), (-0.25, 0.25)
 LEAST_SHIFT, LEAST_STRETCH = 0.05, 0.2  # of middle grey, and of the contrast; occlusions cause smaller ones, too
 ROUNDS = 3  # of fit and selection

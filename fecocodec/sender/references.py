@@ -17,7 +17,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.scene_encoder import SceneEncoder
 
 Pictures = Float[Tensor, "picture 3 h w"]
-MAX_GUIDES_AT_ONCE = 24  # in one step; more take turns
+MAX_GUIDES_AT_ONCE = 8  # in one step; more take turns. Four of eight lose 0.3 dB with four coded views
 PerPicture = Callable[[Pictures, Pictures], Float[Tensor, " picture"]]  # (renderings, photographs) -> D of each
 
 

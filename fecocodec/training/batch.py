@@ -90,7 +90,7 @@ class Batch:
     """Scenes with equally many views of one size. The first `num_context` views are coded, the others are targets.
 
     images: sRGB in [0, 1]. cameras: in the normalised frame of each scene. depth: in units of near, exact for
-    procedural scenes, NaN for photographs. skipped: one sentence for each scene that was drawn and could not be used.
+    synthetic scenes, NaN for photographs. skipped: one sentence for each scene that was drawn and could not be used.
     """
 
     images: Float[Tensor, "batch view 3 h w"]

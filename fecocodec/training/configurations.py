@@ -200,7 +200,7 @@ class RunSettings:
     max_minutes: save and stop after this time; None for no limit. device: where the networks run, `cpu` or `cuda:N`;
     batches are drawn on the CPU. num_workers: processes that draw batches ahead; with 0 the training process does.
     validate_every, keep_every: steps between validations, and between checkpoints that are kept, with a number.
-    validation_scenes: number of held-out scenes.
+    validation_scenes: number of validation scenes.
     """
 
     folder: Path

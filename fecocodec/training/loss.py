@@ -108,7 +108,7 @@ def _view_weights(num_context: int, num_views: int, target_weight: float) -> Flo
 
 
 def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tensor, "batch view h4 w4"]:
-    """Return exact disparity for procedural scenes, consistent matched disparity for photographs, NaN elsewhere.
+    """Return exact disparity for synthetic scenes, consistent matched disparity for photographs, NaN elsewhere.
 
     Matched depth has sharper edges than decoded depth, and its errors differ between the views.
     """

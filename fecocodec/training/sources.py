@@ -15,16 +15,16 @@ from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.chunk_scenes import ChunkScenes
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.photographs import Photographs
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures, textures_from_folder, textures_from_photographs
 from fecocodec.training.samples import CROP_SPREAD, Sample, SampleSource
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures, textures_from_folder, textures_from_photographs
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Sources of samples. photographs: None to train on procedural scenes alone. validation: held-out scenes."""
+    """Sources of samples. photographs: None to train on synthetic scenes alone. validation: scenes to measure."""
 
-    world: SampleSource
+    synthetic: SampleSource
     photographs: SampleSource | None
     validation: SampleSource | None = None
 
@@ -69,7 +69,7 @@ def draw_batch(
 def draw_sample(sources: Sources, generator: torch.Generator, shape: BatchShape, photograph_share: float) -> Sample:
     """Draw one scene, photographed with probability `photograph_share` if there are photographs."""
     is_photograph = float(torch.rand((), generator=generator)) < photograph_share
-    source = sources.photographs if is_photograph and sources.photographs is not None else sources.world
+    source = sources.photographs if is_photograph and sources.photographs is not None else sources.synthetic
     return source.sample(generator, num_context=shape.num_context, num_target=shape.num_target, size=shape.size)
 
 
@@ -79,7 +79,7 @@ NUM_PATTERNS, NUM_CROPS = 100, 300
 def open_sources(
     photographs: Path | None, textures: Path | None, configuration: Configuration, validation: Path | None = None
 ) -> Sources:
-    """Open procedural scenes, textured with patterns, `textures` and crops of the photographs, and the photographs.
+    """Open synthetic scenes, textured with patterns, `textures` and crops of the photographs, and the photographs.
 
     photographs: folder of scene folders, or of chunks of RealEstate10K, ACID or DL3DV (which are not used as textures).
     All frames of a scene are cropped alike for an extractor with public geometry. validation: the same kind of folder,
@@ -91,13 +91,13 @@ def open_sources(
     texture_set = pattern_textures(NUM_PATTERNS)
     if textures is not None:
         texture_set += textures_from_folder(textures)
-    held_out = None if validation is None else _open_photographs(validation, configuration)
+    measured = None if validation is None else _open_photographs(validation, configuration)
     if photographs is None:
-        return Sources(ProceduralWorld(texture_set), None, held_out)
+        return Sources(SyntheticScenes(texture_set), None, measured)
     scenes = _open_photographs(photographs, configuration)
     if isinstance(scenes, Photographs):
         texture_set += textures_from_photographs(photographs, NUM_CROPS)
-    return Sources(ProceduralWorld(texture_set), scenes, held_out)
+    return Sources(SyntheticScenes(texture_set), scenes, measured)
 
 
 def _open_photographs(folder: Path, configuration: Configuration) -> ChunkScenes | Photographs:

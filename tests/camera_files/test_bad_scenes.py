@@ -125,7 +125,7 @@ def test_truncated_image(scene):
     image = scene / "images" / "002.png"
     image.write_bytes(image.read_bytes()[:3000])
     assert re.fullmatch(
-        re.escape(f"{image}: the image is damaged, cut short or of an unknown kind (")
+        re.escape(f"{image}: the image is damaged, cut short or of a kind that is not read (")
         + r"[^)]+\)+; store it again or remove it\.",
         message(scene),
     )
@@ -134,7 +134,7 @@ def test_truncated_image(scene):
 def test_unreadable_image(scene):
     image = scene / "images" / "000.png"
     image.write_bytes(b"this is no image")
-    damaged = "the image is damaged, cut short or of an unknown kind"
+    damaged = "the image is damaged, cut short or of a kind that is not read"
     assert message(scene) == f"{image}: {damaged}; store it again or remove it."
 
 

@@ -152,8 +152,8 @@ def test_the_colours_of_a_layer_or_another_part_are_read(tmp_path):
             read_exr(tmp_path / "layer.exr").colour, torch.full((3, 2, 3), 0.4614), atol=1e-4, rtol=0
         )
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    depth = OpenEXR.Part(header, {"Z": np.ones((2, 3), np.float32)}, "depth")
-    OpenEXR.File([depth, OpenEXR.Part(header, grey, "picture")]).write(str(tmp_path / "parts.exr"))
+    depth = OpenEXR.Part(dict(header), {"Z": np.ones((2, 3), np.float32)}, "depth")
+    OpenEXR.File([depth, OpenEXR.Part(dict(header), grey, "picture")]).write(str(tmp_path / "parts.exr"))
     assert colour_layer(tmp_path / "parts.exr") == "picture"
     assert read_exr(tmp_path / "parts.exr").colour[0, 0, 0].item() == pytest.approx(0.4614, abs=1e-4)
     store(tmp_path / "plain.exr", grey)

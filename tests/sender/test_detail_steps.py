@@ -15,8 +15,8 @@ from fecocodec.sender.detail_steps import Search, descend, symbols_of
 from fecocodec.sender.lambda_roles import price_of_detail
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST
 from fecocodec.sender.references import References
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 WITHOUT = replace(DEFAULT, detail_steps=0)
@@ -101,7 +101,7 @@ def test_many_views_have_detail_at_every_lambda() -> None:
     assert DEFAULT.detail_steps_of(3, 2**17, lambda_q) == 0 < DEFAULT.detail_steps_of(4, 2**17, lambda_q)
     assert price_of_detail(3, lambda_q) > price_of_detail(4, lambda_q)
     generator = torch.Generator().manual_seed(3)
-    four = ProceduralWorld(pattern_textures(8)).sample(generator, num_context=4, num_target=0, size=(64, 96)).views
+    four = SyntheticScenes(pattern_textures(8)).sample(generator, num_context=4, num_target=0, size=(64, 96)).views
     with_detail = encode(four, lmbda=1e-3)
     assert read_stream(with_detail).detail is not None
     without = encode(four, lmbda=1e-3, effort=WITHOUT)

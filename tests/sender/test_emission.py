@@ -21,8 +21,8 @@ from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.splatting.emission import LEAST_OPACITY
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 
 SIZE = (64, 96)
 
@@ -33,7 +33,7 @@ def codec() -> Codec:
 
 
 def views_of(count: int, is_cut_out: bool) -> Views:
-    world, generator = ProceduralWorld(pattern_textures(8)), torch.Generator().manual_seed(count)
+    world, generator = SyntheticScenes(pattern_textures(8)), torch.Generator().manual_seed(count)
     views = world.sample(generator, num_context=count, num_target=0, size=SIZE).views
     if not is_cut_out:
         return views

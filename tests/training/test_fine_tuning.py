@@ -17,10 +17,10 @@ from fecocodec.training.chunk_scenes import ChunkScenes
 from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.model_weights import export_model
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.run_files import save_checkpoint
 from fecocodec.training.sources import Sources
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL, example_views
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.timeout(300)
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory: pytest.TempPathFactory) -> Sources:
     folder = write_wall_chunks(tmp_path_factory.mktemp("chunks"), num_scenes=2)
-    return Sources(ProceduralWorld(pattern_textures(5)), ChunkScenes(folder, spread=0.0))
+    return Sources(SyntheticScenes(pattern_textures(5)), ChunkScenes(folder, spread=0.0))
 
 
 def trainer(folder: Path, sources: Sources, sender: CodecConfig, frozen: tuple[str, ...] = ()) -> Trainer:

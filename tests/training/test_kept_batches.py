@@ -16,9 +16,9 @@ from fecocodec.training.configurations import CONFIGURATIONS, Configuration, Run
 from fecocodec.training.loop import train
 from fecocodec.training.loss import loss_of
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.sources import Sources, draw_batch
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import extract, run_stages
 
@@ -33,7 +33,7 @@ def it(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
     schedule = Schedule(3, one_stage_until=0, bypass_until=0, warm_up=1)
     configuration = Configuration(shapes, schedule, frozen=("extractor",), kept_batches=2)
     settings = RunSettings(tmp_path_factory.mktemp("kept"), configuration, 5.0)
-    return Trainer(settings, Sources(ProceduralWorld(pattern_textures(13)), None))
+    return Trainer(settings, Sources(SyntheticScenes(pattern_textures(13)), None))
 
 
 def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> None:
@@ -53,7 +53,7 @@ def test_the_papers_method_has_the_same_loss_with_kept_features(tmp_path: Path) 
     configuration = replace(
         paper, shapes=shapes, sender=SenderConfig(), precision="float32", frozen=("extractor",), kept_batches=2
     )
-    sources = Sources(ProceduralWorld(pattern_textures(13)), None)
+    sources = Sources(SyntheticScenes(pattern_textures(13)), None)
     trainer = Trainer(RunSettings(tmp_path, configuration, 5.0), sources)
     batch = draw_batch(sources, torch.Generator().manual_seed(1), SHAPE, 0.0)
     losses = []

@@ -18,10 +18,10 @@ from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.loop import train
 from fecocodec.training.model_weights import export_model
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.run_files import append_row, load_checkpoint, mean_of_rows, remove_rows_after, save_checkpoint
 from fecocodec.training.sources import Sources
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from tests.example_scenes import MODEL
 
@@ -34,7 +34,7 @@ def trainer(folder: Path, num_steps: int = 4, seed: int = 0) -> Trainer:
     shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
     schedule = Schedule(num_steps, one_stage_until=1, bypass_until=2, warm_up=1)
     settings = RunSettings(folder, Configuration(shapes, schedule), 5.0, seed, log_every=2)
-    return Trainer(settings, Sources(ProceduralWorld(pattern_textures(13)), None))
+    return Trainer(settings, Sources(SyntheticScenes(pattern_textures(13)), None))
 
 
 def weights_of(it: Trainer) -> list[torch.Tensor]:

@@ -29,11 +29,11 @@ from fecocodec.training.chunk_scenes import (
 from fecocodec.training.configurations import Configuration, RunSettings, configuration_named
 from fecocodec.training.loop import train
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.run_monitor import RunMonitor
 from fecocodec.training.samples import Sample
 from fecocodec.training.sources import Sources, open_sources
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import bypass_coding, run_stages
 from tests.chunk_files import record, write_chunks, write_wall_chunks
@@ -106,7 +106,7 @@ def test_an_unfinished_run_exports_nothing() -> None:
 
 
 def test_resuming_copies_into_the_averaged_weights_on_their_device(tmp_path: Path) -> None:
-    world = Sources(ProceduralWorld(pattern_textures(13)), None)
+    world = Sources(SyntheticScenes(pattern_textures(13)), None)
     it = trainer_on(tmp_path, world)
     it.save(it.checkpoint)
     before = {name: value.data_ptr() for name, value in it.average.items()}
@@ -124,7 +124,7 @@ def test_resuming_copies_into_the_averaged_weights_on_their_device(tmp_path: Pat
 def test_target_views_are_not_matched_for_a_loss_of_weight_zero(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    it = trainer_on(tmp_path / "run", Sources(ProceduralWorld(pattern_textures(13)), ChunkScenes(_chunks(tmp_path))))
+    it = trainer_on(tmp_path / "run", Sources(SyntheticScenes(pattern_textures(13)), ChunkScenes(_chunks(tmp_path))))
     batch, _ = it.draw_batch()
 
     def refuse(*_: object) -> None:
@@ -163,7 +163,7 @@ def test_what_cannot_be_used_is_skipped_and_counted(tmp_path: Path) -> None:
 
 def test_skipped_scenes_are_logged(tmp_path: Path) -> None:
     source = ChunkScenes(_partly_damaged(tmp_path / "chunks"))
-    it = trainer_on(tmp_path / "run", Sources(ProceduralWorld(pattern_textures(13)), source))
+    it = trainer_on(tmp_path / "run", Sources(SyntheticScenes(pattern_textures(13)), source))
     while not it.num_bad_scenes:
         it._report_skipped(it.draw_batch()[0])
     lines = (tmp_path / "run" / "bad_scenes_0.txt").read_text().splitlines()
@@ -182,7 +182,7 @@ def test_a_data_set_without_a_usable_scene_ends_the_run(tmp_path: Path) -> None:
 
 
 def test_workers_draw_what_the_process_itself_would(tmp_path: Path) -> None:
-    sources = Sources(ProceduralWorld(pattern_textures(13)), ChunkScenes(_chunks(tmp_path)))
+    sources = Sources(SyntheticScenes(pattern_textures(13)), ChunkScenes(_chunks(tmp_path)))
     dataset = BatchesByStep(sources, TINY, seed=3, rank=1, num_ranks=2)
     drawn = list(batches_from(dataset, 1, num_workers=2, device="cpu"))
     assert len(drawn) == 3
@@ -211,9 +211,9 @@ def test_a_lane_stays_with_a_chunk_and_all_chunks_are_visited(tmp_path: Path) ->
 # 8: validation and numbered checkpoints
 
 
-def test_held_out_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> None:
+def test_validation_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> None:
     chunks = ChunkScenes(_chunks(tmp_path))
-    sources = Sources(ProceduralWorld(pattern_textures(13)), chunks, chunks)
+    sources = Sources(SyntheticScenes(pattern_textures(13)), chunks, chunks)
     one_lambda = replace(TINY, lambda_range=(1e-3, 1e-3), schedule=replace(TINY.schedule, num_steps=2))
     settings = RunSettings(
         tmp_path / "run", one_lambda, None, log_every=2, validate_every=2, validation_scenes=1, keep_every=1

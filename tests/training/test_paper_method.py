@@ -26,9 +26,9 @@ from fecocodec.training.configurations import CONFIGURATIONS, Configuration, con
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import SHARE, build_optimiser
 from fecocodec.training.paper_objective import RatedStage, code_with_additive_noise, paper_loss, run_paper_stages
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.sources import Sources, draw_batch
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from tests.example_scenes import example_views
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -52,7 +52,7 @@ def codec() -> Codec:
 
 @pytest.fixture(scope="module")
 def batch() -> Batch:
-    sources = Sources(ProceduralWorld(pattern_textures(13)), None)
+    sources = Sources(SyntheticScenes(pattern_textures(13)), None)
     return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 2, (64, 64)), 0.0)
 
 

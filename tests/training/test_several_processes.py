@@ -19,11 +19,11 @@ from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.loop import train
 from fecocodec.training.loss import loss_of
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.processes import average_gradients, joined_processes, process_rank
 from fecocodec.training.run_files import load_checkpoint
 from fecocodec.training.sources import Sources, draw_batch
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import run_stages
 
@@ -35,7 +35,7 @@ def trainer(folder: Path, num_steps: int = 20, seed: int = 0) -> Trainer:
     folder.mkdir(parents=True, exist_ok=True)
     shapes = BatchShapes(2, ((2, 0.6), (3, 0.4)), 1, ((64, 64), (64, 96)))
     configuration = Configuration(shapes, Schedule(num_steps, one_stage_until=1, bypass_until=2, warm_up=1))
-    world = ProceduralWorld(pattern_textures(13))
+    world = SyntheticScenes(pattern_textures(13))
     return Trainer(RunSettings(folder, configuration, 5.0, seed, log_every=5), Sources(world, None))
 
 

@@ -23,10 +23,10 @@ from fecocodec.training import trainer as trainer_module
 from fecocodec.training.batch import Batch, BatchShape, BatchShapes
 from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.step_learning import CONTEXT_SHARE, LAST_WEIGHT, Evaluated, StepLearner, learn
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import BatchEncoder
 from tests.example_scenes import MODEL
@@ -42,7 +42,7 @@ def codec(random_weights: Path) -> Codec:
 
 
 def sources() -> Sources:
-    return Sources(ProceduralWorld(pattern_textures(13)), None)
+    return Sources(SyntheticScenes(pattern_textures(13)), None)
 
 
 def new_trainer(folder: Path, share: float) -> Trainer:

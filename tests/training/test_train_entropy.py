@@ -19,9 +19,9 @@ from fecocodec.training.batch import BatchShapes
 from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.model_weights import write_model
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.sources import Sources
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.train_entropy import ENTROPY, SceneLatents, draw_latents, latents_of, train_entropy_model
 from fecocodec.training.trainer import Trainer
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 LEARNS = ("receiver.prior.", "sender.hyper_analysis.")
 SHAPES = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
-SOURCES = Sources(ProceduralWorld(pattern_textures(13)), None)
+SOURCES = Sources(SyntheticScenes(pattern_textures(13)), None)
 SHORT = replace(ENTROPY, shapes=SHAPES, schedule=replace(ENTROPY.schedule, num_steps=15, learning_rate=1.6e-2))
 
 
@@ -80,7 +80,7 @@ def test_bytes_fall_on_other_scenes_and_the_other_networks_stay(untrained: Codec
 
 
 def test_latents_are_those_of_the_sender_at_every_lambda(untrained: Codec) -> None:
-    views = SOURCES.world.sample(
+    views = SOURCES.synthetic.sample(
         torch.Generator().manual_seed(3), num_context=2, num_target=1, size=(64, 64)
     ).views.select([0, 1])
     fine, coarse, alone = latents_of(untrained, views, (200, 1700, 200), num_alone=1, optimisation=FAST)

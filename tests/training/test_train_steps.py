@@ -26,10 +26,10 @@ from fecocodec.training.batch import Batch, BatchShapes
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.loop import SCENES_OF_A_STEP
 from fecocodec.training.model_weights import load_model_weights, write_model
-from fecocodec.training.procedural.scenes import ProceduralWorld
-from fecocodec.training.procedural.textures import pattern_textures
 from fecocodec.training.samples import Sample
 from fecocodec.training.sources import Sources
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.train_steps import STEPS, train_step_network, with_sharp_steps
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -41,7 +41,7 @@ class OneScene:
     """A source that always gives the same scene."""
 
     def __init__(self) -> None:
-        self._world = ProceduralWorld(pattern_textures(13))
+        self._world = SyntheticScenes(pattern_textures(13))
 
     def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
         again = torch.Generator().manual_seed(3)

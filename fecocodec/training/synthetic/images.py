@@ -1,5 +1,5 @@
 # mypy: disallow-untyped-defs=False
-"""Ray-cast images and depth of a procedural world, on one core: one ray per pixel, four at edges."""
+"""Ray-cast images and depth of a synthetic world, on one core: one ray per pixel, four at edges."""
 
 import math
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from fecocodec.kernels.compilation import compiled
-from fecocodec.training.procedural.raycast import OPTICS, TILE, first_hit, ray_through, solids_by_tile, surface_at
-from fecocodec.training.procedural.shading import lit, surface_colour, visibility_and_openness
-from fecocodec.training.procedural.solids import GLOW, World, light_table, solid_table, surface_table
-from fecocodec.training.procedural.textures import Textures
+from fecocodec.training.synthetic.raycast import OPTICS, TILE, first_hit, ray_through, solids_by_tile, surface_at
+from fecocodec.training.synthetic.shading import lit, surface_colour, visibility_and_openness
+from fecocodec.training.synthetic.solids import GLOW, World, light_table, solid_table, surface_table
+from fecocodec.training.synthetic.textures import Textures
 
 _BRIGHTEST = 4.0
 """Light is clamped to this where edges are smoothed; otherwise edges of lamps would stay jagged."""

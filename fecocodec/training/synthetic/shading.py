@@ -7,8 +7,8 @@ Vectors are three numbers of a tuple; tables are those of `tables`; colours are 
 import math
 
 from fecocodec.kernels.compilation import compiled
-from fecocodec.training.procedural.raycast import intersect, to_unit
-from fecocodec.training.procedural.solids import (
+from fecocodec.training.synthetic.raycast import intersect, to_unit
+from fecocodec.training.synthetic.solids import (
     AMBIENT,
     AREA,
     CENTRE,
@@ -29,7 +29,7 @@ from fecocodec.training.procedural.solids import (
     TEXTURE,
     TINT,
 )
-from fecocodec.training.procedural.textures import TEXTURE_SIDE
+from fecocodec.training.synthetic.textures import TEXTURE_SIDE
 
 _NUM_LEVELS = TEXTURE_SIDE.bit_length()
 _LEAST_SKY = 0.02

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from fecocodec.training.procedural.images import Pinholes, cast_depth
-from fecocodec.training.procedural.solids import Stage, World
+from fecocodec.training.synthetic.images import Pinholes, cast_depth
+from fecocodec.training.synthetic.solids import Stage, World
 
 _PROBE = 16
 """Shorter side in pixels of the depth maps of these checks."""

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fecocodec.training.procedural.raycast import intersect
-from fecocodec.training.procedural.solids import BOX, CONE, CYLINDER, ELLIPSOID
+from fecocodec.training.synthetic.raycast import intersect
+from fecocodec.training.synthetic.solids import BOX, CONE, CYLINDER, ELLIPSOID
 
 STEPS = np.linspace(-6, 6, 24001)
 

@@ -1,4 +1,4 @@
-"""Contents of a procedural world: a room, convex solids, their surfaces and two lights.
+"""Contents of a synthetic world: a room, convex solids, their surfaces and two lights.
 
 The compiled ray caster takes them as tables of numbers, one row per solid and one per surface.
 """

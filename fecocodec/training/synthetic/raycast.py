@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from fecocodec.kernels.compilation import compiled
-from fecocodec.training.procedural.solids import BOX, CENTRE, CYLINDER, ELLIPSOID, FRAME, HALF, KIND, NUM_ROOM_FACES
+from fecocodec.training.synthetic.solids import BOX, CENTRE, CYLINDER, ELLIPSOID, FRAME, HALF, KIND, NUM_ROOM_FACES
 
 MISS = 1e30
 """Start of the interval of a ray that misses; its end is smaller."""

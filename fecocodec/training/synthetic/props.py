@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from fecocodec.training.procedural.materials import Palette
-from fecocodec.training.procedural.solids import (
+from fecocodec.training.synthetic.materials import Palette
+from fecocodec.training.synthetic.solids import (
     BOX,
     CONE,
     CYLINDER,

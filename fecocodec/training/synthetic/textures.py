@@ -1,4 +1,4 @@
-"""Texture pyramids of procedural worlds."""
+"""Texture pyramids of synthetic worlds."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from torch import Tensor
 from fecocodec.errors import InputError
 from fecocodec.photographs.image_headers import has_image_name
 from fecocodec.photographs.images import read_image
-from fecocodec.training.procedural.patterns import draw_patterns
+from fecocodec.training.synthetic.patterns import draw_patterns
 
 TEXTURE_SIDE = 128
 """Texels along a side at the finest level; halved level by level down to one texel."""

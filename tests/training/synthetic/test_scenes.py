@@ -1,4 +1,4 @@
-"""Procedural scenes: what their depth, cameras and images promise."""
+"""Synthetic scenes: what their depth, cameras and images promise."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
-from fecocodec.training.procedural.cameras import PathRange
-from fecocodec.training.procedural.scenes import ProceduralWorld, lay_out
-from fecocodec.training.procedural.textures import Textures, pattern_textures
 from fecocodec.training.samples import Sample
+from fecocodec.training.synthetic.cameras import PathRange
+from fecocodec.training.synthetic.scenes import SyntheticScenes, lay_out
+from fecocodec.training.synthetic.textures import Textures, pattern_textures
 
 SIZE = (64, 80)
 
@@ -21,7 +21,7 @@ def textures() -> Textures:
     return pattern_textures(13)
 
 
-def draw(world: ProceduralWorld, seed: int, num_context: int = 2, num_target: int = 1) -> Sample:
+def draw(world: SyntheticScenes, seed: int, num_context: int = 2, num_target: int = 1) -> Sample:
     generator = torch.Generator().manual_seed(seed)
     return world.sample(generator, num_context=num_context, num_target=num_target, size=SIZE)
 
@@ -44,7 +44,7 @@ def warped(sample: Sample, source: int, destination: int) -> tuple[Float[Tensor,
 
 
 def test_depth_and_poses_carry_one_view_onto_another(textures: Textures) -> None:
-    world = ProceduralWorld(textures)
+    world = SyntheticScenes(textures)
     errors, unwarped, covered = [], [], []
     for seed in range(12):
         sample = draw(world, seed)
@@ -58,7 +58,7 @@ def test_depth_and_poses_carry_one_view_onto_another(textures: Textures) -> None
 
 
 def test_the_same_generator_state_gives_the_same_sample(textures: Textures) -> None:
-    world = ProceduralWorld(textures)
+    world = SyntheticScenes(textures)
     first, again, other = draw(world, 5), draw(world, 5), draw(world, 6)
     assert torch.equal(first.views.images, again.views.images)
     assert torch.equal(first.views.cameras.extrinsics, again.views.cameras.extrinsics)
@@ -66,7 +66,7 @@ def test_the_same_generator_state_gives_the_same_sample(textures: Textures) -> N
 
 
 def test_the_unit_of_length_changes_lengths_and_nothing_else(textures: Textures) -> None:
-    metres, others = draw(ProceduralWorld(textures, decades=0.0), 3), draw(ProceduralWorld(textures, decades=4.0), 3)
+    metres, others = draw(SyntheticScenes(textures, decades=0.0), 3), draw(SyntheticScenes(textures, decades=4.0), 3)
     assert metres.depth is not None and others.depth is not None
     assert torch.equal(metres.views.images, others.views.images)
     unit = others.views.cameras.near / metres.views.cameras.near
@@ -79,7 +79,7 @@ def test_the_unit_of_length_changes_lengths_and_nothing_else(textures: Textures)
 
 
 def test_every_sample_is_finite_within_bounds_and_rigid(textures: Textures) -> None:
-    world = ProceduralWorld(textures)
+    world = SyntheticScenes(textures)
     for seed in range(20, 40):
         sample = draw(world, seed)
         assert sample.depth is not None
@@ -104,7 +104,7 @@ def test_complexity_goes_from_bare_walls_to_crowded_rooms() -> None:
 
 def test_baselines_follow_the_path_range(textures: Textures) -> None:
     def spread(path: PathRange) -> float:
-        world = ProceduralWorld(textures, path=path)
+        world = SyntheticScenes(textures, path=path)
         ratios = []
         for seed in range(12):
             sample = draw(world, seed)
@@ -118,5 +118,5 @@ def test_baselines_follow_the_path_range(textures: Textures) -> None:
 
 def test_eight_context_views_and_a_portrait_are_possible(textures: Textures) -> None:
     generator = torch.Generator().manual_seed(0)
-    sample = ProceduralWorld(textures).sample(generator, num_context=8, num_target=2, size=(48, 32))
+    sample = SyntheticScenes(textures).sample(generator, num_context=8, num_target=2, size=(48, 32))
     assert sample.views.images.shape == (10, 3, 48, 32) and sample.num_context == 8

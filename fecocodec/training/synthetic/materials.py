@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from fecocodec.training.procedural.solids import Lights, Material
+from fecocodec.training.synthetic.solids import Lights, Material
 
 Colour = tuple[float, float, float]
 

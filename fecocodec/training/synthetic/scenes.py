@@ -1,4 +1,4 @@
-"""Procedural scenes: photo-like views of random worlds with exact cameras and depth.
+"""Synthetic scenes: photo-like views of random worlds with exact cameras and depth.
 
 Worlds are rooms, table tops, open ground and floating solids, from bare to crowded.
 """
@@ -13,13 +13,13 @@ from numpy import ndarray
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
-from fecocodec.training.procedural.cameras import PathRange, place_cameras
-from fecocodec.training.procedural.images import Pinholes, cast_images
-from fecocodec.training.procedural.materials import Palette, indoor_lights, sunlight
-from fecocodec.training.procedural.props import INDOOR_PROPS, OUTDOOR_PROPS, clutter, floating, table
-from fecocodec.training.procedural.solids import BOX, Builder, Stage, random_rotation, yaw_rotation
-from fecocodec.training.procedural.textures import Textures
 from fecocodec.training.samples import Sample
+from fecocodec.training.synthetic.cameras import PathRange, place_cameras
+from fecocodec.training.synthetic.images import Pinholes, cast_images
+from fecocodec.training.synthetic.materials import Palette, indoor_lights, sunlight
+from fecocodec.training.synthetic.props import INDOOR_PROPS, OUTDOOR_PROPS, clutter, floating, table
+from fecocodec.training.synthetic.solids import BOX, Builder, Stage, random_rotation, yaw_rotation
+from fecocodec.training.synthetic.textures import Textures
 
 
 def lay_out(rng: np.random.Generator, num_textures: int, complexity: float) -> Stage:
@@ -141,7 +141,7 @@ _SHARES = (0.35, 0.3, 0.2, 0.15)
 
 
 @dataclass(frozen=True)
-class ProceduralWorld:
+class SyntheticScenes:
     """Draws a new random world for every sample.
 
     textures: of its surfaces. complexity: range, from 0 (bare walls) to 1 (crowded). path: distribution of cameras.

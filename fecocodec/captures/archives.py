@@ -1,0 +1,92 @@
+"""ZIP archives of photographs, with or without a camera file: unpacked to a temporary folder."""
+
+import stat
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from shutil import copyfileobj
+from tempfile import TemporaryDirectory
+
+from fecocodec.errors import FecoError, InputError
+from fecocodec.input_file import MAX_FILE_BYTES, StrPath
+from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES
+
+MAX_MEMBERS = 20_000
+MAX_TOTAL_BYTES = 32 << 30
+_CAMERA_SUFFIXES = (".json", ".txt", ".bin", ".npy", ".npz", ".csv", ".xml", ".xmp", ".out", ".nvm", ".sfm", ".traj")
+_WANTED = {*IMAGE_SUFFIXES, *UNREAD_SUFFIXES, *_CAMERA_SUFFIXES}
+_REMEDY = "unpack it and give the folder"
+
+
+def is_archive(path: Path) -> bool:
+    """Return whether a path is that of a ZIP file."""
+    return path.suffix.lower() == ".zip" and path.is_file()
+
+
+@contextmanager
+def unpacked(path: StrPath) -> Iterator[Path]:
+    """Yield the scene folder of a ZIP archive, which exists until the block ends; any other path as it is.
+
+    Photographs and camera files are unpacked, hidden files and those of `__MACOSX` are not. A folder around all of them
+    is left out. In errors that the block raises, files are named as parts of the archive.
+    Raises InputError for an archive that is damaged, encrypted, too large, or leads out of its folder.
+    """
+    path = Path(path)
+    if not is_archive(path):
+        yield path
+        return
+    with TemporaryDirectory(prefix="fecosplat-") as temporary:
+        try:
+            _unpack(path, Path(temporary))
+        except (zipfile.BadZipFile, EOFError, NotImplementedError, ValueError, OSError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise InputError(f"{path}: the ZIP archive cannot be unpacked ({reason}); {_REMEDY}.") from error
+        root = _innermost(Path(temporary))
+        try:
+            yield root
+        except FecoError as error:
+            raise type(error)(str(error).replace(str(root), str(path))) from error
+
+
+def _unpack(path: Path, target: Path) -> None:
+    with zipfile.ZipFile(path) as archive:
+        members = [member for member in archive.infolist() if _is_wanted(member)]
+        total = sum(member.file_size for member in members)
+        largest = max((member.file_size for member in members), default=0)
+        if len(members) > MAX_MEMBERS or total > MAX_TOTAL_BYTES or largest > MAX_FILE_BYTES:
+            raise InputError(f"{path}: the ZIP archive holds too many or too large files; {_REMEDY}.")
+        for member in members:
+            if member.flag_bits & 1:
+                raise InputError(f"{path}: the ZIP archive is encrypted; {_REMEDY}.")
+            file = target / _inside(path, member.filename)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with archive.open(member) as source, file.open("wb") as copy:
+                copyfileobj(source, copy)
+
+
+def _is_wanted(member: zipfile.ZipInfo) -> bool:
+    parts = _parts(member.filename)
+    is_hidden = any(part.startswith((".", "__MACOSX")) and part != ".." for part in parts)
+    is_link = stat.S_ISLNK(member.external_attr >> 16)
+    suffix = PurePosixPath(parts[-1]).suffix.lower() if parts else ""
+    return not (member.is_dir() or is_hidden or is_link) and suffix in _WANTED
+
+
+def _inside(path: Path, name: str) -> Path:
+    parts = _parts(name)
+    if name.startswith(("/", "\\")) or ".." in parts or ":" in parts[0]:
+        raise InputError(f"{path}: its member {name} leads out of the archive; {_REMEDY}.")
+    return Path(*parts)
+
+
+def _parts(name: str) -> tuple[str, ...]:
+    return tuple(part for part in name.replace("\\", "/").split("/") if part not in ("", "."))
+
+
+def _innermost(folder: Path) -> Path:
+    """Return the folder below the folders that hold nothing but one folder, unless that is one of a scene."""
+    entries = list(folder.iterdir())
+    if len(entries) == 1 and entries[0].is_dir() and entries[0].name not in ("images", "sparse"):
+        return _innermost(entries[0])
+    return folder

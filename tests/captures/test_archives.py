@@ -1,0 +1,100 @@
+"""ZIP archives of photographs are read like the folder that was packed."""
+
+import os
+import stat
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from wall_scene import shots, write_colmap_binary, write_photographs, write_transforms
+
+from fecocodec.captures import archives
+from fecocodec.captures.archives import unpacked
+from fecocodec.captures.render_cameras import read_render_cameras
+from fecocodec.captures.scene_folder import read_views
+from fecocodec.errors import InputError
+
+
+def pack(folder: Path, archive: Path, prefix: str = "") -> Path:
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                packed.write(path, prefix + path.relative_to(folder).as_posix())
+    return archive
+
+
+@pytest.mark.parametrize("prefix", ["", "my scan/", "a/b/"])
+@pytest.mark.parametrize("write", [write_transforms, write_colmap_binary])
+def test_an_archive_is_read_like_its_folder(write, prefix, tmp_path: Path) -> None:
+    folder = write(tmp_path / "scene", shots(2))
+    archive = pack(folder, tmp_path / "scan.ZIP", prefix)
+    expected, found = read_views(folder, near=1.0, far=9.0), read_views(archive, near=1.0, far=9.0)
+    assert torch.equal(found.images, expected.images)
+    assert (found.names, found.notes) == (expected.names, ())
+    assert torch.equal(read_render_cameras(archive).cameras.extrinsics, expected.cameras.extrinsics)
+
+
+def test_photographs_without_cameras_are_unpacked_without_rubbish(tmp_path: Path) -> None:
+    write_photographs(tmp_path / "scene", shots(2))
+    for name in ("__MACOSX/._000.png", ".DS_Store", "._000.png", "video.mp4", "mesh.ply"):
+        (tmp_path / "scene" / name).parent.mkdir(exist_ok=True)
+        (tmp_path / "scene" / name).write_bytes(b"x")
+    with unpacked(pack(tmp_path / "scene", tmp_path / "a.zip", "photos/")) as folder:
+        assert sorted(path.name for path in folder.rglob("*")) == ["000.png", "001.png"]
+    assert not folder.exists()
+    with unpacked(tmp_path / "scene") as folder:
+        assert folder == tmp_path / "scene"
+
+
+def test_errors_name_the_archive(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    (folder / "images" / "001.png").write_bytes(b"no image")
+    archive = pack(folder, tmp_path / "a.zip", "scene/")
+    with pytest.raises(InputError) as refused:
+        read_views(archive, near=1.0, far=9.0)
+    assert str(refused.value).startswith(f"{archive}/images/001.png: the image is damaged")
+
+
+def test_archives_that_cannot_be_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    archive = tmp_path / "a.zip"
+    for content, cause in ((b"no zip", "cannot be unpacked (File is not a zip file)"), (b"", "cannot be unpacked (")):
+        archive.write_bytes(content)
+        with pytest.raises(InputError) as refused:
+            read_views(archive)
+        assert str(refused.value).startswith(f"{archive}: the ZIP archive {cause}")
+        assert str(refused.value).endswith("; unpack it and give the folder.")
+    pack(write_transforms(tmp_path / "scene", shots(2)), archive)
+    whole = archive.read_bytes()
+    archive.write_bytes(whole.replace(whole[60:90], os.urandom(30)))  # data of a member
+    with pytest.raises(InputError, match="the ZIP archive cannot be unpacked"):
+        read_views(archive)
+    archive.write_bytes(whole)
+    monkeypatch.setattr(archives, "MAX_TOTAL_BYTES", 1000)
+    with pytest.raises(InputError, match="the ZIP archive holds too many or too large files; unpack it"):
+        read_views(archive)
+
+
+@pytest.mark.parametrize("name", ["../a.png", "/a.png", "C:/a.png", "b/../../a.png", "..\\a.png"])
+def test_members_that_lead_out(name: str, tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as packed:
+        packed.writestr(name, b"x")
+    with pytest.raises(InputError, match="leads out of the archive; unpack it and give the folder"):
+        read_views(tmp_path / "a.zip")
+
+
+def test_encrypted_archives_and_links(tmp_path: Path) -> None:
+    archive = tmp_path / "a.zip"
+    with zipfile.ZipFile(archive, "w") as packed:
+        link = zipfile.ZipInfo("a.png")
+        link.external_attr = (stat.S_IFLNK | 0o777) << 16
+        packed.writestr(link, "/etc/passwd")
+        packed.writestr("b.png", np.zeros(3).tobytes())
+    with unpacked(archive) as folder:
+        assert [path.name for path in folder.iterdir()] == ["b.png"]
+    data = bytearray(archive.read_bytes())
+    data[data.rindex(b"PK\1\2") + 8] |= 1  # the flag of b.png in the directory
+    archive.write_bytes(data)
+    with pytest.raises(InputError, match="the ZIP archive is encrypted; unpack it and give the folder"):
+        read_views(archive)
