@@ -47,6 +47,14 @@ _OF_VIEWS = (
         help="Composite transparent photographs on this colour.  [default: transparent regions decode to no Gaussians]",
     ),
     click.option(
+        "--masks",
+        type=click.Choice(["leave-out", "cut-out", "unused"]),
+        default="leave-out",
+        show_default=True,
+        help="What becomes of pixels that are black in a mask (mask_path of a transforms.json, or a folder masks): "
+        "leave-out ignores them, cut-out makes them transparent.",
+    ),
+    click.option(
         "--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Number of stages to encode."
     ),
     click.option(

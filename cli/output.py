@@ -14,7 +14,10 @@ from .verbosity import Verbosity, verbosity
 
 # Arguments of the library, which its messages name in backticks, and the options with that meaning.
 _OPTIONS = {
-    **{name: f"--{name}" for name in ("views", "size", "near", "far", "background", "overwrite", "effort", "device")},
+    **{
+        name: f"--{name}"
+        for name in ("views", "size", "near", "far", "background", "masks", "overwrite", "effort", "device")
+    },
     "sharpness": "--sharpness",
     **{name: f"--{name}" for name in ("stages", "photographs", "shard", "strict")},
     "frames": "--frames",

@@ -40,6 +40,7 @@ class EncodeScene:
         rate = {"lambda": given.lmbda} if given.target is None else _tagged(given.target)
         # Files that were encoded without these stay valid.
         added: dict[str, Any] = {"strict": True} if given.is_strict else {}
+        added |= {"masks": given.masks} if given.masks != "leave-out" else {}
         added |= {"sharpness": given.sharpness} if given.sharpness else {}
         return {**rate, **{name: _tagged(getattr(given, name)) for name in names}, **added}
 

@@ -27,7 +27,7 @@ class PosedPhotograph:
     sparse_depths: depths, in scene units, of the reconstructed points that this photograph observes, if the format has
     them. declared_size: (width, height) in pixels that the camera file states, None if it states none. name: of the
     image in the camera file. problem: why this camera cannot be used, as an error message that begins with `place`;
-    empty if it can.
+    empty if it can. mask: file of its mask that the camera file names, see `read_mask`.
     """
 
     path: Path
@@ -38,6 +38,7 @@ class PosedPhotograph:
     declared_size: tuple[int, int] | None = None
     name: str = ""
     problem: str = ""
+    mask: Path | None = None
 
     @property
     def cause(self) -> str:

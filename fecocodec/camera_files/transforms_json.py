@@ -83,7 +83,7 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
         raise InputError(f"{path}: no frames; add a list `frames` with one camera per image.")
     images = match_images(path, [_name(frame) for frame in frames], [path.parent])
     cameras = [
-        (_place(path, index, frame), partial(_photograph, scene, frame, images.reduction))
+        (_place(path, index, frame), partial(_photograph, path.parent, scene, frame, images.reduction))
         for index, frame in enumerate(frames)
     ]
     near, far = (None if scene.get(key) is None else _number(scene, key, str(path)) for key in ("near", "far"))
@@ -103,7 +103,9 @@ def _place(path: Path, index: int, frame: object) -> str:
     return f"{path}, frame {index}" + (f" ({_name(frame)})" if _is_named(frame) else "")
 
 
-def _photograph(scene: dict[str, Any], frame: object, reduction: int, image: Path, place: str) -> PosedPhotograph:
+def _photograph(
+    folder: Path, scene: dict[str, Any], frame: object, reduction: int, image: Path, place: str
+) -> PosedPhotograph:
     if not isinstance(frame, dict) or not _is_named(frame):
         raise InputError(f"{place}: no `file_path`; name the image of this camera.")
     model = _model(_stated(scene) | _stated(frame), place)
@@ -117,6 +119,7 @@ def _photograph(scene: dict[str, Any], frame: object, reduction: int, image: Pat
         camera_to_world=_pose(values.get("transform_matrix"), place) @ OPENGL_TO_OPENCV,
         lens_for=partial(_lens, model, numbers, reduction, place),
         declared_size=_declared_size(numbers),
+        mask=folder / mask.replace("\\", "/") if isinstance(mask := frame.get("mask_path"), str) and mask else None,
     )
 
 

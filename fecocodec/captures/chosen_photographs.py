@@ -9,7 +9,14 @@ from jaxtyping import Float
 from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names, stored_lens
-from fecocodec.captures.reading_notes import framing_notes, lens_notes, orientation_notes, unposed_notes, without_copies
+from fecocodec.captures.reading_notes import (
+    framing_notes,
+    layer_remarks,
+    lens_notes,
+    orientation_notes,
+    unposed_notes,
+    without_copies,
+)
 from fecocodec.captures.view_choice import select_views
 from fecocodec.captures.view_selection import All, Auto, Selection
 from fecocodec.input_file import StrPath
@@ -61,10 +68,10 @@ def choose_photographs(
     intrinsics = np.stack([framed_intrinsics(pinhole, common) for pinhole in pinholes])
     sizes = [photograph.declared_size for photograph in photographs]
     notes += [*lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
-    notes += orientation_notes([photograph.path for photograph in photographs])
-    return ChosenPhotographs(
-        scene, photographs, lenses, common, poses, intrinsics, tuple(names), tuple(notes), scene.remarks
-    )
+    paths = [photograph.path for photograph in photographs]
+    notes += orientation_notes(paths)
+    remarks = (*scene.remarks, *layer_remarks(paths))
+    return ChosenPhotographs(scene, photographs, lenses, common, poses, intrinsics, tuple(names), tuple(notes), remarks)
 
 
 def _names(scene: PosedPhotographs, photographs: list[PosedPhotograph]) -> list[str]:

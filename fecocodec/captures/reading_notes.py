@@ -5,10 +5,12 @@ import os
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
+
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names
 from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share
-from fecocodec.photographs.image_headers import has_image_name, is_upright
+from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright
 from fecocodec.photographs.lens import Lens
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
@@ -95,6 +97,44 @@ def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotog
             shown, of = distinct_names([photograph.path, original.path])
             notes.append(f"{shown} is left out: it is a copy of {of}; remove it, or choose both by `views`.")
     return kept, notes
+
+
+def layer_remarks(paths: list[Path]) -> list[str]:
+    """Return a sentence for each layer of OpenEXR files that is taken for their colours."""
+    exr = [path for path in paths if is_exr(path)]
+    if not exr:
+        return []
+    from fecocodec.photographs.exr import colour_layer  # it loads torch
+
+    layers = Counter(colour_layer(path) for path in exr)
+    return [
+        f"the colours of {_photographs(count)} are those of the layer {layer}."
+        for layer, count in layers.items()
+        if layer
+    ]
+
+
+def clipping_remarks(names: tuple[str, ...], clipped: list[float]) -> list[str]:
+    """Return a sentence if light above 1 was clipped. clipped: share of the pixels of each photograph."""
+    if not any(clipped):
+        return []
+    most = max(clipped)
+    return [
+        f"{_photographs(sum(share > 0 for share in clipped))} have light above 1, which is clipped to 1 (at most "
+        f"{100 * most:.2g}% of the pixels, of {names[clipped.index(most)]}); store them darker to keep it."
+    ]
+
+
+def mask_remarks(ignored: list[float], masks: str) -> list[str]:
+    """Return a sentence on masks. ignored: share of the pixels that the mask of each masked photograph marks."""
+    if not ignored:
+        return []
+    become = ", which become transparent" if masks == "cut-out" else ""
+    return [f"masks of {_photographs(len(ignored))} mark {100 * np.mean(ignored):.2g}% of their pixels{become}."]
+
+
+def _photographs(count: int) -> str:
+    return f"{count} photograph" + ("" if count == 1 else "s")
 
 
 def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:

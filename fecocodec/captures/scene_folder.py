@@ -1,17 +1,19 @@
 """Read a folder of photographs with cameras as views of one size."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
+from fecocodec.camera_files.posed_photographs import PosedPhotograph
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
+from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
@@ -19,9 +21,13 @@ from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.depth_range import estimate_depth_range
 from fecocodec.geometry.views import Views
 from fecocodec.input_file import StrPath
-from fecocodec.photographs.images import Background, read_image_and_alpha
+from fecocodec.photographs.images import LEVELS, Background, read_photograph
 from fecocodec.photographs.lens import Lens
+from fecocodec.photographs.masks import cut_out, find_mask, read_mask
 from fecocodec.photographs.resampling import crop_and_resize, undistort
+
+Masks = Literal["leave-out", "cut-out", "unused"]
+_LEAST_KEPT = 0.9  # of a pixel; one that shows more of what a mask marks is ignored
 
 
 def read_views(
@@ -32,6 +38,7 @@ def read_views(
     near: float | None = None,
     far: float | None = None,
     background: Background | None = None,
+    masks: Masks = "leave-out",
 ) -> Views:
     """Read the views of a scene folder (or of a camera file in it, or of a ZIP archive of it).
 
@@ -45,11 +52,14 @@ def read_views(
     else estimated from the images (`estimate_depth_range`).
     background: colour on which transparent images are composited; `alpha` of the result is then None. By default the
     background is white, and `alpha` is their opacity.
+    masks: what becomes of the pixels that masks mark (`mask_path` in a `transforms.json`, or a folder `masks`): they
+    are `ignored` in the result ("leave-out"), or transparent ("cut-out"), or nothing ("unused").
     Raises InputError if the folder, a camera or an image cannot be used.
     """
     with unpacked(path) as folder:
         chosen = choose_photographs(folder, views=views, size=size)
-        return read_pixels(chosen, near=near, far=far, background=background)
+        read = read_pixels(chosen, near=near, far=far, background=background, masks=masks)
+        return replace(read, remarks=(*chosen.remarks, *read.remarks))
 
 
 def read_pixels(
@@ -58,42 +68,90 @@ def read_pixels(
     near: float | None = None,
     far: float | None = None,
     background: Background | None = None,
+    masks: Masks = "leave-out",
 ) -> Views:
-    """Read the chosen photographs; arguments and errors as for `read_views`."""
-    unbounded = _read_unbounded(chosen, background or "white")
+    """Read the chosen photographs; arguments and errors as for `read_views`, `remarks` only on their pixels."""
+    unbounded = _read_unbounded(chosen, background or "white", masks)
     if background is not None:
         unbounded = replace(unbounded, alpha=None)
     cameras = _with_depth_bounds(chosen, unbounded.cameras, near, far, partial(estimate_depth_range, unbounded))
     return replace(unbounded, cameras=cameras)
 
 
-def _read_unbounded(chosen: ChosenPhotographs, background: Background = "white") -> Views:
+def _read_unbounded(chosen: ChosenPhotographs, background: Background, masks: Masks) -> Views:
     """Read undistorted images of one size; near and far of the cameras are NaN."""
-    pixels = [
-        _framed_pixels(photograph.path, lenses, chosen.image_size, background)
+    read = [
+        _framed_pixels(photograph, lenses, chosen.image_size, background, masks)
         for photograph, lenses in zip(chosen.photographs, chosen.lenses, strict=True)
     ]
-    has_alpha = any(len(channels) == 4 for channels in pixels)
-    opaque = torch.ones(1, *chosen.image_size)
-    alpha = torch.cat([channels[3:] if len(channels) == 4 else opaque for channels in pixels]) if has_alpha else None
-    images = torch.stack([channels[:3] for channels in pixels])
     cameras = Cameras(
         extrinsics=torch.from_numpy(chosen.extrinsics.astype(np.float32)),
         intrinsics=torch.from_numpy(chosen.intrinsics.astype(np.float32)),
         near=torch.tensor(torch.nan),
         far=torch.tensor(torch.nan),
     )
-    return Views(images, cameras, chosen.names, alpha, chosen.notes)
+    shape = chosen.image_size
+    return Views(
+        images=torch.stack([one.colour for one in read]),
+        cameras=cameras,
+        names=chosen.names,
+        alpha=_stacked([one.alpha for one in read], torch.ones(shape)),
+        notes=chosen.notes,
+        ignored=_stacked([one.ignored for one in read], torch.zeros(shape, dtype=torch.bool)),
+        remarks=(
+            *clipping_remarks(chosen.names, [one.clipped for one in read]),
+            *mask_remarks([one.masked for one in read if one.masked is not None], masks),
+        ),
+    )
+
+
+def _stacked(planes: list[Tensor | None], otherwise: Tensor) -> Tensor | None:
+    """Return the planes of all views, with `otherwise` for those without; None if all are without."""
+    if all(plane is None for plane in planes):
+        return None
+    return torch.stack([otherwise if plane is None else plane for plane in planes])
+
+
+@dataclass(frozen=True)
+class _Pixels:
+    """One view. alpha, ignored: None if it is opaque, or has no mask that marks pixels to leave out.
+
+    clipped: as for `Photograph`. masked: share of the stored pixels that its mask marks; None without a mask.
+    """
+
+    colour: Float[Tensor, "3 height width"]
+    alpha: Float[Tensor, "height width"] | None
+    ignored: Bool[Tensor, "height width"] | None
+    clipped: float
+    masked: float | None
 
 
 def _framed_pixels(
-    path: Path, lenses: tuple[Lens, Lens], image_size: tuple[int, int], background: Background
-) -> Float[Tensor, "channel height width"]:
-    """Read colour, and opacity as a fourth channel if present; undistort, crop and resize to `image_size`."""
-    colour, alpha = read_image_and_alpha(path, background)
-    pixels = colour if alpha is None else torch.cat((colour, alpha[None]))
+    photograph: PosedPhotograph,
+    lenses: tuple[Lens, Lens],
+    image_size: tuple[int, int],
+    background: Background,
+    masks: Masks,
+) -> _Pixels:
+    """Read a photograph and its mask; undistort, crop and resize to `image_size`."""
+    stored = read_photograph(photograph.path, background)
+    colour, alpha = stored.colour, stored.alpha
+    mask = None if masks == "unused" else photograph.mask or find_mask(photograph.path)
+    black = None if mask is None else read_mask(mask, *colour.shape[1:])
+    if black is not None and masks == "cut-out":
+        colour, alpha = cut_out(colour, alpha, black, LEVELS[background])
+    is_left_out = black is not None and masks == "leave-out"
+    planes = [colour, *(alpha[None] for alpha in (alpha,) if alpha is not None)]
+    planes += [(~black)[None].float()] if black is not None and is_left_out else []
     lens, pinhole = lenses
-    return crop_and_resize(undistort(pixels, lens, pinhole), pinhole, image_size)[0]
+    framed = crop_and_resize(undistort(torch.cat(planes), lens, pinhole), pinhole, image_size)[0]
+    return _Pixels(
+        colour=framed[:3],
+        alpha=None if alpha is None else framed[3],
+        ignored=framed[-1] < _LEAST_KEPT if is_left_out else None,
+        clipped=stored.clipped,
+        masked=None if black is None else black.float().mean().item(),
+    )
 
 
 def _with_depth_bounds(

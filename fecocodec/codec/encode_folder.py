@@ -68,7 +68,9 @@ def encode_folder(
         from fecocodec.sender.optimisation_config import config_of_effort
 
         config_of_effort(options.effort, options.sharpness)  # raises for one that there is not
-        views = read_pixels(chosen, near=options.near, far=options.far, background=options.background)
+        given = {name: getattr(options, name) for name in ("near", "far", "background", "masks")}
+        views = read_pixels(chosen, **given)
+        messages.note(*views.remarks)
     views, left_out = without_harmful(views, options, messages, on_progress)
     data, quality = encode_views(views, options, messages, on_progress)
     if quality:

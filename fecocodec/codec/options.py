@@ -19,9 +19,9 @@ class EncodingOptions:
 
     lmbda, num_stages, effort, sharpness, device, model: as for `encode`. target: None encodes at `lmbda`. views: as for
     `read_views`, or `Spread`, `Auto` or `All`; None for all of up to 16, of which those that harm the others are left
-    out. size, near, far, background: as for `read_views`. metadata: stored in the file. num_frames: frames to take from
-    a video. focal_px: as for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured: decode the
-    file and measure it; `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
+    out. size, near, far, background, masks: as for `read_views`. metadata: stored in the file. num_frames: frames to
+    take from a video. focal_px: as for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured:
+    decode the file and measure it; `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
     """
 
     lmbda: float = 1e-3
@@ -31,6 +31,7 @@ class EncodingOptions:
     near: float | None = None
     far: float | None = None
     background: Literal["white", "black"] | None = None
+    masks: Literal["leave-out", "cut-out", "unused"] = "leave-out"
     num_stages: int = 2
     effort: str = "default"
     sharpness: float = 0.0

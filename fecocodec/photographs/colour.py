@@ -76,6 +76,11 @@ def primaries_to_srgb(primaries: Chromaticities) -> Float[np.ndarray, "3 3"]:
     return (np.linalg.solve(target, adapt @ source)).astype(np.float32)
 
 
+def luminance_weights(primaries: Chromaticities) -> Float[np.ndarray, "3"]:
+    """Return the luminance of red, green and blue of these primaries; their sum is 1."""
+    return _rgb_to_xyz(primaries)[1]
+
+
 def _rgb_to_xyz(primaries: Chromaticities) -> Float[np.ndarray, "3 3"]:
     columns = np.array([(x / y, 1.0, (1 - x - y) / y) for x, y in primaries]).T
     return columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3])

@@ -7,80 +7,209 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import torch
-from einops import rearrange
+from einops import einsum, rearrange
 from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import InputError
 from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
+from fecocodec.photographs.colour import SRGB_PRIMARIES, Chromaticities, luminance_weights, primaries_to_srgb
 from fecocodec.photographs.pillow_images import require_few_pixels, unreadable
 
 _MAX_VALUES = 4 * MAX_IMAGE_PIXELS  # over all channels and parts; OpenEXR reads them all
+_HALF_STEP = 5e-4  # half of the distance of 1 to the next half float
+_LONG_KINDS = {"red": "R", "green": "G", "blue": "B", "alpha": "A"}
+_USUAL_NAMES = {"combined", "beauty", "rgba", "rgb", "color", "colour"}  # of the layer that shows the picture
 
 
 @dataclass(frozen=True)
 class ExrImage:
     """Content of an OpenEXR file; None for what the file lacks.
 
-    colour: sRGB in [0, 1]. depth: channel Z, in scene units. alpha: opacity in [0, 1].
+    colour: sRGB in [0, 1]. depth: channel Z, in scene units. alpha: opacity in [0, 1]. clipped: share of the pixels
+    with light above 1, which is clipped.
     """
 
     colour: Float[Tensor, "3 height width"]
     depth: Float[Tensor, "height width"] | None
     alpha: Float[Tensor, "height width"] | None = None
+    clipped: float = 0.0
 
 
 def read_exr(path: Path, background: float = 1.0) -> ExrImage:
-    """Read colour (RGB, RGBA composited on a background, or luminance Y), depth and opacity.
+    """Read colour, depth and opacity in the display window; what the data window leaves out is black and transparent.
 
-    background: linear grey level of the background; 1 is white.
+    Colour is R, G and B, luminance Y, or Y with the chroma channels RY and BY, of the part and layer that
+    `colour_layer` chooses. It is composited on a background if there is opacity A. Stated chromaticities are converted
+    to sRGB. background: linear grey level; 1 is white.
     Values above 1 are clipped; NaN counts as 0. Raises InputError if the file cannot be read, has no colour, or has
     more than MAX_IMAGE_PIXELS pixels.
     """
     read_exr_size(path)  # refuses too many pixels before they are allocated
-    channels = _read_channels(path)
-    alpha = None
-    if "RGBA" in channels:  # OpenEXR colour is premultiplied by alpha
-        alpha = _plane(channels["RGBA"][..., 3])
-        linear = [_plane(channels["RGBA"][..., channel]) + background * (1 - alpha) for channel in range(3)]
-    elif "RGB" in channels:
-        linear = [_plane(channels["RGB"][..., channel]) for channel in range(3)]
-    elif "Y" in channels:
-        linear = 3 * [_plane(channels["Y"])]
-    else:
-        raise InputError(f"{path}: no colour among the channels {sorted(channels)}; store R, G and B.")
-    colour = torch.empty(3, *linear[0].shape)
-    for channel, plane in enumerate(linear):  # one at a time, to need little memory
-        colour[channel] = linear_to_srgb(plane.nan_to_num(nan=0.0))
-    depth = _plane(channels["Z"]) if "Z" in channels else None
-    return ExrImage(colour, depth, None if alpha is None else alpha.nan_to_num(nan=0.0).clamp(0, 1))
+    try:
+        part, layer = _chosen(path, OpenEXR.File(str(path), separate_channels=True).parts)
+        planes = {name: _in_display_window(part, layer.channels[name]) for name in layer.channels}
+    except (RuntimeError, ValueError, KeyError) as error:  # OpenEXR reports damage by any of them
+        raise InputError(_unreadable(path)) from error
+    alpha = planes.get("A")
+    light = _light(planes, part.header.get("chromaticities"))
+    if alpha is not None:  # OpenEXR colour is premultiplied by alpha
+        light = light + background * (1 - alpha)
+    light = light.nan_to_num(nan=0.0)
+    clipped = (light > 1 + _HALF_STEP).any(dim=0).float().mean().item()
+    depth = planes.get("Z")
+    opacity = None if alpha is None else alpha.nan_to_num(nan=0.0).clamp(0, 1)
+    return ExrImage(linear_to_srgb(light), depth, opacity, clipped)
 
 
 def read_exr_size(path: Path) -> tuple[int, int]:
-    """Return (height, width) of the stored pixels, from the header alone.
+    """Return (height, width) of the display window, from the header alone.
 
     Raises InputError if there are more than MAX_IMAGE_PIXELS pixels, or too many channels and parts to decode.
     """
+    parts = _headers(path)
+    try:
+        sizes = [(*_size(part.header["dataWindow"]), len(part.header["channels"])) for part in parts]
+        displayed = [_size(part.header["displayWindow"]) for part in parts]
+        for height, width in (*displayed, *((height, width) for height, width, _ in sizes)):
+            require_few_pixels(height, width, path)
+        if sum(height * width * channels for height, width, channels in sizes) > _MAX_VALUES:
+            raise InputError(f"{path}: the image has too many channels or parts for its size; store R, G and B alone.")
+        height, width = _size(_chosen(path, parts)[0].header["displayWindow"])
+    except (RuntimeError, ValueError, KeyError) as error:
+        raise InputError(_unreadable(path)) from error
+    return height, width
+
+
+def colour_layer(path: Path) -> str:
+    """Return the part or layer that holds the colours; empty for the first part's own channels R, G and B, or Y.
+
+    Without these, it is the only layer with colour, or among several that with a usual name (`Combined`, `beauty`,
+    `rgba`). Raises InputError if there is no colour, or no such layer among several.
+    """
+    parts = _headers(path)
+    part, layer = _chosen(path, parts)
+    return layer.name if part is parts[0] else " ".join(filter(None, (_part_name(part), layer.name)))
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """Channels with one prefix. channels: names in the file by their kind, such as R."""
+
+    name: str
+    channels: dict[str, str]
+
+    @property
+    def has_colour(self) -> bool:
+        return {"R", "G", "B"} <= self.channels.keys() or "Y" in self.channels
+
+
+def _layers(part: Any) -> list[_Layer]:
+    """Return the layers of a part: `ViewLayer.Combined.R` is channel R of layer `ViewLayer.Combined`."""
+    layers: dict[str, dict[str, str]] = {}
+    for channel in part.header["channels"]:
+        layer, _, kind = channel.name.rpartition(".")
+        layers.setdefault(layer, {})[_LONG_KINDS.get(kind.lower(), kind.upper())] = channel.name
+    return [_Layer(name, channels) for name, channels in layers.items()]
+
+
+def _chosen(path: Path, parts: list[Any]) -> tuple[Any, _Layer]:
+    """Return part and layer of the colours, see `colour_layer`."""
+    coloured = [(part, layer) for part in parts for layer in _layers(part) if layer.has_colour]
+    if not coloured:
+        names = sorted(channel.name for part in parts for channel in part.header["channels"])
+        raise InputError(f"{path}: no colour among the channels {names}; store R, G and B.")
+    plain = [(part, layer) for part, layer in coloured if not layer.name]
+    named = [
+        (part, layer)
+        for part, layer in coloured
+        if {layer.name.split(".")[-1].lower(), _part_name(part)} & _USUAL_NAMES
+    ]
+    if found := plain or named or (coloured if len(coloured) == 1 else []):
+        return found[0]
+    layers = ", ".join(layer.name for _, layer in coloured)
+    raise InputError(f"{path}: several layers have colour ({layers}); store the wanted one as R, G and B.")
+
+
+def _part_name(part: Any) -> str:
+    return str(part.header.get("name", "")).lower()
+
+
+def _headers(path: Path) -> list[Any]:
+    """Return the parts, without pixels."""
     try:
         require_regular_file(path)
-        parts = OpenEXR.File(str(path), header_only=True).parts
-        sizes = [_part_size(part.header) for part in parts]
+        parts: list[Any] = OpenEXR.File(str(path), header_only=True).parts
+        return parts
     except OSError as error:
         raise InputError(unreadable(path, error)) from error
     except (RuntimeError, ValueError, KeyError) as error:
         raise InputError(_unreadable(path)) from error
-    height, width, _ = sizes[0]
-    require_few_pixels(height, width, path)
-    if sum(h * w * channels for h, w, channels in sizes) > _MAX_VALUES:
-        raise InputError(f"{path}: the image has too many channels or parts for its size; store R, G and B alone.")
-    return height, width
 
 
-def _part_size(header: dict[str, Any]) -> tuple[int, int, int]:
-    """Return (height, width, number of channels) of one part."""
-    (left, top), (right, bottom) = header["dataWindow"]
-    return int(bottom) - int(top) + 1, int(right) - int(left) + 1, len(header["channels"])
+def _size(window: Any) -> tuple[int, int]:
+    """Return (height, width)."""
+    (left, top), (right, bottom) = window
+    return int(bottom) - int(top) + 1, int(right) - int(left) + 1
+
+
+def _in_display_window(part: Any, name: str) -> Float[Tensor, "height width"]:
+    """Return a channel at the pixels of the display window, 0 where the file has none."""
+    channel = part.channels[name]
+    values = torch.from_numpy(np.array(channel.pixels, np.float32))
+    for axis, sampling in enumerate((channel.ySampling, channel.xSampling)):
+        if sampling > 1:
+            values = _upsampled(values, axis, sampling)
+    (left, top), _ = part.header["dataWindow"]
+    (display_left, display_top), _ = part.header["displayWindow"]
+    down, right = int(top) - int(display_top), int(left) - int(display_left)
+    height, width = _size(part.header["displayWindow"])
+    plane = torch.zeros(height, width)
+    inside = values[max(0, -down) : max(0, height - down), max(0, -right) : max(0, width - right)]
+    rows, columns = inside.shape
+    plane[max(0, down) : max(0, down) + rows, max(0, right) : max(0, right) + columns] = inside
+    return plane
+
+
+def _upsampled(values: Float[Tensor, "height width"], axis: int, factor: int) -> Float[Tensor, "new_height new_width"]:
+    """Interpolate linearly between samples, which lie at every `factor`-th pixel from the first one."""
+    position = torch.arange(values.shape[axis] * factor) / factor
+    before = position.long()
+    after = (before + 1).clamp_max(values.shape[axis] - 1)
+    weight = (position - before)[:, None] if axis == 0 else position - before
+    return values.index_select(axis, before) * (1 - weight) + values.index_select(axis, after) * weight
+
+
+def _light(planes: dict[str, Float[Tensor, "height width"]], chromaticities: Any) -> Float[Tensor, "3 height width"]:
+    """Return linear sRGB from R, G and B, or from luminance with or without chroma.
+
+    RY and BY are (R - Y) / Y and (B - Y) / Y, where Y is the luminance of R, G and B in their chromaticities.
+    """
+    primaries = _primaries(chromaticities)
+    if "R" in planes:
+        light = torch.stack([planes[kind] for kind in "RGB"])
+    elif {"RY", "BY"} <= planes.keys():
+        luma = planes["Y"]
+        red, blue = (planes["RY"] + 1) * luma, (planes["BY"] + 1) * luma
+        of_red, of_green, of_blue = luminance_weights(primaries).tolist()
+        light = torch.stack((red, (luma - of_red * red - of_blue * blue) / of_green, blue))
+    else:
+        light = planes["Y"].expand(3, -1, -1)
+    if primaries == SRGB_PRIMARIES:
+        return light
+    return einsum(torch.from_numpy(primaries_to_srgb(primaries)), light, "out rgb, rgb h w -> out h w")
+
+
+def _primaries(chromaticities: Any) -> Chromaticities:
+    """Return the file's chromaticities; those of sRGB if it states none, or the same to three digits."""
+    if chromaticities is None:
+        return SRGB_PRIMARIES
+    values = np.asarray(chromaticities, np.float64).ravel().tolist()
+    points = tuple((x, y) for x, y in zip(values[0::2], values[1::2], strict=True))
+    if len(points) != 4 or np.abs(np.array(points) - SRGB_PRIMARIES).max() < 1e-3:
+        return SRGB_PRIMARIES
+    return points
 
 
 def write_exr(path: Path, image: ExrImage, *, overwrite: bool = False) -> None:
@@ -110,19 +239,6 @@ def linear_to_srgb(linear: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
 def srgb_to_linear(srgb: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """Apply the inverse of the sRGB transfer function (IEC 61966-2-1)."""
     return torch.where(srgb <= 0.04045, srgb / 12.92, ((srgb.clamp_min(0) + 0.055) / 1.055) ** 2.4)
-
-
-def _read_channels(path: Path) -> dict[str, np.ndarray]:
-    """Read all channels. OpenEXR reports damage as RuntimeError, or as ValueError if no pixels are left to read."""
-    try:
-        channels = OpenEXR.File(str(path)).channels()
-        return {name: channel.pixels for name, channel in channels.items()}
-    except (RuntimeError, ValueError) as error:
-        raise InputError(_unreadable(path)) from error
-
-
-def _plane(values: np.ndarray) -> Float[Tensor, "height width"]:
-    return torch.from_numpy(np.array(values, np.float32))
 
 
 def _unreadable(path: Path) -> str:

@@ -4,6 +4,7 @@ Colours are converted to sRGB. The EXIF orientation is ignored, because camera f
 stored. Transparent pixels are composited on white by default, the convention of NeRF's synthetic scenes.
 """
 
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
@@ -40,20 +41,36 @@ def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
     return read_image_and_alpha(path)[0]
 
 
+@dataclass(frozen=True)
+class Photograph:
+    """Pixels of a photograph.
+
+    colour: sRGB in [0, 1]. alpha: opacity in [0, 1]; None if it is opaque everywhere. clipped: share of the pixels
+    whose light was above 1.
+    """
+
+    colour: Float[Tensor, "3 height width"]
+    alpha: Float[Tensor, "height width"] | None
+    clipped: float = 0.0
+
+
 def read_image_and_alpha(
     path: StrPath, background: Background = "white"
 ) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Read an image like `read_image`, composited on `background`, and its opacity in [0, 1].
+    """Read colour and opacity as `read_photograph` does."""
+    photograph = read_photograph(path, background)
+    return photograph.colour, photograph.alpha
 
-    The opacity is None for an image without alpha, and for one that is opaque everywhere.
-    """
-    path = Path(path)
+
+def read_photograph(path: StrPath, background: Background = "white") -> Photograph:
+    """Read an image like `read_image`, composited on `background`, and its opacity."""
+    path, clipped = Path(path), 0.0
     if is_exr(path):
         image = read_exr(path, LEVELS[background])
-        colour, alpha = image.colour, image.alpha
+        colour, alpha, clipped = image.colour, image.alpha, image.clipped
     else:
         colour, alpha = _composited(torch.from_numpy(decode_with_pillow(path, path)), LEVELS[background])
-    return colour, None if alpha is None or bool((alpha == 1.0).all()) else alpha
+    return Photograph(colour, None if alpha is None or bool((alpha == 1.0).all()) else alpha, clipped)
 
 
 def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:

@@ -1,40 +1,74 @@
-"""Take sharp, evenly spread frames from a video with PyAV (optional extra `video`)."""
+"""Take sharp frames of a moving camera from a video with PyAV (optional extra `video`)."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from PIL import Image
 
 from fecocodec.errors import InputError, installation
+from fecocodec.photographs.colour import coded_to_srgb, is_hdr, is_srgb
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi")
-_SMALL_WIDTH = 480  # pixels; sharpness is measured on small grey frames
+VIDEO_SUFFIXES = (
+    ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".3g2", ".mpg", ".mpeg", ".wmv", ".ogv",
+)  # fmt: skip
+_SHARPNESS_WIDTH, _CHANGE_WIDTH = 480, 96  # pixels of the small grey frames that are measured
+_LEAST_CHANGE = 0.02  # mean change of a frame that is not passed over, in standard deviations of its grey levels
+_BORDER_SHARPNESS = 0.5  # what sharpness counts at the borders of a part, relative to its middle
+_LARGEST_ROWS_OF_601 = 576  # a video with more rows that does not state its matrix has that of BT.709
+Picture = UInt8[np.ndarray, "height width 3"]
 
 
 def is_video(path: Path) -> bool:
     """Return whether the name of a file is that of a video."""
-    return path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir()
+    return path.suffix.lower() in VIDEO_SUFFIXES and not path.name.startswith(".") and not path.is_dir()
 
 
-def write_sharp_frames(video: Path, folder: Path, count: int) -> None:
-    """Write the sharpest frame of each of `count` equal parts of a video as PNG, named by the number of the frame.
+def write_sharp_frames(video: Path, folder: Path, count: int) -> tuple[str, ...]:
+    """Write `count` sharp frames, spread over the video, as PNG named by the number of the frame; return notes.
 
-    The video is read twice: to measure sharpness, then to write the chosen frames. Raises InputError if PyAV is
-    missing, the video cannot be read, or it has fewer frames.
+    Frames that hardly differ from those before are passed over; the others are divided into equal parts, of each of
+    which the sharpest is taken. Frames are upright, of square pixels, deinterlaced and in sRGB. If fewer than `count`
+    frames differ, all of these are taken.
+    The video is read twice: to measure, then to write. Raises InputError if PyAV is missing, the video cannot be read,
+    it has fewer frames, or its camera stands still.
     """
-    sharpness = [_sharpness(frame.to_ndarray(format="gray")) for frame in _frames(video)]
-    if len(sharpness) < count:
-        raise InputError(f"{video}: {len(sharpness)} frames, but {count} are needed; ask for fewer frames.")
-    parts = np.array_split(np.arange(len(sharpness)), count)
-    chosen = {int(part[np.argmax([sharpness[index] for index in part])]) for part in parts}
-    for index, frame in enumerate(_frames(video)):
+    small = [_measured(frame.to_ndarray(format="gray")) for frame, _ in _frames(video)]
+    if len(small) < count:
+        raise InputError(f"{video}: {len(small)} frames, but {count} are needed; ask for fewer frames.")
+    moving = _moving([grey for _, grey in small])
+    if len(moving) < 2:
+        raise InputError(f"{video}: all {len(small)} frames are equal; film with a camera that moves.")
+    chosen = _sharpest(moving, [sharpness for sharpness, _ in small], min(count, len(moving)))
+    notes = list[str]()
+    if len(moving) < count:
+        notes.append(f"{len(moving)} of {len(small)} frames differ from those before, and only these are taken.")
+    for index, (frame, stream) in enumerate(_frames(video)):
+        if index == 0 and is_hdr(stream.transfer):
+            notes.append("the frames are of HDR video; their colours are tone-mapped to sRGB.")
         if index in chosen:
-            Image.fromarray(frame.to_ndarray(format="rgb24")).save(folder / f"frame{index:06d}.png", compress_level=1)
+            picture = Image.fromarray(_upright(_in_srgb(frame, stream), stream, frame))
+            picture.save(folder / f"frame{index:06d}.png", compress_level=1)
+    return tuple(notes)
 
 
-def _frames(video: Path) -> Any:
+@dataclass(frozen=True)
+class _Stream:
+    """What a video states of all its frames. pixel_aspect: width of a pixel relative to its height.
+
+    primaries, transfer: of its colours, as numbers of ITU-T H.273.
+    """
+
+    pixel_aspect: Fraction
+    primaries: int
+    transfer: int
+
+
+def _frames(video: Path) -> Iterator[tuple[Any, _Stream]]:
     try:
         import av
     except ImportError as error:
@@ -47,15 +81,73 @@ def _frames(video: Path) -> Any:
         with av.open(str(video)) as container:
             if not container.streams.video:
                 raise InputError(f"{video}: there is no video in this file; give a video or a folder of photographs.")
-            yield from container.decode(video=0)
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            coded = stream.codec_context
+            for frame in container.decode(stream):
+                aspect = stream.sample_aspect_ratio or coded.sample_aspect_ratio or Fraction(1)
+                yield frame, _Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc))
     except (av.error.FFmpegError, OSError) as error:
         raise InputError(f"{video}: the video cannot be read ({error.strerror}); convert it to MP4 (H.264).") from error
 
 
-def _sharpness(grey: UInt8[np.ndarray, "height width"]) -> float:
-    """Return the variance of the Laplacian of a reduced frame."""
-    step = max(1, grey.shape[1] // _SMALL_WIDTH)
+def _measured(grey: UInt8[np.ndarray, "height width"]) -> tuple[float, Float[np.ndarray, "rows columns"]]:
+    """Return the variance of the Laplacian of a reduced frame, and the means of its blocks."""
+    step = max(1, grey.shape[1] // _SHARPNESS_WIDTH)
     small = grey[::step, ::step].astype(np.float64)
     inside = small[1:-1, 1:-1]
     laplacian = small[:-2, 1:-1] + small[2:, 1:-1] + small[1:-1, :-2] + small[1:-1, 2:] - 4 * inside
-    return float(laplacian.var())
+    side = max(1, grey.shape[1] // _CHANGE_WIDTH)
+    rows, columns = (length // side for length in grey.shape)
+    blocks = grey[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    return float(laplacian.var()), blocks.mean(axis=(1, 3), dtype=np.float32)
+
+
+def _moving(greys: list[Float[np.ndarray, "rows columns"]]) -> list[int]:
+    """Return the indices of frames that differ from the one before among them."""
+    kept = [0]
+    for index, grey in enumerate(greys):
+        change = np.abs(grey - greys[kept[-1]]).mean()
+        if change > _LEAST_CHANGE * max(1.0, float(grey.std())):
+            kept.append(index)
+    return kept
+
+
+def _sharpest(frames: list[int], sharpness: list[float], count: int) -> set[int]:
+    """Return the sharpest frame of each of `count` equal parts; frames near the borders of a part count less."""
+    chosen = set()
+    for part in np.array_split(np.array(frames), count):
+        from_middle = np.abs(np.arange(len(part)) - (len(part) - 1) / 2) / (len(part) / 2)
+        weights = 1 - (1 - _BORDER_SHARPNESS) * from_middle
+        chosen.add(int(part[np.argmax(weights * [sharpness[index] for index in part])]))
+    return chosen
+
+
+def _in_srgb(frame: Any, stream: _Stream) -> Picture:
+    """Return the pixels of a frame as sRGB."""
+    from av.video.reformatter import Colorspace
+
+    states_matrix = int(frame.colorspace) in list(Colorspace)
+    matrix = {} if states_matrix or frame.height <= _LARGEST_ROWS_OF_601 else {"src_colorspace": Colorspace.ITU709}
+    if is_srgb(stream.primaries, stream.transfer):
+        picture: Picture = frame.to_ndarray(format="rgb24", **matrix)
+        return picture
+    pixels = frame.to_ndarray(format="rgb48le", **matrix) / np.float32(65535)
+    coded_to_srgb(pixels, stream.primaries, stream.transfer)
+    return np.rint(255 * pixels).astype(np.uint8)
+
+
+def _upright(picture: Picture, stream: _Stream, frame: Any) -> Picture:
+    """Return the picture as it is to be shown: one field of an interlaced frame, square pixels, the display matrix."""
+    height, width = picture.shape[:2]
+    field = picture[::2] if frame.interlaced_frame else picture
+    shown = (max(1, round(width * stream.pixel_aspect)), height)
+    if field.shape[1::-1] != shown:
+        field = np.asarray(Image.fromarray(field).resize(shown, Image.Resampling.LANCZOS))
+    side_data = frame.side_data.get("DISPLAYMATRIX")
+    if side_data is None:
+        return np.ascontiguousarray(field)
+    a, b, _, c, d = np.frombuffer(side_data, np.int32)[:5].tolist()  # (x, y) is shown at (a x + c y, b x + d y)
+    across, down = (a, d) if abs(a) >= abs(b) else (c, b)
+    turned = field if abs(a) >= abs(b) else field.swapaxes(0, 1)
+    return np.ascontiguousarray(turned[:: -1 if down < 0 else 1, :: -1 if across < 0 else 1])

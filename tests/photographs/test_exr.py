@@ -8,7 +8,15 @@ import pytest
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.photographs.exr import ExrImage, linear_to_srgb, read_exr, read_exr_size, srgb_to_linear, write_exr
+from fecocodec.photographs.exr import (
+    ExrImage,
+    colour_layer,
+    linear_to_srgb,
+    read_exr,
+    read_exr_size,
+    srgb_to_linear,
+    write_exr,
+)
 
 
 def store(path, channels, **header) -> None:
@@ -95,3 +103,117 @@ def test_too_many_channels_are_refused_before_they_are_decoded(tmp_path):
 def test_opacity_is_returned(tmp_path):
     store(tmp_path / "image.exr", {"RGBA": np.full((2, 3, 4), 0.25, np.float32)})
     torch.testing.assert_close(read_exr(tmp_path / "image.exr").alpha, torch.full((2, 3), 0.25))
+
+
+def test_half_and_float_channels_may_be_mixed(tmp_path):
+    channels = {"R": np.full((2, 3), 0.18, np.float16), "G": np.zeros((2, 3), np.float32)}
+    store(tmp_path / "image.exr", channels | {"B": np.ones((2, 3), np.float16), "A": np.ones((2, 3), np.float32)})
+    colour = read_exr(tmp_path / "image.exr").colour[:, 1, 2]
+    torch.testing.assert_close(colour, torch.tensor([0.4614, 0.0, 1.0]), atol=1e-3, rtol=0)
+
+
+def window(left: int, top: int, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([left, top], np.int32), np.array([left + width - 1, top + height - 1], np.int32)
+
+
+@pytest.mark.parametrize(("left", "top"), [(2, 1), (-1, -2), (6, 0)])
+def test_pixels_lie_where_the_data_window_is_in_the_display_window(left, top, tmp_path):
+    """Smaller than the display window, larger (overscan), and with another origin."""
+    values = np.random.default_rng(0).random((6, 7, 3), np.float32)
+    path = tmp_path / "image.exr"
+    windows = {"dataWindow": window(left + 4, top + 4, 7, 6), "displayWindow": window(4, 4, 8, 5)}
+    store(path, {"RGBA": np.concatenate((values, np.ones((6, 7, 1), np.float32)), axis=2)}, **windows)
+    assert read_exr_size(path) == (5, 8)
+    image = read_exr(path, background=0.0)
+    expected = np.zeros((5, 8, 4), np.float32)
+    for v in range(5):
+        for u in range(8):
+            if 0 <= v - top < 6 and 0 <= u - left < 7:
+                expected[v, u] = (*values[v - top, u - left], 1)
+    torch.testing.assert_close(srgb_to_linear(image.colour), torch.from_numpy(expected[..., :3]).permute(2, 0, 1))
+    assert torch.equal(image.alpha, torch.from_numpy(expected[..., 3]))
+
+
+def test_the_colours_of_a_layer_or_another_part_are_read(tmp_path):
+    grey = {"R": np.full((2, 3), 0.18, np.float32), "G": np.full((2, 3), 0.18, np.float32)} | {
+        "B": np.full((2, 3), 0.18, np.float32)
+    }
+    blender = {f"ViewLayer.Combined.{name}": plane for name, plane in grey.items()}
+    others = {f"ViewLayer.DiffCol.{name}": plane / 2 for name, plane in grey.items()}
+    nuke = {f"beauty.{name}": plane for name, plane in zip(("red", "green", "blue"), grey.values(), strict=True)}
+    for channels, layer in (
+        (blender, "ViewLayer.Combined"),
+        (others | blender, "ViewLayer.Combined"),
+        (nuke, "beauty"),
+    ):
+        store(tmp_path / "layer.exr", channels | {"ViewLayer.Depth.Z": np.ones((2, 3), np.float32)})
+        assert colour_layer(tmp_path / "layer.exr") == layer
+        torch.testing.assert_close(
+            read_exr(tmp_path / "layer.exr").colour, torch.full((3, 2, 3), 0.4614), atol=1e-4, rtol=0
+        )
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    depth = OpenEXR.Part(dict(header), {"Z": np.ones((2, 3), np.float32)}, "depth")
+    OpenEXR.File([depth, OpenEXR.Part(dict(header), grey, "picture")]).write(str(tmp_path / "parts.exr"))
+    assert colour_layer(tmp_path / "parts.exr") == "picture"
+    assert read_exr(tmp_path / "parts.exr").colour[0, 0, 0].item() == pytest.approx(0.4614, abs=1e-4)
+    store(tmp_path / "plain.exr", grey)
+    assert colour_layer(tmp_path / "plain.exr") == ""
+
+
+def test_several_layers_without_a_usual_name_are_refused(tmp_path):
+    path = tmp_path / "image.exr"
+    store(path, {f"{layer}.{name}": np.ones((2, 3), np.float32) for layer in ("left", "right") for name in "RGB"})
+    with pytest.raises(InputError) as caught:
+        read_exr(path)
+    assert str(caught.value) == f"{path}: several layers have colour (left, right); store the wanted one as R, G and B."
+
+
+def test_light_above_1_is_counted(tmp_path):
+    light = np.full((2, 4, 3), 1.0, np.float16)
+    light[0, 0, 1] = 1.001  # the next half float
+    store(tmp_path / "image.exr", {"RGB": light})
+    assert read_exr(tmp_path / "image.exr").clipped == 1 / 8
+
+
+def test_chromaticities_are_converted_to_srgb(tmp_path):
+    """ACEScg, whose white is adapted; the red primary of sRGB in ACEScg, from the ACES documents."""
+    acescg = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
+    light = np.array([[[1, 1, 1], [0.61309732, 0.07019372, 0.02061559]]], np.float32)
+    store(tmp_path / "image.exr", {"RGB": light}, chromaticities=acescg)
+    colour = srgb_to_linear(read_exr(tmp_path / "image.exr").colour)
+    torch.testing.assert_close(colour, torch.tensor([[[1.0, 1.0]], [[1.0, 0.0]], [[1.0, 0.0]]]), atol=2e-3, rtol=0)
+
+
+def exr_of_luminance_and_chroma(luma: np.ndarray, red: np.ndarray, blue: np.ndarray) -> bytes:
+    """An uncompressed file of float channels Y, and RY and BY at every second pixel, which the binding cannot write."""
+
+    def attribute(name: str, kind: str, data: bytes) -> bytes:
+        return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(data)) + data
+
+    height, width = luma.shape
+    channels = (
+        name.encode() + b"\0" + struct.pack("<iB3xii", 2, 0, step, step)
+        for name, step in (("BY", 2), ("RY", 2), ("Y", 1))
+    )
+    box = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    head = struct.pack("<II", 20000630, 2) + attribute("channels", "chlist", b"".join(channels) + b"\0")
+    head += attribute("compression", "compression", b"\0") + attribute("lineOrder", "lineOrder", b"\0")
+    head += attribute("dataWindow", "box2i", box) + attribute("displayWindow", "box2i", box)
+    head += attribute("pixelAspectRatio", "float", struct.pack("<f", 1))
+    head += attribute("screenWindowCenter", "v2f", bytes(8)) + attribute("screenWindowWidth", "float", bytes(4)) + b"\0"
+    rows = []
+    for row in range(height):
+        planes = [luma[row]] if row % 2 else [blue[row // 2], red[row // 2], luma[row]]
+        data = np.concatenate(planes).astype("<f4").tobytes()
+        rows.append(struct.pack("<ii", row, len(data)) + data)
+    starts = np.cumsum([len(head) + 8 * height, *map(len, rows[:-1])])
+    return head + starts.astype("<u8").tobytes() + b"".join(rows)
+
+
+def test_luminance_and_chroma_are_colours(tmp_path):
+    luma = 0.2126 * 0.5 + 0.7152 * 0.25 + 0.0722 * 0.1
+    red, blue = 0.5 / luma - 1, 0.1 / luma - 1
+    data = exr_of_luminance_and_chroma(np.full((4, 6), luma), np.full((2, 3), red), np.full((2, 3), blue))
+    (tmp_path / "image.exr").write_bytes(data)
+    light = srgb_to_linear(read_exr(tmp_path / "image.exr").colour)
+    torch.testing.assert_close(light, torch.tensor([0.5, 0.25, 0.1])[:, None, None].expand(3, 4, 6), atol=1e-4, rtol=0)

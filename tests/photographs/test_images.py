@@ -164,7 +164,8 @@ def test_damaged_png_chunks_are_one_sentence(tmp_path, colour_type, extra):
     data = png_of_chunks((b"IHDR", head), *extra, (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
     (tmp_path / "image.png").write_bytes(data)
     with pytest.raises(
-        InputError, match=r"image\.png: the image is damaged, cut short or of a kind that is not read.*; store it again or"
+        InputError,
+        match=r"image\.png: the image is damaged, cut short or of a kind that is not read.*; store it again or",
     ):
         read_image(tmp_path / "image.png")
 

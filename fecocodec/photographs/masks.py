@@ -1,0 +1,62 @@
+"""Masks of photographs: images of which black is to be ignored, as in nerfstudio (`mask_path`) and COLMAP."""
+
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from fecocodec.errors import InputError
+from fecocodec.photographs.images import read_eight_bits
+from fecocodec.photographs.lens import ASPECT_TOLERANCE
+
+FOLDER = "masks"
+_DEPTH = 3  # folders above a photograph in which a folder of masks is looked for
+_BRIGHT = 128  # level from which on a pixel is not black, if the mask has any such pixel
+
+
+def find_mask(photograph: Path) -> Path | None:
+    """Return the mask of a photograph in a folder `masks` beside it, or beside a folder that it is in; None without.
+
+    The mask of `images/cam1/a.jpg` is `masks/cam1/a.jpg.png`, as COLMAP names it, `masks/cam1/a.jpg` or
+    `masks/cam1/a.png`.
+    """
+    for base in photograph.parents[:_DEPTH]:
+        relative = photograph.relative_to(base)
+        inside = [relative, Path(*relative.parts[1:])] if len(relative.parts) > 1 else [relative]
+        for name in inside if (base / FOLDER).is_dir() else []:
+            found = base / FOLDER / name
+            candidates = (found.with_name(f"{found.name}.png"), found, found.with_suffix(".png"))
+            if mask := next((path for path in candidates if path.is_file() and path != photograph), None):
+                return mask
+    return None
+
+
+def read_mask(path: Path, height: int, width: int) -> Bool[Tensor, "height width"]:
+    """Return where a mask is black, for a photograph of this size in pixels; the mask may be larger or smaller.
+
+    Black is darker than mid-grey; in a mask without brighter pixels, such as one of 0 and 1, it is 0.
+    Raises InputError if the mask cannot be read or has another shape.
+    """
+    levels = torch.from_numpy(read_eight_bits(path)).amax(dim=-1)
+    rows, columns = levels.shape
+    if abs(rows * width - columns * height) > ASPECT_TOLERANCE * columns * height:
+        raise InputError(
+            f"{path}: the mask has {columns}x{rows} pixels and its photograph {width}x{height}; give it the shape of "
+            "the photograph."
+        )
+    is_kept = levels >= (_BRIGHT if int(levels.max()) >= _BRIGHT else 1)
+    resized = F.interpolate(is_kept[None, None].float(), (height, width), mode="nearest-exact")
+    return resized[0, 0] == 0
+
+
+def cut_out(
+    colour: Float[Tensor, "3 height width"],
+    alpha: Float[Tensor, "height width"] | None,
+    ignored: Bool[Tensor, "height width"],
+    level: float,
+) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"]]:
+    """Return colour, composited on a grey level, and opacity of a photograph that is transparent where ignored."""
+    opacity = torch.ones_like(colour[0]) if alpha is None else alpha
+    return torch.where(ignored, level, colour), torch.where(ignored, 0.0, opacity)

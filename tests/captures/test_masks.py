@@ -1,0 +1,112 @@
+"""Masks: which file is that of a photograph, which pixels it marks, and what becomes of them."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from wall_scene import shots, write_colmap_text, write_transforms
+
+from fecocodec.captures.scene_folder import read_views
+from fecocodec.errors import InputError
+from fecocodec.photographs.masks import find_mask, read_mask
+from fecocodec.sender.input_warnings import check_input
+
+read = partial(read_views, near=1.0, far=9.0)
+
+
+def store_mask(path: Path, size: tuple[int, int] = (96, 80), *, kept: int = 255) -> None:
+    """Black in the left half."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    levels = np.zeros((size[1], size[0]), np.uint8)
+    levels[:, size[0] // 2 :] = kept
+    Image.fromarray(levels).save(path)
+
+
+def left_half(height: int, width: int) -> torch.Tensor:
+    return (torch.arange(width) < width // 2).expand(height, width)
+
+
+@pytest.mark.parametrize("name", ["masks/000.png.png", "masks/000.png", "images/masks/000.png", "other/a.png"])
+@pytest.mark.parametrize("write", [write_transforms, write_colmap_text])
+def test_black_pixels_are_ignored(write, name, tmp_path):
+    folder = write(tmp_path / "scene", shots(2))
+    store_mask(folder / name)
+    if name.startswith("other"):
+        if write is write_colmap_text:
+            pytest.skip("COLMAP's models name no masks")
+        scene = json.loads((folder / "transforms.json").read_text())
+        scene["frames"][0]["mask_path"] = name
+        (folder / "transforms.json").write_text(json.dumps(scene))
+    views = read(folder)
+    assert torch.equal(views.ignored[0], left_half(80, 96)) and not views.ignored[1].any()
+    assert torch.equal(views.select([1, 0]).ignored, views.ignored.flip(0))
+    assert views.alpha is None and views.remarks == ("masks of 1 photograph mark 50% of their pixels.",)
+    assert any(warning.startswith("masks mark pixels, but") for warning in check_input(views, "fast"))
+    assert torch.equal(views.images, read(folder, masks="unused").images)
+
+
+def test_masks_are_cropped_and_resized_with_their_photographs(tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    store_mask(folder / "masks" / "000.png", (192, 160))
+    ignored = read(folder, size=(64, 64)).ignored[0]
+    assert ignored.shape == (64, 64) and ignored[:, :32].all() and not ignored[:, 33:].any()
+
+
+def test_a_cut_out_is_transparent(tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    store_mask(folder / "masks" / "000.png")
+    views, plain = read(folder, masks="cut-out"), read(folder, masks="unused")
+    black = left_half(80, 96)
+    assert views.ignored is None and torch.equal(views.alpha, torch.stack(((~black).float(), torch.ones(80, 96))))
+    assert torch.equal(views.images[0], torch.where(black, 1.0, plain.images[0]))
+    assert views.remarks == ("masks of 1 photograph mark 50% of their pixels, which become transparent.",)
+    on_black = read(folder, masks="cut-out", background="black")
+    assert on_black.alpha is None and torch.equal(on_black.images[0], torch.where(black, 0.0, plain.images[0]))
+
+
+@pytest.mark.parametrize("kept", [255, 1])
+def test_masks_of_small_numbers_are_black_at_zero(kept, tmp_path):
+    store_mask(tmp_path / "mask.png", kept=kept)
+    assert torch.equal(read_mask(tmp_path / "mask.png", 80, 96), left_half(80, 96))
+
+
+def test_noise_of_jpeg_is_black(tmp_path):
+    store_mask(tmp_path / "mask.png")
+    Image.open(tmp_path / "mask.png").save(tmp_path / "mask.jpg", quality=50)
+    assert torch.equal(read_mask(tmp_path / "mask.jpg", 80, 96), left_half(80, 96))
+
+
+def test_a_mask_that_is_black_everywhere_marks_all(tmp_path):
+    Image.new("L", (96, 80), 0).save(tmp_path / "mask.png")
+    assert read_mask(tmp_path / "mask.png", 80, 96).all()
+
+
+def test_a_mask_of_another_shape_is_refused(tmp_path):
+    store_mask(tmp_path / "mask.png", (80, 96))
+    with pytest.raises(InputError) as caught:
+        read_mask(tmp_path / "mask.png", 80, 96)
+    assert str(caught.value) == (
+        f"{tmp_path / 'mask.png'}: the mask has 80x96 pixels and its photograph 96x80; give it the shape of the "
+        "photograph."
+    )
+
+
+def test_a_named_mask_that_is_missing_is_refused(tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    scene = json.loads((folder / "transforms.json").read_text())
+    scene["frames"][0]["mask_path"] = "masks/no.png"
+    (folder / "transforms.json").write_text(json.dumps(scene))
+    with pytest.raises(InputError, match=r"masks/no\.png: no such image"):
+        read(folder)
+
+
+def test_masks_lie_in_the_same_subfolders_as_photographs(tmp_path):
+    for name in ("images/cam1/a.jpg", "masks/cam1/a.jpg.png", "images/cam2/a.jpg"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    assert find_mask(tmp_path / "images/cam1/a.jpg") == tmp_path / "masks/cam1/a.jpg.png"
+    assert find_mask(tmp_path / "images/cam2/a.jpg") is None
