@@ -17,6 +17,8 @@ _OPTIONS = {
     **{name: f"--{name}" for name in ("views", "size", "near", "far", "background", "overwrite", "effort", "device")},
     "sharpness": "--sharpness",
     **{name: f"--{name}" for name in ("stages", "photographs", "shard", "strict")},
+    "guides": "--guides",
+    "checks": "--checks",
     "frames": "--frames",
     "focal_px": "--focal-px",
     "save_cameras": "--save-cameras",

@@ -1,6 +1,6 @@
 """Choose the photographs of a scene folder to encode: their lenses and their common size, before pixels are read."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,16 @@ class ChosenPhotographs:
     def names(self) -> tuple[str, ...]:
         return tuple(photograph.path.name for photograph in self.photographs)
 
+    def select(self, indices: list[int]) -> "ChosenPhotographs":
+        """Return these photographs, in this order."""
+        return replace(
+            self,
+            photographs=[self.photographs[index] for index in indices],
+            lenses=[self.lenses[index] for index in indices],
+            extrinsics=self.extrinsics[indices],
+            intrinsics=self.intrinsics[indices],
+        )
+
 
 def choose_photographs(
     path: StrPath, *, views: tuple[int | str, ...] | None = None, size: tuple[int, int] | None = None
@@ -48,10 +58,20 @@ def choose_photographs(
     used.
     """
     path = Path(path)
-    if size:
-        require_size(size)
     scene = read_cameras(path)
     photographs, notes = _chosen_photographs(scene, views, path)
+    return framed(scene, photographs, size, notes)
+
+
+def framed(
+    scene: PosedPhotographs, photographs: list[PosedPhotograph], size: tuple[int, int] | None, notes: list[str]
+) -> ChosenPhotographs:
+    """Return photographs of a scene with their lenses, cropped to a common size. notes: on their choice.
+
+    Raises InputError if a camera or the header of an image cannot be used.
+    """
+    if size:
+        require_size(size)
     require_images(photographs)
     poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
     require_float32_range(poses, str(scene.cameras_path))
@@ -61,9 +81,9 @@ def choose_photographs(
     intrinsics = np.stack([framed_intrinsics(pinhole, common) for pinhole in pinholes])
     names = [photograph.path.name for photograph in photographs]
     sizes = [photograph.declared_size for photograph in photographs]
-    notes += [*lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
-    notes += orientation_notes([photograph.path for photograph in photographs])
-    return ChosenPhotographs(scene, photographs, lenses, common, poses, intrinsics, tuple(notes))
+    on_reading = [*lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
+    on_reading += orientation_notes([photograph.path for photograph in photographs])
+    return ChosenPhotographs(scene, photographs, lenses, common, poses, intrinsics, (*notes, *on_reading))
 
 
 def _chosen_photographs(

@@ -15,7 +15,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.depth_range import estimate_depth_range
-from fecocodec.geometry.views import Views
+from fecocodec.geometry.views import Views, joined
 from fecocodec.input_file import StrPath
 from fecocodec.photographs.images import Background, read_image_and_alpha
 from fecocodec.photographs.lens import Lens
@@ -53,22 +53,45 @@ def read_pixels(
     near: float | None = None,
     far: float | None = None,
     background: Background | None = None,
+    guides: Views | None = None,
 ) -> Views:
-    """Read the chosen photographs; arguments and errors as for `read_views`."""
-    unbounded = _read_unbounded(chosen, background or "white")
-    if background is not None:
-        unbounded = replace(unbounded, alpha=None)
-    cameras = _with_depth_bounds(chosen, unbounded.cameras, near, far, partial(estimate_depth_range, unbounded))
-    return replace(unbounded, cameras=cameras)
+    """Read the chosen photographs; arguments and errors as for `read_views`.
+
+    guides: other photographs, from which an estimate of `near` and `far` is made as well.
+    """
+    unbounded = _read_unbounded(chosen, background)
+    estimate = partial(estimate_depth_range, unbounded, guides)
+    return replace(unbounded, cameras=_with_depth_bounds(chosen, unbounded.cameras, near, far, estimate))
 
 
-def _read_unbounded(chosen: ChosenPhotographs, background: Background = "white") -> Views:
+def read_others(
+    chosen: ChosenPhotographs,
+    *,
+    background: Background | None = None,
+    on_left_out: Callable[[str], None] | None = None,
+) -> Views | None:
+    """Read photographs that are not coded; near and far of their cameras are NaN. Returns None if none is left.
+
+    on_left_out: called with a sentence for each photograph that cannot be read; None raises InputError.
+    """
+    read = list[Views]()
+    for index, name in enumerate(chosen.names):
+        try:
+            read.append(_read_unbounded(chosen.select([index]), background))
+        except InputError as error:
+            if on_left_out is None:
+                raise
+            on_left_out(f"left out {name}, which cannot be used: {str(error).removesuffix('.')}.")
+    return joined(read) if read else None
+
+
+def _read_unbounded(chosen: ChosenPhotographs, background: Background | None) -> Views:
     """Read undistorted images of one size; near and far of the cameras are NaN."""
     pixels = [
-        _framed_pixels(photograph.path, lenses, chosen.image_size, background)
+        _framed_pixels(photograph.path, lenses, chosen.image_size, background or "white")
         for photograph, lenses in zip(chosen.photographs, chosen.lenses, strict=True)
     ]
-    has_alpha = any(len(channels) == 4 for channels in pixels)
+    has_alpha = background is None and any(len(channels) == 4 for channels in pixels)
     opaque = torch.ones(1, *chosen.image_size)
     alpha = torch.cat([channels[3:] if len(channels) == 4 else opaque for channels in pixels]) if has_alpha else None
     images = torch.stack([channels[:3] for channels in pixels])

@@ -1,7 +1,10 @@
 """Posed photographs of one scene."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -37,3 +40,17 @@ class Views:
             names=tuple(self.names[view] for view in views),
             alpha=None if self.alpha is None else self.alpha[views],
         )
+
+
+def joined(parts: Sequence[Views]) -> Views:
+    """Return the views of all parts, which have one image size, in their order. near, far, notes: of the first part."""
+    first = parts[0]
+    opaque = [torch.ones(len(part.images), *part.image_size) for part in parts]
+    alphas = [full if part.alpha is None else part.alpha for part, full in zip(parts, opaque, strict=True)]
+    return Views(
+        images=torch.cat([part.images for part in parts]),
+        cameras=reduce(Cameras.joined, (part.cameras for part in parts)),
+        names=tuple(name for part in parts for name in part.names),
+        alpha=None if all(part.alpha is None for part in parts) else torch.cat(alphas),
+        notes=first.notes,
+    )
