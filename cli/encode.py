@@ -12,7 +12,7 @@ from fecocodec.container import inspect
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 from .encode_options import encoding_options, options_of, usage_errors
-from .encoding_report import quality_fields, say_result
+from .encoding_report import report_fields, roles_note, say_result
 from .info import summary_fields
 from .options import FILE_PATH, json_option, num_threads
 from .output import in_options, print_json, say, warn
@@ -114,17 +114,9 @@ def command(
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:
         warn(f"note: {output}: decode needs --max-pixels {summary.header.num_pixels} for this file.")
     if as_json:
-        fields = {
-            "output": str(output),
-            "seconds": report.seconds,
-            **summary_fields(summary),
-            **quality_fields(summary, report.quality, report.names),
-            "left_out_views": report.left_out,
-            "warnings": [in_options(sentence) for sentence in report.warnings],
-        }
-        print_json(fields)
-    else:
-        if may_leave_out(options.views) and options.views is not None:
-            say(printable(f"note: coded views: {', '.join(report.names)}."))
-        first_line = f"{output}: {summary.total_bytes / 1024:.2f} KiB in {report.seconds:.2f} s"
-        say_result(first_line, summary, report.quality, report.names)
+        fields = {"output": str(output), "seconds": report.seconds, **summary_fields(summary)}
+        print_json({**fields, **report_fields(report, summary)})
+        return
+    if note := roles_note(report, is_chosen=may_leave_out(options.views)):
+        say(printable(f"note: {note}"))
+    say_result(str(output), report, summary)

@@ -13,7 +13,7 @@ from .metadata_options import METADATA, metadata_options
 from .options import Function, device_option, lambda_option, model_option, overwrite_option, parse_size, threads_option
 from .output import in_options
 from .rate_control import rate_control_options, target_of
-from .selection import parse_selection
+from .selection import parse_checks, parse_guides, parse_selection
 
 _LAMBDA = lambda_option(
     "Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file."
@@ -24,9 +24,24 @@ _OF_VIEWS = (
         "--views",
         callback=parse_selection,
         metavar="WHICH",
-        help="Views to encode: numbers (0,5), file names (a.jpg,b.jpg), all, spread:N for N overlapping views, or auto "
-        "for at most eight. Of spread:N, auto and the default, views that harm the others are left out.  [default: "
-        "every photograph; auto for more than 16]",
+        help="Photographs to code: numbers (0,5), file names (a.jpg,b.jpg), all, spread:N for N that are spread over "
+        "the scene, or auto for as many as cover it, at most 16. Of spread:N, auto and the default, views that harm "
+        "the others are left out.  [default: every photograph of up to four; else auto]",
+    ),
+    click.option(
+        "--guides",
+        callback=parse_guides,
+        metavar="WHICH",
+        help="Photographs that are not coded, but teach the encoder: numbers, file names, none, or auto for up to 24 "
+        "of the others.  [default: auto]",
+    ),
+    click.option(
+        "--checks",
+        "num_checks",
+        callback=parse_checks,
+        metavar="NUMBER",
+        help="Number of photographs that are left out to measure new views, or none.  [default: one in ten, from six "
+        "photographs on]",
     ),
     click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels."),
     click.option(

@@ -20,6 +20,8 @@ _OPTIONS = {
     },
     "sharpness": "--sharpness",
     **{name: f"--{name}" for name in ("stages", "photographs", "shard", "strict")},
+    "guides": "--guides",
+    "checks": "--checks",
     "frames": "--frames",
     "focal_px": "--focal-px",
     "save_cameras": "--save-cameras",

@@ -36,7 +36,8 @@ class EncodeScene:
     def options(self) -> dict[str, Any]:
         """Return what changes the files, as JSON. The device is not part of it: its files decode alike."""
         given = self.encoding
-        names = ("views", "size", "near", "far", "background", "num_stages", "effort", "metadata")
+        names = ["views", "guides", "num_checks", "size", "near", "far", "background"]
+        names += ["num_stages", "effort", "metadata"]
         rate = {"lambda": given.lmbda} if given.target is None else _tagged(given.target)
         # Files that were encoded without these stay valid.
         added: dict[str, Any] = {"strict": True} if given.is_strict else {}
@@ -58,8 +59,11 @@ class EncodeScene:
         details: dict[str, Any] = {"views": list(report.names), "device": self.encoding.device, "threads": num_threads}
         if report.notes:
             details["notes"] = list(report.notes)
+        details |= {"guides": list(report.guides.names), "checks": list(report.checks.names)}
         if report.quality:
             details["context_psnr"] = round(report.quality[-1].psnr, 3)
+        if report.checks.quality is not None:
+            details["new_view_psnr"] = round(report.checks.quality.psnr, 3)
         return Result(report.data, report.warnings, details)
 
 

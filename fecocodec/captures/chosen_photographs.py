@@ -1,6 +1,6 @@
 """Choose the photographs of a scene folder to encode: their lenses and their common size, before pixels are read."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,13 @@ from jaxtyping import Float
 
 from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names, stored_lens
+from fecocodec.camera_files.posed_photographs import (
+    PosedPhotograph,
+    PosedPhotographs,
+    distinct_names,
+    require_usable,
+    stored_lens,
+)
 from fecocodec.captures.reading_notes import (
     framing_notes,
     layer_remarks,
@@ -45,6 +51,17 @@ class ChosenPhotographs:
     notes: tuple[str, ...]
     remarks: tuple[str, ...]
 
+    def select(self, indices: list[int]) -> "ChosenPhotographs":
+        """Return these photographs, in this order."""
+        return replace(
+            self,
+            photographs=[self.photographs[index] for index in indices],
+            lenses=[self.lenses[index] for index in indices],
+            extrinsics=self.extrinsics[indices],
+            intrinsics=self.intrinsics[indices],
+            names=tuple(self.names[index] for index in indices),
+        )
+
 
 def choose_photographs(
     path: StrPath, *, views: Selection | None = None, size: tuple[int, int] | None = None
@@ -55,10 +72,21 @@ def choose_photographs(
     used.
     """
     path = Path(path)
-    if size:
-        require_size(size)
     scene = read_cameras(path)
     photographs, notes = _chosen_photographs(scene, views, path)
+    return framed(scene, photographs, size, notes)
+
+
+def framed(
+    scene: PosedPhotographs, photographs: list[PosedPhotograph], size: tuple[int, int] | None, notes: list[str]
+) -> ChosenPhotographs:
+    """Return photographs of a scene with their lenses, cropped to a common size. notes: on their choice.
+
+    Raises InputError if a camera or the header of an image cannot be used.
+    """
+    if size:
+        require_size(size)
+    require_usable(photographs)
     names = _names(scene, photographs)
     poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
     require_float32_range(poses, str(scene.cameras_path))
@@ -67,7 +95,7 @@ def choose_photographs(
     common = size or common_size(pinholes, [str(photograph.path) for photograph in photographs])
     intrinsics = np.stack([framed_intrinsics(pinhole, common) for pinhole in pinholes])
     sizes = [photograph.declared_size for photograph in photographs]
-    notes += [*lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
+    notes = [*notes, *lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
     paths = [photograph.path for photograph in photographs]
     notes += orientation_notes(paths)
     remarks = (*scene.remarks, *layer_remarks(paths))

@@ -19,7 +19,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.depth_range import estimate_depth_range
-from fecocodec.geometry.views import Views
+from fecocodec.geometry.views import Views, joined
 from fecocodec.input_file import StrPath
 from fecocodec.photographs.images import LEVELS, Background, read_photograph
 from fecocodec.photographs.lens import Lens
@@ -69,19 +69,43 @@ def read_pixels(
     far: float | None = None,
     background: Background | None = None,
     masks: Masks = "leave-out",
+    guides: Views | None = None,
 ) -> Views:
-    """Read the chosen photographs; arguments and errors as for `read_views`, `remarks` only on their pixels."""
-    unbounded = _read_unbounded(chosen, background or "white", masks)
-    if background is not None:
-        unbounded = replace(unbounded, alpha=None)
-    cameras = _with_depth_bounds(chosen, unbounded.cameras, near, far, partial(estimate_depth_range, unbounded))
-    return replace(unbounded, cameras=cameras)
+    """Read the chosen photographs; arguments and errors as for `read_views`, `remarks` only on their pixels.
+
+    guides: other photographs, from which an estimate of `near` and `far` is made as well.
+    """
+    unbounded = _read_unbounded(chosen, background, masks)
+    estimate = partial(estimate_depth_range, unbounded, guides)
+    return replace(unbounded, cameras=_with_depth_bounds(chosen, unbounded.cameras, near, far, estimate))
 
 
-def _read_unbounded(chosen: ChosenPhotographs, background: Background, masks: Masks) -> Views:
+def read_others(
+    chosen: ChosenPhotographs,
+    *,
+    background: Background | None = None,
+    masks: Masks = "leave-out",
+    on_left_out: Callable[[str], None] | None = None,
+) -> Views | None:
+    """Read photographs that are not coded; near and far of their cameras are NaN. Returns None if none is left.
+
+    on_left_out: called with a sentence for each photograph that cannot be read; None raises InputError.
+    """
+    read = list[Views]()
+    for index, name in enumerate(chosen.names):
+        try:
+            read.append(_read_unbounded(chosen.select([index]), background, masks))
+        except InputError as error:
+            if on_left_out is None:
+                raise
+            on_left_out(f"left out {name}, which cannot be used: {str(error).removesuffix('.')}.")
+    return joined(read) if read else None
+
+
+def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, masks: Masks) -> Views:
     """Read undistorted images of one size; near and far of the cameras are NaN."""
     read = [
-        _framed_pixels(photograph, lenses, chosen.image_size, background, masks)
+        _framed_pixels(photograph, lenses, chosen.image_size, background or "white", masks)
         for photograph, lenses in zip(chosen.photographs, chosen.lenses, strict=True)
     ]
     cameras = Cameras(
@@ -95,7 +119,7 @@ def _read_unbounded(chosen: ChosenPhotographs, background: Background, masks: Ma
         images=torch.stack([one.colour for one in read]),
         cameras=cameras,
         names=chosen.names,
-        alpha=_stacked([one.alpha for one in read], torch.ones(shape)),
+        alpha=None if background is not None else _stacked([one.alpha for one in read], torch.ones(shape)),
         notes=chosen.notes,
         ignored=_stacked([one.ignored for one in read], torch.zeros(shape, dtype=torch.bool)),
         remarks=(

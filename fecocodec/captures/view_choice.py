@@ -81,15 +81,22 @@ def choose_views(
     """
     if not 1 <= len(chosen) <= MAX_VIEWS:
         raise InputError(f"{folder}: {len(chosen)} views chosen, but 1 to {MAX_VIEWS} can be used; change `views`.")
-    indices = [_find_view(photographs, view, folder) for view in chosen]
+    return [photographs[index] for index in view_indices(photographs, chosen, folder)]
+
+
+def view_indices(
+    photographs: list[PosedPhotograph], chosen: tuple[int | str, ...], folder: Path, option: str = "views"
+) -> list[int]:
+    """Return the indices of the chosen photographs, see `choose_views`. option: that messages name."""
+    indices = [_find_view(photographs, view, folder, option) for view in chosen]
     for index in indices:
         if indices.count(index) > 1:
             name = photographs[index].path.name
-            raise InputError(f"{folder}: view {name} is chosen twice; name each view once in `views`.")
-    return [photographs[index] for index in indices]
+            raise InputError(f"{folder}: view {name} is chosen twice; name each view once in `{option}`.")
+    return indices
 
 
-def _find_view(photographs: list[PosedPhotograph], view: int | str, folder: Path) -> int:
+def _find_view(photographs: list[PosedPhotograph], view: int | str, folder: Path, option: str) -> int:
     paths = [photograph.path for photograph in photographs]
     if isinstance(view, str):
         named = [Path(photograph.name.replace("\\", "/")) for photograph in photographs]
@@ -98,18 +105,18 @@ def _find_view(photographs: list[PosedPhotograph], view: int | str, folder: Path
         found = found or [index for index, path in enumerate(paths) if _is_called(path, view, similar_key)]
         if len(found) > 1:
             raise InputError(
-                f"{folder}: {len(found)} views are called {view}; give more of its path, or an index, in `views`."
+                f"{folder}: {len(found)} views are called {view}; give more of its path, or an index, in `{option}`."
             )
         if found:
             return found[0]
         if not view.isdecimal() or len(view) > _LONGEST_NUMBER:
             raise InputError(
                 f"{folder}: no view is called {view[:_LONGEST_SHOWN]} (the first is {distinct_names(paths)[0]}); "
-                "give indices or names, with commas between them, in `views`."
+                f"give indices or names, with commas between them, in `{option}`."
             )
         view = int(view)
     if not 0 <= view < len(paths):
-        raise InputError(f"{folder}: there is no view {view}; give indices from 0 to {len(paths) - 1} in `views`.")
+        raise InputError(f"{folder}: there is no view {view}; give indices from 0 to {len(paths) - 1} in `{option}`.")
     return view
 
 

@@ -15,7 +15,7 @@ MAX_AUTO_VIEWS = 8
 LEAST_OVERLAP = 0.75
 _LEAST_AUTO_OVERLAP = 0.3  # `auto_views` omits views with less overlap
 _OVERLAP_TIE = 0.03  # smaller differences of overlap count as ties
-_LEAST_BASELINE = 0.02  # relative to depth; closer cameras have too little parallax
+LEAST_BASELINE = 0.02  # relative to depth; closer cameras have too little parallax
 _DEFAULT_DEPTHS = (3.0, 100.0)  # default near and far, in units of the distance between neighbouring cameras
 
 
@@ -26,12 +26,7 @@ def spread_views(scene: PosedPhotographs, count: int) -> tuple[int, ...]:
     chosen views that is still at least LEAST_OVERLAP, or, if there is none, the view with the largest overlap.
     Raises InputError if `count` exceeds the number of views or is not 1 to MAX_VIEWS.
     """
-    available = len(scene.photographs)
-    if not 1 <= count <= available:
-        most = min(available, MAX_VIEWS)
-        raise InputError(f"{count} views asked for, but the folder has {available}; choose 1 to {most}.")
-    if count > MAX_VIEWS:
-        raise InputError(f"{count} views asked for, but at most {MAX_VIEWS} can be used; change `views`.")
+    require_count(count, len(scene.photographs))
     return tuple(sorted(_grown(scene, count, least_overlap=0.0)))
 
 
@@ -43,14 +38,23 @@ def auto_views(scene: PosedPhotographs) -> tuple[int, ...]:
     return tuple(sorted(_grown(scene, min(MAX_AUTO_VIEWS, len(scene.photographs)), _LEAST_AUTO_OVERLAP)))
 
 
+def require_count(count: int, available: int) -> None:
+    """Raise InputError if `count` views cannot be chosen."""
+    if not 1 <= count <= available:
+        most = min(available, MAX_VIEWS)
+        raise InputError(f"{count} views asked for, but the folder has {available}; choose 1 to {most}.")
+    if count > MAX_VIEWS:
+        raise InputError(f"{count} views asked for, but at most {MAX_VIEWS} can be used; change `views`.")
+
+
 def _grown(scene: PosedPhotographs, count: int, least_overlap: float) -> list[int]:
-    overlap, baseline = _overlaps_and_baselines(scene)
+    overlap, baseline = overlaps_and_baselines(scene)
     centrality = overlap.sum(axis=1)
     chosen = [int(centrality.argmax())]
     while len(chosen) < count:
         others = [index for index in range(len(overlap)) if index not in chosen]
         closest = baseline[np.ix_(others, chosen)].min(axis=1)
-        apart = [index for index, distance in zip(others, closest, strict=True) if distance >= _LEAST_BASELINE]
+        apart = [index for index, distance in zip(others, closest, strict=True) if distance >= LEAST_BASELINE]
         candidates = apart or others
         largest = overlap[np.ix_(candidates, chosen)].max(axis=1)
         best = _best(largest, centrality[candidates])
@@ -69,7 +73,7 @@ def _best(largest: Float[np.ndarray, " candidate"], centrality: Float[np.ndarray
     return int(just_enough[centrality[just_enough].argmax()])
 
 
-def _overlaps_and_baselines(
+def overlaps_and_baselines(
     scene: PosedPhotographs,
 ) -> tuple[Float[np.ndarray, "view view"], Float[np.ndarray, "view view"]]:
     """Return estimated covisibility, and distances between cameras in units of the depth (harmonic mean)."""

@@ -8,14 +8,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
-from fecocodec.captures.reading_notes import scaling_remark
+from fecocodec.camera_files.find import read_cameras
+from fecocodec.camera_files.posed_photographs import PosedPhotographs
+from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
+from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
 from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
+from fecocodec.codec.roles import Roles, choose_roles
 from fecocodec.codec.scene_source import scene_source
 from fecocodec.input_file import StrPath
 from fecocodec.progress import OnProgress, ignore_progress
-from fecocodec.sender.view_quality import DecodedQuality, quality_warnings, stage_warnings
+from fecocodec.sender.view_quality import DecodedQuality, new_view_warnings, quality_warnings, stage_warnings
+
+
+@dataclass(frozen=True)
+class OtherViews:
+    """Photographs that are not coded. quality: rendered at their own cameras; None if there are none or by choice."""
+
+    names: tuple[str, ...] = ()
+    quality: DecodedQuality | None = None
 
 
 @dataclass(frozen=True)
@@ -23,15 +34,19 @@ class EncodingReport:
     """An encoded folder.
 
     data: bytes of the `.fcs` file. names: of the coded views. left_out: names of views that harm the others. quality:
-    of the coded views, decoded from `data`, after each stage; empty if it was not measured. notes, warnings: one
-    sentence each. seconds: time taken. save_cameras: writes the cameras that were estimated as `transforms.json`, see
-    `PosedFolder.save_cameras`; None if cameras were given.
+    of the coded views, decoded from `data`, after each stage; empty if it was not measured. guides: what the sender
+    learned from. checks: what it never saw; their quality is that of new views. num_unused: further photographs. notes,
+    warnings: one sentence each. seconds: time taken. save_cameras: writes the cameras that were estimated as
+    `transforms.json`, see `PosedFolder.save_cameras`; None if cameras were given.
     """
 
     data: bytes
     names: tuple[str, ...]
     left_out: tuple[str, ...]
     quality: tuple[DecodedQuality, ...]
+    guides: OtherViews
+    checks: OtherViews
+    num_unused: int
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     seconds: float
@@ -61,25 +76,42 @@ def encode_folder(
     with scene_source(path, options) as source:
         messages.note(*source.notes)
         messages.warn(*source.warnings)
-        chosen = _chosen(source.path, options, messages)
+        scene = read_cameras(source.path)
+        roles = choose_roles(scene, path, options.views, options.guides, options.num_checks, options.size)
+        for sentence in roles.omissions:
+            messages.omit(sentence)
+        chosen = _framed(scene, roles, options, messages)
 
-        from fecocodec.captures.scene_folder import read_pixels
         from fecocodec.codec.encode_views import encode_views, without_harmful
+        from fecocodec.codec.photographs import read_photographs
         from fecocodec.sender.optimisation_config import config_of_effort
 
         config_of_effort(options.effort, options.sharpness)  # raises for one that there is not
-        given = {name: getattr(options, name) for name in ("near", "far", "background", "masks")}
-        views = read_pixels(chosen, **given)
-        messages.note(*views.remarks)
-    views, left_out = without_harmful(views, options, messages, on_progress)
-    data, quality = encode_views(views, options, messages, on_progress)
-    if quality:
-        messages.warn(*stage_warnings(quality), *quality_warnings(quality[-1], views.names))
+        photographs = read_photographs(*chosen, options, messages)
+        messages.note(*photographs.views.remarks)
+    views, left_out = without_harmful(photographs.views, options, messages, on_progress)
+    guides, checks = photographs.guides, photographs.checks
+    data = encode_views(views, guides, options, messages, on_progress)
+    quality: tuple[DecodedQuality, ...] = ()
+    of_guides = of_checks = None
+    if options.is_measured or options.is_strict:
+        from fecocodec.sender.decoded_quality import measure_decoded, measure_others
+
+        quality = measure_decoded(data, views, device=options.device, model=options.model)
+        of_guides, of_checks = measure_others(data, guides, checks, device=options.device, model=options.model)
+        messages.warn(*stage_warnings(quality))
+        if checks is not None and of_checks is not None:
+            messages.warn(*new_view_warnings(of_checks, checks.names))
+        else:
+            messages.warn(*quality_warnings(quality[-1], views.names))
     return EncodingReport(
         data,
         views.names,
         left_out,
         quality,
+        OtherViews(() if guides is None else guides.names, of_guides),
+        OtherViews(() if checks is None else checks.names, of_checks),
+        roles.num_unused,
         tuple(messages.notes),
         tuple(messages.warnings),
         round(perf_counter() - start, 3),
@@ -87,12 +119,21 @@ def encode_folder(
     )
 
 
-def _chosen(folder: Path, options: EncodingOptions, messages: Messages) -> ChosenPhotographs:
-    """Choose the photographs to encode, from cameras and headers. Raises InputError."""
-    chosen = choose_photographs(folder, views=options.views, size=options.size)
+def _framed(
+    scene: PosedPhotographs, roles: Roles, options: EncodingOptions, messages: Messages
+) -> tuple[ChosenPhotographs, ChosenPhotographs | None, ChosenPhotographs | None]:
+    """Return the coded photographs, guides and checks, cropped to one size. Raises InputError."""
+
+    def of(indices: list[int], size: tuple[int, int] | None) -> ChosenPhotographs:
+        return framed(scene, [scene.photographs[index] for index in indices], size, [])
+
+    chosen = of(roles.context, options.size)
+    if options.views is None:
+        messages.warn(*unposed_notes(scene))
     messages.note(*chosen.remarks)
     messages.warn(*chosen.notes)
     pinholes = [pinhole for _, pinhole in chosen.lenses]
     if options.size is None and (remark := scaling_remark(pinholes, chosen.image_size)):
         messages.note(remark)
-    return chosen
+    guides, checks = (of(part, chosen.image_size) if part else None for part in (roles.guides, roles.checks))
+    return chosen, guides, checks

@@ -1,4 +1,4 @@
-"""Encode the views of a folder, and measure the decoded file."""
+"""Encode the views of a folder as its options say."""
 
 from functools import partial
 
@@ -9,12 +9,10 @@ from fecocodec.container import with_metadata
 from fecocodec.errors import InputError, error_context
 from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress
-from fecocodec.sender.decoded_quality import measure_decoded
 from fecocodec.sender.encode import encode
 from fecocodec.sender.harmful_views import left_out_note, without_harmful_views
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.rate_control import encode_to_target
-from fecocodec.sender.view_quality import DecodedQuality
 
 
 def without_harmful(
@@ -35,10 +33,10 @@ def without_harmful(
 
 
 def encode_views(
-    views: Views, options: EncodingOptions, messages: Messages, on_progress: OnProgress
-) -> tuple[bytes, tuple[DecodedQuality, ...]]:
-    """Return the bytes of the file, and the quality after each stage if it is measured. Raises InputError."""
-    messages.warn(*check_input(views, options.effort))
+    views: Views, guides: Views | None, options: EncodingOptions, messages: Messages, on_progress: OnProgress
+) -> bytes:
+    """Return the bytes of the file. Raises InputError."""
+    messages.warn(*check_input(views, options.effort, guides))
     if options.target is None:
         coder = partial(encode, lmbda=options.lmbda, num_stages=options.num_stages)
     else:
@@ -46,15 +44,13 @@ def encode_views(
     with error_context(messages.path, (InputError,)):
         data = coder(
             views,
+            guides=guides,
             effort=options.effort,
             sharpness=options.sharpness,
             device=options.device,
             model=options.model,
             on_progress=on_progress,
             on_warning=messages.warn,
+            on_omission=messages.omit,
         )
-    if options.metadata:
-        data = with_metadata(data, options.metadata)
-    if not (options.is_measured or options.is_strict):
-        return data, ()
-    return data, measure_decoded(data, views, device=options.device, model=options.model)
+    return with_metadata(data, options.metadata) if options.metadata else data

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from fecocodec.errors import strict_error
+from fecocodec.errors import InputError, strict_error
 
 OnMessage = Callable[[str], None]  # (sentence)
 
@@ -32,3 +32,11 @@ class Messages:
                 raise strict_error(str(self.path), sentence)
             self.warnings.append(sentence)
             self._on_warning(sentence)
+
+    def omit(self, sentence: str) -> None:
+        """Warn of photographs that nobody named and that are left out: no error, as others take their place."""
+        (self.note if self._is_strict else self.warn)(sentence)
+
+    def refuse(self, sentence: str) -> None:
+        """Raise InputError."""
+        raise InputError(f"{self.path}: {sentence}")

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from fecocodec.captures.view_selection import Selection
+from fecocodec.captures.view_selection import All, Selection
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
@@ -17,16 +17,21 @@ DEFAULT_FRAMES = 8  # of a video
 class EncodingOptions:
     """How a folder of photographs is encoded.
 
-    lmbda, num_stages, effort, sharpness, device, model: as for `encode`. target: None encodes at `lmbda`. views: as for
-    `read_views`, or `Spread`, `Auto` or `All`; None for all of up to 16, of which those that harm the others are left
-    out. size, near, far, background, masks: as for `read_views`. metadata: stored in the file. num_frames: frames to
-    take from a video. focal_px: as for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured:
-    decode the file and measure it; `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
+    lmbda, num_stages, effort, sharpness, device, model: as for `encode`. target: None encodes at `lmbda`.
+    views: which photographs are coded: as for `read_views`, or `Spread`, `Auto` or `All`; None for all of up to four,
+    else as many as cover the others. guides: which of the others teach the sender: None for up to 24 that overlap with
+    the coded ones, () for none, or as for `views`. num_checks: how many are left out and only measured, so that the
+    quality of new views is known; None for one in ten, from six photographs on.
+    size, near, far, background, masks: as for `read_views`. metadata: stored in the file. num_frames: frames to take
+    from a video. focal_px: as for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured: decode the
+    file and measure it; `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
     """
 
     lmbda: float = 1e-3
     target: Target | None = None
     views: Selection | None = None
+    guides: tuple[int | str, ...] | None = None
+    num_checks: int | None = None
     size: tuple[int, int] | None = None
     near: float | None = None
     far: float | None = None
@@ -52,6 +57,8 @@ class EncodingOptions:
             raise OptionError("`stages=1` has no rate control; leave out `stages` or the target.")
         if self.sharpness != 0.0 and self.effort == "fast":
             raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
+        if isinstance(self.views, All) and (self.guides or self.num_checks):
+            raise OptionError("`views=all` codes every photograph; leave out `guides` and `checks`, or choose `views`.")
 
     def require_device(self) -> None:
         """Raise InputError if the device cannot be used. Feedback and optimisation of latents render on it."""

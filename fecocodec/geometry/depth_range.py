@@ -14,7 +14,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth_bounds import bounds_of_depths
-from fecocodec.geometry.views import Views
+from fecocodec.geometry.views import Views, joined
 
 DEFAULT_RANGE = (1.0, 100.0)  # in scene units if there is no baseline, in baselines if nothing matches
 
@@ -44,18 +44,23 @@ def bounds_of_visible_points(points: Float[Tensor, "n 3"], cameras: Cameras) -> 
     return bounds_of_depths(projected.depth[projected.is_visible].cpu().numpy()) or DEFAULT_RANGE
 
 
-def estimate_depth_range(views: Views) -> tuple[float, float]:
+def estimate_depth_range(views: Views, guides: Views | None = None) -> tuple[float, float]:
     """Estimate (near, far) in scene units from images and poses; near and far of the cameras are ignored.
 
+    guides: further photographs of the same size, with which views are compared; only depths of `views` count.
     Returns DEFAULT_RANGE in scene units if there is no baseline (one view, or all cameras at one position), and
     DEFAULT_RANGE times the shortest baseline if too few pixels match.
     """
-    pairs = _pairs(views.cameras)
+    num_views = len(views.images)
+    if guides is not None:
+        views = joined([views, guides])
+    pairs = _pairs(views.cameras) if guides is None else _nearest_pairs(views.cameras, num_views)
     if not pairs:
         return DEFAULT_RANGE
     grey = _small_grey(views.images)
     depths = torch.cat([_agreed_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
-    baseline = _distances(views.cameras)[pairs[0]].item()
+    distances = _distances(views.cameras)
+    baseline = min(distances[pair].item() for pair in pairs)
     bounds = bounds_of_depths(depths.numpy())
     if bounds is None:
         return DEFAULT_RANGE[0] * baseline, DEFAULT_RANGE[1] * baseline
@@ -93,6 +98,16 @@ def _pairs(cameras: Cameras) -> list[tuple[int, int]]:
     pairs = [pair for pair in itertools.combinations(range(cameras.num_views), 2) if apart[pair]]
     facing = [pair for pair in pairs if cosines[pair] > 0.5] or pairs
     return sorted(facing, key=lambda pair: distances[pair].item())[:_MAX_PAIRS]
+
+
+def _nearest_pairs(cameras: Cameras, num_views: int) -> list[tuple[int, int]]:
+    """Return a pair of each of the first `num_views` views with the nearest camera that looks its way."""
+    distances, forward = _distances(cameras), cameras.extrinsics[:, :3, 2]
+    is_apart = distances > 1e-4 * distances.max()
+    distances[~is_apart | (forward @ forward.T <= 0.5)] = torch.inf
+    nearest = distances[:num_views].min(dim=1)
+    pairs = enumerate(zip(nearest.values.tolist(), nearest.indices.tolist(), strict=True))
+    return [(view, other) for view, (distance, other) in pairs if distance < torch.inf]
 
 
 def _small_grey(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 1 small_height small_width"]:

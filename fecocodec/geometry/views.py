@@ -1,7 +1,10 @@
 """Posed photographs of one scene."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
+import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -42,3 +45,22 @@ class Views:
             alpha=None if self.alpha is None else self.alpha[views],
             ignored=None if self.ignored is None else self.ignored[views],
         )
+
+
+def joined(parts: Sequence[Views]) -> Views:
+    """Return the views of all parts, which have one image size, in their order. near, far, notes: of the first part."""
+    return Views(
+        images=torch.cat([part.images for part in parts]),
+        cameras=reduce(Cameras.joined, (part.cameras for part in parts)),
+        names=tuple(name for part in parts for name in part.names),
+        alpha=_planes([(part.alpha, torch.ones_like(part.images[:, 0])) for part in parts]),
+        notes=parts[0].notes,
+        ignored=_planes([(part.ignored, torch.zeros_like(part.images[:, 0], dtype=torch.bool)) for part in parts]),
+    )
+
+
+def _planes(parts: Sequence[tuple[Tensor | None, Tensor]]) -> Tensor | None:
+    """Return the planes of all parts, the second of a pair where there is no first; None if no part has a first."""
+    if all(plane is None for plane, _ in parts):
+        return None
+    return torch.cat([usual if plane is None else plane for plane, usual in parts])

@@ -7,6 +7,8 @@ import torch
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import Stages, read_stream
 from fecocodec.errors import InputError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
 from fecocodec.receiver.model import Receiver
@@ -40,13 +42,33 @@ def measure_decoded(
 
 
 @torch.no_grad()
+def measure_others(
+    data: bytes, *groups: Views | None, device: str = "cpu", model: Path | str | None = None
+) -> tuple[DecodedQuality | None, ...]:
+    """Decode a stream and return the quality of groups of photographs that are not in it, at their own cameras.
+
+    groups: with cameras in the frame of the encoded views; None for no photographs, of which the quality is None.
+    device, model, errors: as for `measure_decoded`.
+    """
+    if not any(groups):
+        return (None,) * len(groups)
+    receiver = load_codec(model_folder(model), device).receiver
+    gaussians = decode_with(receiver, data).gaussians
+    return tuple(None if views is None else _quality(gaussians, views.cameras, views) for views in groups)
+
+
+@torch.no_grad()
 def decoded_quality(receiver: Receiver, data: bytes, views: Views, stages: Stages = "all") -> DecodedQuality:
     """Decode `stages`, as for `decode`, with a loaded receiver, and return the quality of the context views.
 
     Transparent photographs are white where they are transparent, and so is the background of their renderings.
     """
     decoded = decode_with(receiver, data, stages=stages)
+    return _quality(decoded.gaussians, decoded.cameras, views)
+
+
+def _quality(gaussians: Gaussians, cameras: Cameras, views: Views) -> DecodedQuality:
     background = BLACK if views.alpha is None else WHITE
-    rendered = render(decoded.gaussians, decoded.cameras, views.image_size, background).color
+    rendered = render(gaussians, cameras, views.image_size, background).color
     quality = psnr(rendered.clamp(0, 1), views.images.to(rendered)).clamp(max=LARGEST_PSNR)
     return DecodedQuality(tuple(quality.tolist()))

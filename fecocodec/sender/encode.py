@@ -46,6 +46,7 @@ def encode(
     model: Path | str | None = None,
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
+    on_omission: OnWarning | None = None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream.
 
@@ -57,7 +58,7 @@ def encode(
     `OptimisationConfig`. num_stages: 1 omits the feedback stage. device: "cpu", "cuda" or "cuda:N". model: folder of
     the weights of sender and receiver, None for the default shipped model. on_progress: called with the name of the
     current step and the completed fraction. on_warning: called with a sentence about each view that does not fit the
-    others.
+    others. on_omission: called with a sentence about each guide that is left out; None for `on_warning`.
 
     If `views` has `alpha`, the stream marks the transparent cells, and decoders emit no Gaussians for them.
 
@@ -66,7 +67,7 @@ def encode(
     lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort, sharpness)
     check_views(views, num_stages)
     codec = load_codec(model_folder(model), device)
-    return encode_with(codec, views, lambda_q, num_stages, config, on_progress, on_warning, guides)
+    return encode_with(codec, views, lambda_q, num_stages, config, on_progress, on_warning, guides, on_omission)
 
 
 @torch.inference_mode(False)  # the optimisation needs gradients, which inference-mode tensors cannot have
@@ -80,26 +81,34 @@ def encode_with(
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
     guides: Views | None = None,
+    on_omission: OnWarning | None = None,
 ) -> bytes:
     """Encode with loaded networks. lambda_q: quantised lambda, see `quantise_lambda`. Views must pass `check_views`.
 
     Raises InputError for cameras that a stream cannot represent.
     """
     on_progress("matching views", 0.0)
-    encoder, scene = matched_scene(codec, views, guides, on_warning)
+    encoder, scene = matched_scene(codec, views, guides, on_warning, on_omission)
     return write_scene(encoder, scene, lambda_q, num_stages, config, on_progress)
 
 
 def matched_scene(
-    codec: Codec, views: Views, guides: Views | None, on_warning: OnWarning
+    codec: Codec,
+    views: Views,
+    guides: Views | None,
+    on_warning: OnWarning,
+    on_omission: OnWarning | None = None,
 ) -> tuple[SceneEncoder, Scene]:
-    """Prepare the scene and match its views. Guides that matching does not confirm are left out, with a warning.
+    """Prepare the scene and match its views. Guides that matching does not confirm are left out.
+
+    on_omission: called with a sentence about what is left out; None for `on_warning`.
 
     Raises InputError for cameras that a stream cannot represent.
     """
+    on_omission = on_omission or on_warning
     if guides is not None and (guides.alpha is None) != (views.alpha is None):
         which = "are cut-outs and the guides are not" if guides.alpha is None else "are opaque and the guides are not"
-        on_warning(f"the guides are left out: the coded views {which}.")
+        on_omission(f"the guides are left out: the coded views {which}.")
         guides = None
     if not codec.receiver.config.kind.has_steps:
         guides = None  # the paper's method has no use for them
@@ -109,7 +118,7 @@ def matched_scene(
         checks = check_guides(encoder.images[0], encoder.matching.depth, encoder.cameras.scene(0), scene.guides)
         for name, check in zip(guides.names, checks, strict=True):
             if not check.is_confirmed:
-                on_warning(f"guide {name} is left out: {reason_of(check)}.")
+                on_omission(f"guide {name} is left out: {reason_of(check)}.")
         if not all(check.is_confirmed and not check.has_other_exposure for check in checks):
             scene = replace(scene, guides=confirmed_guides(scene.guides, checks))
             encoder = encoder_of(codec, scene)
@@ -152,7 +161,7 @@ def write_scene(
 def warn_of_overlap(encoder: SceneEncoder, names: tuple[str, ...], on_warning: OnWarning) -> None:
     """Call `on_warning` with a sentence about each view that does not fit the others, as matching shows."""
     disparity = encoder.matching.depth.relative_disparity
-    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0))
+    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0), encoder.guides)
     for sentence in overlap_warnings(overlap, names):
         on_warning(sentence)
 

@@ -28,13 +28,15 @@ LARGEST_GREY, LEAST_COLOUR = 0.003, 0.009
 _GRID = 8  # sample points per image side
 
 
-def check_input(views: Views, effort: str | OptimisationConfig = "default") -> tuple[str, ...]:
+def check_input(
+    views: Views, effort: str | OptimisationConfig = "default", guides: Views | None = None
+) -> tuple[str, ...]:
     """Return one sentence per property of the views that reduces quality, such as too little parallax.
 
-    effort: as for `encode`. The result is empty if nothing is wrong. Raises InputError for an unknown effort.
+    effort, guides: as for `encode`. The result is empty if nothing is wrong. Raises InputError for an unknown effort.
     """
     return (
-        *_warnings_about_cameras(views.cameras, views.names),
+        *_warnings_about_cameras(views, guides),
         *_warnings_about_images(views.images),
         *_warnings_about_kinds(views),
         *_warnings_about_axes(views),
@@ -53,7 +55,8 @@ def _warnings_about_size(views: Views, config: OptimisationConfig) -> list[str]:
     ]
 
 
-def _warnings_about_cameras(cameras: Cameras, names: tuple[str, ...]) -> list[str]:
+def _warnings_about_cameras(views: Views, guides: Views | None) -> list[str]:
+    cameras = views.cameras if guides is None else views.cameras.joined(guides.cameras)
     warnings = []
     ratio = float(cameras.far / cameras.near)
     if ratio > LARGEST_DEPTH_RATIO:
@@ -69,7 +72,7 @@ def _warnings_about_cameras(cameras: Cameras, names: tuple[str, ...]) -> list[st
     overlap = _largest_overlap(points, cameras)
     alone = [
         f"{name} ({100 * share:.0f}%)"
-        for name, share in zip(names, overlap.tolist(), strict=True)
+        for name, share in zip(views.names, overlap.tolist(), strict=False)  # not of guides
         if share < LEAST_OVERLAP
     ]
     if alone:

@@ -59,6 +59,7 @@ def encode_to_target(
     model: Path | str | None = None,
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
+    on_omission: OnWarning | None = None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
 
@@ -68,7 +69,7 @@ def encode_to_target(
     check_views(views, num_stages=2)
     config = config_of_effort(effort, sharpness)
     codec = load_codec(model_folder(model), device)
-    return encode_to_target_with(codec, views, target, config, on_progress, on_warning, guides)
+    return encode_to_target_with(codec, views, target, config, on_progress, on_warning, guides, on_omission)
 
 
 @torch.inference_mode(False)
@@ -81,10 +82,11 @@ def encode_to_target_with(
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
     guides: Views | None = None,
+    on_omission: OnWarning | None = None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
     on_progress("matching views", 0.0)
-    encoder, scene = matched_scene(codec, views, guides, on_warning)
+    encoder, scene = matched_scene(codec, views, guides, on_warning, on_omission)
 
     def attempt(lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
         data = write_scene(encoder, scene, lambda_q, 2, config, on_progress)

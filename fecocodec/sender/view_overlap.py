@@ -17,6 +17,7 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.depth import depth_from_relative_disparity
 from fecocodec.sender.extractors.cross_view_consistency import TOLERANCE, consistency_with
+from fecocodec.sender.scene import Guides
 
 LEAST_SHARED, LEAST_CONFIRMED = 0.1, 0.02  # shares of a view's pixels below which `overlap_warnings` names the view
 LEAST_LINK = 0.04  # confirmed share of the pixels of one of two views, below which they do not count as connected
@@ -29,21 +30,24 @@ _LEAST_COVARIANCE = 1e-4  # sum over the colours; uniform windows correlate
 
 @dataclass(frozen=True)
 class ViewOverlap:
-    """Overlap of the pixels of view a (row) with view b (column), as shares in [0, 1]; 0 on the diagonal.
+    """Overlap of the pixels of view a (row) with view or guide b (column), as shares in [0, 1]; 0 on the diagonal.
 
     shared: pixels whose matched point projects into the image of b. confirmed: those among them whose depth, colour and
-    texture agree with b.
+    texture agree with b; of guides, whose depth is not known, colour and texture count.
     """
 
-    shared: Float[Tensor, "view view"]
-    confirmed: Float[Tensor, "view view"]
+    shared: Float[Tensor, "view other"]
+    confirmed: Float[Tensor, "view other"]
 
 
 @torch.no_grad()
 def view_overlap(
-    images: Float[Tensor, "view 3 h w"], relative_disparity: Float[Tensor, "view 1 h4 w4"], cameras: Cameras
+    images: Float[Tensor, "view 3 h w"],
+    relative_disparity: Float[Tensor, "view 1 h4 w4"],
+    cameras: Cameras,
+    guides: Guides | None = None,
 ) -> ViewOverlap:
-    """Measure the overlap of all pairs of views of one scene.
+    """Measure the overlap of all pairs of views of one scene, and of the views with the guides.
 
     images: sRGB in [0, 1]. relative_disparity: in [0, 1], of every view by matching (`MatchedDepth`). cameras: of the
     scene, normalised.
@@ -52,8 +56,9 @@ def view_overlap(
     colours = F.interpolate(images, relative.shape[-2:], mode="area")
     depth = depth_from_relative_disparity(relative[None], cameras.as_batch())[0]
     points = camera_to_world_points(cameras, pixel_rays(cameras, *relative.shape[-2:]) * depth[..., None])
-    count = len(images)
-    shared, confirmed = torch.zeros(count, count), torch.zeros(count, count)
+    count, num_guides = len(images), 0 if guides is None else guides.count
+    shared, confirmed = torch.zeros(2, count, count + num_guides)
+    of_guides = () if guides is None else F.interpolate(guides.images, relative.shape[-2:], mode="area")
     for view in range(count):
         for other in (other for other in range(count) if other != view):
             projected = cameras.select([other]).project(points[view])
@@ -62,6 +67,12 @@ def view_overlap(
             is_confirmed = has_same_depth & _looks_alike(colours[view], colours[other], projected.uv[0])
             shared[view, other] = projected.is_visible[0].float().mean()
             confirmed[view, other] = is_confirmed.float().mean()
+        for guide, colour in enumerate(of_guides, start=count):
+            assert guides is not None
+            projected = guides.cameras.select([guide - count]).project(points[view])
+            is_confirmed = projected.is_visible[0] & _looks_alike(colours[view], colour, projected.uv[0])
+            shared[view, guide] = projected.is_visible[0].float().mean()
+            confirmed[view, guide] = is_confirmed.float().mean()
     return ViewOverlap(shared, confirmed)
 
 
@@ -71,10 +82,14 @@ def overlap_warnings(overlap: ViewOverlap, names: tuple[str, ...]) -> tuple[str,
     If the other views fall into parts that do not confirm each other, such as two sides of an object, one more sentence
     lists the parts.
     """
-    if len(names) == 1:
+    count = len(names)
+    if overlap.shared.shape[1] == 1:
         return ()
-    mutual = torch.maximum(overlap.confirmed, overlap.confirmed.T)
-    shared, confirmed = overlap.shared.amax(dim=1), mutual.amax(dim=1)
+    of_guides = overlap.confirmed[:, count:]
+    mutual = torch.maximum(overlap.confirmed[:, :count], overlap.confirmed[:, :count].T)
+    shared, confirmed = overlap.shared.amax(dim=1), torch.cat((mutual, of_guides), dim=1).amax(dim=1)
+    common = torch.minimum(of_guides[:, None], of_guides[None]).amax(dim=-1) if of_guides.numel() else mutual
+    mutual = torch.maximum(mutual, common)  # a guide that confirms two views connects them
     warnings = []
     for name, share, certain in zip(names, shared.tolist(), confirmed.tolist(), strict=True):
         if share < LEAST_SHARED:

@@ -7,11 +7,12 @@ LEAST_LOSS = 0.1  # of the mean PSNR, in dB, that is worth a warning
 # Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between
 # the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/what_we_learned.md).
 LEAST_PSNR = 22.0
+LEAST_NEW_PSNR = 20.0  # dB, mean of photographs that were not used, below which `new_view_warnings` calls them poor
 
 
 @dataclass(frozen=True)
 class DecodedQuality:
-    """Quality of the context views after one stage. psnr_of_view: PSNR of each view in dB, at most 100."""
+    """Quality of decoded views. psnr_of_view: PSNR of each view in dB, at most 100."""
 
     psnr_of_view: tuple[float, ...]
 
@@ -42,6 +43,23 @@ def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[s
     if len(names) == 2:
         return (f"{found} use a smaller lambda, a larger `size`, more `effort`, or two views closer together.",)
     return (f"{found} choose fewer `views`, which are closer together, or use more `effort`.",)
+
+
+def new_view_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return one sentence if new views are poor. quality, names: of photographs that were not used."""
+    if quality.psnr >= LEAST_NEW_PSNR:
+        return ()
+    worst = quality.worst_view
+    return (
+        f"new views are poor, with a PSNR of {quality.psnr:.1f} dB, measured on {photographs(len(names))} (worst "
+        f"{names[worst]}, {quality.psnr_of_view[worst]:.1f} dB); check that each camera belongs to its photograph, add "
+        "photographs between the coded ones, or code more of them by `views`.",
+    )
+
+
+def photographs(count: int) -> str:
+    """Return how many photographs were measured, for messages."""
+    return "one photograph that was not used" if count == 1 else f"{count} photographs that were not used"
 
 
 def stage_warnings(quality: Sequence[DecodedQuality]) -> tuple[str, ...]:

@@ -23,8 +23,8 @@ def cut_after_first_stage(data: bytes) -> bytes:
 
 
 def test_encode_writes_what_the_library_returns(coded_scene: Path, photographs: Path) -> None:
-    views = fecocodec.read_views(photographs, views=(0, 1))
-    assert coded_scene.read_bytes() == fecocodec.encode(views, lmbda=1e-3)
+    views, guides = (fecocodec.read_views(photographs, views=views) for views in ((0, 1), (2, 3)))
+    assert coded_scene.read_bytes() == fecocodec.encode(views, lmbda=1e-3, guides=guides)
 
 
 def test_encode_reports_json(fecosplat, photographs: Path, tmp_path: Path) -> None:
@@ -42,6 +42,11 @@ def test_encode_reports_json(fecosplat, photographs: Path, tmp_path: Path) -> No
     expected = -10 * (rendered - views.images).square().mean(dim=(1, 2, 3)).log10()
     assert [view["psnr"] for view in fields["context_views"]] == pytest.approx(expected.tolist(), abs=0.01)
     assert fields["context_psnr"] == pytest.approx(float(expected.mean()), abs=0.01)
+    guide = fecocodec.read_views(photographs, views=tuple(view["name"] for view in fields["guide_views"]))
+    rendered = fecocodec.render(decoded.gaussians, guide.cameras, guide.image_size).color.clamp(0, 1)
+    expected = -10 * (rendered - guide.images).square().mean(dim=(1, 2, 3)).log10()
+    assert [view["psnr"] for view in fields["guide_views"]] == pytest.approx(expected.tolist(), abs=0.01)
+    assert (fields["check_views"], fields["new_view_psnr"]) == ([], None)
     sizes = [section["payload_bytes"] for section in fields["sections"] if section["name"] in ("B1", "B2")]
     assert [stage["kib"] for stage in fields["stage_results"]] == pytest.approx([n / 1024 for n in sizes], abs=0.02)
 
@@ -51,16 +56,46 @@ def test_encode_prints_size_and_quality_of_each_stage(fecosplat, photographs: Pa
     quality = r" +\d+\.\d\d KiB +\d+\.\d\d dB"
     rest = r"\n  header, cameras and the like: [\d.]+ KiB"
     assert re.search(rf"{rest}\n  stage 1:{quality}\n  stage 2:{quality}\n  in all: {quality}, PSNR of the", result.err)
-    assert result.err.endswith("\n  new views between these usually have 3 to 8 dB less\n")
+    assert "new views" not in result.err  # none was left out to measure
     assert "coded views: " not in result.err  # the user has named them
+    assert "\nnote: of the others, 2 guide the encoder.\n" in f"\n{result.err}"
 
 
 def test_encode_names_the_views_that_it_has_chosen(fecosplat, photographs: Path, tmp_path: Path) -> None:
     arguments = ("--views", "spread:1", "--effort", "fast")
     result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
-    (name,) = re.findall(r"^note: coded views: (view_\d\.png)\.$", result.err, re.MULTILINE)
+    (name,) = re.findall(r"^note: coded views: (view_\d\.png); of the others, 3 guide.*\.$", result.err, re.MULTILINE)
     assert "coded view of" in result.err and name in {path.name for path in photographs.iterdir()}
-    assert "new views" not in result.err  # of one photograph, there are none between
+
+
+def test_encode_measures_photographs_that_it_did_not_use(fecosplat, photographs: Path, tmp_path: Path) -> None:
+    arguments = ("--effort", "fast", "--checks", "1", "--views", "spread:2", "--guides", "none")
+    result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
+    of_new = r"^  new views: {13} \d+\.\d\d dB, PSNR of new views, measured on one photograph that was not used$"
+    assert re.search(of_new, result.err, re.MULTILINE)
+    assert "; of the others, 1 measures new views, 1 is not used.\n" in result.err
+    fields = json.loads(fecosplat("encode", photographs, "-o", tmp_path / "b.fcs", *arguments, "--json").out)
+    (check,) = fields["check_views"]
+    assert fields["new_view_psnr"] == check["psnr"] and fields["guide_views"] == []
+    assert f"{check['psnr']:.2f} dB, PSNR of new views" in result.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (("--checks", "many"), 2, "'many' is neither a number of photographs nor none."),
+        (("--checks", "3"), 1, "3 checks asked for, but 2 photographs are left for them; change --checks."),
+        (("--guides", "roof.jpg"), 1, "give indices or names, with commas between them, in --guides."),
+        (("--guides", "0,,1"), 2, "names an empty view"),
+        (("--views", "all", "--guides", "1"), 2, "--views all codes every photograph; leave out --guides and --checks"),
+    ],
+)
+def test_roles_that_are_not_possible(
+    fecosplat, photographs: Path, tmp_path: Path, arguments: tuple[str, ...], code: int, sentence: str
+) -> None:
+    result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
+    assert (result.code, result.out) == (code, "") and sentence in result.err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_encode_chooses_views_by_name_size_and_bounds(fecosplat, photographs: Path, tmp_path: Path) -> None:

@@ -1,42 +1,75 @@
 """What `encode` prints about size and quality."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fecosplat_cli.encoding_report import quality_fields, say_result
+from fecosplat_cli.encoding_report import report_fields, roles_note, say_result
 from refusals import assert_refused
 
+from fecocodec.codec.encode_folder import EncodingReport, OtherViews
 from fecocodec.container import inspect
 from fecocodec.errors import InputError
-from fecocodec.sender.view_quality import DecodedQuality, quality_warnings, stage_warnings
+from fecocodec.sender.view_quality import DecodedQuality, new_view_warnings, quality_warnings, stage_warnings
 
 QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
 
 
+def report(names: tuple[str, ...], quality: tuple[DecodedQuality, ...], **others: object) -> EncodingReport:
+    fields = {"guides": OtherViews(), "checks": OtherViews(), "num_unused": 0} | others
+    return EncodingReport(b"", names, (), quality, **fields, notes=(), warnings=(), seconds=1.0, save_cameras=None)
+
+
 def test_sizes_and_quality_of_each_stage(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
     summary = inspect(stream_bytes)
-    say_result("scene.fcs: written", summary, QUALITY, ("a.png", "b.png"))
+    say_result("scene.fcs", report(("a.png", "b.png"), QUALITY), summary)
     printed = capsys.readouterr().err
+    assert printed.startswith(f"scene.fcs: {len(stream_bytes) / 1024:.2f} KiB in 1.00 s\n")
     assert f"  header, cameras and the like: {(len(stream_bytes) - 38) / 1024:.2f} KiB\n" in printed
     assert "  stage 1:     0.02 KiB   21.00 dB\n" in printed and "  stage 2:     0.01 KiB   25.00 dB\n" in printed
     assert f"  in all:  {len(stream_bytes) / 1024:8.2f} KiB   25.00 dB, PSNR of the 2 coded views" in printed
-    assert "(worst 24.50 dB, b.png) as decoded\n" in printed
+    assert printed.endswith("(worst 24.50 dB, b.png) as decoded\n")
+
+
+def test_new_views_are_said_beside_the_coded_ones(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    checks = OtherViews(("c.png", "d.png"), DecodedQuality((23.0, 22.0)))
+    say_result("scene.fcs", report(("a.png", "b.png"), QUALITY, checks=checks), inspect(stream_bytes))
+    *_, of_coded, of_new = capsys.readouterr().err.splitlines()
+    assert of_new == (
+        "  new views:              22.50 dB, PSNR of new views, measured on 2 photographs that were not used "
+        "(worst 22.00 dB, d.png)"
+    )
+    assert of_coded.index("dB") == of_new.index("dB")
 
 
 def test_the_share_of_detail_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     data = (Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "detail-of-one-stage.fcs").read_bytes()
     summary = inspect(data)
     (detail,) = [section.total_bytes for section in summary.sections if section.name == "detail"]
-    say_result("scene.fcs: written", summary, (DecodedQuality((20.0, 22.0, 21.0)),), ("a.png", "b.png", "c.png"))
+    quality = (DecodedQuality((20.0, 22.0, 21.0)),)
+    say_result("scene.fcs", report(("a.png", "b.png", "c.png"), quality), summary)
     assert f"   21.00 dB ({detail / 1024:.2f} KiB of it detail)\n" in capsys.readouterr().err
 
 
 def test_the_same_as_json(stream_bytes: bytes) -> None:
-    fields = quality_fields(inspect(stream_bytes), QUALITY, ("a.png", "b.png"))
-    assert fields["context_psnr"] == 25.0
+    guides = OtherViews(("c.png",), DecodedQuality((24.0,)))
+    checks = OtherViews(("d.png", "e.png"), DecodedQuality((23.0, 22.0)))
+    fields = report_fields(report(("a.png", "b.png"), QUALITY, guides=guides, checks=checks), inspect(stream_bytes))
+    assert (fields["context_psnr"], fields["new_view_psnr"]) == (25.0, 22.5)
     assert [stage["context_psnr"] for stage in fields["stage_results"]] == [21.0, 25.0]
     assert fields["context_views"] == [{"name": "a.png", "psnr": 25.5}, {"name": "b.png", "psnr": 24.5}]
+    assert fields["guide_views"] == [{"name": "c.png", "psnr": 24.0}]
+    assert fields["check_views"] == [{"name": "d.png", "psnr": 23.0}, {"name": "e.png", "psnr": 22.0}]
+
+
+def test_what_the_others_are_for_is_said() -> None:
+    alone = report(("a.png", "b.png"), QUALITY)
+    assert roles_note(alone, is_chosen=True) == ""
+    guided = replace(alone, guides=OtherViews(("c.png", "d.png")), checks=OtherViews(("e.png",)), num_unused=3)
+    others = "of the others, 2 guide the encoder, 1 measures new views, 3 are not used."
+    assert roles_note(guided, is_chosen=False) == others
+    assert roles_note(guided, is_chosen=True) == f"coded views: a.png, b.png; {others}"
 
 
 def test_warnings_come_before_the_work(
@@ -48,7 +81,9 @@ def test_warnings_come_before_the_work(
         raise InputError("the encoder was started.")
 
     monkeypatch.setattr("fecocodec.codec.encode_views.encode", stop)
-    result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", "0", "--size", "64x96")
+    result = fecosplat(
+        "encode", photographs, "-o", output / "a.fcs", "--views", "0", "--size", "64x96", "--guides", "none"
+    )
     assert (result.code, result.out) == (1, "")
     assert result.err.splitlines() == [
         "warning: the crop to 64x96 leaves 44% of view_0.png (96x64); choose a --size of the photographs' shape to "
@@ -58,7 +93,7 @@ def test_warnings_come_before_the_work(
     ]
 
 
-ONE_VIEW = ("--views", "0", "--effort", "fast", "--stages", "1")
+ONE_VIEW = ("--views", "0", "--guides", "none", "--effort", "fast", "--stages", "1")
 NO_PARALLAX = "one view has no parallax, so its depth is unreliable; add a view from another position"
 ERROR = "(--strict makes this warning an error)."
 
@@ -113,6 +148,15 @@ def test_poor_views_are_said() -> None:
     )
     assert quality_warnings(DecodedQuality((18.0,)), ("a.png",)) == (
         "the decoded views are poor, with a PSNR of 18.0 dB; use a smaller lambda, a larger `size` or more `effort`.",
+    )
+
+
+def test_poor_new_views_are_said() -> None:
+    assert new_view_warnings(DecodedQuality((25.0, 15.0)), ("a.png", "b.png")) == ()
+    assert new_view_warnings(DecodedQuality((18.0, 17.0)), ("a.png", "b.png")) == (
+        "new views are poor, with a PSNR of 17.5 dB, measured on 2 photographs that were not used (worst b.png, 17.0 "
+        "dB); check that each camera belongs to its photograph, add photographs between the coded ones, or code more "
+        "of them by `views`.",
     )
 
 

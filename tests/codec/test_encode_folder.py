@@ -5,9 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 import fecocodec
 from fecocodec import AtMostKib, EncodingOptions, InputError, encode_folder
+from fecocodec.captures.view_selection import All, Spread
+from fecocodec.codec.encode_folder import OtherViews
 from fecocodec.container import inspect
 from fecocodec.errors import OptionError, StrictError
 from tests.example_scenes import MODEL, write_scene
@@ -84,3 +87,104 @@ def test_an_unknown_effort_is_refused_before_pixels_are_read(folder: Path, tmp_p
     (broken / "0.png").write_bytes(png[: len(png) // 2])  # its header is whole
     with pytest.raises(InputError, match=r"^there is no effort 'good'"):
         encode_folder(broken, EncodingOptions(effort="good"))
+
+
+@pytest.fixture(scope="module")
+def seven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("seven") / "scene"
+    write_scene(folder, num_views=7)
+    return folder
+
+
+def copied(folder: Path, target: Path, changed: str, content: bytes) -> Path:
+    """Return a copy of a folder in which one file has another content."""
+    copy = Path(shutil.copytree(folder, target))
+    (copy / changed).write_bytes(content)
+    return copy
+
+
+def test_the_others_guide_and_one_is_only_measured(seven: Path, options: EncodingOptions) -> None:
+    named = replace(options, views=(0, 1, 2))
+    report = encode_folder(seven, named)
+    (check,) = report.checks.names
+    assert sorted((*report.names, *report.guides.names, check)) == [f"{view}.png" for view in range(7)]
+    every = fecocodec.read_views(seven)
+    guides = every.select([every.names.index(name) for name in report.guides.names])
+    model = options.model
+    assert report.data == fecocodec.encode(every.select([0, 1, 2]), guides=guides, effort="fast", model=model)
+    decoded = fecocodec.decode(report.data, model=model)
+    seen = every.select([every.names.index(check)])
+    rendered = fecocodec.render(decoded.gaussians, seen.cameras, seen.image_size).color.clamp(0, 1)
+    expected = -10 * float((rendered - seen.images).square().mean().log10())
+    assert report.checks.quality is not None and report.guides.quality is not None
+    assert report.checks.quality.psnr == pytest.approx(expected, abs=1e-3)
+    assert len(report.guides.quality.psnr_of_view) == 3
+
+
+def test_what_is_only_measured_changes_nothing(seven: Path, options: EncodingOptions, tmp_path: Path) -> None:
+    options = replace(options, views=Spread(2), num_stages=1)
+    report = encode_folder(seven, options)
+    (check,) = report.checks.names
+    other = (seven / report.names[0]).read_bytes()
+    changed = encode_folder(copied(seven, tmp_path / "scene", check, other), options)
+    assert changed.data == report.data and changed.checks.names == (check,)
+    assert changed.checks.quality != report.checks.quality
+
+
+def test_without_guides_and_checks_the_bytes_are_those_of_the_views(seven: Path, options: EncodingOptions) -> None:
+    plain = replace(options, guides=(), num_checks=0, is_measured=False)
+    named = encode_folder(seven, replace(plain, views=(0, 1)))
+    views = fecocodec.read_views(seven, views=(0, 1))
+    assert named.data == fecocodec.encode(views, effort="fast", model=options.model)
+    assert named.guides == named.checks == OtherViews()
+    assert len(encode_folder(seven, replace(plain, views=All())).names) == 7
+
+
+def test_a_broken_guide_is_left_out_unless_it_is_named(seven: Path, options: EncodingOptions, tmp_path: Path) -> None:
+    named = replace(options, views=(0, 1), num_checks=0, is_measured=False)
+    png = (seven / "3.png").read_bytes()
+    broken = copied(seven, tmp_path / "scene", "3.png", png[: len(png) // 2])  # its header is whole
+    report = encode_folder(broken, named)
+    sentence = f"left out 3.png, which cannot be used: {broken / '3.png'}"
+    assert report.guides.names == ("2.png", "4.png", "5.png", "6.png")
+    assert any(warning.startswith(sentence) for warning in report.warnings)
+    with pytest.raises(StrictError) as refused:
+        encode_folder(broken, replace(named, is_strict=True))
+    assert "3.png" not in str(refused.value)  # others take its place
+    with pytest.raises(InputError, match=rf"^{broken / '3.png'}"):
+        encode_folder(broken, replace(named, guides=(2, 3)))
+
+
+def test_opaque_guides_do_not_teach_cut_outs(seven: Path, options: EncodingOptions, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(seven, tmp_path / "scene"))
+    for name in ("0.png", "1.png", "2.png"):
+        image = Image.open(folder / name).convert("RGBA")
+        alpha = Image.new("L", image.size, 255)
+        alpha.paste(0, (0, 0, 20, 64))
+        image.putalpha(alpha)
+        image.save(folder / name)
+    cut_out = replace(options, views=(0, 1), num_checks=0, is_measured=False)
+    report = encode_folder(folder, cut_out)
+    assert report.guides.names == ("2.png",)
+    (sentence,) = (warning for warning in report.warnings if warning.startswith("left out"))
+    assert sentence.startswith("left out 3.png, 4.png, 5.png, 6.png, opaque, while the coded photographs are cut out;")
+    assert encode_folder(folder, replace(cut_out, views=(3, 4))).guides.names == ("5.png", "6.png")
+    with pytest.raises(InputError, match=f"^{folder}: left out 3.png, opaque"):
+        encode_folder(folder, replace(cut_out, guides=(2, 3)))
+
+
+def test_warnings_rest_on_new_views(seven: Path, options: EncodingOptions) -> None:
+    options = replace(options, views=(0, 1), num_stages=1)
+    warnings = encode_folder(seven, options).warnings
+    assert any(warning.startswith("new views are poor, with a PSNR of ") for warning in warnings)
+    assert not any(warning.startswith("the decoded views are poor") for warning in warnings)
+    unchecked = encode_folder(seven, replace(options, num_checks=0)).warnings
+    assert any(warning.startswith("the decoded views are poor") for warning in unchecked)
+
+
+def test_all_excludes_guides_and_checks() -> None:
+    with pytest.raises(OptionError, match="codes every photograph"):
+        EncodingOptions(views=All(), guides=(1,))
+    with pytest.raises(OptionError, match="codes every photograph"):
+        EncodingOptions(views=All(), num_checks=1)
+    EncodingOptions(views=All(), guides=(), num_checks=0)

@@ -1,0 +1,234 @@
+"""Which photographs of a folder are coded, which guide, and which are only measured; from cameras and headers alone.
+
+Context views are coded. Guides are not coded: the sender learns from them. Checks are left out of everything, and the
+decoded file is measured at them: their PSNR is that of new views.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, has_image, stored_lens
+from fecocodec.captures.coverage import Overlap, k_centres, spread_over, with_neighbours, within_reach
+from fecocodec.captures.view_choice import choose_views, view_indices
+from fecocodec.captures.view_selection import All, Selection, Spread
+from fecocodec.captures.view_spread import (
+    LEAST_BASELINE,
+    MAX_AUTO_VIEWS,
+    auto_views,
+    overlaps_and_baselines,
+    require_count,
+    spread_views,
+)
+from fecocodec.errors import InputError, error_context
+from fecocodec.limits import MAX_VIEWS
+from fecocodec.photographs.framing import MIN_KEPT_AREA, kept_share
+from fecocodec.photographs.lens import Lens
+
+MAX_GUIDES = 24
+MAX_CHECKS = 8
+LEAST_FOR_CHECKS = 6  # photographs, of which one is left out to measure
+PHOTOGRAPHS_OF_CHECK = 10
+LEAST_FOR_CHOICE = 5  # photographs; of fewer, all are coded
+COVERED = 0.75  # mean overlap of photographs with the nearest coded one, from which on no more are coded
+COVERED_BY_MANY = 0.6  # the same, of MAX_AUTO_VIEWS and more
+_DUPLICATE_OVERLAP = 0.9  # of photographs from one position
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Indices of the photographs of a scene by what they are for, in ascending order unless they were named.
+
+    num_unused: photographs that overlap too little with the coded ones, or teach nothing more. omissions: a sentence
+    for photographs that cannot be used.
+    """
+
+    context: list[int]
+    guides: list[int]
+    checks: list[int]
+    num_unused: int = 0
+    omissions: tuple[str, ...] = ()
+
+
+def choose_roles(
+    scene: PosedPhotographs,
+    folder: Path,
+    views: Selection | None,
+    guides: tuple[int | str, ...] | None = None,
+    num_checks: int | None = None,
+    size: tuple[int, int] | None = None,
+) -> Roles:
+    """Return the roles of the photographs of a scene.
+
+    views: which are coded; None for all of up to four, else as many as cover the others. guides: None chooses them, ()
+    is for none; without them, None codes all of up to 16. num_checks: None for one in ten, from six photographs on.
+    size: (height, width) of the coded views, None for the most frequent size.
+    Raises InputError for named photographs that do not exist, and for more checks or views than there are.
+    """
+    photographs, count = scene.photographs, len(scene.photographs)
+    if isinstance(views, All):
+        choose_views(photographs, tuple(range(count)), folder)
+        return Roles(list(range(count)), [], [])
+    if isinstance(views, Spread):
+        with error_context(folder):
+            require_count(views.count, count)
+    if guides is None and views is None and count < LEAST_FOR_CHOICE:
+        guides = ()
+    named, taught = _named(photographs, folder, views, guides)
+    rest = [index for index in range(count) if index not in {*named, *taught}]
+    wanted = default_checks(count) if num_checks is None else num_checks
+    if wanted == 0 and (guides == () or (named and taught)):
+        context = named or _unguided(scene, folder, views, rest)
+        return Roles(context, taught, [], count - len(context) - len(taught))
+
+    pinholes, problems = _usable(photographs, rest)
+    if not pinholes and not named:
+        nothing_left = f"{folder}: no photograph is left to be coded; name fewer in `guides`."
+        raise InputError(next(iter(problems.values()), nothing_left))
+    usable = list(pinholes)
+    overlap, baseline = near, _ = _overlaps(scene, [*named, *taught, *usable])
+    needed = 0 if named else views.count if isinstance(views, Spread) else 2
+    spare = max(0, len(usable) - needed)
+    if num_checks is not None and num_checks > spare:
+        raise InputError(
+            f"{folder}: {num_checks} checks asked for, but {spare} photographs are left for them; change `checks`."
+        )
+    candidates = within_reach(near, usable, named) if named else with_neighbours(near, usable)
+    checks = spread_over(near, candidates, min(wanted, spare))
+    rest, usable = ([index for index in indices if index not in checks] for indices in (rest, usable))
+
+    if checks and (scene.near is None or scene.far is None):  # then checks would set the bounds of depth
+        overlap, baseline = _overlaps(scene, [*named, *taught, *usable])
+    if named:
+        context = named
+    elif guides == ():
+        context = _unguided(scene, folder, views, rest)
+    else:
+        context = _covering(overlap, pinholes, usable, views, size)
+    if guides is None:
+        others = [index for index in usable if index not in context]
+        apart = [index for index in others if not _is_duplicate(overlap[index, context], baseline[index, context])]
+        taught = sorted(k_centres(overlap, context, within_reach(overlap, apart, context), MAX_GUIDES))
+    checks = within_reach(near, checks, context)
+    num_unused = count - len(context) - len(taught) - len(checks) - len(problems)
+    return Roles(context, taught, checks, num_unused, _omissions(photographs, problems))
+
+
+def choose_context(overlap: Overlap, photographs: list[int], order: list[int]) -> list[int]:
+    """Return how much of an order of candidates is coded: the first ones that cover the photographs.
+
+    This is the place where rate and distortion will decide.
+    """
+    for count in range(2, len(order)):
+        covered = overlap[np.ix_(photographs, order[:count])].max(axis=1).mean()
+        if covered >= (COVERED if count < MAX_AUTO_VIEWS else COVERED_BY_MANY):
+            return order[:count]
+    return order
+
+
+def _named(
+    photographs: list[PosedPhotograph],
+    folder: Path,
+    views: Selection | None,
+    guides: tuple[int | str, ...] | None,
+) -> tuple[list[int], list[int]]:
+    """Return the coded photographs and the guides that are named.
+
+    Raises InputError if one does not exist, or is both.
+    """
+    named = list[int]()
+    if isinstance(views, tuple):
+        choose_views(photographs, views, folder)
+        named = view_indices(photographs, views, folder)
+    taught = view_indices(photographs, guides, folder, "guides") if guides else []
+    for index in set(named) & set(taught):
+        name = photographs[index].path.name
+        raise InputError(f"{folder}: {name} is to be coded and to guide; name it in `views` or in `guides`.")
+    return named, taught
+
+
+def default_checks(count: int) -> int:
+    """Return how many of `count` photographs are left out to measure."""
+    return min(MAX_CHECKS, max(1, count // PHOTOGRAPHS_OF_CHECK)) if count >= LEAST_FOR_CHECKS else 0
+
+
+def _unguided(scene: PosedPhotographs, folder: Path, views: Selection | None, rest: list[int]) -> list[int]:
+    """Return what is coded of `rest` where nothing guides: coded views then have to overlap with each other."""
+    within = replace(scene, photographs=[scene.photographs[index] for index in rest])
+    if isinstance(views, Spread):
+        with error_context(folder):
+            return [rest[index] for index in spread_views(within, views.count)]
+    if views is None and len(rest) <= MAX_VIEWS:
+        return rest
+    return [rest[index] for index in auto_views(within)]
+
+
+def _covering(
+    overlap: Overlap,
+    pinholes: dict[int, Lens],
+    usable: list[int],
+    views: Selection | None,
+    size: tuple[int, int] | None,
+) -> list[int]:
+    """Return what is coded where others guide: photographs as far apart as they are, so that they cover all."""
+    reached = with_neighbours(overlap, usable) or usable
+    candidates = _of_one_shape(pinholes, reached, size)
+    if isinstance(views, Spread):
+        enough = candidates if len(candidates) >= views.count else usable
+        return sorted(k_centres(overlap, [], enough, views.count))
+    return sorted(choose_context(overlap, reached, k_centres(overlap, [], candidates, MAX_VIEWS)))
+
+
+def _usable(photographs: list[PosedPhotograph], indices: list[int]) -> tuple[dict[int, Lens], dict[int, str]]:
+    """Return the pinholes of the photographs that can be used, and what is wrong with each other one."""
+    pinholes, problems = dict[int, Lens](), dict[int, str]()
+    for index in indices:
+        try:
+            if photographs[index].problem:
+                raise InputError(photographs[index].problem)
+            if not has_image(photographs[index]):
+                raise InputError(f"{photographs[index].place}: there is no image {photographs[index].path}.")
+            pose = rigid_pose(photographs[index].camera_to_world, photographs[index].place)
+            require_float32_range(pose[None], photographs[index].place)
+            pinholes[index] = stored_lens(photographs[index])[1]
+        except InputError as error:
+            problems[index] = str(error)
+    return pinholes, problems
+
+
+def _omissions(photographs: list[PosedPhotograph], problems: dict[int, str]) -> tuple[str, ...]:
+    """Return a sentence that names photographs that cannot be used, with the reason of the first one."""
+    if not problems:
+        return ()
+    names = [photographs[index].path.name for index in problems]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    first = next(iter(problems.values())).removesuffix(".")
+    return (f"left out {', '.join(names[:3])}{more}, which cannot be used: {first}.",)
+
+
+def _overlaps(scene: PosedPhotographs, indices: list[int]) -> tuple[Overlap, Overlap]:
+    """Return the overlaps and baselines of these photographs, in matrices of all photographs that are 0 elsewhere."""
+    within = replace(scene, photographs=[scene.photographs[index] for index in indices])
+    of_all = np.zeros((2, len(scene.photographs), len(scene.photographs)))
+    if indices:
+        rows, columns = np.ix_(indices, indices)
+        of_all[:, rows, columns] = overlaps_and_baselines(within)
+    return of_all[0], of_all[1]
+
+
+def _of_one_shape(pinholes: dict[int, Lens], indices: list[int], size: tuple[int, int] | None) -> list[int]:
+    """Return the photographs of which a crop to the most frequent size leaves enough; all if a size is given."""
+    if size is not None or not indices:
+        return indices
+    lenses = [pinholes[index] for index in indices]
+    common, _ = Counter((lens.height, lens.width) for lens in lenses).most_common(1)[0]
+    return [index for index in indices if kept_share(pinholes[index], common) >= MIN_KEPT_AREA]
+
+
+def _is_duplicate(overlap: Float[np.ndarray, " view"], baseline: Float[np.ndarray, " view"]) -> bool:
+    """Return whether a photograph shows what a coded one shows, from the same position."""
+    return bool(((baseline < LEAST_BASELINE) & (overlap >= _DUPLICATE_OVERLAP)).any())

@@ -1,0 +1,166 @@
+"""Which photographs of a folder are coded, which guide, and which are only measured."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
+from fecocodec.captures.view_selection import All, Auto, Spread
+from fecocodec.codec.roles import MAX_GUIDES, Roles, choose_roles, default_checks
+from fecocodec.errors import InputError
+from fecocodec.photographs.lens import Lens
+
+FOLDER = Path("photos")
+MakeWalk = Callable[..., PosedPhotographs]
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> MakeWalk:
+    """A function that makes a street of `count` cameras side by side, `step` apart, with surfaces 2 to 10 away."""
+
+    def make(count: int, step: float = 0.5, sizes: dict[int, tuple[int, int]] | None = None) -> PosedPhotographs:
+        photographs = []
+        for number in range(count):
+            height, width = (sizes or {}).get(number, (64, 96))
+            path = tmp_path / f"{number:03d}.png"
+            Image.new("RGB", (width, height)).save(path)
+            pose = np.eye(4)
+            pose[0, 3] = step * number
+            lens = lambda w, h: Lens(w, h, float(w), float(w), w / 2, h / 2)  # noqa: E731
+            photographs.append(PosedPhotograph(path, f"frame {number}", pose, lens))
+        return PosedPhotographs(tmp_path, photographs, 2.0, 10.0)
+
+    return make
+
+
+def every(roles: Roles) -> list[int]:
+    return [*roles.context, *roles.guides, *roles.checks]
+
+
+def test_one_in_ten_is_left_out_to_measure(walk: MakeWalk) -> None:
+    counts = {1: 0, 5: 0, 6: 1, 19: 1, 20: 2, 60: 6, 80: 8, 500: 8}
+    assert {count: default_checks(count) for count in counts} == counts
+    roles = choose_roles(walk(20, step=0.2), FOLDER, None)
+    assert len(roles.checks) == 2
+    assert len(set(every(roles))) == len(every(roles)) == 20 - roles.num_unused
+
+
+def test_checks_are_spread_over_the_poses(walk: MakeWalk) -> None:
+    checks = choose_roles(walk(24, step=0.5), FOLDER, None, num_checks=3).checks
+    assert np.diff(checks).min() >= 4
+
+
+def test_a_wall_takes_two_views_and_a_walk_more(walk: MakeWalk) -> None:
+    of_wall = choose_roles(walk(20, step=0.08), FOLDER, None)
+    of_walk = choose_roles(walk(20, step=0.6), FOLDER, Auto())
+    assert len(of_wall.context) == 2 and len(of_wall.guides) == 16
+    assert 4 <= len(of_walk.context) <= 8
+    assert np.diff(of_walk.context).min() >= 2  # those between them guide
+
+
+def test_up_to_four_photographs_are_all_coded(walk: MakeWalk) -> None:
+    assert choose_roles(walk(4), FOLDER, None) == Roles([0, 1, 2, 3], [], [])
+
+
+def test_all_codes_all(walk: MakeWalk) -> None:
+    assert choose_roles(walk(16), FOLDER, All()) == Roles(list(range(16)), [], [])
+    with pytest.raises(InputError, match="17 views chosen, but 1 to 16 can be used"):
+        choose_roles(walk(17), FOLDER, All())
+
+
+def test_without_guides_and_checks_views_are_chosen_as_before(walk: MakeWalk) -> None:
+    assert choose_roles(walk(16), FOLDER, None, (), 0).context == list(range(16))
+    chosen = choose_roles(walk(20), FOLDER, None, (), 0)
+    assert len(chosen.context) == 8 and chosen.num_unused == 12 and every(chosen) == chosen.context
+    assert len(choose_roles(walk(12), FOLDER, None, ()).context) == 11  # one is left out to measure
+
+
+def test_named_views_are_coded_and_those_near_them_guide(walk: MakeWalk) -> None:
+    roles = choose_roles(walk(30), FOLDER, ("010", "12"))
+    assert roles.context == [10, 12]
+    assert {9, 11, 13} <= {*roles.guides, *roles.checks}
+    assert all(abs(index - 11) < 12 for index in every(roles))
+    assert roles.num_unused == 30 - len(every(roles)) > 8
+
+
+def test_at_most_24_guide(walk: MakeWalk) -> None:
+    assert len(choose_roles(walk(40, step=0.08), FOLDER, (0, 20)).guides) == MAX_GUIDES
+
+
+def test_a_photograph_from_the_position_of_a_coded_one_does_not_guide(walk: MakeWalk) -> None:
+    scene = walk(5, step=0.3)
+    twin = replace(scene.photographs[2], camera_to_world=scene.photographs[0].camera_to_world)
+    scene.photographs[2] = twin
+    assert choose_roles(scene, FOLDER, (0, 4)).guides == [1, 3]
+
+
+def test_named_guides_guide_alone(walk: MakeWalk) -> None:
+    roles = choose_roles(walk(8), FOLDER, (0, 3), ("001.png", "2"), 0)
+    assert roles == Roles([0, 3], [1, 2], [], 4)
+    assert 1 not in choose_roles(walk(8), FOLDER, None, (1,)).context
+    with pytest.raises(InputError, match=r"photos: no view is called x \(.*\); give .* in `guides`"):
+        choose_roles(walk(8), FOLDER, (0, 3), ("x",))
+    with pytest.raises(InputError, match=r"photos: 003.png is to be coded and to guide; name it in `views` or"):
+        choose_roles(walk(8), FOLDER, (0, 3), (3,))
+    with pytest.raises(InputError, match="no photograph is left to be coded"):
+        choose_roles(walk(6), FOLDER, None, (0, 1, 2, 3, 4, 5))
+
+
+def test_spread_codes_that_many_over_the_scene(walk: MakeWalk) -> None:
+    roles = choose_roles(walk(20), FOLDER, Spread(4))
+    assert len(roles.context) == 4 and roles.context[0] < 6 and roles.context[-1] > 14
+    assert choose_roles(walk(6), FOLDER, Spread(6)) == Roles([0, 1, 2, 3, 4, 5], [], [])  # none is left to measure
+    with pytest.raises(InputError, match="photos: 7 views asked for, but the folder has 6; choose 1 to 6"):
+        choose_roles(walk(6), FOLDER, Spread(7))
+
+
+def test_more_checks_than_photographs_are_refused(walk: MakeWalk) -> None:
+    with pytest.raises(InputError, match="photos: 5 checks asked for, but 4 photographs are left for them"):
+        choose_roles(walk(8), FOLDER, Spread(4), num_checks=5)
+    with pytest.raises(InputError, match="6 checks asked for, but 5 photographs"):
+        choose_roles(walk(7), FOLDER, (0, 1), num_checks=6)
+
+
+def test_what_cannot_be_used_is_left_out_unless_it_is_named(walk: MakeWalk) -> None:
+    scene = walk(8)
+    scene.photographs[3].path.write_bytes(b"no image")
+    bent = scene.photographs[5].camera_to_world.copy()
+    bent[0, 0] = 3.0
+    scene.photographs[5] = replace(scene.photographs[5], camera_to_world=bent)
+    roles = choose_roles(scene, FOLDER, None)
+    assert not {3, 5} & set(every(roles))
+    (sentence,) = roles.omissions
+    assert sentence.startswith("left out 003.png, 005.png, which cannot be used: ") and sentence.endswith(".")
+    assert choose_roles(scene, FOLDER, (0, 3), (1, 5), 0).context == [0, 3]  # reading them reports what is wrong
+
+
+def test_a_photograph_that_shows_something_else_has_no_role(walk: MakeWalk) -> None:
+    scene = walk(8)
+    away = scene.photographs[4].camera_to_world.copy()
+    away[:3, 3] = 1000.0
+    scene.photographs[4] = replace(scene.photographs[4], camera_to_world=away)
+    roles = choose_roles(scene, FOLDER, None)
+    assert 4 not in every(roles) and roles.num_unused == 1
+
+
+def test_photographs_of_another_shape_guide_but_set_no_size(walk: MakeWalk) -> None:
+    scene = walk(9, step=0.2, sizes={0: (200, 60), 8: (200, 60)})
+    roles = choose_roles(scene, FOLDER, None, num_checks=0)
+    assert not {0, 8} & set(roles.context)
+    assert {0, 8} <= set(roles.guides)
+
+
+def test_checks_set_no_bounds_of_depth(walk: MakeWalk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fecocodec.codec.roles.spread_over", lambda *_arguments: [4, 9])
+    scene = replace(walk(12, step=0.3), near=None, far=None)
+    roles = []
+    for depths_of_checks in ((2.0, 10.0), (0.2, 900.0)):
+        for index, photograph in enumerate(scene.photographs):
+            bounds = depths_of_checks if index in (4, 9) else (2.0, 10.0)
+            scene.photographs[index] = replace(photograph, sparse_depths=np.linspace(*bounds, 200))
+        roles.append(choose_roles(scene, FOLDER, None))
+    assert roles[0].context == roles[1].context and roles[0].guides == roles[1].guides
