@@ -23,8 +23,8 @@ class EncodingOptions:
     the coded ones, () for none, or as for `views`. num_checks: how many are left out and only measured, so that the
     quality of new views is known; None for one in ten, from six photographs on.
     size, near, far, background, masks: as for `read_views`. metadata: stored in the file. num_frames: frames to take
-    from a video. focal_px: as for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured: decode the
-    file and measure it; `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
+    from a video. focal_px: as for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured:
+    decode the file and measure it; `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
     """
 
     lmbda: float = 1e-3
