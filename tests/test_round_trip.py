@@ -16,11 +16,11 @@ from fecocodec.errors import BitstreamError, InputError, ModelError
 from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
-from fecocodec.receiver import emission
 from fecocodec.receiver.decode import decode
 from fecocodec.sender.coverage import cells_to_bits
 from fecocodec.sender.encode import encode
 from fecocodec.sender.optimisation_config import DEFAULT, steps_of_first
+from fecocodec.splatting import emission
 from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.splatting.occluded import occluded_layer
 from tests.example_scenes import MODEL, example_views

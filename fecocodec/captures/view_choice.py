@@ -35,9 +35,9 @@ def select_views(
         chosen = choose_views(scene.photographs, selection, folder)
         require_usable(chosen, are_images_needed=are_images_needed)
         return chosen, []
-    usable = [photograph for photograph in scene.photographs if _is_usable(photograph, are_images_needed)]
+    usable = [photograph for photograph in scene.photographs if is_usable(photograph, are_images_needed)]
     if not usable:
-        raise _no_view(scene)
+        raise no_view(scene)
     notes = passed_over_notes(scene, usable)
     if selection is None:
         return usable, notes
@@ -51,14 +51,15 @@ def select_views(
     return [usable[index] for index in indices], notes
 
 
-def _is_usable(photograph: PosedPhotograph, are_images_needed: bool) -> bool:
+def is_usable(photograph: PosedPhotograph, are_images_needed: bool = True) -> bool:
+    """Return whether a photograph has a pose and a lens that can be used, and an image."""
     try:
         return not photograph.problem and (not are_images_needed or has_image(photograph))
     except InputError:  # no regular file
         return False
 
 
-def _no_view(scene: PosedPhotographs) -> InputError:
+def no_view(scene: PosedPhotographs) -> InputError:
     """Return the error for a scene without any photograph that can be used: the reason of the first one."""
     first = next((photograph for photograph in scene.photographs if photograph.problem), None)
     if first is not None:

@@ -78,6 +78,7 @@ def encode_folder(
         messages.warn(*source.warnings)
         scene = read_cameras(source.path)
         roles = choose_roles(scene, path, options.views, options.guides, options.num_checks, options.size)
+        messages.warn(*roles.warnings)
         for sentence in roles.omissions:
             messages.omit(sentence)
         chosen = _framed(scene, roles, options, messages)

@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, has_image, stored_lens
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, require_usable, stored_lens
 from fecocodec.captures.coverage import Overlap, k_centres, spread_over, with_neighbours, within_reach
-from fecocodec.captures.view_choice import choose_views, view_indices
+from fecocodec.captures.reading_notes import passed_over_notes
+from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
 from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.captures.view_spread import (
     LEAST_BASELINE,
@@ -44,7 +45,7 @@ class Roles:
     """Indices of the photographs of a scene by what they are for, in ascending order unless they were named.
 
     num_unused: photographs that overlap too little with the coded ones, or teach nothing more. omissions: a sentence
-    for photographs that cannot be used.
+    for photographs that cannot be used. warnings: the same for frames without an image or a usable camera.
     """
 
     context: list[int]
@@ -52,9 +53,35 @@ class Roles:
     checks: list[int]
     num_unused: int = 0
     omissions: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def choose_roles(
+    scene: PosedPhotographs,
+    folder: Path,
+    views: Selection | None,
+    guides: tuple[int | str, ...] | None = None,
+    num_checks: int | None = None,
+    size: tuple[int, int] | None = None,
+) -> Roles:
+    """Return the roles of the photographs of a scene. Unless views are named, frames that cannot be used have none.
+
+    Arguments and errors as for `_roles_of_usable`.
+    """
+    if isinstance(views, tuple):
+        return _roles_of_usable(scene, folder, views, guides, num_checks, size)
+    usable = [index for index, photograph in enumerate(scene.photographs) if is_usable(photograph)]
+    if not usable:
+        raise no_view(scene)
+    within = replace(scene, photographs=[scene.photographs[index] for index in usable])
+    found = _roles_of_usable(within, folder, views, guides, num_checks, size)
+    parts = (found.context, found.guides, found.checks)
+    context, taught, checks = ([usable[index] for index in part] for part in parts)
+    warnings = tuple(passed_over_notes(scene, within.photographs))
+    return replace(found, context=context, guides=taught, checks=checks, warnings=warnings)
+
+
+def _roles_of_usable(
     scene: PosedPhotographs,
     folder: Path,
     views: Selection | None,
@@ -79,7 +106,7 @@ def choose_roles(
     if guides is None and views is None and count < LEAST_FOR_CHOICE:
         guides = ()
     named, taught = _named(photographs, folder, views, guides)
-    rest = [index for index in range(count) if index not in {*named, *taught}]
+    rest = [index for index in range(count) if index not in {*named, *taught} and is_usable(photographs[index])]
     wanted = default_checks(count) if num_checks is None else num_checks
     if wanted == 0 and (guides == () or (named and taught)):
         context = named or _unguided(scene, folder, views, rest)
@@ -142,7 +169,7 @@ def _named(
     """
     named = list[int]()
     if isinstance(views, tuple):
-        choose_views(photographs, views, folder)
+        require_usable(choose_views(photographs, views, folder))
         named = view_indices(photographs, views, folder)
     taught = view_indices(photographs, guides, folder, "guides") if guides else []
     for index in set(named) & set(taught):
@@ -188,10 +215,6 @@ def _usable(photographs: list[PosedPhotograph], indices: list[int]) -> tuple[dic
     pinholes, problems = dict[int, Lens](), dict[int, str]()
     for index in indices:
         try:
-            if photographs[index].problem:
-                raise InputError(photographs[index].problem)
-            if not has_image(photographs[index]):
-                raise InputError(f"{photographs[index].place}: there is no image {photographs[index].path}.")
             pose = rigid_pose(photographs[index].camera_to_world, photographs[index].place)
             require_float32_range(pose[None], photographs[index].place)
             pinholes[index] = stored_lens(photographs[index])[1]

@@ -16,6 +16,7 @@ from fecocodec.batch import cluster
 from fecocodec.batch.cluster import connected_cluster, local_cluster
 from fecocodec.batch.run import run_batch
 from fecocodec.batch.scenes import scene_folders
+from fecocodec.codec.options import EncodingOptions
 from fecocodec.errors import InputError
 from tests.batch.encoding_works import EncodeAndDie
 from tests.batch.works import Reverse
@@ -57,7 +58,7 @@ def test_a_scene_that_kills_its_workers_fails_and_the_others_end(texts, output: 
 def test_files_of_workers_equal_single_encodings(photographed: Path, random_weights: Path, output: Path) -> None:
     model = random_weights / MODEL
     scenes = scene_folders(photographed)
-    work = EncodeAndDie(effort="fast", model=str(model), dying="scene_1")
+    work = EncodeAndDie(EncodingOptions(effort="fast", model=str(model)), dying="scene_1")
     with local_cluster(2) as engine:
         workers = set(engine.client.run(os.getpid).values())
         outcomes = list(run_batch(scenes, output, work, engine))

@@ -55,11 +55,12 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
     ),
     "unreadable image": (
         lambda folder: (folder / "view_1.png").write_text("no image"),
-        "{folder}/view_1.png: the image is damaged, cut short or of an unknown kind; store it again or remove it.",
+        "{folder}/view_1.png: the image is damaged, cut short or of a kind that is not read; "
+        "store it again or remove it.",
     ),
     "truncated image": (
         cut_an_image,
-        "{folder}/view_2.png: the image is damaged, cut short or of an unknown kind (...",
+        "{folder}/view_2.png: the image is damaged, cut short or of a kind that is not read (...",
     ),
     "image of another shape": (
         turn_an_image,
@@ -178,11 +179,11 @@ def test_damaged_weights(fecosplat, photographs: Path, tmp_path: Path, output: P
 
 
 def test_photographs_of_a_kind_that_is_not_read_are_named(fecosplat, tmp_path: Path) -> None:
-    (tmp_path / "a.HEIC").write_bytes(b"ftypheic")
+    (tmp_path / "a.CR2").write_bytes(b"II*")
     (tmp_path / "images").mkdir()
-    (tmp_path / "images" / "b.bmp").write_bytes(b"BM")
+    (tmp_path / "images" / "b.dng").write_bytes(b"II*")
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs")
-    kinds = "photographs of this kind cannot be read (.bmp, .heic); convert them to JPEG, PNG or WebP."
+    kinds = "photographs of this kind cannot be read (.cr2, .dng); develop RAW photographs to JPEG, TIFF or PNG."
     assert (result.code, result.err) == (1, f"fecosplat: {tmp_path}: {kinds}\n")
 
 

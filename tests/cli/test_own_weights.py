@@ -19,7 +19,21 @@ def test_files_of_own_weights_go_there_and_back(
 ) -> None:
     file, splats, images = tmp_path / "wall.fcs", tmp_path / "wall.ply", tmp_path / "images"
     assert (
-        fecosplat("encode", photographs, "-o", file, "--views", "0,1", "--effort", "fast", "--model", model).code == 0
+        fecosplat(
+            "encode",
+            photographs,
+            "-o",
+            file,
+            "--views",
+            "0,1",
+            "--guides",
+            "none",
+            "--effort",
+            "fast",
+            "--model",
+            model,
+        ).code
+        == 0
     )
     assert file.read_bytes() == wall
     assert fecosplat("decode", file, "-o", splats, "--model", model).code == 0
@@ -37,7 +51,18 @@ def test_a_relative_folder(
     monkeypatch.chdir(model)
     assert (
         fecosplat(
-            "encode", photographs, "-o", tmp_path / "wall.fcs", "--views", "0,1", "--effort", "fast", "--model", "."
+            "encode",
+            photographs,
+            "-o",
+            tmp_path / "wall.fcs",
+            "--views",
+            "0,1",
+            "--guides",
+            "none",
+            "--effort",
+            "fast",
+            "--model",
+            ".",
         ).code
         == 0
     )
