@@ -1,5 +1,6 @@
 """`fecosplat encode`: encode a folder of photographs to a .fcs file."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -93,16 +94,20 @@ def command(
 
     from fecocodec.codec.encode_folder import encode_folder
 
-    with progress_bar() as on_progress:
+    with progress_bar() as on_progress, ExitStack() as stack:
+
+        def write(data: bytes) -> None:
+            """Write the file, which appears when the block ends, so that a warning under --strict leaves none."""
+            stack.enter_context(write_atomically(output, overwrite=overwrite)).write_bytes(data)
+
         report = encode_folder(
             views_folder,
             options,
             on_progress=on_progress,
             on_note=lambda sentence: say(printable(f"note: {in_options(sentence)}")),
             on_warning=lambda sentence: warn(printable(f"warning: {in_options(sentence)}")),
+            on_data=write,
         )
-        with write_atomically(output, overwrite=overwrite) as temporary:
-            temporary.write_bytes(report.data)
         if cameras_file is not None and report.save_cameras is not None:
             report.save_cameras(cameras_file, overwrite=overwrite)
             if not views_folder.is_dir():

@@ -1,7 +1,7 @@
 """Match the images that a camera file names with the image files that are there, for all camera formats.
 
 The folder in which most names exist is used. A name may differ from that of its file in case, Unicode form, suffix,
-and in the folders before it (`/home/me/scan/images/1.jpg`, `C:\\scan\\1.jpg`), where one file alone fits.
+and in the folders before it (`/scans/room/images/1.jpg`, `C:\\scan\\1.jpg`), where one file alone fits.
 """
 
 import os

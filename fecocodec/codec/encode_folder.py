@@ -60,11 +60,13 @@ def encode_folder(
     on_progress: OnProgress = ignore_progress,
     on_note: OnMessage = lambda _sentence: None,
     on_warning: OnMessage = lambda _sentence: None,
+    on_data: Callable[[bytes], None] = lambda _data: None,
 ) -> EncodingReport:
     """Encode a folder of photographs, a camera file or a video, as the command `fecosplat encode` does.
 
     Cameras are estimated if there are none. on_progress: as for `encode`. on_note, on_warning: called with each
-    sentence as soon as it is known; the result has all of them. Nothing is written.
+    sentence as soon as it is known; the result has all of them. on_data: called with the bytes of the file before they
+    are measured. Nothing is written.
     Raises InputError for input or options that cannot be used, StrictError for a warning if `is_strict`, ModelError if
     weights cannot be loaded.
     """
@@ -93,6 +95,7 @@ def encode_folder(
     views, left_out = without_harmful(photographs.views, options, messages, on_progress)
     guides, checks = photographs.guides, photographs.checks
     data = encode_views(views, guides, options, messages, on_progress)
+    on_data(data)
     quality: tuple[DecodedQuality, ...] = ()
     of_guides = of_checks = None
     if options.is_measured or options.is_strict:

@@ -64,49 +64,48 @@ def choose_roles(
     num_checks: int | None = None,
     size: tuple[int, int] | None = None,
 ) -> Roles:
-    """Return the roles of the photographs of a scene. Unless views are named, frames that cannot be used have none.
-
-    Arguments and errors as for `_roles_of_usable`.
-    """
-    if isinstance(views, tuple):
-        return _roles_of_usable(scene, folder, views, guides, num_checks, size)
-    usable = [index for index, photograph in enumerate(scene.photographs) if is_usable(photograph)]
-    if not usable:
-        raise no_view(scene)
-    within = replace(scene, photographs=[scene.photographs[index] for index in usable])
-    found = _roles_of_usable(within, folder, views, guides, num_checks, size)
-    parts = (found.context, found.guides, found.checks)
-    context, taught, checks = ([usable[index] for index in part] for part in parts)
-    warnings = tuple(passed_over_notes(scene, within.photographs))
-    return replace(found, context=context, guides=taught, checks=checks, warnings=warnings)
-
-
-def _roles_of_usable(
-    scene: PosedPhotographs,
-    folder: Path,
-    views: Selection | None,
-    guides: tuple[int | str, ...] | None = None,
-    num_checks: int | None = None,
-    size: tuple[int, int] | None = None,
-) -> Roles:
-    """Return the roles of the photographs of a scene.
+    """Return the roles of the photographs of a scene. Frames without an image or a usable camera have none.
 
     views: which are coded; None for all of up to four, else as many as cover the others. guides: None chooses them, ()
     is for none; without them, None codes all of up to 16. num_checks: None for one in ten, from six photographs on.
     size: (height, width) of the coded views, None for the most frequent size.
-    Raises InputError for named photographs that do not exist, and for more checks or views than there are.
+    Raises InputError for named photographs that do not exist or cannot be used, if none can be used, and for more
+    checks or views than there are.
     """
-    photographs, count = scene.photographs, len(scene.photographs)
+    photographs = scene.photographs
+    named, taught = _named(photographs, folder, views, guides)
+    available = [index for index, photograph in enumerate(photographs) if is_usable(photograph)]
+    if not available:
+        raise no_view(scene)
+    found = _roles(scene, folder, available, (views, named), (guides, taught), num_checks, size)
+    passed_over = passed_over_notes(scene, [photographs[index] for index in available])
+    return found if named else replace(found, warnings=tuple(passed_over))
+
+
+def _roles(
+    scene: PosedPhotographs,
+    folder: Path,
+    available: list[int],
+    coded: tuple[Selection | None, list[int]],
+    teaching: tuple[tuple[int | str, ...] | None, list[int]],
+    num_checks: int | None,
+    size: tuple[int, int] | None,
+) -> Roles:
+    """Return the roles of the photographs that can be used. Other arguments and errors as for `choose_roles`.
+
+    coded, teaching: which are asked for, and the indices of those that are named.
+    """
+    (views, named), (guides, taught) = coded, teaching
+    photographs, count = scene.photographs, len(available)
     if isinstance(views, All):
-        choose_views(photographs, tuple(range(count)), folder)
-        return Roles(list(range(count)), [], [])
+        choose_views([photographs[index] for index in available], tuple(range(count)), folder)
+        return Roles(available, [], [])
     if isinstance(views, Spread):
         with error_context(folder):
             require_count(views.count, count)
     if guides is None and views is None and count < LEAST_FOR_CHOICE:
         guides = ()
-    named, taught = _named(photographs, folder, views, guides)
-    rest = [index for index in range(count) if index not in {*named, *taught} and is_usable(photographs[index])]
+    rest = [index for index in available if index not in {*named, *taught}]
     wanted = default_checks(count) if num_checks is None else num_checks
     if wanted == 0 and (guides == () or (named and taught)):
         context = named or _unguided(scene, folder, views, rest)
@@ -172,6 +171,7 @@ def _named(
         require_usable(choose_views(photographs, views, folder))
         named = view_indices(photographs, views, folder)
     taught = view_indices(photographs, guides, folder, "guides") if guides else []
+    require_usable([photographs[index] for index in taught])
     for index in set(named) & set(taught):
         name = photographs[index].path.name
         raise InputError(f"{folder}: {name} is to be coded and to guide; name it in `views` or in `guides`.")

@@ -164,3 +164,14 @@ def test_checks_set_no_bounds_of_depth(walk: MakeWalk, monkeypatch: pytest.Monke
             scene.photographs[index] = replace(photograph, sparse_depths=np.linspace(*bounds, 200))
         roles.append(choose_roles(scene, FOLDER, None))
     assert roles[0].context == roles[1].context and roles[0].guides == roles[1].guides
+
+
+def test_numbers_count_all_frames_even_those_without_an_image(walk: MakeWalk) -> None:
+    scene = walk(8, step=0.2)
+    scene.photographs[1].path.unlink()
+    roles = choose_roles(scene, FOLDER, None, guides=(5, "003"))
+    assert roles.guides == [5, 3] and 1 not in every(roles)
+    (warning,) = roles.warnings
+    assert "1 of 8 images" in warning
+    with pytest.raises(InputError, match=r"001\.png"):
+        choose_roles(scene, FOLDER, None, guides=(1,))
