@@ -59,7 +59,7 @@ sys.exit(run(sys.argv[1:]))
             ("encode", "absent", "-o", "a.fcs"),
             "absent/transforms.json, frame 0 (0.png): there is no image absent/0.png",
         ),
-        (("encode", "absent", "-o", "a.fcs", "--views", "spread:9"), "absent: 9 views asked for, but the folder has 3"),
+        (("encode", "posed", "-o", "a.fcs", "--views", "spread:9"), "posed: 9 views asked for, but the folder has 3"),
         (("train", "text.fcs"), "text.fcs: this is not a folder; choose another output path."),
         (("train", "run", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),
         (("train", "entropy", "one", "one/a", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),
@@ -76,13 +76,16 @@ def test_without_torch(arguments: tuple[str, ...], sentence: str, tmp_path: Path
     (tmp_path / "in.fcs").write_bytes(b"")
     (tmp_path / "text.fcs").write_text("hello")
     (tmp_path / "scene.fcs").write_bytes(stream_bytes)
-    for name in ("empty", "one", "broken", "absent"):
+    for name in ("empty", "one", "broken", "absent", "posed"):
         (tmp_path / name).mkdir()
     (tmp_path / "one" / "a.png").write_bytes(b"")
     (tmp_path / "broken" / "transforms.json").write_text("{")
     pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     frames = [{"file_path": f"{number}.png", "transform_matrix": pose} for number in range(3)]
-    (tmp_path / "absent" / "transforms.json").write_text(json.dumps({"fl_x": 90, "frames": frames}))
+    for name in ("absent", "posed"):
+        (tmp_path / name / "transforms.json").write_text(json.dumps({"fl_x": 90, "frames": frames}))
+    for frame in frames:
+        (tmp_path / "posed" / str(frame["file_path"])).write_bytes(b"")
     command = [sys.executable, "-c", NO_TORCH, *arguments]
     result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert (result.returncode, result.stdout) == (1, "")
