@@ -10,7 +10,7 @@ from statistics import mean
 
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.evaluation.novel_views import Score, evaluate
-from fecocodec.evaluation.systems.codec import codec_system
+from fecocodec.evaluation.systems.codec import codec_system, guided_system
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.optimisation_config import EFFORTS
 
@@ -26,6 +26,7 @@ def main() -> None:
     parser.add_argument("--stages", type=int, default=2, help="number of stages  [default: 2]")
     parser.add_argument("--effort", choices=EFFORTS, default="default", help="as for `fecosplat encode`")
     parser.add_argument("--sharpness", type=float, default=0.0, help="as for `fecosplat encode`")
+    parser.add_argument("--guided", action="store_true", help="let the guides of the index teach the encoder")
     parser.add_argument("--size", type=int, default=256, help="image side in pixels  [default: 256]")
     parser.add_argument("--device", default="cpu", help="as for `fecosplat encode`  [default: cpu]")
     arguments = parser.parse_args()
@@ -34,7 +35,10 @@ def main() -> None:
     size = (arguments.size, arguments.size)
     print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tcontext PSNR\tGaussians\tby kind")
     for lmbda in arguments.lambdas:
-        system = codec_system(codec, lmbda, arguments.stages, arguments.effort, arguments.sharpness)
+        if arguments.guided:
+            system = guided_system(codec, lmbda, arguments.stages, arguments.effort)
+        else:
+            system = codec_system(codec, lmbda, arguments.stages, arguments.effort, arguments.sharpness)
         scores = list(evaluate(system, arguments.root, entries, size))
         print(
             f"{lmbda:g}\t{mean(s.num_bytes for s in scores) / 1024:.2f}\t{mean(s.target_psnr for s in scores):.2f}\t"

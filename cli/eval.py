@@ -43,7 +43,7 @@ Examples:
   fecosplat eval re10k/test --index evaluation_index_re10k.json -o results/ --lambdas 1e-2,1e-4""",
 )
 @click.argument("root", metavar="ROOT", type=FILE_PATH)
-@click.option("--index", required=True, type=FILE_PATH, help="Evaluation index (JSON): context and target frames.")
+@click.option("--index", required=True, type=FILE_PATH, help="Evaluation index (JSON): context, target, guide.")
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Results folder; an interrupted run is resumed.")
 @click.option(
     "--lambdas",
@@ -57,8 +57,9 @@ Examples:
     default="codec",
     show_default=True,
     metavar="LIST",
-    help="Comma-separated systems to measure: codec; fast and best (other efforts); ablations (or one of "
-    "stage-1, no-context, no-feedback); images (compressed photographs); gaussians (compressed Gaussians); trivial.",
+    help="Comma-separated systems to measure: codec; guided (guides of the index teach it); fast and best (other "
+    "efforts); ablations (or one of stage-1, no-context, no-feedback); images (compressed photographs); gaussians "
+    "(compressed Gaussians); trivial.",
 )
 @model_option
 @click.option(

@@ -1,9 +1,9 @@
-"""Evaluation index: the context frames and target frames of each scene.
+"""Evaluation index: the context frames and target frames of each scene, and the frames that guide the encoder.
 
-    {"scene": {"context": [58, 133], "target": [84, 102, 129]}, "scene/wide": {...}, "skipped": null}
+    {"scene": {"context": [58, 133], "target": [84, 102, 129]}, "scene/wide": {..., "guide": [90]}, "skipped": null}
 
-pixelSplat and DepthSplat use this format. null marks scenes that are not evaluated; other fields, such as "overlap",
-are ignored. A label after a slash distinguishes several entries of one scene.
+pixelSplat and DepthSplat use this format, without "guide". null marks scenes that are not evaluated; other fields, such
+as "overlap", are ignored. A label after a slash distinguishes several entries of one scene.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,16 @@ from fecocodec.input_file import read_json
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """One entry of an evaluation index: context frames and target frames of a scene, counted from 0."""
+    """One entry of an evaluation index: frames of a scene, counted from 0.
+
+    guide: not coded; the sender learns from them.
+    """
 
     name: str
     scene: str
     context: tuple[int, ...]
     target: tuple[int, ...]
+    guide: tuple[int, ...] = ()
 
 
 def read_index(path: Path) -> tuple[IndexEntry, ...]:
@@ -36,7 +40,10 @@ def _entry(path: Path, name: str, value: object) -> IndexEntry:
     context, target = ((value.get(part) if isinstance(value, dict) else None) for part in ("context", "target"))
     if not _is_frame_list(context) or not _is_frame_list(target):
         raise InputError(f"{path}, entry {name}: `context` and `target` must be lists of frame numbers from 0.")
-    return IndexEntry(name, name.split("/")[0], tuple(context), tuple(target))
+    guide = value.get("guide") if isinstance(value, dict) else None
+    if guide and (not _is_frame_list(guide) or {*guide} & {*context, *target}):
+        raise InputError(f"{path}, entry {name}: `guide` must be a list of frame numbers in neither other list.")
+    return IndexEntry(name, name.split("/")[0], tuple(context), tuple(target), tuple(guide or ()))
 
 
 def _is_frame_list(value: object) -> TypeGuard[list[int]]:

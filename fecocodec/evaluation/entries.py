@@ -21,7 +21,7 @@ def protocol_size(num_context: int) -> tuple[int, int]:
 
 
 def open_scenes(root: Path, size: tuple[int, int] | None = None) -> EntryReader:
-    """Return a function that reads the views of an entry: context views first, then target views.
+    """Return a function that reads the views of an entry: context views first, then target views, then guides.
 
     root: contains one folder per scene (`transforms.json`, COLMAP ...), or chunks in the format of pixelSplat. size:
     (height, width) in pixels; None for `protocol_size`. Raises InputError if the folder does not exist; the returned
@@ -38,7 +38,15 @@ def open_scenes(root: Path, size: tuple[int, int] | None = None) -> EntryReader:
 
 
 def _frames(entry: IndexEntry) -> tuple[int, ...]:
-    return (*entry.context, *entry.target)
+    return (*entry.context, *entry.target, *entry.guide)
+
+
+def without_guides(views: Views, entry: IndexEntry) -> tuple[Views, Views | None]:
+    """Return the context and target views of an entry, and its guides, of all views that were read."""
+    count = len(entry.context) + len(entry.target)
+    if not entry.guide:
+        return views, None
+    return views.select(list(range(count))), views.select(list(range(count, len(views.images))))
 
 
 def _size(entry: IndexEntry) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.captures.evaluation_index import IndexEntry
-from fecocodec.captures.scene_folder import read_views
+from fecocodec.evaluation.entries import open_scenes, without_guides
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
@@ -33,14 +33,18 @@ class Score:
 
 def evaluate(system: System, root: Path, entries: tuple[IndexEntry, ...], size: tuple[int, int]) -> Iterator[Score]:
     """Yield the score of each entry. root: folder with one folder per scene. size: (height, width) in pixels."""
+    read = open_scenes(root, size)
     for entry in entries:
-        views = read_views(root / entry.scene, views=(*entry.context, *entry.target), size=size, background="white")
-        yield score(system, entry.name, views, len(entry.context))
+        views, guides = without_guides(read(entry), entry)
+        yield score(system, entry.name, views, len(entry.context), guides)
 
 
-def score(system: System, name: str, views: Views, num_context: int) -> Score:
-    """Encode the first `num_context` views, and measure the quality of all views."""
-    result = system.reconstruct(views, num_context)
+def score(system: System, name: str, views: Views, num_context: int, guides: Views | None = None) -> Score:
+    """Encode the first `num_context` views, and measure the quality of all views.
+
+    guides: for systems that learn from photographs that are not coded.
+    """
+    result = system.run(views, num_context, guides)
     quality, structure = psnr(result.images, views.images), ssim(result.images, views.images)
     return Score(
         name=name,

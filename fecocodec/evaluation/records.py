@@ -12,9 +12,10 @@ from fecocodec.errors import InputError, OutputError
 class Measurement:
     """Result of one system on one entry. Metrics are means over the target views; `context_psnr` over context views.
 
-    setting: operating point, see `System`. model: label of the weights. bits_per_pixel: bits of the whole file per
-    pixel of the context views. peak_mib: peak resident memory of the process during the measurement, None if the system
-    does not report it. error: message if the measurement failed, in which case the other values are not set.
+    setting: operating point, see `System`. num_guides: photographs that the sender learned from. model: label of the
+    weights. bits_per_pixel: bits of the whole file per pixel of the context views. peak_mib: peak resident memory of
+    the process during the measurement, None if the system does not report it. error: message if the measurement failed,
+    in which case the other values are not set.
     """
 
     entry: str
@@ -22,6 +23,7 @@ class Measurement:
     setting: str
     model: str
     num_context: int = 0
+    num_guides: int = 0
     height: int = 0
     width: int = 0
     num_bytes: int = 0

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import FecoError
-from fecocodec.evaluation.entries import EntryReader
+from fecocodec.evaluation.entries import EntryReader, without_guides
 from fecocodec.evaluation.extras import require_extra
 from fecocodec.evaluation.machine import forget_peak, peak_mib
 from fecocodec.evaluation.records import Measurement, RecordFile
@@ -100,11 +100,12 @@ def measure_all(
             yield _recorded(records, _measure(entry, system, views, model, draw, device))
 
 
-def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: Draw, device: str) -> Measurement:
-    num_context = len(entry.context)
+def _measure(entry: IndexEntry, system: System, read: Views, model: str, draw: Draw, device: str) -> Measurement:
+    views, guides = without_guides(read, entry)
+    num_context, num_guides = len(entry.context), 0 if system.learn is None else len(entry.guide)
     forget_peak(device)
     try:
-        result = system.reconstruct(views, num_context)
+        result = system.run(views, num_context, guides)
         peak = peak_mib(device)
         target = measure_quality(result.images[num_context:], views.images[num_context:])
         draw(entry, system, views, result)
@@ -114,6 +115,7 @@ def _measure(entry: IndexEntry, system: System, views: Views, model: str, draw: 
     return Measurement(
         *_key(entry, system, model),
         num_context=num_context,
+        num_guides=num_guides,
         height=height,
         width=width,
         num_bytes=result.num_bytes,

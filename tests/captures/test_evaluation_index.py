@@ -15,11 +15,13 @@ def test_public_indices_are_read(tmp_path: Path) -> None:
         "5aca87f95a9412c6": {"context": [58, 133], "target": [84, 102, 129]},
         "e74ceac9043aa1b8": None,
         "fox/wide1": {"context": [1, 8], "target": [6], "overlap": 0.6},
+        "fox/guided2": {"context": [1, 8], "target": [6], "guide": [5, 2]},
     }
     path.write_text(json.dumps(entries))
     assert read_index(path) == (
         IndexEntry("5aca87f95a9412c6", "5aca87f95a9412c6", (58, 133), (84, 102, 129)),
         IndexEntry("fox/wide1", "fox", (1, 8), (6,)),
+        IndexEntry("fox/guided2", "fox", (1, 8), (6,), (5, 2)),
     )
 
 
@@ -32,6 +34,8 @@ def test_public_indices_are_read(tmp_path: Path) -> None:
         ('{"a": {"context": [1, -2], "target": [1]}}', "entry a"),
         ('{"a": {"context": [1, 2.5], "target": [1]}}', "entry a"),
         ('{"a": {"context": [], "target": [1]}}', "entry a"),
+        ('{"a": {"context": [1], "target": [2], "guide": 3}}', "entry a: `guide` must be a list of frame numbers"),
+        ('{"a": {"context": [1], "target": [2], "guide": [3, 2]}}', "entry a: `guide` .* in neither other list"),
         ('{"a": [1, 2]}', "entry a"),
     ],
 )

@@ -7,7 +7,7 @@ import torch
 
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.novel_views import render_views, score
-from fecocodec.evaluation.systems.codec import codec_system
+from fecocodec.evaluation.systems.codec import codec_system, guided_system
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.codec import load_codec
@@ -31,3 +31,14 @@ def test_a_score_is_that_of_the_bytes(random_weights: Path) -> None:
     assert found.target_psnr == pytest.approx(float(by_hand[2]), abs=1e-3)
     assert found.context_psnr == pytest.approx(float(by_hand[:2].mean()), abs=1e-3)
     assert -1.0 <= found.target_ssim <= 1.0
+
+
+def test_guides_teach_a_guided_system_alone(random_weights: Path) -> None:
+    codec, views = load_codec(random_weights / MODEL, "cpu"), example_views(4)
+    context, guides = views.select([0, 1, 2]), views.select([3])
+    plain, guided = codec_system(codec, 1e-3), guided_system(codec, 1e-3)
+    encoded = score(guided, "scene", context, 2, guides)
+    taught = encode_with(codec, views.select([0, 1]), quantise_lambda(1e-3), 2, guides=guides)
+    assert score(plain, "scene", context, 2, guides) == score(guided, "scene", context, 2)
+    assert encoded.num_bytes == len(taught)
+    assert encoded != score(plain, "scene", context, 2)

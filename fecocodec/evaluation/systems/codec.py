@@ -33,7 +33,7 @@ from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.splatting.emission import Emission
 
 Encoder = Callable[[Views], bytes]
-FAST, BEST = "fecosplat, effort fast", "fecosplat, effort best"
+FAST, BEST, GUIDED = "fecosplat, effort fast", "fecosplat, effort best", "fecosplat, guided"
 _NAME_OF_EFFORT = {"fast": FAST, "default": OURS, "best": BEST}
 
 
@@ -45,6 +45,17 @@ def codec_system(
     config, lambda_q = config_of_effort(effort, sharpness), quantise_lambda(lmbda)
     encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=num_stages, config=config)
     return stream_system(codec, name, f"lambda {lmbda:g}", encoder)
+
+
+def guided_system(codec: Codec, lmbda: float, num_stages: int = 2, effort: str = "default") -> System:
+    """Return the codec at one lambda, taught by the guides of an entry. Other arguments as for `encode`."""
+    config, lambda_q = config_of_effort(effort), quantise_lambda(lmbda)
+    encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=num_stages, config=config)
+
+    def learn(views: Views, num_context: int, guides: Views) -> Reconstruction:
+        return _reconstruct(codec, partial(encoder, guides=guides), views, num_context)
+
+    return System(GUIDED, f"lambda {lmbda:g}", partial(_reconstruct, codec, encoder), learn)
 
 
 def stream_system(codec: Codec, name: str, setting: str, encoder: Encoder) -> System:

@@ -6,7 +6,7 @@ from functools import partial
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.ablations import ABLATIONS, ablation_system
-from fecocodec.evaluation.systems.codec import codec_system, estimated_system
+from fecocodec.evaluation.systems.codec import codec_system, estimated_system, guided_system
 from fecocodec.evaluation.systems.gaussian_compression import gaussian_systems
 from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.evaluation.systems.reconstruction import System
@@ -19,6 +19,7 @@ OF_LAMBDA: dict[str, Callable[[Codec, float], System]] = {
     "codec": codec_system,
     "fast": partial(codec_system, effort="fast"),
     "best": partial(codec_system, effort="best"),
+    "guided": guided_system,
     **{part: partial(ablation_system, part) for part in ABLATIONS},
 }
 WHATEVER_LAMBDA: dict[str, Callable[[Codec], tuple[System, ...]]] = {

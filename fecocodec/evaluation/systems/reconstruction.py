@@ -33,9 +33,17 @@ class System:
 
     name: of the method; systems with the same name form a curve. setting: operating point, such as "lambda 1e-3".
     reconstruct: (views, number of context views) -> reconstruction. It uses only the cameras of the target views, not
-    their images, unless documented otherwise.
+    their images, unless documented otherwise. learn: (views, number of context views, guides) -> reconstruction of a
+    system whose sender learns from photographs that are not coded; None for others, which never see them.
     """
 
     name: str
     setting: str
     reconstruct: Callable[[Views, int], Reconstruction]
+    learn: Callable[[Views, int, Views], Reconstruction] | None = None
+
+    def run(self, views: Views, num_context: int, guides: Views | None) -> Reconstruction:
+        """Return the reconstruction. guides: of the entry, None for none."""
+        if guides is None or self.learn is None:
+            return self.reconstruct(views, num_context)
+        return self.learn(views, num_context, guides)
