@@ -1,29 +1,24 @@
 """Measure what further context views give: the same target from its nearest 2, 4, 8, ... views.
 
-    python benchmarks/nearest_views.py MODEL_FOLDER ROOT [--counts 2 4 8] [--effort default] [--size 192] [--all]
+    python benchmarks/nearest_views.py MODEL_FOLDER ROOT [--counts 2 4 8] [--effort default] [--size 192]
         [--device cuda]
 
 ROOT: a folder of scene folders, each with a `transforms.json`. One photograph of each scene is the target: of all
 photographs in the order of how much they share with the others, the one after a third of them. Its context views are
-those that share most with it; as in `fecosplat encode`, those that harm the others are left out, unless `--all` is
-given. A scene with too few photographs is left out of the larger counts.
+those that share most with it. A scene with too few photographs is left out of the larger counts.
 """
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from statistics import mean
 
 import numpy as np
 
 from fecocodec.captures.scene_folder import read_views
-from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.novel_views import Score, score
 from fecocodec.evaluation.systems.codec import codec_system
 from fecocodec.evaluation.systems.reconstruction import System
-from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import load_codec
-from fecocodec.sender.harmful_views import helpful_views
 from fecocodec.training.photographs import read_posed_scene
 
 
@@ -35,20 +30,14 @@ def target_and_neighbours(folder: Path) -> tuple[int, list[int]]:
     return target, [int(other) for other in np.argsort(-shared[target]) if other != target]
 
 
-def scores(
-    system: System, folder: Path, counts: list[int], size: tuple[int, int], select: Callable[[Views], list[int]]
-) -> dict[int, Score]:
-    """Return the score for each number of context views that the scene has.
-
-    size: (height, width) in pixels. select: returns the indices of the context views that are encoded.
-    """
+def scores(system: System, folder: Path, counts: list[int], size: tuple[int, int]) -> dict[int, Score]:
+    """Return the score for each number of context views that the scene has. size: (height, width) in pixels."""
     target, neighbours = target_and_neighbours(folder)
     found = {}
     for count in counts:
         if count <= len(neighbours):
             views = read_views(folder, views=(*neighbours[:count], target), size=size, background="white")
-            kept = select(views.select(list(range(count))))
-            found[count] = score(system, folder.name, views.select([*kept, count]), len(kept))
+            found[count] = score(system, folder.name, views, count)
     return found
 
 
@@ -61,23 +50,15 @@ def main() -> None:
     parser.add_argument("--effort", choices=("fast", "default", "best"), default="default")
     parser.add_argument("--lmbda", type=float, default=1e-3)
     parser.add_argument("--size", type=int, default=192, help="image side in pixels  [default: 192]")
-    parser.add_argument("--all", action="store_true", help="encode views that harm the others, too")
     parser.add_argument("--device", default="cpu", help="as for `fecosplat encode`  [default: cpu]")
     arguments = parser.parse_args()
     codec = load_codec(arguments.model, arguments.device)
     system = codec_system(codec, arguments.lmbda, effort=arguments.effort)
 
-    def select(views: Views) -> list[int]:
-        return (
-            list(range(len(views.images)))
-            if arguments.all
-            else helpful_views(codec, views, quantise_lambda(arguments.lmbda))
-        )
-
     rows: dict[int, list[Score]] = {count: [] for count in arguments.counts}
     print("scene\tviews\tKiB\tcontext, dB\ttarget, dB")
     for folder in sorted(path.parent for path in arguments.root.glob("*/transforms.json")):
-        for count, found in scores(system, folder, arguments.counts, (arguments.size, arguments.size), select).items():
+        for count, found in scores(system, folder, arguments.counts, (arguments.size, arguments.size)).items():
             rows[count].append(found)
             print(line(folder.name, count, [found]), flush=True)
     for count, found_all in rows.items():

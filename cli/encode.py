@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from fecocodec.atomic import require_other_file, require_writable, write_atomically
-from fecocodec.captures.view_selection import may_leave_out
+from fecocodec.captures.view_selection import is_choice_left
 from fecocodec.codec.options import DEFAULT_FRAMES
 from fecocodec.container import inspect
 from fecocodec.limits import DEFAULT_MAX_PIXELS
@@ -122,6 +122,6 @@ def command(
         fields = {"output": str(output), "seconds": report.seconds, **summary_fields(summary)}
         print_json({**fields, **report_fields(report, summary)})
         return
-    if note := roles_note(report, is_chosen=may_leave_out(options.views)):
+    if note := roles_note(report, is_chosen=is_choice_left(options.views)):
         say(printable(f"note: {note}"))
     say_result(str(output), report, summary)

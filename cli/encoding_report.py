@@ -24,7 +24,6 @@ def report_fields(report: "EncodingReport", summary: StreamSummary) -> dict[str,
         "context_views": _of_view(report.names, report.quality[-1]),
         "guide_views": _of_view(report.guides.names, report.guides.quality),
         "check_views": _of_view(report.checks.names, new_views),
-        "left_out_views": report.left_out,
         "warnings": [in_options(sentence) for sentence in report.warnings],
     }
 

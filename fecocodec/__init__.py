@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from fecocodec.rendering.rasterizer import Rendering, render
     from fecocodec.sender.decoded_quality import measure_decoded
     from fecocodec.sender.encode import encode
-    from fecocodec.sender.harmful_views import without_harmful_views
     from fecocodec.sender.input_warnings import check_input
     from fecocodec.sender.rate_control import encode_to_target
     from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib
@@ -58,7 +57,6 @@ __all__ = [
     "read_ply",
     "read_views",
     "render",
-    "without_harmful_views",
     "write_ply",
 ]
 
@@ -88,7 +86,6 @@ _MODULE_OF = {
     "read_ply": "fecocodec.splat_files.ply",
     "read_views": "fecocodec.captures.scene_folder",
     "render": "fecocodec.rendering.rasterizer",
-    "without_harmful_views": "fecocodec.sender.harmful_views",
     "write_ply": "fecocodec.splat_files.ply",
 }
 

@@ -42,16 +42,22 @@ def example_views(num_views: int, height: int = 64, width: int = 64, seed: int =
 
 def write_scene(folder: Path, seed: int = 0, num_views: int = 2) -> None:
     """Write `example_views` of 64x64 pixels as PNG, with a transforms.json."""
-    folder.mkdir(parents=True)
-    views = example_views(num_views, seed=seed)
+    write_views(folder, example_views(num_views, seed=seed))
+
+
+def write_views(folder: Path, views: Views) -> None:
+    """Write views as PNG, with a transforms.json. Their cameras have the intrinsics of the first."""
+    folder.mkdir(parents=True, exist_ok=True)
     frames = []
     for view, image in enumerate(views.images):
         write_image(folder / f"{view}.png", image)
         pose = views.cameras.extrinsics[view].clone()
         pose[:, 1:3] *= -1  # OpenCV to OpenGL axes
         frames.append({"file_path": f"{view}.png", "transform_matrix": pose.tolist()})
-    scene = {"w": 64, "h": 64, "fl_x": 57.6, "fl_y": 57.6, "near": 1.5, "far": 12.0, "frames": frames}
-    (folder / "transforms.json").write_text(json.dumps(scene))
+    (height, width), matrix = views.image_size, views.cameras.intrinsics[0].double()
+    lens = {"w": width, "h": height, "fl_x": float(matrix[0, 0]) * width, "fl_y": float(matrix[1, 1]) * height}
+    bounds = {"near": float(views.cameras.near), "far": float(views.cameras.far)}
+    (folder / "transforms.json").write_text(json.dumps({**lens, **bounds, "frames": frames}))
 
 
 def write_random_model(weights: Path) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -75,9 +74,7 @@ def read_pixels(
 
     guides: other photographs, from which an estimate of `near` and `far` is made as well.
     """
-    unbounded = _read_unbounded(chosen, background, masks)
-    estimate = partial(estimate_depth_range, unbounded, guides)
-    return replace(unbounded, cameras=_with_depth_bounds(chosen, unbounded.cameras, near, far, estimate))
+    return with_depth_bounds(chosen, _read_unbounded(chosen, background, masks), near, far, guides)
 
 
 def read_others(
@@ -178,14 +175,13 @@ def _framed_pixels(
     )
 
 
-def _with_depth_bounds(
-    chosen: ChosenPhotographs,
-    cameras: Cameras,
-    near: float | None,
-    far: float | None,
-    estimate: Callable[[], tuple[float, float]],
-) -> Cameras:
-    """Return the cameras with depth bounds from the arguments, the camera file, sparse points, or else an estimate."""
+def with_depth_bounds(
+    chosen: ChosenPhotographs, views: Views, near: float | None, far: float | None, guides: Views | None = None
+) -> Views:
+    """Return the views with depth bounds from the arguments, the camera file, sparse points, or else an estimate.
+
+    views: as read, of these photographs. guides: as for `read_pixels`. Raises InputError for bounds that are no range.
+    """
     scene = chosen.scene
     # Bounds that were both given are no fault of the camera file.
     place = f"{scene.cameras_path}: " if near is None or far is None else ""
@@ -193,7 +189,7 @@ def _with_depth_bounds(
     far = scene.far if far is None else far
     if near is None or far is None:
         sparse_depths = np.concatenate([photograph.sparse_depths for photograph in chosen.photographs])
-        known = bounds_of_depths(sparse_depths) or estimate()
+        known = bounds_of_depths(sparse_depths) or estimate_depth_range(views, guides)
         near, far = known[0] if near is None else near, known[1] if far is None else far
     if not 0 < near < far < torch.finfo(torch.float32).max:
         raise InputError(
@@ -201,4 +197,4 @@ def _with_depth_bounds(
             "0 < near < far is needed, set them with `near` and `far`."
         )
     bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}
-    return replace(cameras, **bounds)
+    return replace(views, cameras=replace(views.cameras, **bounds))

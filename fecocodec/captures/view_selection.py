@@ -12,17 +12,17 @@ class Spread:
 
 @dataclass(frozen=True)
 class Auto:
-    """At most eight overlapping views that cover the middle of the capture."""
+    """As many views as the scene needs; of `read_views`, at most eight overlapping ones of the middle of a capture."""
 
 
 @dataclass(frozen=True)
 class All:
-    """All views, even those that harm the others."""
+    """All views."""
 
 
 Selection = tuple[int | str, ...] | Spread | Auto | All
 
 
-def may_leave_out(selection: Selection | None) -> bool:
-    """Return whether views that harm the others may be left out: the user named none, and did not ask for all."""
+def is_choice_left(selection: Selection | None) -> bool:
+    """Return whether the codec chooses the views: the user named none, and did not ask for all."""
     return selection is None or isinstance(selection, Spread | Auto)

@@ -35,7 +35,12 @@ def auto_views(scene: PosedPhotographs) -> tuple[int, ...]:
 
     Like `spread_views`, but omits views with too little overlap with the chosen ones.
     """
-    return tuple(sorted(_grown(scene, min(MAX_AUTO_VIEWS, len(scene.photographs)), _LEAST_AUTO_OVERLAP)))
+    return tuple(sorted(overlapping_views(scene, MAX_AUTO_VIEWS)))
+
+
+def overlapping_views(scene: PosedPhotographs, most: int) -> list[int]:
+    """Return at most `most` views of the middle of a capture, each of which overlaps with those before it."""
+    return _grown(scene, min(most, len(scene.photographs)), _LEAST_AUTO_OVERLAP)
 
 
 def require_count(count: int, available: int) -> None:

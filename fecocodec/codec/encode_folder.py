@@ -5,6 +5,7 @@ What cameras and headers of images tell is reported before torch is loaded, and 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -33,8 +34,8 @@ class OtherViews:
 class EncodingReport:
     """An encoded folder.
 
-    data: bytes of the `.fcs` file. names: of the coded views. left_out: names of views that harm the others. quality:
-    of the coded views, decoded from `data`, after each stage; empty if it was not measured. guides: what the sender
+    data: bytes of the `.fcs` file. names: of the coded views. quality: of these, decoded from
+    `data`, after each stage; empty if it was not measured. guides: what the sender
     learned from. checks: what it never saw; their quality is that of new views. num_unused: further photographs. notes,
     warnings: one sentence each. seconds: time taken. save_cameras: writes the cameras that were estimated as
     `transforms.json`, see `PosedFolder.save_cameras`; None if cameras were given.
@@ -42,7 +43,6 @@ class EncodingReport:
 
     data: bytes
     names: tuple[str, ...]
-    left_out: tuple[str, ...]
     quality: tuple[DecodedQuality, ...]
     guides: OtherViews
     checks: OtherViews
@@ -79,21 +79,23 @@ def encode_folder(
         messages.note(*source.notes)
         messages.warn(*source.warnings)
         scene = read_cameras(source.path)
-        roles = choose_roles(scene, path, options.views, options.guides, options.num_checks, options.size)
+        decide = partial(_coded_views, scene, options, on_progress)
+        roles = choose_roles(
+            scene, path, options.views, options.guides, options.num_checks, options.size, decide=decide
+        )
         messages.warn(*roles.warnings)
         for sentence in roles.omissions:
             messages.omit(sentence)
         chosen = _framed(scene, roles, options, messages)
 
-        from fecocodec.codec.encode_views import encode_views, without_harmful
+        from fecocodec.codec.encode_views import encode_views
         from fecocodec.codec.photographs import read_photographs
         from fecocodec.sender.optimisation_config import config_of_effort
 
         config_of_effort(options.effort, options.sharpness)  # raises for one that there is not
         photographs = read_photographs(*chosen, options, messages)
         messages.note(*photographs.views.remarks)
-    views, left_out = without_harmful(photographs.views, options, messages, on_progress)
-    guides, checks = photographs.guides, photographs.checks
+    views, guides, checks = photographs.views, photographs.guides, photographs.checks
     data = encode_views(views, guides, options, messages, on_progress)
     on_data(data)
     quality: tuple[DecodedQuality, ...] = ()
@@ -111,7 +113,6 @@ def encode_folder(
     return EncodingReport(
         data,
         views.names,
-        left_out,
         quality,
         OtherViews(() if guides is None else guides.names, of_guides),
         OtherViews(() if checks is None else checks.names, of_checks),
@@ -121,6 +122,16 @@ def encode_folder(
         round(perf_counter() - start, 3),
         source.save_cameras,
     )
+
+
+def _coded_views(
+    scene: PosedPhotographs, options: EncodingOptions, on_progress: OnProgress, order: list[int], others: list[int]
+) -> list[int]:
+    """Return which of the candidates are coded, see `coded_views`."""
+    from fecocodec.codec.view_count import coded_views
+
+    on_progress("choosing views", 0.0)
+    return coded_views(scene, options, order, others)
 
 
 def _framed(

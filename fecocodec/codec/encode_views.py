@@ -2,7 +2,6 @@
 
 from functools import partial
 
-from fecocodec.captures.view_selection import may_leave_out
 from fecocodec.codec.messages import Messages
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.container import with_metadata
@@ -10,26 +9,8 @@ from fecocodec.errors import InputError, error_context
 from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress
 from fecocodec.sender.encode import encode
-from fecocodec.sender.harmful_views import left_out_note, without_harmful_views
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.rate_control import encode_to_target
-
-
-def without_harmful(
-    views: Views, options: EncodingOptions, messages: Messages, on_progress: OnProgress
-) -> tuple[Views, tuple[str, ...]]:
-    """Return the views without those that harm the others, unless the user named them, and the names of these."""
-    if not may_leave_out(options.views):
-        return views, ()
-    on_progress("judging views", 0.0)
-    left_out: list[str] = []
-    with error_context(messages.path, (InputError,)):
-        kept = without_harmful_views(
-            views, lmbda=options.lmbda, device=options.device, model=options.model, on_left_out=left_out.extend
-        )
-    if left_out:
-        messages.note(left_out_note(left_out))
-    return kept, tuple(left_out)
 
 
 def encode_views(

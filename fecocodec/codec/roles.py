@@ -5,6 +5,7 @@ decoded file is measured at them: their PSNR is that of new views.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,8 +20,7 @@ from fecocodec.captures.view_choice import choose_views, is_usable, no_view, vie
 from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.captures.view_spread import (
     LEAST_BASELINE,
-    MAX_AUTO_VIEWS,
-    auto_views,
+    overlapping_views,
     overlaps_and_baselines,
     require_count,
     spread_views,
@@ -35,8 +35,6 @@ MAX_CHECKS = 8
 LEAST_FOR_CHECKS = 6  # photographs, of which one is left out to measure
 PHOTOGRAPHS_OF_CHECK = 10
 LEAST_FOR_CHOICE = 5  # photographs; of fewer, all are coded
-COVERED = 0.75  # mean overlap of photographs with the nearest coded one, from which on no more are coded
-COVERED_BY_MANY = 0.6  # the same, of MAX_AUTO_VIEWS and more
 _DUPLICATE_OVERLAP = 0.9  # of photographs from one position
 
 
@@ -56,6 +54,10 @@ class Roles:
     warnings: tuple[str, ...] = ()
 
 
+Decide = Callable[[list[int], list[int]], list[int]]
+"""(candidates in the order in which they would be coded, photographs that can guide) -> those that are coded."""
+
+
 def choose_roles(
     scene: PosedPhotographs,
     folder: Path,
@@ -63,12 +65,14 @@ def choose_roles(
     guides: tuple[int | str, ...] | None = None,
     num_checks: int | None = None,
     size: tuple[int, int] | None = None,
+    *,
+    decide: Decide,
 ) -> Roles:
     """Return the roles of the photographs of a scene. Frames without an image or a usable camera have none.
 
-    views: which are coded; None for all of up to four, else as many as cover the others. guides: None chooses them, ()
-    is for none; without them, None codes all of up to 16. num_checks: None for one in ten, from six photographs on.
-    size: (height, width) of the coded views, None for the most frequent size.
+    views: which are coded; None for all of up to four, else those that `decide` returns. guides: None chooses them, ()
+    is for none. num_checks: None for one in ten, from six photographs on. size: (height, width) of the coded views,
+    None for the most frequent size.
     Raises InputError for named photographs that do not exist or cannot be used, if none can be used, and for more
     checks or views than there are.
     """
@@ -77,7 +81,7 @@ def choose_roles(
     available = [index for index, photograph in enumerate(photographs) if is_usable(photograph)]
     if not available:
         raise no_view(scene)
-    found = _roles(scene, folder, available, (views, named), (guides, taught), num_checks, size)
+    found = _roles(scene, folder, available, (views, named), (guides, taught), num_checks, size, decide)
     passed_over = passed_over_notes(scene, [photographs[index] for index in available])
     return found if named else replace(found, warnings=tuple(passed_over))
 
@@ -90,6 +94,7 @@ def _roles(
     teaching: tuple[tuple[int | str, ...] | None, list[int]],
     num_checks: int | None,
     size: tuple[int, int] | None,
+    decide: Decide,
 ) -> Roles:
     """Return the roles of the photographs that can be used. Other arguments and errors as for `choose_roles`.
 
@@ -108,7 +113,7 @@ def _roles(
     rest = [index for index in available if index not in {*named, *taught}]
     wanted = default_checks(count) if num_checks is None else num_checks
     if wanted == 0 and (guides == () or (named and taught)):
-        context = named or _unguided(scene, folder, views, rest)
+        context = named or _unguided(scene, folder, views, rest, decide)
         return Roles(context, taught, [], count - len(context) - len(taught))
 
     pinholes, problems = _usable(photographs, rest)
@@ -132,9 +137,9 @@ def _roles(
     if named:
         context = named
     elif guides == ():
-        context = _unguided(scene, folder, views, rest)
+        context = _unguided(scene, folder, views, rest, decide)
     else:
-        context = _covering(overlap, pinholes, usable, views, size)
+        context = _covering(overlap, pinholes, usable, views, size, lambda order, of: decide(order, [*of, *taught]))
     if guides is None:
         others = [index for index in usable if index not in context]
         apart = [index for index in others if not _is_duplicate(overlap[index, context], baseline[index, context])]
@@ -142,18 +147,6 @@ def _roles(
     checks = within_reach(near, checks, context)
     num_unused = count - len(context) - len(taught) - len(checks) - len(problems)
     return Roles(context, taught, checks, num_unused, _omissions(photographs, problems))
-
-
-def choose_context(overlap: Overlap, photographs: list[int], order: list[int]) -> list[int]:
-    """Return how much of an order of candidates is coded: the first ones that cover the photographs.
-
-    This is the place where rate and distortion will decide.
-    """
-    for count in range(2, len(order)):
-        covered = overlap[np.ix_(photographs, order[:count])].max(axis=1).mean()
-        if covered >= (COVERED if count < MAX_AUTO_VIEWS else COVERED_BY_MANY):
-            return order[:count]
-    return order
 
 
 def _named(
@@ -183,15 +176,17 @@ def default_checks(count: int) -> int:
     return min(MAX_CHECKS, max(1, count // PHOTOGRAPHS_OF_CHECK)) if count >= LEAST_FOR_CHECKS else 0
 
 
-def _unguided(scene: PosedPhotographs, folder: Path, views: Selection | None, rest: list[int]) -> list[int]:
+def _unguided(
+    scene: PosedPhotographs, folder: Path, views: Selection | None, rest: list[int], decide: Decide
+) -> list[int]:
     """Return what is coded of `rest` where nothing guides: coded views then have to overlap with each other."""
     within = replace(scene, photographs=[scene.photographs[index] for index in rest])
     if isinstance(views, Spread):
         with error_context(folder):
             return [rest[index] for index in spread_views(within, views.count)]
-    if views is None and len(rest) <= MAX_VIEWS:
+    if views is None and len(rest) < LEAST_FOR_CHOICE:
         return rest
-    return [rest[index] for index in auto_views(within)]
+    return sorted(decide([rest[index] for index in overlapping_views(within, MAX_VIEWS)], rest))
 
 
 def _covering(
@@ -200,6 +195,7 @@ def _covering(
     usable: list[int],
     views: Selection | None,
     size: tuple[int, int] | None,
+    decide: Decide,
 ) -> list[int]:
     """Return what is coded where others guide: photographs as far apart as they are, so that they cover all."""
     reached = with_neighbours(overlap, usable) or usable
@@ -207,7 +203,7 @@ def _covering(
     if isinstance(views, Spread):
         enough = candidates if len(candidates) >= views.count else usable
         return sorted(k_centres(overlap, [], enough, views.count))
-    return sorted(choose_context(overlap, reached, k_centres(overlap, [], candidates, MAX_VIEWS)))
+    return sorted(decide(k_centres(overlap, [], candidates, MAX_VIEWS), reached))
 
 
 def _usable(photographs: list[PosedPhotograph], indices: list[int]) -> tuple[dict[int, Lens], dict[int, str]]:

@@ -119,9 +119,9 @@ def matched_scene(
         for name, check in zip(guides.names, checks, strict=True):
             if not check.is_confirmed:
                 on_omission(f"guide {name} is left out: {reason_of(check)}.")
-        if not all(check.is_confirmed and not check.has_other_exposure for check in checks):
-            scene = replace(scene, guides=confirmed_guides(scene.guides, checks))
-            encoder = encoder_of(codec, scene)
+        scene = replace(scene, guides=confirmed_guides(scene.guides, checks))
+        is_matched = all(check.is_confirmed for check in checks)
+        encoder = encoder.with_colours(scene.guides) if is_matched else encoder_of(codec, scene)
     warn_of_overlap(encoder, views.names, on_warning)
     return encoder, scene
 

@@ -4,6 +4,7 @@ Used by encoding, rate control, training, ablations and the uncoded upper bound.
 (bytes, additive noise, none) and in the improvements, which the paper does not have.
 """
 
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -63,6 +64,12 @@ class SceneEncoder:
         """Return the encoder of one scene."""
         cut_out = cut_out_of(scene, codec.receiver.config.gaussians_per_side)
         return cls(codec, scene.images, scene.cameras, cut_out, scene.guides)
+
+    def with_colours(self, guides: Guides | None) -> "SceneEncoder":
+        """Return an encoder with other colours of the same guides; matching, which compares textures, is kept."""
+        changed = copy(self)
+        changed.guides = guides
+        return changed
 
     def run(
         self,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,14 @@ from PIL import Image
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
 from fecocodec.captures.view_selection import All, Auto, Spread
-from fecocodec.codec.roles import MAX_GUIDES, Roles, choose_roles, default_checks
+from fecocodec.codec import roles as roles_of_photographs
+from fecocodec.codec.roles import MAX_GUIDES, Roles, default_checks
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import Lens
 
 FOLDER = Path("photos")
 MakeWalk = Callable[..., PosedPhotographs]
+choose_roles = partial(roles_of_photographs.choose_roles, decide=lambda order, _others: order[:3])
 
 
 @pytest.fixture
@@ -54,12 +57,18 @@ def test_checks_are_spread_over_the_poses(walk: MakeWalk) -> None:
     assert np.diff(checks).min() >= 4
 
 
-def test_a_wall_takes_two_views_and_a_walk_more(walk: MakeWalk) -> None:
-    of_wall = choose_roles(walk(20, step=0.08), FOLDER, None)
-    of_walk = choose_roles(walk(20, step=0.6), FOLDER, Auto())
-    assert len(of_wall.context) == 2 and len(of_wall.guides) == 16
-    assert 4 <= len(of_walk.context) <= 8
-    assert np.diff(of_walk.context).min() >= 2  # those between them guide
+def test_candidates_lie_far_apart_and_those_between_them_guide(walk: MakeWalk) -> None:
+    seen = []
+
+    def decide(order: list[int], others: list[int]) -> list[int]:
+        seen.append((order, others))
+        return order[:4]
+
+    roles = choose_roles(walk(20, step=0.2), FOLDER, Auto(), decide=decide)
+    ((order, others),) = seen
+    assert len(order) == 16 and sorted(others) == [index for index in range(20) if index not in roles.checks]
+    assert roles.context == sorted(order[:4]) and np.diff(roles.context).min() >= 3
+    assert len(roles.guides) == 20 - 4 - len(roles.checks) - roles.num_unused
 
 
 def test_up_to_four_photographs_are_all_coded(walk: MakeWalk) -> None:
@@ -73,10 +82,13 @@ def test_all_codes_all(walk: MakeWalk) -> None:
 
 
 def test_without_guides_and_checks_views_are_chosen_as_before(walk: MakeWalk) -> None:
-    assert choose_roles(walk(16), FOLDER, None, (), 0).context == list(range(16))
-    chosen = choose_roles(walk(20), FOLDER, None, (), 0)
+    assert choose_roles(walk(4), FOLDER, None, (), 0).context == list(range(4))
+    orders = []
+    choose_roles(walk(20, step=0.2), FOLDER, None, (), decide=lambda order, _others: orders.append(order) or order)
+    neighbours = np.abs(np.subtract.outer(orders[0], orders[0])) + 100 * np.eye(16)
+    assert all(neighbours[place, :place].min() <= 6 for place in range(1, 16))  # each overlaps with one before it
+    chosen = choose_roles(walk(20), FOLDER, Spread(8), (), 0)
     assert len(chosen.context) == 8 and chosen.num_unused == 12 and every(chosen) == chosen.context
-    assert len(choose_roles(walk(12), FOLDER, None, ()).context) == 11  # one is left out to measure
 
 
 def test_named_views_are_coded_and_those_near_them_guide(walk: MakeWalk) -> None:

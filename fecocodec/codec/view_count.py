@@ -1,0 +1,116 @@
+"""How many photographs are coded: more of them as long as they gain more than finer coding of fewer would.
+
+Each number is judged by a pass without optimisation at a small size: D over all photographs, coded or not, and the
+bytes of the file.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import mean
+
+import torch
+
+from fecocodec.camera_files.posed_photographs import PosedPhotographs
+from fecocodec.captures.chosen_photographs import framed
+from fecocodec.captures.scene_folder import read_others, with_depth_bounds
+from fecocodec.checkpoint import model_folder
+from fecocodec.codec.options import EncodingOptions
+from fecocodec.container import quantise_lambda
+from fecocodec.errors import InputError
+from fecocodec.geometry.views import Views
+from fecocodec.limits import MIN_SIDE
+from fecocodec.receiver.decode import decode_with
+from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.codec import load_codec
+from fecocodec.sender.detail_steps import distortion
+from fecocodec.sender.encode import matched_scene, write_scene
+from fecocodec.sender.lambda_roles import price_of_rate
+from fecocodec.sender.optimisation_config import FAST
+from fecocodec.sender.scene import Scene
+from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.view_overlap import LEAST_CONFIRMED, view_overlap
+
+COUNTS = (2, 3, 4, 6, 8, 12, 16)  # of coded views that are judged
+JUDGED_PIXELS = 128 * 128  # of each photograph, about
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A pass over a number of coded views. distortion: mean D over all photographs. bits_per_pixel: of coded views."""
+
+    count: int
+    distortion: float
+    num_bytes: int
+    bits_per_pixel: float
+
+
+@torch.inference_mode(False)
+@torch.no_grad()
+def coded_views(scene: PosedPhotographs, options: EncodingOptions, order: list[int], others: list[int]) -> list[int]:
+    """Return which photographs are coded. Candidates that no other photograph confirms are not.
+
+    order: indices of candidates in the order in which they would be coded. others: photographs that can guide, too.
+    Raises InputError for cameras that a stream cannot represent, ModelError if weights cannot be loaded.
+    """
+    views, indices = _read_small(scene, options, order, sorted({*order, *others}))
+    codec, lambda_q = load_codec(model_folder(options.model), options.device), quantise_lambda(options.lmbda)
+
+    def matched(coded: list[int]) -> tuple[SceneEncoder, Scene]:
+        rest = [view for view in range(len(indices)) if view not in coded]
+        guides = views.select(rest) if rest and options.guides != () else None
+        return matched_scene(codec, views.select(coded), guides, lambda _sentence: None)
+
+    candidates = [indices.index(index) for index in order if index in indices]
+    is_confirmed = _are_confirmed(matched(candidates)[0])
+    candidates = [view for view, is_like in zip(candidates, is_confirmed, strict=True) if is_like] or candidates
+    judged = list[Judged]()
+    for count in counts_up_to(len(candidates)):
+        encoder, small = matched(candidates[:count])
+        data = write_scene(encoder, small, lambda_q, options.num_stages, FAST)
+        rendered = render(decode_with(codec.receiver, data).gaussians, views.cameras, views.image_size).color
+        loss = float(distortion(rendered.clamp(0, 1), views.images).mean())
+        judged.append(Judged(count, loss, len(data), 8 * len(data) / encoder.num_pixels))
+    return [indices[view] for view in candidates[: best_count(judged, lambda_q)]]
+
+
+def counts_up_to(most: int) -> list[int]:
+    """Return the numbers of coded views that are judged, of at most `most`, which is one of them."""
+    return sorted({count for count in COUNTS if count < most} | {most})
+
+
+def best_count(judged: Sequence[Judged], lambda_q: int) -> int:
+    """Return the best number of coded views.
+
+    Along a curve of rate and distortion, D falls by price * R for each e-fold of R, the mean bits of a pixel. More
+    views must gain as much: D + price * R * log(bytes) is least.
+    """
+    worth = price_of_rate(lambda_q) * mean(one.bits_per_pixel for one in judged)
+    return min(judged, key=lambda one: one.distortion + worth * math.log(one.num_bytes)).count
+
+
+def _are_confirmed(encoder: SceneEncoder) -> list[bool]:
+    """Return which coded views other photographs confirm; others show another scene, or have a wrong camera."""
+    disparity = encoder.matching.depth.relative_disparity
+    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0), encoder.guides)
+    is_confirmed: list[bool] = (overlap.confirmed.amax(dim=1) >= LEAST_CONFIRMED).tolist()
+    return is_confirmed
+
+
+def _read_small(
+    scene: PosedPhotographs, options: EncodingOptions, order: list[int], indices: list[int]
+) -> tuple[Views, list[int]]:
+    """Return photographs at about JUDGED_PIXELS each, on white, and their indices, without those that cannot be read.
+
+    All have the shape of the candidates, `order`.
+    """
+    height, width = framed(scene, [scene.photographs[index] for index in order], options.size, []).image_size
+    scale = min(1.0, (JUDGED_PIXELS / (height * width)) ** 0.5)
+    size = (max(MIN_SIDE, round(height * scale)), max(MIN_SIDE, round(width * scale)))
+    chosen = framed(scene, [scene.photographs[index] for index in indices], size, [])
+    views = read_others(chosen, background="white", masks="unused", on_left_out=lambda _sentence: None)
+    if views is None:
+        raise InputError(f"{scene.cameras_path}: none of its images can be read; check the images.")
+    index_of = dict(zip(chosen.names, indices, strict=True))
+    views = with_depth_bounds(chosen, views, options.near, options.far)
+    return views, [index_of[name] for name in views.names]
