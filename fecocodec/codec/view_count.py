@@ -5,8 +5,10 @@ bytes of the file.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from itertools import compress
 from statistics import mean
 
 import torch
@@ -24,10 +26,10 @@ from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.detail_steps import distortion
-from fecocodec.sender.encode import matched_scene, write_scene
+from fecocodec.sender.encode import encoder_of, write_scene
 from fecocodec.sender.lambda_roles import price_of_rate
 from fecocodec.sender.optimisation_config import FAST
-from fecocodec.sender.scene import Scene
+from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.view_overlap import LEAST_CONFIRMED, view_overlap
 
@@ -56,37 +58,44 @@ def coded_views(scene: PosedPhotographs, options: EncodingOptions, order: list[i
     views, indices = _read_small(scene, options, order, sorted({*order, *others}))
     codec, lambda_q = load_codec(model_folder(options.model), options.device), quantise_lambda(options.lmbda)
 
-    def matched(coded: list[int]) -> tuple[SceneEncoder, Scene]:
+    @cache
+    def matched(coded: tuple[int, ...]) -> tuple[SceneEncoder, Scene]:
         rest = [view for view in range(len(indices)) if view not in coded]
         guides = views.select(rest) if rest and options.guides != () else None
-        return matched_scene(codec, views.select(coded), guides, lambda _sentence: None)
+        small = prepare_scene(views.select(list(coded)), codec.device, guides)
+        return encoder_of(codec, small), small
 
-    candidates = [indices.index(index) for index in order if index in indices]
+    candidates = tuple(indices.index(index) for index in order if index in indices)
     is_confirmed = _are_confirmed(matched(candidates)[0])
-    candidates = [view for view, is_like in zip(candidates, is_confirmed, strict=True) if is_like] or candidates
-    judged = list[Judged]()
-    for count in counts_up_to(len(candidates)):
+    candidates = tuple(compress(candidates, is_confirmed)) or candidates
+
+    def judge(count: int) -> Judged:
         encoder, small = matched(candidates[:count])
         data = write_scene(encoder, small, lambda_q, options.num_stages, FAST)
         rendered = render(decode_with(codec.receiver, data).gaussians, views.cameras, views.image_size).color
         loss = float(distortion(rendered.clamp(0, 1), views.images).mean())
-        judged.append(Judged(count, loss, len(data), 8 * len(data) / encoder.num_pixels))
-    return [indices[view] for view in candidates[: best_count(judged, lambda_q)]]
+        return Judged(count, loss, len(data), 8 * len(data) / encoder.num_pixels)
+
+    return [indices[view] for view in candidates[: best_count(judge, len(candidates), lambda_q)]]
 
 
-def counts_up_to(most: int) -> list[int]:
-    """Return the numbers of coded views that are judged, of at most `most`, which is one of them."""
-    return sorted({count for count in COUNTS if count < most} | {most})
-
-
-def best_count(judged: Sequence[Judged], lambda_q: int) -> int:
-    """Return the best number of coded views.
+def best_count(judge: Callable[[int], Judged], most: int, lambda_q: int) -> int:
+    """Return the best number of coded views, at most `most`: of 2, 4, 8, 16, then of those beside the best of these.
 
     Along a curve of rate and distortion, D falls by price * R for each e-fold of R, the mean bits of a pixel. More
     views must gain as much: D + price * R * log(bytes) is least.
     """
+    counts = sorted({count for count in COUNTS if count < most} | {most})
+    judged = [judge(count) for count in counts if count in (most, *COUNTS[::2])]
     worth = price_of_rate(lambda_q) * mean(one.bits_per_pixel for one in judged)
-    return min(judged, key=lambda one: one.distortion + worth * math.log(one.num_bytes)).count
+
+    def best() -> int:
+        return min(judged, key=lambda one: one.distortion + worth * math.log(one.num_bytes)).count
+
+    place = counts.index(best())
+    known = {one.count for one in judged}
+    judged += [judge(count) for count in counts[max(0, place - 1) : place + 2] if count not in known]
+    return best()
 
 
 def _are_confirmed(encoder: SceneEncoder) -> list[bool]:

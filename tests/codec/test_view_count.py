@@ -1,5 +1,7 @@
 """How many photographs are coded, by rate and distortion."""
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import pytest
 import torch
 
 from fecocodec import EncodingOptions, encode_folder
-from fecocodec.codec.view_count import Judged, best_count, counts_up_to
+from fecocodec.codec.view_count import Judged, best_count
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph, waves
 from fecocodec.geometry.views import Views
@@ -21,22 +23,32 @@ def room(centres: list[tuple[float, float, float]]) -> Views:
     return photograph(Room(painted), torch.stack([look(centre) for centre in centres]), (96, 128))
 
 
-def test_all_numbers_up_to_the_most_are_judged() -> None:
-    assert counts_up_to(16) == [2, 3, 4, 6, 8, 12, 16]
-    assert counts_up_to(7) == [2, 3, 4, 6, 7]
-    assert counts_up_to(1) == [1]
+def judge(gain_db: float) -> Callable[[int], Judged]:
+    """A scene in which each doubling of the coded views gains so many dB, at half a bit a pixel."""
+    return lambda count: Judged(count, -0.0023026 * gain_db * math.log2(count), 2_000 * count, 0.5)
 
 
-@pytest.mark.parametrize(("gain_db", "count"), [(0.0, 2), (1.4, 2), (1.8, 8), (4.0, 8)])
+@pytest.mark.parametrize(("gain_db", "count"), [(0.0, 2), (0.7, 2), (0.9, 16), (2.0, 16)])
 def test_more_views_must_gain_as_much_as_finer_coding(gain_db: float, count: int) -> None:
-    """At half a bit a pixel and lambda 1e-3, four times the bytes have to gain 1.6 dB."""
-    judged = [Judged(2, 0.0, 10_000, 0.5), Judged(8, -0.0023026 * gain_db, 40_000, 0.5)]
-    assert best_count(judged, AT_1E_3) == count
+    """At half a bit a pixel and lambda 1e-3, a doubling of the bytes has to gain 0.81 dB."""
+    assert best_count(judge(gain_db), 16, AT_1E_3) == count
 
 
 def test_smaller_files_have_fewer_views() -> None:
-    judged = [Judged(2, 0.0, 10_000, 0.5), Judged(8, -0.004, 40_000, 0.5)]
-    assert [best_count(judged, quantise_lambda(lmbda)) for lmbda in (1e-2, 1e-4)] == [2, 8]
+    assert [best_count(judge(0.8), 16, quantise_lambda(lmbda)) for lmbda in (1e-2, 1e-4)] == [2, 16]
+
+
+def test_numbers_beside_the_best_are_judged() -> None:
+    seen = []
+
+    def saturating(count: int) -> Judged:
+        seen.append(count)
+        return Judged(count, -0.02 * min(count, 6), 2_000 * count, 0.5)
+
+    assert best_count(saturating, 16, AT_1E_3) == 6
+    assert seen == [2, 4, 8, 16, 6, 12]
+    assert best_count(saturating, 5, AT_1E_3) == 5
+    assert best_count(saturating, 1, AT_1E_3) == 1
 
 
 def test_a_wall_takes_fewer_views_than_a_walk(tmp_path: Path) -> None:
