@@ -7,7 +7,8 @@ from fecocodec.camera_files.chunks import ChunkFolder, is_chunk_folder
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
-from fecocodec.geometry.views import Views
+from fecocodec.geometry.views import Views, joined
+from fecocodec.limits import MAX_VIEWS
 
 PAIR_SIZE = (256, 256)  # (height, width) of the usual two-view protocol
 SEVERAL_SIZE = (256, 448)  # (height, width) of the usual protocol with more views
@@ -32,12 +33,17 @@ def open_scenes(root: Path, size: tuple[int, int] | None = None) -> EntryReader:
     if is_chunk_folder(root):
         chunks = ChunkFolder(root)
         return lambda entry: chunks.scene(entry.scene).views(_frames(entry), size=size or _size(entry))
-    return lambda entry: read_views(
-        _folder(root, entry), views=_frames(entry), size=size or _size(entry), background="white"
-    )
+
+    def read(entry: IndexEntry) -> Views:
+        folder, frames, shape = _folder(root, entry), _frames(entry), size or _size(entry)
+        parts = [frames[start : start + MAX_VIEWS] for start in range(0, len(frames), MAX_VIEWS)]
+        return joined([read_views(folder, views=part, size=shape, background="white") for part in parts])
+
+    return read
 
 
 def _frames(entry: IndexEntry) -> tuple[int, ...]:
+    """Return all frames; those that come first set the bounds of depth."""
     return (*entry.context, *entry.target, *entry.guide)
 
 

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from fecocodec.captures.evaluation_index import read_index
+from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.errors import InputError
-from fecocodec.evaluation.entries import open_scenes
+from fecocodec.evaluation.entries import open_scenes, without_guides
 from tests.chunk_files import record, write_chunks
+from tests.example_scenes import write_scene
 from tests.wall_scene import shots
 
 CAPTURE = "1f0e06e4388dd600"  # DL3DV's records name no video
@@ -42,3 +43,12 @@ def test_an_entry_beyond_the_scene_names_chunk_and_frame(tmp_path: Path) -> None
     (entry,) = read_index(write_index(tmp_path / "index.json", {"video": {"context": [0, 1], "target": [7]}}))
     with pytest.raises(InputError, match=r"000000\.torch, scene video: there is no frame \[7\]"):
         open_scenes(root)(entry)
+
+
+def test_an_entry_with_guides_may_have_more_frames_than_a_file_holds(tmp_path: Path) -> None:
+    write_scene(tmp_path / "scene", num_views=19)
+    entry = IndexEntry("scene", "scene", tuple(range(0, 16, 2)), (1, 3), (*range(5, 16, 2), 16, 17, 18))
+    views, guides = without_guides(open_scenes(tmp_path, (64, 64))(entry), entry)
+    assert [int(name.split(".")[0]) for name in views.names] == [*entry.context, *entry.target]
+    assert guides is not None and [int(name.split(".")[0]) for name in guides.names] == [*entry.guide]
+    assert guides.cameras.num_views == 9
