@@ -79,7 +79,7 @@ def encode_folder(
         messages.note(*source.notes)
         messages.warn(*source.warnings)
         scene = read_cameras(source.path)
-        decide = partial(_coded_views, scene, options, on_progress)
+        decide = partial(_coded_views, scene, options, messages, on_progress)
         roles = choose_roles(
             scene, path, options.views, options.guides, options.num_checks, options.size, decide=decide
         )
@@ -125,13 +125,18 @@ def encode_folder(
 
 
 def _coded_views(
-    scene: PosedPhotographs, options: EncodingOptions, on_progress: OnProgress, order: list[int], others: list[int]
+    scene: PosedPhotographs,
+    options: EncodingOptions,
+    messages: Messages,
+    on_progress: OnProgress,
+    order: list[int],
+    others: list[int],
 ) -> list[int]:
     """Return which of the candidates are coded, see `coded_views`."""
     from fecocodec.codec.view_count import coded_views
 
     on_progress("choosing views", 0.0)
-    return coded_views(scene, options, order, others)
+    return coded_views(scene, options, messages.note, order, others)
 
 
 def _framed(

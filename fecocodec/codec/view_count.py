@@ -26,6 +26,7 @@ from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.detail_steps import distortion
+from fecocodec.sender.distortion import LogDistortion
 from fecocodec.sender.encode import encoder_of, write_scene
 from fecocodec.sender.lambda_roles import price_of_rate
 from fecocodec.sender.optimisation_config import FAST
@@ -49,10 +50,17 @@ class Judged:
 
 @torch.inference_mode(False)
 @torch.no_grad()
-def coded_views(scene: PosedPhotographs, options: EncodingOptions, order: list[int], others: list[int]) -> list[int]:
+def coded_views(
+    scene: PosedPhotographs,
+    options: EncodingOptions,
+    on_note: Callable[[str], None],
+    order: list[int],
+    others: list[int],
+) -> list[int]:
     """Return which photographs are coded. Candidates that no other photograph confirms are not.
 
-    order: indices of candidates in the order in which they would be coded. others: photographs that can guide, too.
+    on_note: called with a sentence that says why not more. order: indices of candidates in the order in which they
+    would be coded. others: photographs that can guide, too.
     Raises InputError for cameras that a stream cannot represent, ModelError if weights cannot be loaded.
     """
     views, indices = _read_small(scene, options, order, sorted({*order, *others}))
@@ -76,11 +84,16 @@ def coded_views(scene: PosedPhotographs, options: EncodingOptions, order: list[i
         loss = float(distortion(rendered.clamp(0, 1), views.images).mean())
         return Judged(count, loss, len(data), 8 * len(data) / encoder.num_pixels)
 
-    return [indices[view] for view in candidates[: best_count(judge, len(candidates), lambda_q)]]
+    best, more = best_count(judge, len(candidates), lambda_q)
+    if more is not None:
+        on_note(_why_not(best, more))
+    return [indices[view] for view in candidates[: best.count]]
 
 
-def best_count(judge: Callable[[int], Judged], most: int, lambda_q: int) -> int:
-    """Return the best number of coded views, at most `most`: of 2, 4, 8, 16, then of those beside the best of these.
+def best_count(judge: Callable[[int], Judged], most: int, lambda_q: int) -> tuple[Judged, Judged | None]:
+    """Return the best number of coded views, at most `most`, and the next larger one that was judged, if any.
+
+    2, 4, 8 and 16 are judged, then those beside the best of these.
 
     Along a curve of rate and distortion, D falls by price * R for each e-fold of R, the mean bits of a pixel. More
     views must gain as much: D + price * R * log(bytes) is least.
@@ -89,13 +102,23 @@ def best_count(judge: Callable[[int], Judged], most: int, lambda_q: int) -> int:
     judged = [judge(count) for count in counts if count in (most, *COUNTS[::2])]
     worth = price_of_rate(lambda_q) * mean(one.bits_per_pixel for one in judged)
 
-    def best() -> int:
-        return min(judged, key=lambda one: one.distortion + worth * math.log(one.num_bytes)).count
+    def best() -> Judged:
+        return min(judged, key=lambda one: one.distortion + worth * math.log(one.num_bytes))
 
-    place = counts.index(best())
+    place = counts.index(best().count)
     known = {one.count for one in judged}
     judged += [judge(count) for count in counts[max(0, place - 1) : place + 2] if count not in known]
-    return best()
+    larger = [one for one in judged if one.count > best().count]
+    return best(), min(larger, key=lambda one: one.count, default=None)
+
+
+def _why_not(best: Judged, more: Judged) -> str:
+    """Return a sentence that says what more coded views would give."""
+    gain = (best.distortion - more.distortion) / LogDistortion.log_weight * 10 / math.log(10)
+    return (
+        f"{best.count} photographs are coded; {more.count} would take {more.num_bytes / best.num_bytes:.1f} times the "
+        f"bytes for {gain:+.1f} dB over all photographs (estimated without optimisation)."
+    )
 
 
 def _are_confirmed(encoder: SceneEncoder) -> list[bool]:

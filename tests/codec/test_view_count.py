@@ -31,11 +31,11 @@ def judge(gain_db: float) -> Callable[[int], Judged]:
 @pytest.mark.parametrize(("gain_db", "count"), [(0.0, 2), (0.7, 2), (0.9, 16), (2.0, 16)])
 def test_more_views_must_gain_as_much_as_finer_coding(gain_db: float, count: int) -> None:
     """At half a bit a pixel and lambda 1e-3, a doubling of the bytes has to gain 0.81 dB."""
-    assert best_count(judge(gain_db), 16, AT_1E_3) == count
+    assert best_count(judge(gain_db), 16, AT_1E_3)[0].count == count
 
 
 def test_smaller_files_have_fewer_views() -> None:
-    assert [best_count(judge(0.8), 16, quantise_lambda(lmbda)) for lmbda in (1e-2, 1e-4)] == [2, 16]
+    assert [best_count(judge(0.8), 16, quantise_lambda(lmbda))[0].count for lmbda in (1e-2, 1e-4)] == [2, 16]
 
 
 def test_numbers_beside_the_best_are_judged() -> None:
@@ -45,10 +45,11 @@ def test_numbers_beside_the_best_are_judged() -> None:
         seen.append(count)
         return Judged(count, -0.02 * min(count, 6), 2_000 * count, 0.5)
 
-    assert best_count(saturating, 16, AT_1E_3) == 6
+    best, more = best_count(saturating, 16, AT_1E_3)
+    assert best.count == 6 and more is not None and more.count == 8
     assert seen == [2, 4, 8, 16, 6, 12]
-    assert best_count(saturating, 5, AT_1E_3) == 5
-    assert best_count(saturating, 1, AT_1E_3) == 1
+    assert best_count(saturating, 5, AT_1E_3) == (saturating(5), None)
+    assert best_count(saturating, 1, AT_1E_3) == (saturating(1), None)
 
 
 def test_a_wall_takes_fewer_views_than_a_walk(tmp_path: Path) -> None:
@@ -57,6 +58,7 @@ def test_a_wall_takes_fewer_views_than_a_walk(tmp_path: Path) -> None:
     wall, walk = (encode_folder(tmp_path / name, OPTIONS) for name in ("wall", "walk"))
     assert len(wall.names) == 2 < len(walk.names)
     assert len(wall.guides.names) + wall.num_unused == 6
+    assert any(note.startswith("2 photographs are coded; 3 would take 1.") for note in wall.notes)
 
 
 def test_a_photograph_of_another_scene_is_not_coded(tmp_path: Path) -> None:
