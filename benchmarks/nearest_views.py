@@ -1,11 +1,12 @@
 """Measure what further context views give: the same target from its nearest 2, 4, 8, ... views.
 
     python benchmarks/nearest_views.py MODEL_FOLDER ROOT [--counts 2 4 8] [--effort default] [--size 192]
-        [--device cuda]
+        [--guides 24] [--device cuda]
 
 ROOT: a folder of scene folders, each with a `transforms.json`. One photograph of each scene is the target: of all
 photographs in the order of how much they share with the others, the one after a third of them. Its context views are
-those that share most with it. A scene with too few photographs is left out of the larger counts.
+those that share most with it, and those that share most after these guide. A scene with too few photographs is left
+out of the larger counts.
 """
 
 import argparse
@@ -14,9 +15,10 @@ from statistics import mean
 
 import numpy as np
 
-from fecocodec.captures.scene_folder import read_views
+from fecocodec.captures.evaluation_index import IndexEntry
+from fecocodec.evaluation.entries import open_scenes, without_guides
 from fecocodec.evaluation.novel_views import Score, score
-from fecocodec.evaluation.systems.codec import codec_system
+from fecocodec.evaluation.systems.codec import guided_system
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.sender.codec import load_codec
 from fecocodec.training.photographs import read_posed_scene
@@ -30,14 +32,19 @@ def target_and_neighbours(folder: Path) -> tuple[int, list[int]]:
     return target, [int(other) for other in np.argsort(-shared[target]) if other != target]
 
 
-def scores(system: System, folder: Path, counts: list[int], size: tuple[int, int]) -> dict[int, Score]:
+def scores(
+    system: System, folder: Path, counts: list[int], most_guides: int, size: tuple[int, int]
+) -> dict[int, Score]:
     """Return the score for each number of context views that the scene has. size: (height, width) in pixels."""
+    read = open_scenes(folder.parent, size)
     target, neighbours = target_and_neighbours(folder)
     found = {}
     for count in counts:
         if count <= len(neighbours):
-            views = read_views(folder, views=(*neighbours[:count], target), size=size, background="white")
-            found[count] = score(system, folder.name, views, count)
+            others = neighbours[count : count + most_guides]
+            entry = IndexEntry(folder.name, folder.name, tuple(neighbours[:count]), (target,), tuple(others))
+            views, guides = without_guides(read(entry), entry)
+            found[count] = score(system, folder.name, views, count, guides)
     return found
 
 
@@ -50,15 +57,18 @@ def main() -> None:
     parser.add_argument("--effort", choices=("fast", "default", "best"), default="default")
     parser.add_argument("--lmbda", type=float, default=1e-3)
     parser.add_argument("--size", type=int, default=192, help="image side in pixels  [default: 192]")
+    parser.add_argument("--guides", type=int, default=0, help="most photographs that guide  [default: 0]")
     parser.add_argument("--device", default="cpu", help="as for `fecosplat encode`  [default: cpu]")
     arguments = parser.parse_args()
     codec = load_codec(arguments.model, arguments.device)
-    system = codec_system(codec, arguments.lmbda, effort=arguments.effort)
+    system = guided_system(codec, arguments.lmbda, effort=arguments.effort)
 
     rows: dict[int, list[Score]] = {count: [] for count in arguments.counts}
     print("scene\tviews\tKiB\tcontext, dB\ttarget, dB")
     for folder in sorted(path.parent for path in arguments.root.glob("*/transforms.json")):
-        for count, found in scores(system, folder, arguments.counts, (arguments.size, arguments.size)).items():
+        for count, found in scores(
+            system, folder, arguments.counts, arguments.guides, (arguments.size, arguments.size)
+        ).items():
             rows[count].append(found)
             print(line(folder.name, count, [found]), flush=True)
     for count, found_all in rows.items():
