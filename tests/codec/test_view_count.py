@@ -28,14 +28,14 @@ def judge(gain_db: float) -> Callable[[int], Judged]:
     return lambda count: Judged(count, -0.0023026 * gain_db * math.log2(count), 2_000 * count, 0.5)
 
 
-@pytest.mark.parametrize(("gain_db", "count"), [(0.0, 2), (0.7, 2), (0.9, 16), (2.0, 16)])
+@pytest.mark.parametrize(("gain_db", "count"), [(0.0, 2), (0.3, 2), (0.5, 16), (2.0, 16)])
 def test_more_views_must_gain_as_much_as_finer_coding(gain_db: float, count: int) -> None:
-    """At half a bit a pixel and lambda 1e-3, a doubling of the bytes has to gain 0.81 dB."""
+    """At half a bit a pixel and lambda 1e-3, a doubling of the bytes has to gain 0.4 dB."""
     assert best_count(judge(gain_db), 16, AT_1E_3)[0].count == count
 
 
 def test_smaller_files_have_fewer_views() -> None:
-    assert [best_count(judge(0.8), 16, quantise_lambda(lmbda))[0].count for lmbda in (1e-2, 1e-4)] == [2, 16]
+    assert [best_count(judge(0.4), 16, quantise_lambda(lmbda))[0].count for lmbda in (1e-2, 1e-4)] == [2, 16]
 
 
 def test_numbers_beside_the_best_are_judged() -> None:
