@@ -98,6 +98,9 @@ def encode_folder(
     views, guides, checks = photographs.views, photographs.guides, photographs.checks
     data = encode_views(views, guides, options, messages, on_progress)
     on_data(data)
+    if guides is not None and messages.omitted:
+        kept = [index for index, name in enumerate(guides.names) if name not in messages.omitted]
+        guides = guides.select(kept) if kept else None
     quality: tuple[DecodedQuality, ...] = ()
     of_guides = of_checks = None
     if options.is_measured or options.is_strict:

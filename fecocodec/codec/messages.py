@@ -19,6 +19,7 @@ class Messages:
         self._on_note, self._on_warning = on_note, on_warning
         self.notes: list[str] = []
         self.warnings: list[str] = []
+        self.omitted: list[str] = []
 
     def note(self, *sentences: str) -> None:
         for sentence in sentences:
@@ -33,8 +34,9 @@ class Messages:
             self.warnings.append(sentence)
             self._on_warning(sentence)
 
-    def omit(self, sentence: str) -> None:
-        """Warn of photographs that nobody named and that are left out: no error, as others take their place."""
+    def omit(self, sentence: str, names: tuple[str, ...] = ()) -> None:
+        """Warn of photographs that are left out: no error, as others take their place. names: kept in `omitted`."""
+        self.omitted += names
         (self.note if self._is_strict else self.warn)(sentence)
 
     def refuse(self, sentence: str) -> None:

@@ -31,6 +31,7 @@ from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, Stage
 from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 
 OnWarning = Callable[[str], None]  # (sentence)
+OnOmission = Callable[[str, tuple[str, ...]], None]  # (sentence, names of guides that are left out)
 SHARE_OF_DETAIL = 0.2  # of the time of an encoding, for progress
 
 
@@ -46,7 +47,7 @@ def encode(
     model: Path | str | None = None,
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
-    on_omission: OnWarning | None = None,
+    on_omission: OnOmission | None = None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream.
 
@@ -58,7 +59,7 @@ def encode(
     `OptimisationConfig`. num_stages: 1 omits the feedback stage. device: "cpu", "cuda" or "cuda:N". model: folder of
     the weights of sender and receiver, None for the default shipped model. on_progress: called with the name of the
     current step and the completed fraction. on_warning: called with a sentence about each view that does not fit the
-    others. on_omission: called with a sentence about each guide that is left out; None for `on_warning`.
+    others. on_omission: called with a sentence about guides that are left out, and their names.
 
     If `views` has `alpha`, the stream marks the transparent cells, and decoders emit no Gaussians for them.
 
@@ -81,7 +82,7 @@ def encode_with(
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
     guides: Views | None = None,
-    on_omission: OnWarning | None = None,
+    on_omission: OnOmission | None = None,
 ) -> bytes:
     """Encode with loaded networks. lambda_q: quantised lambda, see `quantise_lambda`. Views must pass `check_views`.
 
@@ -97,18 +98,16 @@ def matched_scene(
     views: Views,
     guides: Views | None,
     on_warning: OnWarning,
-    on_omission: OnWarning | None = None,
+    on_omission: OnOmission | None = None,
 ) -> tuple[SceneEncoder, Scene]:
     """Prepare the scene and match its views. Guides that matching does not confirm are left out.
 
-    on_omission: called with a sentence about what is left out; None for `on_warning`.
-
-    Raises InputError for cameras that a stream cannot represent.
+    on_omission: as for `encode`. Raises InputError for cameras that a stream cannot represent.
     """
-    on_omission = on_omission or on_warning
+    on_omission = on_omission or (lambda sentence, _names: on_warning(sentence))
     if guides is not None and (guides.alpha is None) != (views.alpha is None):
         which = "are cut-outs and the guides are not" if guides.alpha is None else "are opaque and the guides are not"
-        on_omission(f"the guides are left out: the coded views {which}.")
+        on_omission(f"the guides are left out: the coded views {which}.", guides.names)
         guides = None
     if not codec.receiver.config.kind.has_steps:
         guides = None  # the paper's method has no use for them
@@ -118,7 +117,7 @@ def matched_scene(
         checks = check_guides(encoder.images[0], encoder.matching.depth, encoder.cameras.scene(0), scene.guides)
         for name, check in zip(guides.names, checks, strict=True):
             if not check.is_confirmed:
-                on_omission(f"guide {name} is left out: {reason_of(check)}.")
+                on_omission(f"guide {name} is left out: {reason_of(check)}.", (name,))
         scene = replace(scene, guides=confirmed_guides(scene.guides, checks))
         is_matched = all(check.is_confirmed for check in checks)
         encoder = encoder.with_colours(scene.guides) if is_matched else encoder_of(codec, scene)

@@ -17,7 +17,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import decoded_quality
-from fecocodec.sender.encode import OnWarning, check_views, matched_scene, write_scene
+from fecocodec.sender.encode import OnOmission, OnWarning, check_views, matched_scene, write_scene
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.rate_targets import AtMostKib, Target
@@ -59,7 +59,7 @@ def encode_to_target(
     model: Path | str | None = None,
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
-    on_omission: OnWarning | None = None,
+    on_omission: OnOmission | None = None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
 
@@ -82,7 +82,7 @@ def encode_to_target_with(
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
     guides: Views | None = None,
-    on_omission: OnWarning | None = None,
+    on_omission: OnOmission | None = None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
     on_progress("matching views", 0.0)
