@@ -67,7 +67,7 @@ _OF_VIEWS = (
         default="leave-out",
         show_default=True,
         help="What becomes of pixels that are black in a mask (mask_path of a transforms.json, or a folder masks): "
-        "leave-out keeps them with a warning, cut-out makes them transparent.",
+        "leave-out makes the encoder ignore them, cut-out makes them transparent.",
     ),
     click.option(
         "--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Number of stages to encode."

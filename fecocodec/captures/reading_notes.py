@@ -129,8 +129,10 @@ def mask_remarks(ignored: list[float], masks: str) -> list[str]:
     """Return a sentence on masks. ignored: share of the pixels that the mask of each masked photograph marks."""
     if not ignored:
         return []
-    become = ", which become transparent" if masks == "cut-out" else ""
-    return [f"masks of {_photographs(len(ignored))} mark {100 * np.mean(ignored):.2g}% of their pixels{become}."]
+    become = "become transparent" if masks == "cut-out" else "are left out"
+    return [
+        f"masks of {_photographs(len(ignored))} mark {100 * np.mean(ignored):.2g}% of their pixels, which {become}."
+    ]
 
 
 def _photographs(count: int) -> str:

@@ -16,8 +16,10 @@ from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.coding_grid import LEAST_KEPT
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.depth_range import estimate_depth_range
+from fecocodec.geometry.filling import filled
 from fecocodec.geometry.views import Views, joined
 from fecocodec.input_file import StrPath
 from fecocodec.photographs.images import LEVELS, Background, read_photograph
@@ -26,7 +28,6 @@ from fecocodec.photographs.masks import cut_out, find_mask, read_mask
 from fecocodec.photographs.resampling import crop_and_resize, undistort
 
 Masks = Literal["leave-out", "cut-out", "unused"]
-_LEAST_KEPT = 0.9  # of a pixel; one that shows more of what a mask marks is ignored
 
 
 def read_views(
@@ -52,7 +53,8 @@ def read_views(
     background: colour on which transparent images are composited; `alpha` of the result is then None. By default the
     background is white, and `alpha` is their opacity.
     masks: what becomes of the pixels that masks mark (`mask_path` in a `transforms.json`, or a folder `masks`): they
-    are `ignored` in the result ("leave-out"), or transparent ("cut-out"), or nothing ("unused").
+    are `ignored` in the result, and filled from around them ("leave-out"), or transparent ("cut-out"), or nothing
+    ("unused").
     Raises InputError if the folder, a camera or an image cannot be used.
     """
     with unpacked(path) as folder:
@@ -112,13 +114,14 @@ def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, ma
         far=torch.tensor(torch.nan),
     )
     shape = chosen.image_size
+    ignored = _stacked([one.ignored for one in read], torch.zeros(shape, dtype=torch.bool))
     return Views(
-        images=torch.stack([one.colour for one in read]),
+        images=filled(torch.stack([one.colour for one in read]), ignored),
         cameras=cameras,
         names=chosen.names,
         alpha=None if background is not None else _stacked([one.alpha for one in read], torch.ones(shape)),
         notes=chosen.notes,
-        ignored=_stacked([one.ignored for one in read], torch.zeros(shape, dtype=torch.bool)),
+        ignored=ignored,
         remarks=(
             *clipping_remarks(chosen.names, [one.clipped for one in read]),
             *mask_remarks([one.masked for one in read if one.masked is not None], masks),
@@ -137,7 +140,7 @@ def _stacked(planes: list[Tensor | None], otherwise: Tensor) -> Tensor | None:
 class _Pixels:
     """One view. alpha, ignored: None if it is opaque, or has no mask that marks pixels to leave out.
 
-    clipped: as for `Photograph`. masked: share of the stored pixels that its mask marks; None without a mask.
+    clipped: as for `Photograph`. masked: share of the stored pixels that its mask marks; None if it marks none.
     """
 
     colour: Float[Tensor, "3 height width"]
@@ -159,9 +162,14 @@ def _framed_pixels(
     colour, alpha = stored.colour, stored.alpha
     mask = None if masks == "unused" else photograph.mask or find_mask(photograph.path)
     black = None if mask is None else read_mask(mask, *colour.shape[1:])
+    black = black if black is not None and bool(black.any()) else None
     if black is not None and masks == "cut-out":
         colour, alpha = cut_out(colour, alpha, black, LEVELS[background])
     is_left_out = black is not None and masks == "leave-out"
+    if black is not None and is_left_out and bool(black.all()):
+        raise InputError(
+            f"{mask}: the mask marks every pixel of {photograph.path.name}; correct it, or leave both out."
+        )
     planes = [colour, *(alpha[None] for alpha in (alpha,) if alpha is not None)]
     planes += [(~black)[None].float()] if black is not None and is_left_out else []
     lens, pinhole = lenses
@@ -169,7 +177,7 @@ def _framed_pixels(
     return _Pixels(
         colour=framed[:3],
         alpha=None if alpha is None else framed[3],
-        ignored=framed[-1] < _LEAST_KEPT if is_left_out else None,
+        ignored=framed[-1] < LEAST_KEPT if is_left_out else None,
         clipped=stored.clipped,
         masked=None if black is None else black.float().mean().item(),
     )

@@ -83,7 +83,7 @@ def coded_views(
         encoder, small = matched(candidates[:count])
         data = write_scene(encoder, small, lambda_q, options.num_stages, FAST)
         rendered = render(decode_with(codec.receiver, data).gaussians, views.cameras, views.image_size).color
-        loss = float(distortion(rendered.clamp(0, 1), views.images).mean())
+        loss = float(distortion(views.outside_masks(rendered.clamp(0, 1)), views.images).mean())
         return Judged(count, loss, len(data), 8 * len(data) / encoder.num_pixels)
 
     best, more = best_count(judge, len(candidates), lambda_q)
@@ -142,7 +142,7 @@ def _read_small(
     scale = min(1.0, (JUDGED_PIXELS / (height * width)) ** 0.5)
     size = (max(MIN_SIDE, round(height * scale)), max(MIN_SIDE, round(width * scale)))
     chosen = framed(scene, [scene.photographs[index] for index in indices], size, [])
-    views = read_others(chosen, background="white", masks="unused", on_left_out=lambda _sentence: None)
+    views = read_others(chosen, background="white", masks=options.masks, on_left_out=lambda _sentence: None)
     if views is None:
         raise InputError(f"{scene.cameras_path}: none of its images can be read; check the images.")
     index_of = dict(zip(chosen.names, indices, strict=True))

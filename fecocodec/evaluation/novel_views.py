@@ -45,14 +45,15 @@ def score(system: System, name: str, views: Views, num_context: int, guides: Vie
     guides: for systems that learn from photographs that are not coded.
     """
     result = system.run(views, num_context, guides)
-    quality, structure = psnr(result.images, views.images), ssim(result.images, views.images)
+    images = views.outside_masks(result.images)
+    quality, structure = psnr(images, views.images, views.ignored), ssim(images, views.images)
     return Score(
         name=name,
         num_bytes=result.num_bytes,
         num_gaussians=0 if result.gaussians is None else result.gaussians.count,
         target_psnr=float(quality[num_context:].mean()),
         target_ssim=float(structure[num_context:].mean()),
-        target_st_lpips=float(st_lpips(result.images[num_context:], views.images[num_context:]).mean()),
+        target_st_lpips=float(st_lpips(images[num_context:], views.images[num_context:]).mean()),
         context_psnr=float(quality[:num_context].mean()),
     )
 

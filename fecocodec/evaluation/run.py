@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.captures.evaluation_index import IndexEntry
@@ -39,14 +39,17 @@ class Quality:
 
 @torch.no_grad()
 def measure_quality(
-    images: Float[Tensor, "image 3 height width"], targets: Float[Tensor, "image 3 height width"]
+    images: Float[Tensor, "image 3 height width"],
+    targets: Float[Tensor, "image 3 height width"],
+    ignored: Bool[Tensor, "image height width"] | None = None,
 ) -> Quality:
     """Measure the quality of images. images, targets: sRGB in [0, 1].
 
+    ignored: pixels that do not count in PSNR, and are equal in both; None if all count.
     Raises InputError if a package of the `eval` extra is missing.
     """
     return Quality(
-        psnr=float(psnr(images, targets).mean()),
+        psnr=float(psnr(images, targets, ignored).mean()),
         ssim=float(ssim(images, targets).mean()),
         ms_ssim=float(ms_ssim(images, targets).mean()) if min(images.shape[-2:]) >= MS_SSIM_LEAST_SIDE else None,
         flip=_flip(images, targets),
@@ -107,7 +110,10 @@ def _measure(entry: IndexEntry, system: System, read: Views, model: str, draw: D
     try:
         result = system.run(views, num_context, guides)
         peak = peak_mib(device)
-        target = measure_quality(result.images[num_context:], views.images[num_context:])
+        shown = views.select(list(range(num_context, len(views.images))))
+        target = measure_quality(shown.outside_masks(result.images[num_context:]), shown.images, shown.ignored)
+        context = views.select(list(range(num_context)))
+        of_context = psnr(result.images[:num_context], context.images, context.ignored)
         draw(entry, system, views, result)
     except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:  # one failure must not stop the evaluation
         return _failure(entry, system, model, error)
@@ -127,7 +133,7 @@ def _measure(entry: IndexEntry, system: System, read: Views, model: str, draw: D
         flip=target.flip,
         st_lpips=target.st_lpips,
         lpips=target.lpips,
-        context_psnr=float(psnr(result.images[:num_context], views.images[:num_context]).clamp_max(99.0).mean()),
+        context_psnr=float(of_context.clamp_max(99.0).mean()),
         encode_seconds=result.encode_seconds,
         decode_seconds=result.decode_seconds,
         peak_mib=peak,

@@ -18,7 +18,8 @@ class Views:
     images: sRGB in [0, 1], all of one size, already composited on white if transparent. names: one per view, for
     messages (usually the file name). alpha: opacity in [0, 1]; None if no image has transparency. notes: one sentence
     for each step of reading that the user may not expect, such as cropping. ignored: pixels that a mask marks, which
-    show what is not of the scene, such as a passer-by; None if there are no masks. remarks: one sentence for each
+    show what is not of the scene, such as a passer-by, and are left out of everything; None if there are no masks.
+    remarks: one sentence for each
     choice of reading that is no reason to doubt the result.
     """
 
@@ -34,6 +35,10 @@ class Views:
     def image_size(self) -> tuple[int, int]:
         """Return (height, width) in pixels."""
         return self.images.shape[-2], self.images.shape[-1]
+
+    def outside_masks(self, renderings: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 3 height width"]:
+        """Return renderings of the views, equal to `images` where a mask marks pixels, which then do not count."""
+        return renderings if self.ignored is None else torch.where(self.ignored[:, None], self.images, renderings)
 
     def select(self, views: list[int]) -> "Views":
         """Return these views, in this order."""
@@ -53,13 +58,20 @@ def joined(parts: Sequence[Views]) -> Views:
         images=torch.cat([part.images for part in parts]),
         cameras=reduce(Cameras.joined, (part.cameras for part in parts)),
         names=tuple(name for part in parts for name in part.names),
-        alpha=_planes([(part.alpha, torch.ones_like(part.images[:, 0])) for part in parts]),
+        alpha=joined_planes([(part.alpha, torch.ones_like(part.images[:, 0])) for part in parts]),
         notes=parts[0].notes,
-        ignored=_planes([(part.ignored, torch.zeros_like(part.images[:, 0], dtype=torch.bool)) for part in parts]),
+        ignored=joined_masks([(part.ignored, part.images) for part in parts]),
     )
 
 
-def _planes(parts: Sequence[tuple[Tensor | None, Tensor]]) -> Tensor | None:
+def joined_masks(
+    parts: Sequence[tuple[Bool[Tensor, "_ h w"] | None, Float[Tensor, "_ 3 h w"]]],
+) -> Bool[Tensor, "view h w"] | None:
+    """Return the ignored pixels of all parts, given those of each, and its images; None if no part has any."""
+    return joined_planes([(ignored, torch.zeros_like(images[:, 0], dtype=torch.bool)) for ignored, images in parts])
+
+
+def joined_planes(parts: Sequence[tuple[Tensor | None, Tensor]]) -> Tensor | None:
     """Return the planes of all parts, the second of a pair where there is no first; None if no part has a first."""
     if all(plane is None for plane, _ in parts):
         return None

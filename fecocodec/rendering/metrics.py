@@ -1,7 +1,7 @@
 """Image metrics, differentiable: PSNR, SSIM and MS-SSIM."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
@@ -15,19 +15,35 @@ MS_SSIM_LEAST_SIDE = _WINDOW * 2 ** (len(_SCALE_EXPONENTS) - 1)
 
 
 def psnr(
-    images: Float[Tensor, "*batch channel height width"], targets: Float[Tensor, "*batch channel height width"]
+    images: Float[Tensor, "*batch channel height width"],
+    targets: Float[Tensor, "*batch channel height width"],
+    ignored: Bool[Tensor, "*batch height width"] | None = None,
 ) -> Float[Tensor, "*batch"]:
-    """Return the peak signal-to-noise ratio of each image in dB, for values in [0, 1]; infinite for equal images."""
-    error = (images - targets).square().mean(dim=(-3, -2, -1))
-    return -10.0 * torch.log10(error)
+    """Return the peak signal-to-noise ratio of each image in dB, for values in [0, 1]; infinite for equal images.
+
+    ignored: pixels that do not count; None if all do.
+    """
+    return -10.0 * torch.log10(_mean_square(images - targets, ignored))
 
 
 def finite_psnr(
-    images: Float[Tensor, "*batch channel height width"], targets: Float[Tensor, "*batch channel height width"]
+    images: Float[Tensor, "*batch channel height width"],
+    targets: Float[Tensor, "*batch channel height width"],
+    ignored: Bool[Tensor, "*batch height width"] | None = None,
 ) -> Float[Tensor, "*batch"]:
     """Return the PSNR of each image with 1e-10 added to its error: at most 100 dB, and with a finite gradient."""
-    error = (images - targets).square().mean(dim=(-3, -2, -1))
-    return -10.0 * torch.log10(error + 1e-10)
+    return -10.0 * torch.log10(_mean_square(images - targets, ignored) + 1e-10)
+
+
+def _mean_square(
+    errors: Float[Tensor, "*batch channel height width"], ignored: Bool[Tensor, "*batch height width"] | None
+) -> Float[Tensor, "*batch"]:
+    """Return the mean over the pixels that are not ignored; 0 if all are."""
+    squares = errors.square()
+    if ignored is None:
+        return squares.mean(dim=(-3, -2, -1))
+    kept = (~ignored.to(squares.device)).to(squares)
+    return (squares.mean(dim=-3) * kept).sum(dim=(-2, -1)) / kept.sum(dim=(-2, -1)).clamp(min=1.0)
 
 
 def ssim(

@@ -70,5 +70,5 @@ def decoded_quality(receiver: Receiver, data: bytes, views: Views, stages: Stage
 def _quality(gaussians: Gaussians, cameras: Cameras, views: Views) -> DecodedQuality:
     background = BLACK if views.alpha is None else WHITE
     rendered = render(gaussians, cameras, views.image_size, background).color
-    quality = psnr(rendered.clamp(0, 1), views.images.to(rendered)).clamp(max=LARGEST_PSNR)
+    quality = psnr(rendered.clamp(0, 1), views.images.to(rendered), views.ignored).clamp(max=LARGEST_PSNR)
     return DecodedQuality(tuple(quality.tolist()))

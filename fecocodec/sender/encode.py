@@ -5,19 +5,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from fecocodec.checkpoint import model_folder
 from fecocodec.config import ReceiverConfig
 from fecocodec.container import EXCESS_UNIT, Header, Stream, dequantise_lambda, quantise_lambda, write_stream
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
-from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.progress import OnProgress, Progress, ignore_progress
 from fecocodec.sender.ablations import without
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.coverage import LEAST_OPACITY, coverage_of
+from fecocodec.sender.coverage import coverage_of
 from fecocodec.sender.detail_steps import find_detail
 from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, fader, fading_of
 from fecocodec.sender.guide_check import check_guides, confirmed_guides, reason_of
@@ -28,6 +25,7 @@ from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, co
 from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, Stage
+from fecocodec.sender.view_checks import check_views
 from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 
 OnWarning = Callable[[str], None]  # (sentence)
@@ -61,7 +59,8 @@ def encode(
     current step and the completed fraction. on_warning: called with a sentence about each view that does not fit the
     others. on_omission: called with a sentence about guides that are left out, and their names.
 
-    If `views` has `alpha`, the stream marks the transparent cells, and decoders emit no Gaussians for them.
+    If `views` has `alpha`, the stream marks the transparent cells, and decoders emit no Gaussians for them. If views or
+    guides have `ignored`, these pixels teach nothing, and blocks of them have no Gaussians.
 
     Raises InputError for views or options that cannot be encoded, ModelError if weights cannot be loaded.
     """
@@ -187,8 +186,8 @@ def improvements_of(encoder: SceneEncoder, config: OptimisationConfig, lambda_q:
     """Return the optimisation of latents, and the fading of many views. Nothing is faded without steps."""
     latent = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
     is_faded = config.num_steps > 0 and encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS
-    fade = fader(encoder.images[0], encoder.cameras.scene(0), encoder.background) if is_faded else None
-    return Improvements(latent, fade)
+    of_scene = encoder.images[0], encoder.cameras.scene(0), encoder.background, encoder.ignored
+    return Improvements(latent, fader(*of_scene) if is_faded else None)
 
 
 def check_lambda(model: ReceiverConfig, lambda_q: int) -> None:
@@ -212,31 +211,3 @@ def assemble(codec: Codec, scene: Scene, stages: tuple[Stage[WrittenLatent], ...
     fading = fading_of(stages[-1].fading)
     coverage = coverage_of(scene.alpha, header)
     return Stream(header, scene.packed, payloads, coverage=coverage, fading=fading)
-
-
-def check_views(views: Views, num_stages: int) -> None:
-    """Raise InputError for views or a number of stages that cannot be encoded."""
-    count, (height, width) = len(views.images), views.image_size
-    if not 1 <= count <= MAX_VIEWS:
-        raise InputError(f"{count} views were given; give 1 to {MAX_VIEWS}, chosen by `views`.")
-    if views.cameras.num_views != count:
-        raise InputError(f"{count} images were given with {views.cameras.num_views} cameras; give one camera an image.")
-    if min(height, width) < MIN_SIDE or max(height, width) > MAX_SIDE:
-        raise InputError(f"views are {width}x{height} pixels; sides must be {MIN_SIDE} to {MAX_SIDE}; change `size`.")
-    if not 1 <= num_stages <= MAX_STAGES:
-        raise InputError(f"{num_stages} stages were asked for; choose 1 or 2.")
-    if not bool(views.images.isfinite().all()):
-        raise InputError("a view holds values that are not finite; check the images.")
-    if views.alpha is not None:
-        _check_alpha(views.alpha, (count, height, width))
-
-
-def _check_alpha(alpha: Float[Tensor, "*shape"], shape: tuple[int, int, int]) -> None:
-    if tuple(alpha.shape) != shape:
-        raise InputError(f"alpha has the shape {tuple(alpha.shape)}, the images need {shape}; give one value a pixel.")
-    if not bool(alpha.isfinite().all()):
-        raise InputError("alpha holds values that are not finite; check the images.")
-    if not bool((alpha >= LEAST_OPACITY).any()):
-        raise InputError(
-            "every pixel of the views is transparent; correct the images, or ignore their opacity by a `background`."
-        )

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, UInt8
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from fecocodec.coding.visibility import FACTOR_OF_LEVEL, pack_levels
@@ -27,6 +28,7 @@ NUM_STEPS = 4
 STEP = 1.5  # learning rate of Adam, for the logits of the factors
 LEAST_SLOPE = 1e-3  # dB: epsilon of Adam. Blocks whose slopes are smaller change little
 FIRST_LOGIT = 3.0  # of an unfaded block
+HIDDEN_LOGIT = -40.0  # of a block that is left out; no step changes it
 MAX_PIXELS = 2**21  # of all views; the time grows with the pixels times the views
 
 
@@ -51,22 +53,34 @@ class Fading:
         return _of_gaussians(factors, count)
 
 
+def fading_of_masks(ignored: Bool[Tensor, "view h w"] | None) -> Fading | None:
+    """Return the fading that leaves out each block of which masks mark every pixel; None if there is none."""
+    if ignored is None:
+        return None
+    is_hidden = F.avg_pool2d(ignored.float(), FADING_BLOCKS.side) == 1.0
+    return Fading(HIDDEN_LOGIT * is_hidden.float()) if bool(is_hidden.any()) else None
+
+
 Fade = Callable[[Gaussians, Fading | None], Fading]  # (all Gaussians after a stage, fading before it)
 
 
 def fader(
-    images: Float[Tensor, "view 3 h w"], cameras: Cameras, background: tuple[float, float, float] = BLACK
+    images: Float[Tensor, "view 3 h w"],
+    cameras: Cameras,
+    background: tuple[float, float, float] = BLACK,
+    ignored: Bool[Tensor, "view h w"] | None = None,
 ) -> Fade:
     """Return a function that finds the fading of a scene.
 
     images: sRGB in [0, 1], on the coding grid. cameras: normalised. background: behind the Gaussians, sRGB.
+    ignored: pixels that do not count; None if all do.
     """
     size = (images.shape[-2], images.shape[-1])
     grid = (len(images), images.shape[-2] // FADING_BLOCKS.side, images.shape[-1] // FADING_BLOCKS.side)
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
         color = render(gaussians, cameras.select([view]), size, background).color.clamp(0, 1)
-        return finite_psnr(color, images[[view]])[0]
+        return finite_psnr(color, images[[view]], None if ignored is None else ignored[[view]])[0]
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
         logits = images.new_zeros(grid) if before is None else before.logits.clone()

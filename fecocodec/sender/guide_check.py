@@ -66,11 +66,13 @@ def check_guides(
     colours = F.interpolate(images, (height, width), mode="area").movedim(1, -1)[is_known]
     projected = guides.cameras.project(points[is_known])
     shown = F.interpolate(guides.images, (height, width), mode="area")
-    grids = 2.0 * projected.uv.clamp(-1, 2)[:, None] - 1.0
+    grids, is_visible = 2.0 * projected.uv.clamp(-1, 2)[:, None] - 1.0, projected.is_visible
+    if guides.ignored is not None:
+        covered = F.grid_sample(guides.ignored[:, None].float(), grids, padding_mode="border", align_corners=False)
+        is_visible = is_visible & (covered[:, 0, 0] == 0)
     found = F.grid_sample(shown, grids, padding_mode="border", align_corners=False)[:, :, 0].movedim(1, -1)
     return tuple(
-        _compare(colours[is_visible], of_guide[is_visible])
-        for of_guide, is_visible in zip(found, projected.is_visible, strict=True)
+        _compare(colours[is_shared], of_guide[is_shared]) for of_guide, is_shared in zip(found, is_visible, strict=True)
     )
 
 

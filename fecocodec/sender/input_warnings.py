@@ -111,10 +111,6 @@ def _warnings_about_kinds(views: Views) -> list[str]:
                 f"{cut_outs} transparent in part, the other views are opaque; cut out the object in all views, or give "
                 "all without transparency."
             )
-    if views.ignored is not None and bool(views.ignored.any()):
-        warnings.append(
-            "masks mark pixels, but encoding does not leave them out yet; cut them out by `masks`, or remove the masks."
-        )
     return warnings
 
 

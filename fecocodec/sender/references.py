@@ -8,11 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.views import joined_masks
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.scene_encoder import SceneEncoder
 
@@ -26,13 +27,15 @@ class References:
     """Photographs of one scene with their cameras.
 
     images: sRGB in [0, 1]; cut-outs on white. transparency: 1 - opacity of cut-outs; None for opaque photographs.
-    num_context: number of context views, which come first.
+    num_context: number of context views, which come first. ignored: pixels that masks mark, where no rendering differs
+    from its photograph; None without masks.
     """
 
     cameras: Cameras
     images: Float[Tensor, "view 3 h w"]
     transparency: Float[Tensor, "view 1 h w"] | None
     num_context: int
+    ignored: Bool[Tensor, "view h w"] | None = None
 
     @staticmethod
     def of(encoder: SceneEncoder) -> "References":
@@ -40,12 +43,13 @@ class References:
         cameras, images = encoder.cameras.scene(0), encoder.images[0]
         transparency = None if encoder.cut_out is None else encoder.cut_out.transparency
         if (guides := encoder.guides) is None:
-            return References(cameras, images, transparency, len(images))
+            return References(cameras, images, transparency, len(images), encoder.ignored)
         if transparency is not None:
             of_guides = guides.transparency
             transparency = torch.cat((transparency, of_guides if of_guides is not None else 0 * guides.images[:, :1]))
-        joined = cameras.joined(guides.cameras)
-        return References(joined, torch.cat((images, guides.images)), transparency, len(images))
+        joined, both = cameras.joined(guides.cameras), torch.cat((images, guides.images))
+        ignored = joined_masks([(encoder.ignored, images), (guides.ignored, guides.images)])
+        return References(joined, both, transparency, len(images), ignored)
 
     def taught(self, number: int) -> "References":
         """Return the context views and the share of the guides that teaches in turn `number`.
@@ -57,8 +61,9 @@ class References:
         if shares <= 1:
             return self
         views = [*range(self.num_context), *range(self.num_context + number % shares, len(self.images), shares)]
-        transparency = None if self.transparency is None else self.transparency[views]
-        return replace(self, cameras=self.cameras.select(views), images=self.images[views], transparency=transparency)
+        transparency, ignored = (None if x is None else x[views] for x in (self.transparency, self.ignored))
+        cameras, images = self.cameras.select(views), self.images[views]
+        return replace(self, cameras=cameras, images=images, transparency=transparency, ignored=ignored)
 
     @property
     def pictures(self) -> Pictures:
@@ -68,11 +73,15 @@ class References:
         return torch.cat((self.images, self.images - self.transparency))
 
     def rendered(self, gaussians: Gaussians) -> Pictures:
-        """Return the renderings of the Gaussians that correspond to `pictures`."""
+        """Return the renderings of the Gaussians that correspond to `pictures`; these where masks mark pixels."""
         rendering = render(gaussians, self.cameras, (self.images.shape[-2], self.images.shape[-1]))
-        if self.transparency is None:
-            return rendering.color
-        return torch.cat((rendering.color + (1.0 - rendering.alpha[:, None]), rendering.color))
+        rendered = rendering.color
+        if self.transparency is not None:
+            rendered = torch.cat((rendered + (1.0 - rendering.alpha[:, None]), rendered))
+        if self.ignored is None:
+            return rendered
+        ignored = self.ignored.repeat(len(rendered) // len(self.ignored), 1, 1)[:, None]
+        return torch.where(ignored, self.pictures, rendered)
 
     def distortion(self, gaussians: Gaussians, of_picture: PerPicture) -> tuple[Float[Tensor, ""], Pictures]:
         """Return the mean D over all pictures, with a graph to the Gaussians, and the renderings without one."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 from einops import rearrange
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fecocodec.coding.visibility import is_filled_behind
@@ -22,7 +22,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.cut_out import BLACK, WHITE, CutOut, cut_out_of
 from fecocodec.sender.extractors.protocol import Matching
-from fecocodec.sender.fading import Fading
+from fecocodec.sender.fading import Fading, fading_of_masks
 from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.matched_depth import depth_feedback
 from fecocodec.sender.scene import Guides, Scene
@@ -52,18 +52,21 @@ class SceneEncoder:
         cameras: Cameras,
         cut_out: CutOut | None = None,
         guides: Guides | None = None,
+        ignored: Bool[Tensor, "view h w"] | None = None,
     ) -> None:
         """images: sRGB in [0, 1], sides multiples of 32. cameras: normalised, a batch.
 
-        cut_out, guides: of one scene; guides are photographs that are not coded.
+        cut_out, guides, ignored: of one scene; guides are photographs that are not coded, and ignored the pixels that
+        masks mark.
         """
         self.codec, self.images, self.cameras, self.cut_out, self.guides = codec, images, cameras, cut_out, guides
+        self.ignored, self.fading_of_masks = ignored, fading_of_masks(ignored)
 
     @classmethod
     def of(cls, codec: Codec, scene: Scene) -> "SceneEncoder":
         """Return the encoder of one scene."""
         cut_out = cut_out_of(scene, codec.receiver.config.gaussians_per_side)
-        return cls(codec, scene.images, scene.cameras, cut_out, scene.guides)
+        return cls(codec, scene.images, scene.cameras, cut_out, scene.guides, scene.ignored)
 
     def with_colours(self, guides: Guides | None) -> "SceneEncoder":
         """Return an encoder with other colours of the same guides; matching, which compares textures, is kept."""
@@ -126,7 +129,7 @@ class SceneEncoder:
         kind, of_item = min(len(stages) + 1, 2), lambda_q.repeat_interleave(self.num_views)
         condition = self.codec.receiver.condition(of_item, kind)
         if not stages:
-            return StageInputs(kind, is_last, of_item, condition, self.initial_state, None)  # S0
+            return StageInputs(kind, is_last, of_item, condition, self.initial_state, None, self.fading_of_masks)  # S0
         before = stages[-1]
         return StageInputs(kind, is_last, of_item, condition, before.state, before.coded.y_hat, before.fading)
 
@@ -148,7 +151,7 @@ class SceneEncoder:
     @cached_property
     def matching(self) -> Matching:
         """Disparity of the context views, with its consistency, from these views and the guides."""
-        matching: Matching = self.codec.sender.extractor.match(self.images, self.cameras, self.guides)
+        matching: Matching = self.codec.sender.extractor.match(self.images, self.cameras, self.guides, self.ignored)
         return matching
 
     def features(self, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
@@ -236,6 +239,8 @@ class SceneEncoder:
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Apply E_fb. rendered: I_k_hat, sRGB in [0, 1]. disparity: relative disparity predicted after stage k."""
         images = rearrange(self.images, "b v rgb h w -> (b v) rgb h w")
+        if self.ignored is not None:
+            rendered = torch.where(self.ignored[:, None], images, rendered)
         errors = depth_feedback(self.matching.depth, disparity)
         features: Tensor = self.codec.sender.feedback(images, rendered, errors, condition)
         return features

@@ -12,8 +12,8 @@ from wall_scene import shots, write_colmap_text, write_transforms
 
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
+from fecocodec.geometry.filling import filled
 from fecocodec.photographs.masks import find_mask, read_mask
-from fecocodec.sender.input_warnings import check_input
 
 read = partial(read_views, near=1.0, far=9.0)
 
@@ -48,9 +48,11 @@ def test_black_pixels_are_ignored(write, name, tmp_path):
     views = read(folder)
     assert torch.equal(views.ignored[0], left_half(80, 96)) and not views.ignored[1].any()
     assert torch.equal(views.select([1, 0]).ignored, views.ignored.flip(0))
-    assert views.alpha is None and views.remarks == ("masks of 1 photograph mark 50% of their pixels.",)
-    assert any(warning.startswith("masks mark pixels, but") for warning in check_input(views, "fast"))
-    assert torch.equal(views.images, read(folder, masks="unused").images)
+    assert views.alpha is None
+    assert views.remarks == ("masks of 1 photograph mark 50% of their pixels, which are left out.",)
+    plain = read(folder, masks="unused").images
+    assert torch.equal(views.images == plain, ~views.ignored[:, None] | (views.images == plain))
+    assert torch.equal(views.images[0, :, :, :40], filled(plain, views.ignored)[0, :, :, :40])
 
 
 def test_masks_are_cropped_and_resized_with_their_photographs(tmp_path):
@@ -87,6 +89,14 @@ def test_noise_of_jpeg_is_black(tmp_path):
 def test_a_mask_that_is_black_everywhere_marks_all(tmp_path):
     Image.new("L", (96, 80), 0).save(tmp_path / "mask.png")
     assert read_mask(tmp_path / "mask.png", 80, 96).all()
+
+
+def test_a_photograph_of_which_nothing_is_left_is_refused(tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    store_mask(folder / "masks" / "000.png", kept=0)
+    with pytest.raises(InputError, match=r"masks/000\.png: the mask marks every pixel of 000\.png; correct it, or"):
+        read(folder)
+    assert read(folder, masks="cut-out").alpha is not None and read(folder, masks="unused").ignored is None
 
 
 def test_a_mask_of_another_shape_is_refused(tmp_path):

@@ -6,7 +6,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 
 from fecocodec.errors import InputError
-from fecocodec.rendering.metrics import psnr, ssim
+from fecocodec.rendering.metrics import finite_psnr, psnr, ssim
 
 
 def noisy_pair(height: int = 31, width: int = 40) -> tuple[torch.Tensor, torch.Tensor]:
@@ -32,6 +32,15 @@ def test_psnr_of_a_known_error() -> None:
     image = torch.full((2, 3, 8, 8), 0.5)
     error = torch.tensor([0.1, 0.01])[:, None, None, None]
     torch.testing.assert_close(psnr(image + error, image), torch.tensor([20.0, 40.0]), atol=1e-3, rtol=0)
+
+
+def test_ignored_pixels_do_not_count_in_psnr() -> None:
+    image, ignored = torch.full((1, 3, 8, 8), 0.5), torch.zeros(1, 8, 8, dtype=torch.bool)
+    ignored[0, :4] = True
+    error = torch.where(ignored[:, None], 0.4, 0.1)
+    for measure in (psnr, finite_psnr):
+        torch.testing.assert_close(measure(image + error, image, ignored), torch.tensor([20.0]), atol=1e-3, rtol=0)
+    assert float(psnr(image + error, image)) < 11.0
 
 
 def test_ssim_equals_its_definition() -> None:

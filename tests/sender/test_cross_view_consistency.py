@@ -48,6 +48,14 @@ def test_the_larger_the_difference_the_less_they_agree() -> None:
     assert means[0] > means[1] + 0.2 > means[2] + 0.4
 
 
+def test_masked_pixels_neither_confirm_nor_are_confirmed() -> None:
+    kept = torch.ones(1, 2, 16, 16)
+    kept[0, 1, :8] = 0.0
+    found = cross_view_consistency(walls(2.0, 2.0), two_cameras(0.5), PAIR, kept)[0]
+    assert float(found[:, :7].max()) == 0.0
+    assert float(found[0, 9:, 4:].min()) > 0.99 and float(found[1, 9:, :-4].min()) > 0.99
+
+
 def test_one_source_that_agrees_is_enough() -> None:
     cameras = two_cameras(0.2)
     three = Cameras(

@@ -81,6 +81,17 @@ def test_a_second_search_continues_the_first(cameras, photographs, foggy) -> Non
     assert twice.logits[2, 1, 2] < once.logits[2, 1, 2]
 
 
+def test_pixels_under_masks_are_not_compared(cameras, photographs, foggy) -> None:
+    ignored = torch.zeros(NUM_VIEWS, SIDE, SIDE, dtype=torch.bool)
+    ignored[0, :, 20:] = True
+    spoiled = torch.where(ignored[:, None], 1.0 - photographs, photographs)
+    found, expected, without = (
+        fader(images, cameras, ignored=mask)(foggy, None).logits
+        for images, mask in ((spoiled, ignored), (photographs, ignored), (spoiled, None))
+    )
+    assert torch.equal(found, expected) and not torch.equal(found, without)
+
+
 def test_factors_are_those_that_a_decoder_applies(cameras) -> None:
     logits = torch.zeros(NUM_VIEWS, 4, 4)
     logits[3, 0, 1] = -20.0

@@ -56,7 +56,9 @@ class PixelExtractor(nn.Module):
     def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
         return ()
 
-    def match(self, images: Tensor, cameras: Cameras, guides: Guides | None = None) -> NoMatches:
+    def match(
+        self, images: Tensor, cameras: Cameras, guides: Guides | None = None, ignored: Tensor | None = None
+    ) -> NoMatches:
         height, width = (side // 4 for side in images.shape[-2:])
         return NoMatches(images.new_full((images.shape[0] * images.shape[1], 1, height, width), 0.5))
 

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import torch
 import torch.nn.functional as F
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from fecocodec.errors import ModelError
@@ -77,9 +77,13 @@ class AdaptedExtractor(nn.Module):
         return self.fuse(images, self.match(images, cameras))
 
     def match(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        guides: Guides | None = None,
+        ignored: Bool[Tensor, "view h w"] | None = None,
     ) -> AdaptedFeatures:
-        """Run the frozen extractor, which does not use guides.
+        """Run the frozen extractor, which uses neither guides nor masks.
 
         Raises ModelError if its features do not have the declared shape.
         """

@@ -5,11 +5,12 @@ from dataclasses import dataclass, fields
 import torch
 import torch.nn.functional as F
 from einops import rearrange
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.views import joined_masks
 from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, RateCondition, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
@@ -115,42 +116,60 @@ class CompactExtractor(nn.Module):
         return self.fuse(images, self.match(images, cameras))
 
     def match(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        guides: Guides | None = None,
+        ignored: Bool[Tensor, "view h w"] | None = None,
     ) -> Matching:
         """Compute the features of all views, the cost volume, and depth with its cross-view consistency.
 
         Scores are summed over an image pyramid: coarse levels resolve ambiguities of the fine ones. Photo-consistency
         of the images is added: correlation of pixel windows is less distinctive than learned features, but localises
         more precisely. guides: further sources of the disparity and its consistency; the cost volume and appearance,
-        which the U-Net was trained on, are those of the context views alone.
+        which the U-Net was trained on, are those of the context views alone. ignored: pixels without scores,
+        consistency and confidence, in the view and as sources.
         """
-        sources = nearest_views(cameras, self.config.num_source_views)
-        appearance, cost = self._scores(images, cameras, sources)
+        sources, kept = nearest_views(cameras, self.config.num_source_views), _kept(ignored)
+        appearance, cost = self._scores(images, cameras, sources, kept)
         if guides is not None:
-            maps = self._guided_maps(images, cameras, guides)
+            maps = self._guided_maps(images, cameras, guides, ignored)
         else:
-            maps = self._aggregated(cost, images, cameras, sources)
+            maps = self._aggregated(cost, images, cameras, sources, kept)
         return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps)
 
-    def _guided_maps(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides) -> MatchedMaps:
+    def _guided_maps(
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        guides: Guides,
+        ignored: Bool[Tensor, "view h w"] | None,
+    ) -> MatchedMaps:
         """Return the maps of the context views with their nearest views, guides among them, as sources."""
         count, num_sources = images.shape[1], self.config.num_source_views
         nearest = nearest_views(cameras.joined(guides.cameras.as_batch()), num_sources)[0, :count]
         guides = guides.select(sorted({view - count for view in nearest.flatten().tolist() if view >= count}))
         of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
         sources = nearest_views(of_all[1], num_sources)
-        return self._aggregated(self._scores(*of_all, sources)[1], *of_all, sources).first(count)
+        kept = _kept(joined_masks([(ignored, images[0]), (guides.ignored, guides.images)]))
+        return self._aggregated(self._scores(*of_all, sources, kept)[1], *of_all, sources, kept).first(count)
 
     def _scores(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        sources: Int[Tensor, "batch view count"],
+        kept: Float[Tensor, "view 1 _ _"] | None,
     ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
         """Return appearance features, and the matching score of each depth candidate."""
         agreement = _flat(photo_consistency(images, cameras, sources, self.config.num_candidates))
-        appearance, cost = self._match_level(images, cameras, sources)
+        if kept is not None:
+            agreement = agreement * _reduced(kept, agreement)
+        appearance, cost = self._match_level(images, cameras, sources, kept)
         cost = cost * self.log_temperature[0].exp()
         for log_temperature in self.log_temperature[1:PYRAMID_LEVELS]:
             images = rearrange(F.avg_pool2d(_flat(images), 2), "(b v) c h w -> b v c h w", b=len(images))
-            coarse = self._match_level(images, cameras, sources)[1] * log_temperature.exp()
+            coarse = self._match_level(images, cameras, sources, kept)[1] * log_temperature.exp()
             cost = cost + F.interpolate(coarse, cost.shape[-2:], mode="bilinear", align_corners=False)
         return appearance, cost + agreement * self.log_temperature[PYRAMID_LEVELS].exp()
 
@@ -160,17 +179,25 @@ class CompactExtractor(nn.Module):
         images: Float[Tensor, "batch view 3 h w"],
         cameras: Cameras,
         sources: Int[Tensor, "batch view count"],
+        kept: Float[Tensor, "view 1 _ _"] | None,
     ) -> MatchedMaps:
         photographs = _flat(images)
         probability = (SHARPNESS * aggregate_costs(cost.detach(), F.avg_pool2d(photographs, 4))).softmax(dim=1)
         disparity = _expectation(probability)
         of_views = rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images))
-        consistency = _flat(cross_view_consistency(of_views, cameras, sources)[:, :, None])
+        known = None if kept is None else _reduced(kept, disparity)
+        of_known = None if known is None else known[None, :, 0]
+        consistency = _flat(cross_view_consistency(of_views, cameras, sources, of_known)[:, :, None])
         extrapolated = extrapolate_planes(disparity, consistency, photographs)
-        return MatchedMaps(disparity, consistency, probability.amax(dim=1, keepdim=True), extrapolated)
+        confidence = probability.amax(dim=1, keepdim=True)
+        return MatchedMaps(disparity, consistency, confidence if known is None else confidence * known, extrapolated)
 
     def _match_level(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, sources: Int[Tensor, "batch view count"]
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        sources: Int[Tensor, "batch view count"],
+        kept: Float[Tensor, "view 1 _ _"] | None,
     ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "item candidate h4 w4"]]:
         """Return appearance features, and correlations in [-1, 1], at one level of the pyramid."""
         batch, views = images.shape[:2]
@@ -181,6 +208,8 @@ class CompactExtractor(nn.Module):
         appearance = torch.cat((appearance, self.up_attended(_flat(attended))), dim=1)
         stem = self.config.stem_channels
         features = F.normalize(self.matching_head(appearance[:, :stem] + appearance[:, stem:]).float(), dim=1)
+        if kept is not None:
+            features = features * _reduced(kept, features)
         features = rearrange(features, "(b v) c h w -> b v c h w", b=batch)
         return appearance, _flat(cost_volume(features, cameras, sources, self.config.num_candidates))
 
@@ -200,6 +229,16 @@ class CompactExtractor(nn.Module):
 
 def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
     return rearrange(x, "b v c h w -> (b v) c h w")
+
+
+def _kept(ignored: Bool[Tensor, "view h w"] | None) -> Float[Tensor, "view 1 h w"] | None:
+    """Return 1 for pixels that no mask marks, else 0; None without masks."""
+    return None if ignored is None else (~ignored)[:, None].float()
+
+
+def _reduced(kept: Float[Tensor, "view 1 _ _"], like: Float[Tensor, "view _ h w"]) -> Float[Tensor, "view 1 h w"]:
+    """Return the share of each position that no mask marks."""
+    return F.adaptive_avg_pool2d(kept, (like.shape[-2], like.shape[-1]))
 
 
 def _expectation(probability: Float[Tensor, "item candidate h w"]) -> Float[Tensor, "item 1 h w"]:

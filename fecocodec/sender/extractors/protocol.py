@@ -2,7 +2,7 @@
 
 from typing import Any, Protocol, runtime_checkable
 
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from fecocodec.geometry.cameras import Cameras
@@ -34,10 +34,17 @@ class Extractor(Protocol):
     def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
         """All trainable parts whose results `fuse` takes; training freezes them as "matching"."""
 
-    def match(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None) -> Any:
+    def match(
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        guides: Guides | None = None,
+        ignored: Bool[Tensor, "view h w"] | None = None,
+    ) -> Any:
         """Return a `Matching`. images: sRGB in [0, 1], sides multiples of 32. cameras: normalised, a batch.
 
-        guides: photographs that are not coded, of a batch of one scene; an extractor may ignore them.
+        guides, ignored: photographs that are not coded, and pixels that masks mark, which are filled from around them;
+        of a batch of one scene. An extractor may do without.
         """
 
     def fuse(

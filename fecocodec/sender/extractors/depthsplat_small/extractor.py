@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 import torch.nn.functional as F
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from fecocodec.errors import InputError, ModelError
@@ -118,9 +118,13 @@ class DepthSplatSmall(nn.Module):
         return ()
 
     def match(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras, guides: Guides | None = None
+        self,
+        images: Float[Tensor, "batch view 3 h w"],
+        cameras: Cameras,
+        guides: Guides | None = None,
+        ignored: Bool[Tensor, "view h w"] | None = None,
     ) -> Evidence:
-        """Run the three branches and build the cost volume, without guides.
+        """Run the three branches and build the cost volume, without guides and masks.
 
         Raises InputError if a side is not a multiple of 16, or if intrinsics differ with the public geometry.
         """
