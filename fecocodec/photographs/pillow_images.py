@@ -55,7 +55,12 @@ def upright_with_pillow(path: Path) -> Image.Image:
     image = Image.fromarray(np.ascontiguousarray(samples))
     if image.mode == "RGBA":
         image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image).convert("RGB")
-    turn = _TURNED_UPRIGHT.get(orientation_with_pillow(path))
+    return turned_upright(image, orientation_with_pillow(path))
+
+
+def turned_upright(image: Image.Image, orientation: int) -> Image.Image:
+    """Return the image as an EXIF orientation says that it is to be shown."""
+    turn = _TURNED_UPRIGHT.get(orientation)
     return image if turn is None else image.transpose(turn)
 
 

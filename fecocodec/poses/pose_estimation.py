@@ -33,16 +33,19 @@ _ATTEMPTS = ((8.0, 60, 24), (4.0, 40, 18), (2.0, 25, 14), (1.0, 20, 12))
 _OTHER_FOCAL = 4 / 3  # initial focal length of the second estimate, relative to the first
 
 
-def reconstruct(folder: Path, groups: list[ImageGroup], workspace: Path, num_threads: int = -1) -> Reconstruction:
+def reconstruct(
+    folder: Path, groups: list[ImageGroup], workspace: Path, num_threads: int = -1, masks: Path | None = None
+) -> Reconstruction:
     """Reconstruct the photographs in `folder`. workspace: an empty folder for the database.
 
-    num_threads: of features and matching, -1 for all cores; the cameras do not depend on it. Raises InputError if
-    pycolmap is missing; the result has no cameras if no pair of photographs can be reconstructed.
+    masks: as for `extract_features`. num_threads: of features and matching, -1 for all cores; the cameras do not depend
+    on it. Raises InputError if pycolmap is missing; the result has no cameras if no pair of photographs can be
+    reconstructed.
     """
     pycolmap = load_pycolmap()
     database = workspace / "database.db"
     pycolmap.Database.open(database).close()  # creates it
-    extract_features(pycolmap, database, folder, groups, num_threads)
+    extract_features(pycolmap, database, folder, groups, num_threads, masks)
     if _is_turned(pycolmap, database, folder, groups, workspace, num_threads):
         return Reconstruction((), 0.0, 0.0, verified_matches(pycolmap, database), None, is_turned=True)
     match_features(pycolmap, database, num_threads)

@@ -23,6 +23,7 @@ from fecocodec.poses.unposed_photographs import (
     find_photographs,
     unread_photographs,
     upright_copies,
+    upright_masks,
 )
 
 _FEW_MATCHES = 30  # of a pair; named in messages
@@ -58,13 +59,13 @@ class PosedFolder:
 
 @contextmanager
 def posed_folder(
-    folder: Path, num_threads: int = -1, name: str = "", focal_px: float | None = None
+    folder: Path, num_threads: int = -1, name: str = "", focal_px: float | None = None, *, has_masks: bool = True
 ) -> Iterator[PosedFolder]:
     """Estimate cameras and yield a scene folder that exists until the block ends. Photographs in it are upright.
 
     Photographs that cannot be registered are left out, with a warning. num_threads: -1 for all cores. name: of the
     input in messages, by default the folder. focal_px: known focal length in pixels of the photographs, None to
-    estimate it.
+    estimate it. has_masks: leave out features in what masks mark; the scene folder then has upright masks, too.
     Raises InputError if fewer than two photographs can be registered, all are taken from one position, or pycolmap is
     missing.
     """
@@ -73,11 +74,16 @@ def posed_folder(
     with TemporaryDirectory(prefix="fecosplat-") as temporary:
         root = Path(temporary)
         groups = upright_copies(photographs, root, focal_px)
+        masks = upright_masks(photographs, root) if has_masks else None
         workspace = root / "colmap"
         workspace.mkdir()
-        reconstruction = reconstruct(root, groups, workspace, num_threads)
+        reconstruction = reconstruct(root, groups, workspace, num_threads, masks)
         _require_cameras(name or str(folder), photographs, reconstruction)
-        for path in set(root.iterdir()) - {workspace, *(root / camera.name for camera in reconstruction.cameras)}:
+        for path in set(root.iterdir()) - {
+            workspace,
+            masks,
+            *(root / camera.name for camera in reconstruction.cameras),
+        }:
             path.unlink()  # a photograph without a camera, of which `_left_out` tells
         text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")

@@ -89,8 +89,13 @@ def _restore_sigterm() -> None:
         signal.signal(signal.SIGTERM, handler)
 
 
-def extract_features(pycolmap: Any, database: Path, folder: Path, groups: list[ImageGroup], num_threads: int) -> None:
-    """Extract features; every group of photographs gets one camera."""
+def extract_features(
+    pycolmap: Any, database: Path, folder: Path, groups: list[ImageGroup], num_threads: int, masks: Path | None = None
+) -> None:
+    """Extract features; every group of photographs gets one camera.
+
+    masks: folder of `NAME.png`, where features of black pixels are left out; None without masks.
+    """
     count = sum(len(group.names) for group in groups)
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = num_threads
@@ -100,6 +105,8 @@ def extract_features(pycolmap: Any, database: Path, folder: Path, groups: list[I
         height, width = _size(pycolmap, folder / group.names[0])
         lens = [group.focal_px, width / 2, height / 2]
         reader = pycolmap.ImageReaderOptions()
+        if masks is not None:
+            reader.mask_path = masks
         reader.camera_model = "SIMPLE_RADIAL" if count >= _RADIAL_FROM else "SIMPLE_PINHOLE"
         reader.camera_params = ",".join(map(repr, lens + [0.0] * (count >= _RADIAL_FROM)))
         # Threads of the extraction would number the photographs in the order in which they finish.

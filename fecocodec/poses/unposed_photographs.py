@@ -8,8 +8,14 @@ from PIL import ExifTags, Image
 
 from fecocodec.errors import InputError
 from fecocodec.limits import MIN_SIDE
-from fecocodec.photographs.image_headers import has_image_name, is_exr, is_unread
-from fecocodec.photographs.pillow_images import exif_value, open_image, upright_with_pillow
+from fecocodec.photographs.image_headers import has_image_name, is_exr, is_unread, read_image_size
+from fecocodec.photographs.pillow_images import (
+    exif_value,
+    open_image,
+    orientation_with_pillow,
+    turned_upright,
+    upright_with_pillow,
+)
 from fecocodec.poses.estimated_cameras import ImageGroup
 
 MAX_PHOTOGRAPHS = 60
@@ -75,6 +81,38 @@ def upright_copies(photographs: list[Path], target: Path, focal_px: float | None
         )
         for (size, focal), names in members.items()
     ]
+
+
+def upright_masks(photographs: list[Path], target: Path) -> Path | None:
+    """Write the masks of the photographs, of the size of their copies in `target`, as `masks/NAME.png` there.
+
+    Returns the folder of the masks, white ones among them, because pycolmap leaves out photographs without a mask; None
+    if no photograph has one. Raises InputError as `read_mask` does.
+    """
+    from fecocodec.photographs.masks import FOLDER, find_mask  # it loads torch
+
+    masks = [find_mask(path) for path in photographs]
+    if not any(masks):
+        return None
+    folder = target / FOLDER
+    folder.mkdir()
+    for path, mask in zip(photographs, masks, strict=True):
+        height, width = read_image_size(target / path.name)
+        kept = Image.new("L", (width, height), "white") if mask is None else _upright_mask(path, mask)
+        kept.resize((width, height), Image.Resampling.NEAREST).save(folder / f"{path.name}.png")
+    return folder
+
+
+def _upright_mask(photograph: Path, mask: Path) -> Image.Image:
+    """Return the mask of a photograph, of the size of that; masks are of the stored pixels or of the upright ones."""
+    from fecocodec.photographs.masks import read_mask
+
+    orientation = 1 if is_exr(photograph) else orientation_with_pillow(photograph)
+    size, of_mask = read_image_size(photograph), read_image_size(mask)
+    if orientation > 4 and (size[0] > size[1]) != (of_mask[0] > of_mask[1]):
+        size, orientation = size[::-1], 1
+    kept = Image.fromarray((~read_mask(mask, *size)).numpy()).convert("L")
+    return turned_upright(kept, orientation)
 
 
 def _given_focal(focal_px: float, path: Path, longer_side: int, sides: dict[int, str]) -> float:

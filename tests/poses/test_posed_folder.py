@@ -28,7 +28,7 @@ from fecocodec.poses.pose_estimation import reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
 from fecocodec.poses.posed_folder import _weak_pairs, posed_folder
 from fecocodec.poses.pycolmap_steps import refine
-from fecocodec.poses.unposed_photographs import upright_copies
+from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
 
 pycolmap = pytest.importorskip("pycolmap")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
@@ -396,3 +396,43 @@ def test_one_pair_is_singular() -> None:
     matches = {pair: 500 for pair in (("a", "b"), ("a", "c"))}
     found = Reconstruction((), 0.0, 0.0, matches, None)
     assert _weak_pairs(list("abcd"), found).endswith("b and d: 0 matches and 1 more pair")
+
+
+def test_features_under_masks_are_not_used(tmp_path):
+    paths = copies(tmp_path / "photos")
+    width, height = Image.open(paths[0]).size
+    mask = Image.new("L", (width, height), 255)
+    mask.paste(0, (0, 0, width // 3, height))
+    (tmp_path / "photos" / "masks").mkdir()
+    mask.save(tmp_path / "photos" / "masks" / paths[0].name)
+    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
+        keypoints = keypoints_of(posed.path)
+        ignored = read_views(posed.path).ignored
+    assert ignored is not None and ignored[0, :, : width // 3].all() and not ignored[1].any()
+    assert keypoints[paths[0].name].min() > width / 3 - 1 > keypoints[paths[1].name].min()
+    with posed_folder(tmp_path / "photos", num_threads=1, has_masks=False) as posed:
+        assert keypoints_of(posed.path)[paths[0].name].min() < width / 4
+        assert read_views(posed.path).ignored is None
+
+
+def keypoints_of(folder: Path) -> dict[str, np.ndarray]:
+    """Return the columns of the features of each photograph."""
+    with pycolmap.Database.open(folder / "colmap" / "database.db") as opened:
+        return {image.name: opened.read_keypoints(image.image_id)[:, 0] for image in opened.read_all_images()}
+
+
+@pytest.mark.parametrize("is_upright", [False, True])
+def test_masks_are_turned_with_their_photographs(is_upright, tmp_path):
+    """A mask has the pixels of the photograph as stored, or as shown."""
+    exif = Image.Exif()
+    exif[0x0112] = 6  # shown turned clockwise
+    Image.new("RGB", (128, 96), "grey").save(tmp_path / "a.jpg", exif=exif)
+    mask = Image.new("L", (128, 96), 255)
+    mask.paste(0, (0, 0, 32, 96))
+    (tmp_path / "masks").mkdir()
+    (mask.transpose(Image.Transpose.ROTATE_270) if is_upright else mask).save(tmp_path / "masks" / "a.png")
+    (tmp_path / "copies").mkdir()
+    upright_copies([tmp_path / "a.jpg"], tmp_path / "copies")
+    found = Image.open(upright_masks([tmp_path / "a.jpg"], tmp_path / "copies") / "a.jpg.png")
+    assert found.size == (96, 128)
+    assert np.array_equal(np.asarray(found)[:32] > 0, np.zeros((32, 96), bool)) and np.asarray(found)[32:].min() == 255
