@@ -1,12 +1,13 @@
 """`fecosplat encode`: encode a folder of photographs to a .fcs file."""
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from fecocodec.atomic import require_other_file, require_writable, write_atomically
+from fecocodec.atomic import require_other_file, require_writable, write_atomically, write_folder_atomically
 from fecocodec.captures.view_selection import is_choice_left
 from fecocodec.codec.options import DEFAULT_FRAMES
 from fecocodec.container import inspect
@@ -33,7 +34,7 @@ Examples:
   fecosplat encode photos/ -o scene.fcs --views spread:4 --near 0.5 --far 20
   fecosplat encode photos/ -o scene.fcs --target-kib 8
   fecosplat encode photos_without_cameras/ -o scene.fcs --save-cameras transforms.json
-  fecosplat encode clip.mp4 -o scene.fcs --frames 8""",
+  fecosplat encode clip.mp4 -o scene.fcs --views 4 --save-frames frames/""",
 )
 @click.argument("views_folder", metavar="VIEWS", type=FILE_PATH)
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Output file (.fcs).")
@@ -42,7 +43,8 @@ Examples:
     "num_frames",
     type=click.IntRange(2, 60),
     metavar="NUMBER",
-    help=f"Number of sharp, evenly spread frames to take from a video.  [default: {DEFAULT_FRAMES}]",
+    help="Number of sharp, evenly spread frames to take from a video, for its cameras; --views N codes N of them, and "
+    f"others guide.  [default: {DEFAULT_FRAMES}, or all of fewer]",
 )
 @click.option(
     "--save-cameras",
@@ -50,6 +52,14 @@ Examples:
     type=FILE_PATH,
     metavar="FILE.json",
     help="Write the cameras estimated for photographs without cameras, in the layout of nerfstudio (transforms.json).",
+)
+@click.option(
+    "--save-frames",
+    "frames_folder",
+    type=FILE_PATH,
+    metavar="FOLDER",
+    help="Write the frames that were taken from a video, as PNG, with their cameras to a new folder, which encodes to "
+    "the same scene.",
 )
 @click.option(
     "--focal-px",
@@ -65,6 +75,7 @@ def command(
     views_folder: Path,
     output: Path,
     cameras_file: Path | None,
+    frames_folder: Path | None,
     num_frames: int | None,
     focal_px: float | None,
     overwrite: bool,
@@ -100,21 +111,22 @@ def command(
             """Write the file, which appears when the block ends, so that a warning under --strict leaves none."""
             stack.enter_context(write_atomically(output, overwrite=overwrite)).write_bytes(data)
 
+        frames = None if frames_folder is None else stack.enter_context(write_folder_atomically(frames_folder))
         report = encode_folder(
             views_folder,
-            options,
+            replace(options, frames_folder=frames),
             on_progress=on_progress,
             on_note=lambda sentence: say(printable(f"note: {in_options(sentence)}")),
             on_warning=lambda sentence: warn(printable(f"warning: {in_options(sentence)}")),
             on_data=write,
         )
-        if cameras_file is not None and report.save_cameras is not None:
-            report.save_cameras(cameras_file, overwrite=overwrite)
-            if not views_folder.is_dir():
-                say(
-                    f"note: {cameras_file}: the frames of the video are not saved; to encode from this file, extract "
-                    f"them beside it ({report.names[0]} is the frame with this number, from 0)."
-                )
+        if report.save_cameras is not None and frames is not None:
+            report.save_cameras(frames / "transforms.json")
+        if report.save_cameras is not None and cameras_file is not None:
+            of_frames = {} if frames_folder is None else {"frames": frames_folder}
+            report.save_cameras(cameras_file, overwrite=overwrite, **of_frames)
+            if not views_folder.is_dir() and frames is None:
+                say(f"note: {cameras_file}: the frames of the video are not saved; --save-frames FOLDER saves them.")
     summary = inspect(report.data)
     if summary.header.num_pixels > DEFAULT_MAX_PIXELS:
         warn(f"note: {output}: decode needs --max-pixels {summary.header.num_pixels} for this file.")
@@ -124,4 +136,4 @@ def command(
         return
     if note := roles_note(report, is_chosen=is_choice_left(options.views)):
         say(printable(f"note: {note}"))
-    say_result(str(output), report, summary)
+    say_result(str(output), report, summary, views_folder)

@@ -1,7 +1,9 @@
 """The report of `fecosplat encode`: size of the file, and quality of coded views, guides and new views."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fecocodec.codec.messages import of_input
 from fecocodec.container import StreamSummary
 from fecocodec.sender.view_quality import DecodedQuality, photographs
 
@@ -28,8 +30,8 @@ def report_fields(report: "EncodingReport", summary: StreamSummary) -> dict[str,
     }
 
 
-def say_result(output: str, report: "EncodingReport", summary: StreamSummary) -> None:
-    """Print the size of the file, its size and PSNR after each stage, and the PSNR of new views."""
+def say_result(output: str, report: "EncodingReport", summary: StreamSummary, source: Path = Path()) -> None:
+    """Print the size of the file, its size and PSNR after each stage, and the PSNR of new views. source: the input."""
     say(f"{output}: {summary.total_bytes / 1024:.2f} KiB in {report.seconds:.2f} s")
     other = summary.total_bytes / 1024 - sum(_stage_kib(summary))
     say(f"  header, cameras and the like: {other:.2f} KiB")
@@ -44,7 +46,7 @@ def say_result(output: str, report: "EncodingReport", summary: StreamSummary) ->
     say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the {views} as decoded")
     if (new_views := report.checks.quality) is not None:
         names = report.checks.names
-        on = f"{photographs(len(names))}{_worst(names, new_views) if len(names) > 1 else ''}"
+        on = f"{of_input(source, photographs(len(names)))}{_worst(names, new_views) if len(names) > 1 else ''}"
         say(f"{'  new views:':25}{new_views.psnr:6.2f} dB, PSNR of new views, measured on {on}")
 
 

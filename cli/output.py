@@ -25,6 +25,8 @@ _OPTIONS = {
     "frames": "--frames",
     "focal_px": "--focal-px",
     "save_cameras": "--save-cameras",
+    "save_frames": "--save-frames",
+    "masks=unused": "--masks unused",
     "max_pixels": "--max-pixels",
     "view_shares": "--views",
     "frozen": "--freeze",

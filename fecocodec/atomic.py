@@ -3,6 +3,7 @@
 import errno
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -150,3 +151,25 @@ def _rename_to_new(temporary: Path, target: Path) -> None:
         if os.path.lexists(target):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target)) from error
         os.replace(temporary, target)
+
+
+@contextmanager
+def write_folder_atomically(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder beside `folder`, which is renamed to `folder` when the block ends, or else removed.
+
+    Raises OutputError if the folder exists and is not empty, or cannot be made.
+    """
+    if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
+        raise OutputError(f"{folder}: this exists and is no empty folder; choose another output path.")
+    with made_folder(folder.parent):
+        temporary = folder.with_name(f".{secrets.token_hex(6)}.part")
+        try:
+            make_folder(temporary)
+            yield temporary
+            with suppress(FileNotFoundError):
+                folder.rmdir()
+            temporary.rename(folder)
+        except OSError as error:
+            raise OutputError(f"{folder}: writing failed ({error.strerror}); choose another output path.") from error
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)

@@ -18,6 +18,7 @@ from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import Roles, choose_roles
 from fecocodec.codec.scene_source import scene_source
 from fecocodec.input_file import StrPath
+from fecocodec.photographs.video_frames import is_video
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.view_quality import DecodedQuality, new_view_warnings, quality_warnings, stage_warnings
 
@@ -71,6 +72,7 @@ def encode_folder(
     weights cannot be loaded.
     """
     start, path = perf_counter(), Path(path)
+    options = options.of_video() if is_video(path) else options
     messages = Messages(path, options.is_strict, on_note, on_warning)
     if options.device != "cpu":  # the check loads torch
         options.require_device()

@@ -1,11 +1,24 @@
 """Notes and warnings of one encoding."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 from fecocodec.errors import InputError, strict_error
+from fecocodec.photographs.video_frames import is_video
 
 OnMessage = Callable[[str], None]  # (sentence)
+
+
+def of_input(path: Path, sentence: str) -> str:
+    """Return a sentence about photographs as one about the frames of a video, if the input is one.
+
+    Its path may be the first part of the sentence, and is kept.
+    """
+    if not is_video(path):
+        return sentence
+    before, named, after = sentence.rpartition(str(path))
+    return before + named + re.sub(r"\bphotograph(s?)\b", r"frame\1", after)
 
 
 class Messages:
@@ -23,16 +36,16 @@ class Messages:
 
     def note(self, *sentences: str) -> None:
         for sentence in sentences:
-            self.notes.append(sentence)
-            self._on_note(sentence)
+            self.notes.append(of_input(self.path, sentence))
+            self._on_note(self.notes[-1])
 
     def warn(self, *sentences: str) -> None:
         """Raises StrictError for the first warning if it is an error."""
         for sentence in sentences:
             if self._is_strict:
-                raise strict_error(str(self.path), sentence)
-            self.warnings.append(sentence)
-            self._on_warning(sentence)
+                raise strict_error(str(self.path), of_input(self.path, sentence))
+            self.warnings.append(of_input(self.path, sentence))
+            self._on_warning(self.warnings[-1])
 
     def omit(self, sentence: str, names: tuple[str, ...] = ()) -> None:
         """Warn of photographs that are left out: no error, as others take their place. names: kept in `omitted`."""

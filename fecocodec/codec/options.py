@@ -1,16 +1,16 @@
 """Options of `encode_folder`. Needs no torch."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from fecocodec.captures.view_selection import All, Selection
+from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
 from fecocodec.sender.rate_targets import Target
 
-DEFAULT_FRAMES = 8  # of a video
+DEFAULT_FRAMES = 40  # of a video, from which cameras are estimated; the time grows with their square
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,9 @@ class EncodingOptions:
     the coded ones, () for none, or as for `views`. num_checks: how many are left out and only measured, so that the
     quality of new views is known; None for one in ten, from six photographs on.
     size, near, far, background, masks: as for `read_views`. metadata: stored in the file. num_frames: frames to take
-    from a video. focal_px: as for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured:
-    decode the file and measure it; `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
+    from a video, None for 40 or all of fewer. frames_folder: empty folder that keeps those with a camera. focal_px: as
+    for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured: decode the file and measure it;
+    `is_strict` implies it. num_threads: that estimate cameras, -1 for all cores.
     """
 
     lmbda: float = 1e-3
@@ -42,6 +43,7 @@ class EncodingOptions:
     sharpness: float = 0.0
     metadata: dict[str, str] = field(default_factory=dict)
     num_frames: int | None = None
+    frames_folder: Path | None = None
     focal_px: float | None = None
     is_strict: bool = False
     is_measured: bool = True
@@ -59,6 +61,12 @@ class EncodingOptions:
             raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
         if isinstance(self.views, All) and (self.guides or self.num_checks):
             raise OptionError("`views=all` codes every photograph; leave out `guides` and `checks`, or choose `views`.")
+
+    def of_video(self) -> "EncodingOptions":
+        """Return the options for a video, of which one number in `views` is how many frames are coded."""
+        if isinstance(self.views, tuple) and len(self.views) == 1 and str(self.views[0]).isdecimal():
+            return replace(self, views=Spread(int(self.views[0])))
+        return self
 
     def require_device(self) -> None:
         """Raise InputError if the device cannot be used. Feedback and optimisation of latents render on it."""

@@ -7,8 +7,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras, unread_cameras_notes
+from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
-from fecocodec.errors import OptionError
+from fecocodec.errors import InputError, OptionError
 from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 
 
@@ -17,7 +18,8 @@ class SceneSource:
     """path: a folder with photographs and cameras.
 
     notes: how the cameras were estimated. warnings: why the estimate may be wrong. One sentence each. save_cameras:
-    writes the estimated cameras, see `PosedFolder.save_cameras`; None if the cameras were given.
+    writes the estimated cameras, see `PosedFolder.save_cameras`; None if the cameras were given. Of a video, it takes
+    the folder of the `frames`, too.
     """
 
     path: Path
@@ -32,8 +34,9 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
 
     Raises InputError as `posed_folder` and `write_sharp_frames` do, OptionError for options of another kind of input.
     """
-    if options.num_frames is not None and not is_video(path):
-        raise OptionError("`frames` is for a video file.")
+    for option, value in (("frames", options.num_frames), ("save_frames", options.frames_folder)):
+        if value is not None and not is_video(path):
+            raise OptionError(f"`{option}` is for a video file.")
     if not is_video(path) and has_cameras(path):
         if options.focal_px is not None:
             require_no_cameras(path, "focal_px")
@@ -43,20 +46,32 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
     from fecocodec.poses.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
 
     with ExitStack() as stack:
-        photographs = path
+        photographs, of_video = path, tuple[str, ...]()
         if is_video(path):
-            photographs = Path(stack.enter_context(TemporaryDirectory(prefix="fecosplat-")))
-            write_sharp_frames(path, photographs, options.num_frames or DEFAULT_FRAMES)
-        posed = stack.enter_context(posed_folder(photographs, options.num_threads, str(path), options.focal_px))
-        notes = (*unread_cameras_notes(path), *posed.notes)
-        if not is_video(path) and (cameras := cameras_above(path)):
+            temporary = TemporaryDirectory(prefix="fecosplat-")
+            photographs = options.frames_folder or Path(stack.enter_context(temporary))
+            count = options.num_frames or DEFAULT_FRAMES
+            of_video = write_sharp_frames(path, photographs, count, is_most=options.num_frames is None)
+        threads, is_masked = options.num_threads, options.masks != "unused"
+        cameras = posed_folder(photographs, threads, str(path), options.focal_px, has_masks=is_masked)
+        try:
+            posed = stack.enter_context(cameras)
+        except InputError as error:
+            raise InputError(of_input(path, str(error))) from error
+        notes = (*unread_cameras_notes(path), *of_video, *posed.notes)
+        if not is_video(path) and (file_above := cameras_above(path)):
             above = path.absolute().parent
-            notes += (f"{cameras} has cameras; to use them instead, give the folder {above}.",)
+            notes += (f"{file_above} has cameras; to use them instead, give the folder {above}.",)
 
-        def save_beside(file: Path, *, overwrite: bool = False) -> None:
-            """Name the frames of a video, which are temporary files, as files beside that of the cameras."""
-            frames = tuple(file.parent / frame.name for frame in posed.photographs)
-            replace(posed, photographs=frames).save_cameras(file, overwrite=overwrite)
+        posed_names = {camera.name for camera in posed.reconstruction.cameras}
+        for frame in posed.photographs if is_video(path) else ():
+            if frame.name not in posed_names:
+                frame.unlink()
+
+        def save_beside(file: Path, *, overwrite: bool = False, frames: Path | None = None) -> None:
+            """Name the frames of a video as files in `frames`; None for the folder of the file."""
+            named = tuple((frames or file.parent) / frame.name for frame in posed.photographs)
+            replace(posed, photographs=named).save_cameras(file, overwrite=overwrite)
 
         save = save_beside if is_video(path) else posed.save_cameras
         yield SceneSource(posed.path, notes, posed.warnings, save)

@@ -28,24 +28,24 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEO_SUFFIXES and not path.name.startswith(".") and not path.is_dir()
 
 
-def write_sharp_frames(video: Path, folder: Path, count: int) -> tuple[str, ...]:
+def write_sharp_frames(video: Path, folder: Path, count: int, *, is_most: bool = False) -> tuple[str, ...]:
     """Write `count` sharp frames, spread over the video, as PNG named by the number of the frame; return notes.
 
     Frames that hardly differ from those before are passed over; the others are divided into equal parts, of each of
     which the sharpest is taken. Frames are upright, of square pixels, deinterlaced and in sRGB. If fewer than `count`
-    frames differ, all of these are taken.
+    frames differ, all of these are taken. is_most: take all frames of a video that has no more than `count`.
     The video is read twice: to measure, then to write. Raises InputError if PyAV is missing, the video cannot be read,
     it has fewer frames, or its camera stands still.
     """
     small = [_measured(frame.to_ndarray(format="gray")) for frame, _ in _frames(video)]
-    if len(small) < count:
+    if len(small) < (2 if is_most else count):
         raise InputError(f"{video}: {len(small)} frames, but {count} are needed; ask for fewer frames.")
     moving = _moving([grey for _, grey in small])
     if len(moving) < 2:
         raise InputError(f"{video}: all {len(small)} frames are equal; film with a camera that moves.")
     chosen = _sharpest(moving, [sharpness for sharpness, _ in small], min(count, len(moving)))
     notes = list[str]()
-    if len(moving) < count:
+    if len(moving) < min(count, len(small)):
         notes.append(f"{len(moving)} of {len(small)} frames differ from those before, and only these are taken.")
     for index, (frame, stream) in enumerate(_frames(video)):
         if index == 0 and is_hdr(stream.transfer):

@@ -92,6 +92,42 @@ def test_saved_cameras_of_a_video_name_no_temporary_files(fecosplat, tmp_path: P
     assert files == ["frame000000.png", "frame000001.png"]
 
 
+def test_saved_frames_of_a_video_encode_to_the_same_scene(fecosplat, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    video, frames, cameras = tmp_path / "photographs" / "clip.mkv", tmp_path / "frames", tmp_path / "cameras.json"
+    video.parent.mkdir()
+    write_clip(video)
+    saved = ("--save-frames", frames, "--save-cameras", cameras)
+    result = fecosplat("encode", video, "-o", tmp_path / "a.fcs", *FAST, *saved)
+    assert result.code == 0, result.err
+    assert "cameras estimated for 2 of 2 frames:" in result.err and "two frames do not determine" in result.err
+    assert "photograph" not in result.err and "are not saved" not in result.err
+    assert {path.name for path in frames.iterdir()} == {"frame000000.png", "frame000001.png", "transforms.json"}
+    files = [frame["file_path"] for frame in json.loads(cameras.read_text())["frames"]]
+    assert files == ["frames/frame000000.png", "frames/frame000001.png"]
+    for number, source in enumerate((frames, cameras)):
+        again = tmp_path / f"again{number}.fcs"
+        assert fecosplat("encode", source, "-o", again, *FAST).code == 0
+        assert again.read_bytes() == (tmp_path / "a.fcs").read_bytes()
+
+    before = sorted(tmp_path.iterdir())
+    files = ("-o", tmp_path / "b.fcs", "--save-frames", tmp_path / "other")
+    result = fecosplat("encode", video, *files, *FAST, "--strict", "-q")
+    assert result.code == 1 and f"{video}: the cameras may be wrong: two frames do not" in result.err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_frames_are_saved_of_a_video_and_to_a_new_folder(fecosplat, unposed: Path, tmp_path: Path) -> None:
+    files = ("-o", tmp_path / "a.fcs", "--save-frames")
+    result = fecosplat("encode", unposed, *files, tmp_path / "frames")
+    assert result.code == 2 and "--save-frames is for a video file" in result.err
+    video = tmp_path / "clip.mkv"
+    write_clip(video)
+    result = fecosplat("encode", video, *files, unposed)
+    assert result.code == 1 and f"{unposed}: this exists and is no empty folder; choose another" in result.err
+    assert sorted(tmp_path.iterdir()) == [video, unposed]
+
+
 def write_clip(path: Path) -> None:
     """Write the two photographs of the example as a lossless video of two frames."""
     av = pytest.importorskip("av")

@@ -12,6 +12,7 @@ import fecocodec
 from fecocodec import AtMostKib, EncodingOptions, InputError, encode_folder
 from fecocodec.captures.view_selection import All, Spread
 from fecocodec.codec.encode_folder import OtherViews
+from fecocodec.codec.messages import of_input
 from fecocodec.container import inspect
 from fecocodec.errors import OptionError, StrictError
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
@@ -196,3 +197,15 @@ def test_all_excludes_guides_and_checks() -> None:
     with pytest.raises(OptionError, match="codes every photograph"):
         EncodingOptions(views=All(), num_checks=1)
     EncodingOptions(views=All(), guides=(), num_checks=0)
+
+
+def test_one_number_in_the_views_of_a_video_is_how_many_are_coded() -> None:
+    assert EncodingOptions(views=("4",)).of_video().views == Spread(4)
+    for views in (("4", "7"), ("frame000004.png",), All(), None):
+        assert EncodingOptions(views=views).of_video().views == views
+
+
+def test_messages_of_a_video_are_about_frames() -> None:
+    video, sentence = Path("photograph 1/clip.mp4"), "photograph 1/clip.mp4: one photograph of 3 photographs."
+    assert of_input(video, sentence) == "photograph 1/clip.mp4: one frame of 3 frames."
+    assert of_input(Path("photos"), sentence) == sentence

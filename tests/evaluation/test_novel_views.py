@@ -1,5 +1,6 @@
 """The novel-view protocol on real bytes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -48,3 +49,16 @@ def test_guides_teach_systems_that_learn_alone(random_weights: Path, monkeypatch
     found = score(systems.guided_system(codec, 1e-3), "scene", context, 2, guides)
     assert found == score(systems.codec_system(codec, 1e-3), "scene", context, 2, guides)
     assert taught == [guides, None]
+
+
+def test_pixels_under_masks_do_not_count(random_weights: Path) -> None:
+    views = example_views(3)
+    ignored = torch.zeros(3, 64, 64, dtype=torch.bool)
+    ignored[:, :40] = True
+    masked = replace(views, ignored=ignored)
+    spoiled = replace(masked, images=torch.where(ignored[:, None], 1.0 - views.images, views.images))
+    system = systems.codec_system(load_codec(random_weights / MODEL, "cpu"), 1e-3)
+    found = [score(system, "scene", of, 2) for of in (masked, spoiled)]
+    assert found[0].num_bytes == found[1].num_bytes
+    assert found[0].target_psnr == found[1].target_psnr and found[0].context_psnr == found[1].context_psnr
+    assert score(system, "scene", replace(spoiled, ignored=None), 2).target_psnr != found[0].target_psnr

@@ -46,6 +46,12 @@ def test_more_frames_than_there_are_is_refused(tmp_path):
         write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8)
 
 
+def test_all_frames_of_a_short_video_are_taken_without_a_note(tmp_path):
+    write_video(tmp_path / "clip.mp4", 3, sharp={1})
+    assert write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8, is_most=True) == ()
+    assert len(list(tmp_path.glob("*.png"))) == 3
+
+
 def test_a_file_that_is_no_video_is_refused(tmp_path):
     (tmp_path / "clip.mp4").write_bytes(b"no video" * 100)
     with pytest.raises(InputError, match=r"clip\.mp4: the video cannot be read \([^'\[]+\); convert"):
