@@ -18,7 +18,7 @@ QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
 
 def report(names: tuple[str, ...], quality: tuple[DecodedQuality, ...], **others: object) -> EncodingReport:
     fields = {"guides": OtherViews(), "checks": OtherViews(), "num_unused": 0} | others
-    return EncodingReport(b"", names, (), quality, **fields, notes=(), warnings=(), seconds=1.0, save_cameras=None)
+    return EncodingReport(b"", names, quality, **fields, notes=(), warnings=(), seconds=1.0, save_cameras=None)
 
 
 def test_sizes_and_quality_of_each_stage(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
