@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fecocodec.errors import InputError, strict_error
-from fecocodec.photographs.video_frames import is_video
 
 OnMessage = Callable[[str], None]  # (sentence)
 
@@ -15,6 +14,8 @@ def of_input(path: Path, sentence: str) -> str:
 
     Its path may be the first part of the sentence, and is kept.
     """
+    from fecocodec.photographs.video_frames import is_video  # it loads numpy
+
     if not is_video(path):
         return sentence
     before, named, after = sentence.rpartition(str(path))
