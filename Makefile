@@ -110,6 +110,7 @@ $(NODE_READY): web/package-lock.json
 
 web: $(NODE_READY) ## build the viewer page into fecocodec/web (needs Node.js 20)
 	cd web && node build.mjs ../fecocodec/web
+	@git diff --quiet -- fecocodec/web/scene.html 2>/dev/null || echo "fecocodec/web/scene.html has changed: commit it with what changed it"
 
 web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHROMIUM=/usr/bin/chromium)
 	cd web && npx tsc -p . && rm -rf build/test build/browser-tests && node build-tests.mjs && node --test build/test/*.mjs

@@ -39,7 +39,7 @@ Examples:
 def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: int) -> None:
     """Decode FILE.fcs (- for standard input) and show the scene in a page.
 
-    The page is that of `fecosplat decode FILE.fcs -o scene.html`; `make web` builds it once, before the installation.
+    The page is that of `fecosplat decode FILE.fcs -o scene.html`.
     It is served on this machine only, on a free port, until Ctrl-C ends the command. It loads nothing from other hosts.
     """
     data = read_stream_file(stream)

@@ -4,7 +4,7 @@ import { build } from "esbuild";
 import { createHash } from "node:crypto";
 import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { gzipSync } from "node:zlib";
+import { gunzipSync, gzipSync } from "node:zlib";
 
 const output = process.argv[2];
 if (!output) throw new Error("usage: node build.mjs OUTPUT_FOLDER");
@@ -12,6 +12,7 @@ const root = join(import.meta.dirname, "..");
 const { GRAPHS } = await imported("src/receiver/graph-names.ts");
 const weights = join(root, "fecocodec", "weights");
 
+const before = existsSync(join(output, "scene.html")) ? readFileSync(join(output, "scene.html"), "utf8") : "";
 rmSync(output, { recursive: true, force: true });
 mkdirSync(output, { recursive: true });
 const options = {
@@ -23,7 +24,9 @@ const options = {
   metafile: true,
   define: { "import.meta.url": "self.location.href" },
 };
-writeFileSync(join(output, "scene.html"), await scenePage());
+const page = await scenePage();
+// The page is tracked; versions of Node compress the same program to other bytes.
+writeFileSync(join(output, "scene.html"), unpacked(before) === unpacked(page) ? before : page);
 const models = modelsWithGraphs();
 if (models.length > 0) await decoderPage();
 else console.log("no model has all graphs of the receiver: the page that decodes in the browser is left out");
@@ -40,6 +43,12 @@ async function decoderPage() {
   copyFileSync(join(root, "fecocodec", "entropy", "symbol_tables.bin"), join(output, "symbol_tables.bin"));
   writeFileSync(join(output, "models.json"), JSON.stringify(models.map(copyModel)));
   writeFileSync(join(output, "licences.txt"), licences(metafile));
+}
+
+/** Return a page with its program decompressed. */
+function unpacked(page) {
+  const isProgram = /H4sI[A-Za-z0-9+/=]{1000,}/;
+  return page.replace(isProgram, (data) => gunzipSync(Buffer.from(data, "base64")).toString("utf8"));
 }
 
 /** Return the exports of a TypeScript module. */

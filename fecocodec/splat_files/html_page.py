@@ -1,8 +1,8 @@
 """Write decoded Gaussians as one self-contained HTML page that opens from disk.
 
 The page holds the viewer program (1.4 MB) and the Gaussians as SPZ version 3: 1.8 MB in all for 16,203 Gaussians.
-Decoder and model alone would take 10 MB after gzip compression, and seconds to decode. `make web` builds the page
-without a scene from `web/` into the package.
+Decoder and model alone would take 10 MB after gzip compression, and seconds to decode. The package has the page
+without a scene, which `make web` builds from `web/`.
 """
 
 import base64
@@ -21,18 +21,18 @@ SCENE_PAGE = "scene.html"
 
 
 def scene_page(folder: Path = FOLDER) -> bytes:
-    """Return the page without a scene. Raises OutputError if it was not built."""
+    """Return the page without a scene. Raises OutputError if it is missing."""
     try:
         return (folder / SCENE_PAGE).read_bytes()
     except OSError as error:
         raise OutputError(
-            "the viewer page was not built; run `make web` in the clone (needs Node.js 20), then `pip install` again "
-            "unless the installation is editable."
+            f"{folder / SCENE_PAGE}: the viewer page is missing; install again, or run `make web` in the clone "
+            "(needs Node.js 20)."
         ) from error
 
 
 def file_bytes(scene: OutputScene) -> bytes:
-    """Return the bytes of the page. Raises OutputError if SPZ cannot hold the Gaussians, or the viewer was not built.
+    """Return the bytes of the page. Raises OutputError if SPZ cannot hold the Gaussians, or the page is missing.
 
     Gaussians without cameras have no first view, and are refused too.
     """

@@ -108,14 +108,14 @@ def test_a_file_without_permission_is_no_wrong_usage(
     "arguments",
     [("decode", "missing.fcs", "-o", "a.html"), ("batch", "decode", "missing", "-o", "out", "--format", "html")],
 )
-def test_a_page_that_was_not_built_is_reported_before_the_file_is_read(
+def test_a_missing_page_is_reported_before_the_file_is_read(
     fecosplat, tmp_path: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(html_page, "scene_page", partial(html_page.scene_page, tmp_path))
     monkeypatch.chdir(tmp_path)
     result = fecosplat(*arguments)
     assert result.code == 1
-    assert "the viewer page was not built" in result.err
+    assert "the viewer page is missing" in result.err
 
 
 @pytest.mark.parametrize("views", ["9" * 5000, "spread:" + "9" * 5000, "auto:3"])

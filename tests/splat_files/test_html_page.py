@@ -5,14 +5,11 @@ import gzip
 import json
 import re
 
-import pytest
-
 from fecocodec.splat_files.gaussian_arrays import OutputScene
-from fecocodec.splat_files.html_page import FOLDER, SCENE_PAGE, file_bytes
+from fecocodec.splat_files.html_page import file_bytes
 from fecocodec.splat_files.spz import spz_bytes
 from tests.splat_files.test_output_formats import some_cameras, some_gaussians
 
-needs_page = pytest.mark.skipif(not (FOLDER / SCENE_PAGE).exists(), reason="the page was not built; run `make web`")
 CONTENT = r'<script type="[a-z/]+" id="{}">([^<]*)</script>'
 
 
@@ -22,7 +19,6 @@ def content_of(page: str, name: str) -> str:
     return found[0]
 
 
-@needs_page
 def test_the_page_holds_the_scene() -> None:
     gaussians, cameras = some_gaussians(100), some_cameras()
     page = file_bytes(OutputScene(gaussians, cameras, "</script><b>", "scene.html")).decode("utf-8")
