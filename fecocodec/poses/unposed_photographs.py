@@ -12,7 +12,7 @@ from fecocodec.photographs.image_headers import has_image_name, is_exr, is_unrea
 from fecocodec.photographs.pillow_images import exif_value, open_image, upright_with_pillow
 from fecocodec.poses.estimated_cameras import ImageGroup
 
-MAX_PHOTOGRAPHS = 60
+MAX_PHOTOGRAPHS = 200
 MAX_SIDE_PX = 1600  # of the copies from which features are extracted
 # Without EXIF data: the median of 8 training captures, in longer image sides (a 27 mm lens on 35 mm film).
 FOCAL_PRIOR = 0.75
