@@ -12,7 +12,7 @@ _PARTNERS = 10  # of a photograph, those with the most features in common
 _NEIGHBOURS = 2  # on both sides in the order of the names, which are always partners
 _MOST_RATIO = 0.8  # of the angles between a descriptor and its nearest and second nearest, as in full matching
 
-Descriptors = Float[np.ndarray, "feature value"]
+Descriptors = Float[np.ndarray, "compared value"]
 Features = tuple[Float[np.ndarray, " feature"], UInt8[np.ndarray, "feature value"]]
 Pair = tuple[str, str]
 
@@ -46,7 +46,7 @@ def pairs_to_match_again(counts: dict[Pair, int], missing: set[str]) -> list[Pai
 
 def _largest(scales: Float[np.ndarray, " feature"], descriptors: UInt8[np.ndarray, "feature value"]) -> Descriptors:
     """Return _COMPARED unit descriptors, filled up with zeros."""
-    chosen = descriptors[np.argsort(-scales, kind="stable")[:_COMPARED]].astype(np.float32)
+    chosen = descriptors[np.argsort(-scales, kind="stable")[:_COMPARED]].astype(np.float32).reshape(-1, 128)
     units = np.zeros((_COMPARED, 128), np.float32)
     units[: len(chosen)] = chosen / np.maximum(1e-6, np.linalg.norm(chosen, axis=1, keepdims=True))
     return units
@@ -61,7 +61,7 @@ def _common_features(descriptors: list[Descriptors]) -> Int[np.ndarray, "photogr
     return common
 
 
-def _num_matches(cosines: Float[np.ndarray, "feature feature"]) -> int:
+def _num_matches(cosines: Float[np.ndarray, "compared compared"]) -> int:
     rows = np.arange(len(cosines))
     nearest = cosines.argmax(axis=1)
     is_mutual = cosines.argmax(axis=0)[nearest] == rows

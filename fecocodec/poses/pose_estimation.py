@@ -19,6 +19,7 @@ from fecocodec.poses.estimated_cameras import ImageGroup, Reconstruction, camera
 from fecocodec.poses.likely_pairs import Pair, likely_pairs, pairs_to_match_again
 from fecocodec.poses.pose_warnings import is_agreement
 from fecocodec.poses.pycolmap_matching import (
+    FeaturePoints,
     MatchedFeatures,
     extract_features,
     forget_matches,
@@ -135,7 +136,7 @@ def _is_turned(
     database: Path,
     folder: Path,
     groups: list[ImageGroup],
-    features: dict[str, Points],
+    features: dict[str, FeaturePoints],
     num_threads: int,
 ) -> bool:
     """Return whether the camera only turned between the photographs, before most pairs are matched."""
@@ -152,7 +153,7 @@ def _is_turned(
     return only_turned(names, matched, focal_px)
 
 
-def _all_points(features: dict[str, Points], matches: dict[Pair, MatchedFeatures]) -> MatchedPoints:
+def _all_points(features: dict[str, FeaturePoints], matches: dict[Pair, MatchedFeatures]) -> MatchedPoints:
     return {
         (first, second): (features[first][numbers[:, 0]], features[second][numbers[:, 1]])
         for (first, second), numbers in matches.items()

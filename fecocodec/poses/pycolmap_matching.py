@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from fecocodec.poses.estimated_cameras import ImageGroup
 from fecocodec.poses.likely_pairs import Features, Pair
 from fecocodec.poses.pycolmap_steps import RADIAL_FROM, SEED
-from fecocodec.poses.turned_camera import Points
 
 _PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more features in small photographs
 _MANY = 12  # photographs; from here on, each has fewer features: the time of matching grows with both
 _MOST_FEATURES, _MOST_FEATURES_OF_MANY = 8192, 4096  # of a photograph, those of the largest scale
 
-MatchedFeatures = Int[np.ndarray, "match 2"]
+MatchedFeatures = Int[np.ndarray, "_ 2"]
+FeaturePoints = Float[np.ndarray, "_ 2"]
 
 
 def extract_features(pycolmap: Any, database: Path, folder: Path, groups: list[ImageGroup], num_threads: int) -> None:
@@ -137,7 +137,7 @@ def verified_matches(pycolmap: Any, database: Path) -> dict[Pair, MatchedFeature
     return matches
 
 
-def read_points(pycolmap: Any, database: Path) -> dict[str, Points]:
+def read_points(pycolmap: Any, database: Path) -> dict[str, FeaturePoints]:
     """Return the positions of the features of each photograph in pixels."""
     with pycolmap.Database.open(database) as opened:
         return {
