@@ -14,6 +14,8 @@ from fecocodec.errors import InputError, installation
 
 SEED = 0
 RADIAL_FROM = 6  # photographs; fewer do not determine the lens distortion
+_MANY = 12  # photographs; with more, all cameras are adjusted less often before the last bundle adjustment
+_GROWTH, _MOST_REFINEMENTS = 1.3, 2  # of cameras or points until the next adjustment of all, and steps of one
 _FOCAL_RANGE = (0.3, 3.0)  # longer image sides; a lens of 11 to 108 mm on 35 mm film
 _ANY_FOCAL = (0.01, 100.0)  # a given one was checked
 # Share of the verified matches that a reconstruction has to explain, else looser attempts follow.
@@ -94,6 +96,9 @@ def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int,
     options.num_threads = 1  # several threads give other cameras at each run
     options.random_seed = SEED
     options.extract_colors = False
+    if count > _MANY:
+        options.ba_global_frames_ratio = options.ba_global_points_ratio = _GROWTH
+        options.ba_global_max_refinements = _MOST_REFINEMENTS
     options.ba_refine_extra_params = count >= RADIAL_FROM
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = not is_focal_fixed
     for limited in (options, options.mapper, options.triangulation):
