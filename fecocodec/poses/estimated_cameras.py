@@ -1,6 +1,6 @@
 """Cameras that were estimated from photographs, and how two estimates differ."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -55,9 +55,10 @@ class Reconstruction:
 
     reprojection_error_px: mean over observations. angle: median angle in degrees between the rays of a point.
     matches: number of verified matches of each pair of photographs (names in order). difference: of the rotations and
-    directions between cameras, in degrees, from a second estimate that starts from another focal length; see
-    `pose_difference`. It is None if the second estimate lacks a camera, and for two photographs. ambiguity: of two
-    photographs; None for more. is_turned: whether the camera only turned; nothing is then estimated.
+    directions between cameras, in degrees, from the nearest other estimate, which starts from another focal length; see
+    `pose_difference`. It is None if all others lack a camera, and for two photographs. ambiguity: of two photographs;
+    None for more. is_turned: whether the camera only turned; nothing is then estimated. reached: number of features
+    that match a reconstructed point, of each photograph without a camera that has any.
     """
 
     cameras: tuple[EstimatedCamera, ...]
@@ -67,6 +68,7 @@ class Reconstruction:
     difference: tuple[float, float] | None
     ambiguity: Ambiguity | None = None
     is_turned: bool = False
+    reached: dict[str, int] = field(default_factory=dict)
 
 
 def pose_difference(

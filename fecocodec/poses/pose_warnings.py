@@ -15,7 +15,8 @@ def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> lis
     group = next(group for group in groups if first.name in group.names)
     change, is_fixed = first.lens.fx / group.focal_px, group.is_fixed
     reasons = [] if found.ambiguity is None else _ambiguities(found.ambiguity, first.lens.fx)
-    if not 1 / _FOCAL_CHANGE < change < _FOCAL_CHANGE:
+    is_confirmed = not is_fixed and is_agreement(found.difference)
+    if not 1 / _FOCAL_CHANGE < change < _FOCAL_CHANGE and not is_confirmed:
         reasons.append(f"the estimated focal length is {change:.2f} times the initial one")
     if found.ambiguity is None:
         reasons += _differences(found.difference, is_fixed=is_fixed)
@@ -29,6 +30,11 @@ def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> lis
     if not is_fixed:
         remedy += ", keep the EXIF data with the focal length"
     return [f"the cameras may be wrong: {' and '.join(reasons)}; {remedy}, or give known cameras."]
+
+
+def is_agreement(difference: tuple[float, float] | None) -> bool:
+    """Return whether two estimates are the same cameras. difference: of rotations and directions in degrees."""
+    return difference is not None and difference[0] <= _ROTATION_DIFFERENCE and difference[1] <= _DIRECTION_DIFFERENCE
 
 
 def _ambiguities(ambiguity: Ambiguity, focal_px: float) -> list[str]:
@@ -53,7 +59,7 @@ def _differences(difference: tuple[float, float] | None, *, is_fixed: bool) -> l
     second = "a second estimate from " + ("another initial pair" if is_fixed else "another initial focal length")
     if difference is None:
         return [f"{second} does not find all of them"]
-    if difference[0] <= _ROTATION_DIFFERENCE and difference[1] <= _DIRECTION_DIFFERENCE:
+    if is_agreement(difference):
         return []
     return [
         f"{second} differs by up to {difference[0]:.1f} degrees in rotation and {difference[1]:.0f} degrees in "

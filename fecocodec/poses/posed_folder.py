@@ -172,10 +172,17 @@ def _left_out(photographs: list[Path], found: Reconstruction) -> list[str]:
     for path in photographs:
         if path.name not in registered:
             most = max((count for pair, count in found.matches.items() if path.name in pair), default=0)
-            matches = f"at most {most} matches" if most else "no matches"
-            warnings.append(
-                f"{path.name} is left out: {matches} with another photograph; take it again with more overlap."
-            )
+            reached = found.reached.get(path.name, 0)
+            if most < _FEW_MATCHES:
+                reason = f"at most {most} matches" if most else "no matches"
+                reason += " with another photograph; take it again with more overlap"
+            elif reached < _FEW_MATCHES:
+                reason = f"it shows {reached or 'no'} points whose position the others determine, too few for a camera"
+                reason += "; add photographs between it and the others"
+            else:
+                reason = f"it shows {reached} points whose position the others determine, but no camera fits them"
+                reason += "; something moved, or parts of the scene look alike"
+            warnings.append(f"{path.name} is left out: {reason}.")
     return warnings
 
 

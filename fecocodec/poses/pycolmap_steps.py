@@ -1,4 +1,4 @@
-"""The steps of structure from motion, by pycolmap: features, matches, mapping, and bundle adjustment.
+"""The last steps of structure from motion, by pycolmap: mapping of matched photographs, and bundle adjustment.
 
 pycolmap has no type stubs; `pycolmap` is the module, and models are its `Reconstruction`s.
 """
@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from fecocodec.errors import InputError, installation
-from fecocodec.poses.estimated_cameras import ImageGroup
 
-_SEED = 0
-_RADIAL_FROM = 6  # photographs; fewer do not determine the lens distortion
+SEED = 0
+RADIAL_FROM = 6  # photographs; fewer do not determine the lens distortion
+_MANY = 12  # photographs; with more, all cameras are adjusted less often before the last bundle adjustment
+_GROWTH, _MOST_REFINEMENTS = 1.3, 2  # of cameras or points until the next adjustment of all, and steps of one
 _FOCAL_RANGE = (0.3, 3.0)  # longer image sides; a lens of 11 to 108 mm on 35 mm film
 _ANY_FOCAL = (0.01, 100.0)  # a given one was checked
-_PEAK_THRESHOLD = 0.003  # of SIFT; a lower one than the default finds more features in small photographs
 # Share of the verified matches that a reconstruction has to explain, else looser attempts follow.
 _ENOUGH_EXPLAINED = 0.5
 # Pixels; scale of the Cauchy loss of the last bundle adjustment. With squared errors, the outliers of up to 4 pixels
@@ -33,14 +32,15 @@ def map_photographs(
     folder: Path,
     workspace: Path,
     attempts: tuple[tuple[float, int, int], ...],
-    matches: dict[tuple[str, str], int],
+    num_matches: int,
     count: int,
     *,
     is_focal_fixed: bool = False,
 ) -> Any:
     """Return the reconstruction with the most photographs, then with the most explained matches; None without one.
 
-    is_focal_fixed: whether the initial focal lengths are kept.
+    num_matches: verified ones of all pairs. count: of photographs. is_focal_fixed: whether the initial focal lengths
+    are kept.
     """
     best, most = None, (0, 0.0)
     for number, attempt in enumerate(attempts):
@@ -48,7 +48,7 @@ def map_photographs(
         output.mkdir(parents=True)
         options = _mapping_options(pycolmap, attempt, count, is_focal_fixed)
         for model in pycolmap.incremental_mapping(database, folder, output, options).values():
-            extent = model.num_reg_images(), _explained_share(model, matches)
+            extent = model.num_reg_images(), _explained_share(model, num_matches)
             if (is_focal_fixed or _is_plausible(model)) and extent > most:
                 best, most = model, extent
         if most[0] == count and most[1] >= _ENOUGH_EXPLAINED:
@@ -56,11 +56,11 @@ def map_photographs(
     return best
 
 
-def change_focal_lengths(pycolmap: Any, database: Path, factor: float) -> None:
-    """Multiply the initial focal lengths."""
+def set_focal_lengths(pycolmap: Any, database: Path, focals_px: list[float]) -> None:
+    """Change the initial focal lengths of the cameras, in the order in which they were made."""
     with pycolmap.Database.open(database) as opened:
-        for camera in opened.read_all_cameras():
-            camera.params = np.array([factor * camera.params[0], *camera.params[1:]])
+        for camera, focal_px in zip(opened.read_all_cameras(), focals_px, strict=True):
+            camera.params = np.array([focal_px, *camera.params[1:]])
             opened.update_camera(camera)
 
 
@@ -74,7 +74,7 @@ def load_pycolmap() -> Any:
             f"{installation('poses')}."
         ) from error
     pycolmap.logging.minloglevel = 3  # fatal errors only; its messages go to stderr otherwise
-    pycolmap.set_random_seed(_SEED)
+    pycolmap.set_random_seed(SEED)
     _restore_sigterm()
     return pycolmap
 
@@ -89,78 +89,17 @@ def _restore_sigterm() -> None:
         signal.signal(signal.SIGTERM, handler)
 
 
-def extract_features(
-    pycolmap: Any, database: Path, folder: Path, groups: list[ImageGroup], num_threads: int, masks: Path | None = None
-) -> None:
-    """Extract features; every group of photographs gets one camera.
-
-    masks: folder of `NAME.png`, where features of black pixels are left out; None without masks.
-    """
-    count = sum(len(group.names) for group in groups)
-    options = pycolmap.FeatureExtractionOptions()
-    options.num_threads = num_threads
-    options.use_gpu = False
-    options.sift.peak_threshold = _PEAK_THRESHOLD
-    for group in groups:
-        height, width = _size(pycolmap, folder / group.names[0])
-        lens = [group.focal_px, width / 2, height / 2]
-        reader = pycolmap.ImageReaderOptions()
-        if masks is not None:
-            reader.mask_path = masks
-        reader.camera_model = "SIMPLE_RADIAL" if count >= _RADIAL_FROM else "SIMPLE_PINHOLE"
-        reader.camera_params = ",".join(map(repr, lens + [0.0] * (count >= _RADIAL_FROM)))
-        # Threads of the extraction would number the photographs in the order in which they finish.
-        pycolmap.import_images(
-            database, folder, camera_mode=pycolmap.CameraMode.SINGLE, image_names=list(group.names), options=reader
-        )
-        pycolmap.extract_features(
-            database,
-            folder,
-            image_names=list(group.names),
-            camera_mode=pycolmap.CameraMode.SINGLE,
-            reader_options=reader,
-            extraction_options=options,
-            device=pycolmap.Device.cpu,
-        )
-
-
-def _size(pycolmap: Any, path: Path) -> tuple[int, int]:
-    bitmap = pycolmap.Bitmap.read(path, as_rgb=False)
-    return bitmap.height, bitmap.width
-
-
-def match_features(pycolmap: Any, database: Path, num_threads: int) -> None:
-    """Match all pairs of photographs that are not matched yet, and verify the matches by two-view geometry."""
-    pycolmap.match_exhaustive(database, **_matching_options(pycolmap, num_threads), device=pycolmap.Device.cpu)
-
-
-def match_pair(pycolmap: Any, database: Path, first: str, second: str, pair_list: Path, num_threads: int) -> None:
-    """Match one pair as `match_features` does. pair_list: a file to write."""
-    pair_list.write_text(f"{first} {second}\n", "utf-8")
-    pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = str(pair_list)
-    options = _matching_options(pycolmap, num_threads)
-    pycolmap.match_image_pairs(database, **options, pairing_options=pairing, device=pycolmap.Device.cpu)
-
-
-def _matching_options(pycolmap: Any, num_threads: int) -> dict[str, Any]:
-    options = pycolmap.FeatureMatchingOptions()
-    options.num_threads = num_threads
-    options.use_gpu = False
-    options.guided_matching = True
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = _SEED
-    return {"matching_options": options, "verification_options": verification}
-
-
 def _mapping_options(pycolmap: Any, attempt: tuple[float, int, int], count: int, is_focal_fixed: bool) -> Any:
     angle, num_init_inliers, num_inliers = attempt
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = 2
     options.num_threads = 1  # several threads give other cameras at each run
-    options.random_seed = _SEED
+    options.random_seed = SEED
     options.extract_colors = False
-    options.ba_refine_extra_params = count >= _RADIAL_FROM
+    if count > _MANY:
+        options.ba_global_frames_ratio = options.ba_global_points_ratio = _GROWTH
+        options.ba_global_max_refinements = _MOST_REFINEMENTS
+    options.ba_refine_extra_params = count >= RADIAL_FROM
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = not is_focal_fixed
     for limited in (options, options.mapper, options.triangulation):
         limited.min_focal_length_ratio, limited.max_focal_length_ratio = _ANY_FOCAL if is_focal_fixed else _FOCAL_RANGE
@@ -179,7 +118,7 @@ def refine(pycolmap: Any, model: Any, count: int, *, is_focal_fixed: bool = Fals
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_focal_length = not is_focal_fixed
-    options.refine_extra_params = count >= _RADIAL_FROM
+    options.refine_extra_params = count >= RADIAL_FROM
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = _LOSS_SCALE_PX
     options.ceres.solver_options.max_num_iterations = _MAX_REFINEMENT_STEPS
@@ -200,28 +139,7 @@ def _is_plausible(model: Any) -> bool:
     return all(_FOCAL_RANGE[0] <= ratio <= _FOCAL_RANGE[1] for ratio in ratios)
 
 
-def _explained_share(model: Any, matches: dict[tuple[str, str], int]) -> float:
-    """Return the number of pairs of observations of one point, per verified match. Guided matches can exceed 1."""
+def _explained_share(model: Any, num_matches: int) -> float:
+    """Return the number of pairs of observations of one point, per verified match. It can exceed 1."""
     lengths = [point.track.length() for point in model.points3D.values()]
-    return sum(length * (length - 1) / 2 for length in lengths) / max(1, sum(matches.values()))
-
-
-def verified_matches(pycolmap: Any, database: Path) -> dict[tuple[str, str], int]:
-    """Return the number of verified matches of every pair of photographs that has any."""
-    with pycolmap.Database.open(database) as opened:
-        name_of = {image.image_id: image.name for image in opened.read_all_images()}
-        pair_ids, counts = opened.read_two_view_geometry_num_inliers()
-        pairs = [pycolmap.pair_id_to_image_pair(pair_id) for pair_id in pair_ids]
-        named = [sorted((name_of[first], name_of[second])) for first, second in pairs]
-    return {(first, second): int(count) for (first, second), count in zip(named, counts, strict=True)}
-
-
-def matched_points(
-    pycolmap: Any, database: Path, first: str, second: str
-) -> tuple[Float[np.ndarray, "match 2"], Float[np.ndarray, "match 2"]]:
-    """Return the points of the verified matches of two photographs in pixels."""
-    with pycolmap.Database.open(database) as opened:
-        ids = {image.name: image.image_id for image in opened.read_all_images()}
-        pairs = np.asarray(opened.read_two_view_geometry(ids[first], ids[second]).inlier_matches).reshape(-1, 2)
-        points = [np.asarray(opened.read_keypoints(ids[name]), np.float64)[:, :2] for name in (first, second)]
-    return points[0][pairs[:, 0]], points[1][pairs[:, 1]]
+    return sum(length * (length - 1) / 2 for length in lengths) / max(1, num_matches)

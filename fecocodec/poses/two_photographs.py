@@ -27,17 +27,17 @@ Points = Float[np.ndarray, "match 2"]
 
 def reconstruct_pair(
     found: Reconstruction,
-    others: tuple[EstimatedCamera, ...] | None,
+    starts: list[tuple[EstimatedCamera, ...]],
     points: tuple[Points, Points],
     groups: list[ImageGroup],
 ) -> Reconstruction:
     """Return the reconstruction of two photographs with the cameras that fit the matched points best.
 
-    found: has two cameras. others: a second estimate of both. points: matches in pixels, in the order of the cameras.
+    found: has two cameras. starts: estimates of both, at least one. points: matches in pixels, in the order of the
+    cameras.
     """
     matches = _matches(found.cameras, points, groups)
-    starts = [_start(matches, cameras) for cameras in (found.cameras, others) if cameras is not None]
-    fit, *rest = fit_two_views(matches, starts)
+    fit, *rest = fit_two_views(matches, [_start(matches, cameras) for cameras in starts])
     errors, depths = np.abs(matches.errors_px(fit.rotation, fit.direction, fit.zoom)), matches.depths(fit)
     angles = _angles(matches, fit)
     is_point = (errors < _LARGEST_ERROR_PX) & (depths[0] > 0) & (depths[1] > 0) & (angles > _SMALLEST_ANGLE)

@@ -18,7 +18,7 @@ from fecocodec.photographs.pillow_images import (
 )
 from fecocodec.poses.estimated_cameras import ImageGroup
 
-MAX_PHOTOGRAPHS = 60
+MAX_PHOTOGRAPHS = 200
 MAX_SIDE_PX = 1600  # of the copies from which features are extracted
 # Without EXIF data: the median of 8 training captures, in longer image sides (a 27 mm lens on 35 mm film).
 FOCAL_PRIOR = 0.75

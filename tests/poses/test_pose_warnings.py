@@ -15,10 +15,10 @@ WIDTH, HEIGHT, FOCAL = 320, 240, 240.0  # the focal length is the initial one, 0
 PLANES = ((1, 1.6, 99.0), (2, 8.0, 99.0), (0, -4.0, 99.0), (2, 5.0, 0.9), (0, 2.2, 2.0))
 
 
-def draw(path: Path, turn: float, position: tuple[float, float, float]) -> None:
+def draw(path: Path, turn: float, position: tuple[float, float, float], focal: float = FOCAL) -> None:
     """Draw textured planes as seen by a camera that is turned by `turn` degrees about the vertical axis."""
     rows, columns = np.meshgrid(np.arange(HEIGHT) + 0.5, np.arange(WIDTH) + 0.5, indexing="ij")
-    local = np.stack(((columns - WIDTH / 2) / FOCAL, (rows - HEIGHT / 2) / FOCAL, np.ones_like(rows)))
+    local = np.stack(((columns - WIDTH / 2) / focal, (rows - HEIGHT / 2) / focal, np.ones_like(rows)))
     angle = np.radians(turn)
     rotation = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
     rays = np.einsum("ij,jhw->ihw", rotation, local)
@@ -39,11 +39,26 @@ def draw(path: Path, turn: float, position: tuple[float, float, float]) -> None:
 
 
 def test_four_photographs_from_different_positions_are_not_warned_of(tmp_path):
+    """The cameras are the same with one thread and with two."""
     for number, (turn, x) in enumerate(((24.0, -2.4), (8.0, -0.8), (-8.0, 0.8), (-24.0, 2.0))):
         draw(tmp_path / f"{number}.png", turn, (x, 0.1 * number, 0.3 * abs(x)))
+    found = []
+    for num_threads in (1, 2):
+        with posed_folder(tmp_path, num_threads=num_threads) as posed:
+            assert "4 of 4" in posed.notes[0]
+            assert posed.warnings == ()
+            found.append(posed.reconstruction.cameras)
+    assert found[0][0].lens.fx == pytest.approx(FOCAL, rel=0.02)
+    for first, second in zip(*found, strict=True):
+        assert first.lens == second.lens and np.array_equal(first.camera_to_world, second.camera_to_world)
+
+
+def test_a_long_lens_on_which_estimates_agree_is_not_warned_of(tmp_path):
+    for number, (turn, x) in enumerate(((16.0, -1.7), (6.0, -0.6), (-6.0, 0.6), (-16.0, 1.5))):
+        draw(tmp_path / f"{number}.png", turn, (x, 0.1 * number, 0.3 * abs(x)), 1.7 * FOCAL)
     with posed_folder(tmp_path, num_threads=1) as posed:
         assert "4 of 4" in posed.notes[0]
-        assert posed.reconstruction.cameras[0].lens.fx == pytest.approx(FOCAL, rel=0.02)
+        assert posed.reconstruction.cameras[0].lens.fx == pytest.approx(1.7 * FOCAL, rel=0.02)
         assert posed.warnings == ()
 
 

@@ -26,7 +26,7 @@ from fecocodec.poses.estimated_cameras import (
 )
 from fecocodec.poses.pose_estimation import reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
-from fecocodec.poses.posed_folder import _weak_pairs, posed_folder
+from fecocodec.poses.posed_folder import _left_out, _weak_pairs, posed_folder
 from fecocodec.poses.pycolmap_steps import refine
 from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
 
@@ -237,7 +237,7 @@ def test_two_identical_photographs_are_refused(tmp_path):
 
 @pytest.mark.parametrize("step", [0.0, 4.0])
 def test_a_camera_that_stays_at_one_position_is_refused_before_all_pairs_are_matched(tmp_path, monkeypatch, step):
-    monkeypatch.setattr("fecocodec.poses.pose_estimation.match_features", None)
+    monkeypatch.setattr("fecocodec.poses.pose_estimation.read_features", None)  # comes before
     image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
     for index in range(3):
         noise = np.random.default_rng(index).normal(0, 2, image.shape)
@@ -247,11 +247,12 @@ def test_a_camera_that_stays_at_one_position_is_refused_before_all_pairs_are_mat
 
 
 def test_names_with_spaces_are_matched(tmp_path):
-    """They are not tested for a turn: the list of pairs of pycolmap has no quotes."""
+    """The list of pairs of pycolmap has no quotes."""
     for path in copies(tmp_path):
-        path.rename(path.with_name(f"the {path.name}"))
+        path.rename(path.with_name(f"# the {path.name}"))
     with posed_folder(tmp_path, num_threads=1) as posed:
         assert "2 of 2" in posed.notes[0]
+        assert [camera.name for camera in posed.reconstruction.cameras] == ["# the left.png", "# the right.png"]
 
 
 def test_a_camera_that_only_turns_is_refused(tmp_path):
@@ -330,7 +331,12 @@ def test_the_warning_of_a_given_focal_length_does_not_ask_for_it():
         ((1.6, 3.0), 288.0, ("differs by up to 1.6 degrees in rotation and 3 degrees in direction",)),
         ((0.1, 6.0), 288.0, ("differs by up to 0.1 degrees in rotation and 6 degrees in direction",)),
         (None, 288.0, ("does not find all of them",)),
-        ((0.1, 0.1), 180.0, ("focal length is 1.60 times the initial one",)),
+        ((0.1, 0.1), 180.0, ()),  # two estimates agree on a long lens
+        (
+            (1.6, 0.1),
+            180.0,
+            ("focal length is 1.60 times the initial one and a second estimate", "differs by up to 1.6"),
+        ),
         (None, 180.0, ("focal length is 1.60 times the initial one and a second estimate", "not find all")),
     ],
 )
@@ -379,9 +385,7 @@ def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monke
     mapper = type("Mapper", (), {"incremental_mapping": lambda *_arguments: next(models)})
     monkeypatch.setattr(pycolmap_steps, "_mapping_options", lambda *_arguments: None)
     attempts = ((8.0, 60, 24),) * 4
-    best = pycolmap_steps.map_photographs(
-        mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, {("0", "1"): 100}, 4
-    )
+    best = pycolmap_steps.map_photographs(mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, 100, 4)
     assert len(best.points3D) == 66
     assert len(list(models)) == 1
 
@@ -436,3 +440,18 @@ def test_masks_are_turned_with_their_photographs(is_upright, tmp_path):
     found = Image.open(upright_masks([tmp_path / "a.jpg"], tmp_path / "copies") / "a.jpg.png")
     assert found.size == (96, 128)
     assert np.array_equal(np.asarray(found)[:32] > 0, np.zeros((32, 96), bool)) and np.asarray(found)[32:].min() == 255
+
+
+def test_why_a_photograph_is_left_out_is_said() -> None:
+    """Many matches do not help where few of them lead to points that the others determine."""
+    matches = {("0", "a"): 29, ("0", "b"): 138, ("1", "c"): 138}
+    cameras = cameras_at((0, 0, 0), (1, 0, 0))
+    found = Reconstruction(cameras, 0.3, 8.0, matches, None, reached={"b": 11, "c": 96})
+    assert _left_out([Path(name) for name in "01abcd"], found) == [
+        "a is left out: at most 29 matches with another photograph; take it again with more overlap.",
+        "b is left out: it shows 11 points whose position the others determine, too few for a camera; add photographs "
+        "between it and the others.",
+        "c is left out: it shows 96 points whose position the others determine, but no camera fits them; something "
+        "moved, or parts of the scene look alike.",
+        "d is left out: no matches with another photograph; take it again with more overlap.",
+    ]

@@ -46,7 +46,7 @@ def estimated(
 ) -> tuple[Reconstruction, list[str]]:
     """Return the reconstruction of the projections from an estimate, and the warnings."""
     groups = [ImageGroup(("0", "1"), initial_px, is_known=known)]
-    found = reconstruct_pair(Reconstruction(start, 0.3, 8.0, {}, (0.0, 0.0)), None, projections(cameras), groups)
+    found = reconstruct_pair(Reconstruction(start, 0.3, 8.0, {}, (0.0, 0.0)), [start], projections(cameras), groups)
     return found, reliability_warnings(found, groups)
 
 
