@@ -26,6 +26,7 @@ from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.encode import encode_with
+from fecocodec.splat_files.gaussian_arrays import gaussian_arrays
 from fecocodec.splat_files.gaussian_files import write_gaussians
 
 # Step sizes of Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering", 2023; that of the means is
@@ -105,7 +106,7 @@ def main() -> None:
             seconds = encoded + perf_counter() - begin
             spz = encode_gaussians(fitted, "SPZ")
             with tempfile.TemporaryDirectory() as folder:
-                write_gaussians(Path(folder, "scene.sog"), fitted)
+                write_gaussians(Path(folder, "scene.sog"), gaussian_arrays(fitted))
                 sog = Path(folder, "scene.sog").stat().st_size
             stored = quality(decode_gaussians(spz, "SPZ"), targets).mean()
             found = quality(fitted, seen).mean(), quality(fitted, targets).mean(), stored
