@@ -106,7 +106,7 @@ def main() -> None:
             seconds = encoded + perf_counter() - begin
             spz = encode_gaussians(fitted, "SPZ")
             with tempfile.TemporaryDirectory() as folder:
-                write_gaussians(Path(folder, "scene.sog"), gaussian_arrays(fitted))
+                write_gaussians(Path(folder, "scene.sog"), gaussian_arrays(fitted, "scene.sog"))
                 sog = Path(folder, "scene.sog").stat().st_size
             stored = quality(decode_gaussians(spz, "SPZ"), targets).mean()
             found = quality(fitted, seen).mean(), quality(fitted, targets).mean(), stored
