@@ -27,6 +27,8 @@ def require_image_output(output: Path) -> None:
     """Raise OutputError if an output path is neither an image nor a folder, nor the name of one."""
     if is_image_file(output) or os.path.isdir(output):
         return
+    if output.suffix.lower() == ".mp4":
+        raise OutputError(f"{output}: -o is for images; use --video {output}.")
     require_ending(output, ("a folder", *FILE_SUFFIXES))
     if os.path.isfile(output):
         raise OutputError(f"{output}: is a file; give a folder, or a name that ends in .png, .jpg, .webp or .exr.")

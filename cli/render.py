@@ -43,7 +43,7 @@ Examples:
   fecosplat render scene.fcs -o preview.webp
   fecosplat render scene.fcs -o new_view.png --cameras photos/ --views 7
   fecosplat render scene.ply -o images/ --cameras photos/ --size 512x512
-  fecosplat render scene.fcs --video orbit.mp4 --path orbit
+  fecosplat render scene.fcs --video orbit.mp4 --path orbit --size 1280x720
   fecosplat render scene.fcs --video flight.mp4 --cameras camera_path.json""",
 )
 @click.argument("scene", metavar="FILE", type=stream_path)
@@ -61,7 +61,8 @@ Examples:
 @click.option(
     "--path", "path_name", type=click.Choice(PATH_NAMES),
     help="Render a path near the cameras: a spiral around their mean, an orbit around the scene, or a path that passes "
-    "through all of them.",
+    "through all of them, as the others do where the cameras see no common centre.  [default for --video without "
+    "--cameras: between]",
 )  # fmt: skip
 @click.option(
     "--frames", type=click.IntRange(2, 10_000), help="Number of frames of --path.  [default: 120]", metavar="NUMBER"
@@ -74,9 +75,7 @@ Examples:
     "--views", callback=parse_selection, metavar="WHICH",
     help="Views of --cameras to use: 0,5 or a.jpg,b.jpg or spread:N or auto or all.  [default: all]",
 )  # fmt: skip
-@click.option(
-    "--size", callback=parse_size, metavar="WxH", help="Image size for --cameras.  [default: that of the photographs]"
-)
+@click.option("--size", callback=parse_size, metavar="WxH", help="Image size.  [default: that of the photographs]")
 @click.option("--stages", type=click.IntRange(1, 2), help="Number of stages to decode.  [default: all]")
 @click.option(
     "--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True,
@@ -115,11 +114,13 @@ def command(
     is_ply = scene.suffix.lower() == ".ply"
     if output is None and video is None:
         raise click.UsageError("Give -o for images, --video for a video, or both.")
-    if cameras_path is None and (views or size or is_ply):
-        in_need = "A .ply file needs" if is_ply else "--views needs" if views else "--size needs"
+    if cameras_path is None and (views or is_ply):
+        in_need = "A .ply file needs" if is_ply else "--views needs"
         raise click.UsageError(f"{in_need} --cameras, the cameras to render at.")
     if is_ply and (stages or model):
         raise click.UsageError("--stages and --model say how a .fcs file is decoded; leave them out for a .ply file.")
+    if video is not None and cameras_path is None and path_name is None:
+        path_name = "between"
     if (frames and path_name is None) or (fps and video is None):
         raise click.UsageError("--frames is for --path, and --fps for --video.")
     start = perf_counter()
@@ -133,6 +134,10 @@ def command(
         _require_video(video, overwrite=overwrite)
     data = b"" if is_ply else _stream_of(scene, max_pixels)
     _require_device(device, scene)
+    if size is not None:
+        from fecocodec.captures.render_cameras import require_rendering_size
+
+        require_rendering_size(size)
     num_frames = None if path_name is None else frames or DEFAULT_FRAMES
     given = None if cameras_path is None else read_given_cameras(cameras_path, views, size)
     is_preview = output is not None and video is None and given is None and path_name is None and is_image_file(output)
@@ -140,7 +145,7 @@ def command(
     files = [] if output is None else image_files(output, scene.stem, names, overwrite=overwrite)
 
     from fecocodec import Gaussians, read_ply
-    from fecocodec.geometry.camera_paths import PATHS
+    from fecocodec.geometry.camera_paths import camera_path
     from fecocodec.photographs.video_writing import video_writer
     from fecocodec.rendering.rasterizer import render_each
 
@@ -157,11 +162,13 @@ def command(
                     on_progress=lambda task, fraction: on_progress(task, 0.5 * fraction),
                 )
         gaussians = read_ply(scene).to(device) if decoded is None else Gaussians.of(decoded.gaussians)
-        cameras, image_size = cameras_and_size(given, decoded, gaussians)
+        cameras, image_size = cameras_and_size(given, decoded, gaussians, size)
         if is_preview:
             cameras = cameras.select([0])
         if path_name is not None and num_frames is not None:
-            cameras = PATHS[path_name](cameras, num_frames)
+            cameras, note = camera_path(path_name, cameras, num_frames, gaussians.means.cpu())
+            if note is not None:
+                say(f"note: {note}")
         write_images = writers.enter_context(image_writer(files, overwrite=overwrite)) if files else None
         rate = fps or (given and given.frames_per_second) or DEFAULT_FPS
         add_frame = writers.enter_context(video_writer(video, image_size, rate, overwrite=overwrite)) if video else None

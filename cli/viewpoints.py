@@ -41,18 +41,24 @@ def names_of(given: "RenderCameras | None", scene: Path, data: bytes, num_frames
 
 
 def cameras_and_size(
-    given: "RenderCameras | None", decoded: "Decoded | None", gaussians: "Gaussians"
+    given: "RenderCameras | None", decoded: "Decoded | None", gaussians: "Gaussians", size: tuple[int, int] | None
 ) -> "tuple[Cameras, tuple[int, int]]":
     """Return the cameras before a path is laid near them, and (height, width) in pixels.
 
-    Depth bounds are those of the decoded file, else of the camera file, else of the visible Gaussians.
+    size: that of --size, (height, width). Depth bounds are those of the decoded file, else of the camera file, else of
+    the visible Gaussians.
     """
     from fecocodec import Cameras
 
     coded = None if decoded is None else Cameras.of(decoded.cameras)
     if given is None:
         assert decoded is not None and coded is not None  # a .ply file needs --cameras
-        return coded, decoded.image_size
+        if size is None:
+            return coded, decoded.image_size
+
+        from fecocodec.captures.render_cameras import resized
+
+        return resized(coded, decoded.image_size, size), size
     if coded is not None:
         return replace(given.cameras, near=coded.near, far=coded.far), given.image_size
     if given.has_depth_bounds:

@@ -1,6 +1,6 @@
 """Read cameras to render at: of a scene folder, a camera file or a camera path. Photographs are not needed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.input_file import StrPath
 from fecocodec.photographs.framing import common_size, framed_intrinsics
+from fecocodec.photographs.lens import Lens
 
 LARGEST_SIDE = 4096  # pixels of a rendering
 
@@ -48,10 +49,25 @@ def read_render_cameras(
     size of the photographs, or of the camera file where a photograph is missing. views: as for `read_views`.
     Raises InputError if a camera cannot be used, or a size is neither known nor given.
     """
-    if size and not all(1 <= side <= LARGEST_SIDE for side in size):
-        raise InputError(f"size {size[1]}x{size[0]}: renderings have sides of 1 to {LARGEST_SIDE}; change `size`.")
+    if size:
+        require_rendering_size(size)
     with unpacked(path) as folder:
         return _read(folder, views, size)
+
+
+def require_rendering_size(size: tuple[int, int]) -> None:
+    """Raise InputError if `size` = (height, width) is outside the limits of renderings."""
+    if not all(1 <= side <= LARGEST_SIDE for side in size):
+        raise InputError(f"size {size[1]}x{size[0]}: renderings have sides of 1 to {LARGEST_SIDE}; change `size`.")
+
+
+def resized(cameras: Cameras, image_size: tuple[int, int], size: tuple[int, int]) -> Cameras:
+    """Return cameras of images of `image_size` for images cropped to their centre and resized to `size`, both h, w."""
+    height, width = image_size
+    in_pixels = cameras.intrinsics_px(height, width).tolist()
+    pinholes = (Lens(width, height, fx[0], fy[1], fx[2], fy[2]) for fx, fy, _ in in_pixels)
+    intrinsics = np.stack([framed_intrinsics(pinhole, size) for pinhole in pinholes])
+    return replace(cameras, intrinsics=torch.from_numpy(intrinsics.astype(np.float32)))
 
 
 def _read(path: Path, views: Selection | None, size: tuple[int, int] | None) -> RenderCameras:

@@ -16,7 +16,12 @@ RISE = 0.3  # height of the spiral, relative to its width
 LEAST_ORBIT_DEGREES = 5.0  # to each side, of an orbit that is not a full turn
 LARGEST_GAP_DEGREES = 90.0  # between neighbouring cameras, seen from the centre, of a capture all around
 
+QUANTILES = torch.tensor((0.1, 0.5, 0.9))  # of the depths that a view sees
+DEPTH_MARGIN = 1.5  # of the depth of a centre, beyond these quantiles: the middle of an object is behind its surface
+MOST_POINTS = 1 << 14  # whose depths are looked at
+
 Pose = Float[Tensor, "4 4"]
+Depths = Float[Tensor, "view 3"]  # QUANTILES of the depths that each view sees, in scene units
 
 
 def between(cameras: Cameras, count: int) -> Cameras:
@@ -33,14 +38,17 @@ def between(cameras: Cameras, count: int) -> Cameras:
     return replace(cameras, extrinsics=torch.stack(poses), intrinsics=torch.stack(intrinsics))
 
 
-def spiral(cameras: Cameras, count: int) -> Cameras:
+def spiral(cameras: Cameras, count: int, depths: Depths) -> Cameras | None:
     """Return `count` cameras on a spiral around the mean camera, looking at the scene's focus (closed path).
 
-    The focus is on the mean optical axis, at the harmonic mean of near and far. The width of the spiral is the RMS
-    distance of the cameras from their mean along the horizontal axis, at least LEAST_RADIUS of the depth of the focus.
+    The focus is on the mean optical axis, at the median depth. The width of the spiral is the RMS distance of
+    the cameras from their mean along the horizontal axis, at least LEAST_RADIUS of the depth of the focus. Returns None
+    if a camera does not see the focus.
     """
-    pose, depth = _mean_pose(cameras), _focus_depth(cameras)
+    pose, depth = _mean_pose(cameras), float(depths[:, 1].median())
     focus = pose[:3, 3] + depth * pose[:3, 2]
+    if not cameras.project(focus).is_visible.all():
+        return None
     offsets = (cameras.extrinsics[:, :3, 3] - pose[:3, 3]) @ pose[:3, :3]
     width = max(float(offsets[:, 0].square().mean().sqrt()), LEAST_RADIUS * depth)
     height = max(float(offsets[:, 1].square().mean().sqrt()), RISE * width)
@@ -55,14 +63,17 @@ def spiral(cameras: Cameras, count: int) -> Cameras:
     return _closed_path(cameras, count, pose_at)
 
 
-def orbit(cameras: Cameras, count: int) -> Cameras:
+def orbit(cameras: Cameras, count: int, depths: Depths) -> Cameras | None:
     """Return `count` cameras on a circle around the scene's centre, looking at it (closed path).
 
     Cameras all around the centre give a full turn. Otherwise the path swings over the angle that the cameras cover, at
     least LEAST_ORBIT_DEGREES to each side. The axis of rotation is the mean vertical axis of the cameras; distance and
-    height are their means.
+    height are their means. Returns None if no centre is seen by all cameras.
     """
-    centre, axes = _centre_of_view(cameras), _orbit_axes(cameras)
+    centre = _centre_of_view(cameras, depths)
+    if centre is None:
+        return None
+    axes = _orbit_axes(cameras)
     offsets = (cameras.extrinsics[:, :3, 3] - centre) @ axes
     radius, height = float(offsets[:, [0, 2]].norm(dim=1).mean()), float(offsets[:, 1].mean())
     angles = torch.atan2(offsets[:, 0], -offsets[:, 2])  # 0 at the mean viewing direction
@@ -77,7 +88,28 @@ def orbit(cameras: Cameras, count: int) -> Cameras:
     return _closed_path(cameras, count, pose_at)
 
 
-PATHS: dict[str, Callable[[Cameras, int], Cameras]] = {"spiral": spiral, "orbit": orbit, "between": between}
+def camera_path(name: str, cameras: Cameras, count: int, points: Float[Tensor, "n 3"]) -> tuple[Cameras, str | None]:
+    """Return `count` cameras on the path called `name`, and a note if it is another path than that.
+
+    points: centres of the Gaussians, in scene units; their depths in the views say where the scene is.
+    """
+    depths = _typical_depths(cameras, points)
+    path = _AROUND_A_CENTRE[name](cameras, count, depths) if name in _AROUND_A_CENTRE else None
+    if path is not None:
+        return path, None
+    note = f"the cameras see no common centre, so the path passes through them (between) and is no {name}."
+    return between(cameras, count), None if name == "between" else note
+
+
+_AROUND_A_CENTRE: dict[str, Callable[[Cameras, int, Depths], Cameras | None]] = {"spiral": spiral, "orbit": orbit}
+
+
+def _typical_depths(cameras: Cameras, points: Float[Tensor, "n 3"]) -> Depths:
+    """Return quantiles of the depths of the points that each camera sees; near and far for one that sees none."""
+    seen = cameras.project(points[:: max(1, len(points) // MOST_POINTS)])
+    depths = seen.depth.masked_fill(~seen.is_visible, torch.nan).nanquantile(QUANTILES.to(points), dim=1).T
+    near, far = cameras.near, cameras.far
+    return depths.where(depths.isfinite(), torch.stack((near, 2.0 / (1.0 / near + 1.0 / far), far)))
 
 
 def _closed_path(cameras: Cameras, count: int, pose_at: Callable[[float], Pose]) -> Cameras:
@@ -133,11 +165,6 @@ def _mean_pose(cameras: Cameras) -> Pose:
     return pose
 
 
-def _focus_depth(cameras: Cameras) -> float:
-    """Return the harmonic mean of near and far, in scene units."""
-    return float(2.0 / (1.0 / cameras.near + 1.0 / cameras.far))
-
-
 def _looking_at(centre: Float[Tensor, "3"], target: Float[Tensor, "3"], down: Float[Tensor, "3"]) -> Pose:
     """Return the pose at `centre` whose optical axis passes through `target`, with image rows along `down`."""
     forward = torch.nn.functional.normalize(target - centre, dim=0)
@@ -148,17 +175,24 @@ def _looking_at(centre: Float[Tensor, "3"], target: Float[Tensor, "3"], down: Fl
     return pose
 
 
-def _centre_of_view(cameras: Cameras) -> Float[Tensor, "3"]:
-    """Return the point nearest to all optical axes (least squares).
+def _centre_of_view(cameras: Cameras, depths: Depths) -> Float[Tensor, "3"] | None:
+    """Return the point nearest to all optical axes (least squares) that every camera sees at a typical depth, if any.
 
-    A weak prior keeps it near the mean depth of focus, because nearly parallel axes do not determine it.
+    Axes that cross elsewhere, as those of cameras that look outwards do, give way to the mean of the points at the
+    median depths. A weak prior keeps the crossing of nearly parallel axes near that mean.
     """
     centres, forward = cameras.extrinsics[:, :3, 3], cameras.extrinsics[:, :3, 2]
     across = torch.eye(3).to(centres) - forward[:, :, None] * forward[:, None, :]
-    expected = (centres + _focus_depth(cameras) * forward).mean(dim=0)
+    expected = (centres + depths[:, 1:2] * forward).mean(dim=0)
     weight = 1e-2 * len(centres)
     normal = across.sum(dim=0) + weight * torch.eye(3).to(centres)
-    return torch.linalg.solve(normal, (across @ centres[:, :, None]).sum(dim=0)[:, 0] + weight * expected)
+    crossing = torch.linalg.solve(normal, (across @ centres[:, :, None]).sum(dim=0)[:, 0] + weight * expected)
+    for point in (crossing, expected):
+        seen = cameras.project(point)
+        is_typical = (seen.depth > depths[:, 0] / DEPTH_MARGIN) & (seen.depth < depths[:, 2] * DEPTH_MARGIN)
+        if bool((seen.is_visible & is_typical).all()):
+            return point
+    return None
 
 
 def _orbit_axes(cameras: Cameras) -> Float[Tensor, "3 3"]:

@@ -98,3 +98,18 @@ def test_a_video_without_its_package_is_one_sentence(
 def test_options_that_need_others(fecosplat, ply: Path, photographs: Path, options: tuple, sentence: str) -> None:
     result = fecosplat("render", ply, "--cameras", photographs, *options)
     assert result.code == 2 and sentence in result.err
+
+
+def test_an_image_output_that_is_a_video_names_its_option(fecosplat, stream_file: Path, output: Path) -> None:
+    result = fecosplat("render", stream_file, "-o", output / "a.mp4")
+    assert result.code == 1 and f"use --video {output / 'a.mp4'}." in result.err
+
+
+@pytest.mark.usefixtures("networks")
+def test_a_video_alone_has_a_path_at_the_size_that_is_asked_for(fecosplat, wall: bytes, tmp_path: Path) -> None:
+    (tmp_path / "wall.fcs").write_bytes(wall)
+    video = tmp_path / "wall.mp4"
+    result = fecosplat("render", tmp_path / "wall.fcs", "--video", video, "--frames", "5", "--size", "48x64")
+    assert (result.code, "5 views rendered" in result.err) == (0, True), result.err
+    with av.open(str(video)) as container:
+        assert (container.streams.video[0].width, container.streams.video[0].height) == (48, 64)

@@ -1,11 +1,12 @@
 """Camera paths are rigid, pass through or stay near the given cameras, and look at the scene."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
-from fecocodec.geometry.camera_paths import PATHS, between, orbit, spiral
+from fecocodec.geometry.camera_paths import between, camera_path
 from fecocodec.geometry.cameras import Cameras
 from tests.example_scenes import example_cameras
 
@@ -21,15 +22,29 @@ def ring(count: int, turn: float) -> Cameras:
     return Cameras(poses, intrinsics, torch.tensor(2.0), torch.tensor(4.0))
 
 
+def looking_outwards(count: int, turn: float) -> Cameras:
+    """Cameras on the arc of `ring`, turned around: their axes cross behind them, as those of photographs of a room."""
+    cameras = ring(count, turn)
+    back = torch.diag(torch.tensor((-1.0, 1.0, -1.0, 1.0)))
+    return replace(cameras, extrinsics=cameras.extrinsics @ back)
+
+
+def seen_by(cameras: Cameras, depth: float) -> torch.Tensor:
+    """A point at this depth on the axis of each camera."""
+    return cameras.extrinsics[:, :3, 3] + depth * cameras.extrinsics[:, :3, 2]
+
+
 def angles_of(cameras: Cameras) -> torch.Tensor:
     centres = cameras.extrinsics[:, :3, 3]
     return torch.rad2deg(torch.atan2(centres[:, 0], -centres[:, 2]))
 
 
-@pytest.mark.parametrize("name", list(PATHS))
+@pytest.mark.parametrize("name", ["spiral", "orbit", "between"])
 @pytest.mark.parametrize("views", [1, 2, 5])
 def test_paths_are_rigid_and_smooth(name: str, views: int) -> None:
-    path = PATHS[name](example_cameras(views), 40)
+    cameras = example_cameras(views)
+    path, note = camera_path(name, cameras, 40, seen_by(cameras, 3.0))
+    assert note is None
     rotations = path.extrinsics[:, :3, :3]
     assert path.num_views == 40 and path.intrinsics.shape == (40, 3, 3)
     torch.testing.assert_close(rotations @ rotations.mT, torch.eye(3).expand(40, 3, 3), atol=1e-5, rtol=0)
@@ -52,7 +67,8 @@ def test_between_passes_through_every_camera_in_order() -> None:
 
 
 def test_an_orbit_of_a_capture_all_around_is_a_full_turn_that_looks_at_the_centre() -> None:
-    path = orbit(ring(8, 2 * math.pi), 36)
+    path, note = camera_path("orbit", ring(8, 2 * math.pi), 36, torch.zeros(1, 3))
+    assert note is None
     centres, forward = path.extrinsics[:, :3, 3], path.extrinsics[:, :3, 2]
     torch.testing.assert_close(centres.norm(dim=1), torch.full((36,), 3.0), atol=0.02, rtol=0)
     torch.testing.assert_close(forward, -centres / 3.0, atol=0.02, rtol=0)
@@ -61,14 +77,14 @@ def test_an_orbit_of_a_capture_all_around_is_a_full_turn_that_looks_at_the_centr
 
 def test_an_orbit_of_a_part_stays_within_the_captured_angle() -> None:
     cameras = ring(4, math.pi / 3)
-    captured, swung = angles_of(cameras), angles_of(orbit(cameras, 60))
+    captured, swung = angles_of(cameras), angles_of(camera_path("orbit", cameras, 60, torch.zeros(1, 3))[0])
     assert float(swung.max()) == pytest.approx(float(captured.max()), abs=1.0)
     assert float(swung.min()) == pytest.approx(float(captured.min()), abs=1.0)
 
 
 def test_a_spiral_looks_at_the_focus_and_is_as_wide_as_the_cameras() -> None:
     cameras = ring(2, math.radians(20))
-    path = spiral(cameras, 60)
+    path, _ = camera_path("spiral", cameras, 60, seen_by(cameras, 8 / 3))
     mean = cameras.extrinsics[:, :3, 3].mean(dim=0)
     baseline = (cameras.extrinsics[0, :3, 3] - cameras.extrinsics[1, :3, 3]).norm()
     offset = path.extrinsics[:, :3, 3] - mean
@@ -76,3 +92,22 @@ def test_a_spiral_looks_at_the_focus_and_is_as_wide_as_the_cameras() -> None:
     focus = mean + 8 / 3 * torch.nn.functional.normalize(cameras.extrinsics[:, :3, 2].mean(dim=0), dim=0)
     ray = torch.nn.functional.normalize(focus - path.extrinsics[:, :3, 3], dim=1)
     torch.testing.assert_close(path.extrinsics[:, :3, 2], ray, atol=1e-3, rtol=0)
+
+
+def test_an_orbit_of_a_room_looks_at_what_its_cameras_see() -> None:
+    """The axes of these cameras cross behind them, where an orbit would look at nothing."""
+    cameras = looking_outwards(4, math.radians(30))
+    path, note = camera_path("orbit", cameras, 24, seen_by(cameras, 4.0))
+    assert note is None
+    middle = seen_by(cameras, 4.0).mean(dim=0)
+    ray = torch.nn.functional.normalize(middle - path.extrinsics[:, :3, 3], dim=1)
+    torch.testing.assert_close(path.extrinsics[:, :3, 2], ray, atol=1e-2, rtol=0)
+    assert float(cameras.project(middle).depth.min()) > 3
+
+
+@pytest.mark.parametrize("name", ["spiral", "orbit"])
+def test_cameras_without_a_common_centre_get_a_path_through_them(name: str) -> None:
+    cameras = looking_outwards(6, 2 * math.pi)
+    path, note = camera_path(name, cameras, 24, seen_by(cameras, 4.0))
+    assert note is not None and f"(between) and is no {name}" in note
+    torch.testing.assert_close(path.extrinsics, between(cameras, 24).extrinsics)
