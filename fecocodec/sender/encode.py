@@ -186,7 +186,7 @@ def improvements_of(encoder: SceneEncoder, config: OptimisationConfig, lambda_q:
     """Return the optimisation of latents, and the fading of many views. Nothing is faded without steps."""
     latent = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
     is_faded = config.num_steps > 0 and encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS
-    of_scene = encoder.images[0], encoder.cameras.scene(0), encoder.background, encoder.ignored
+    of_scene = encoder.images[0], encoder.cameras.scene(0), encoder.background, encoder.ignored, encoder.guides
     return Improvements(latent, fader(*of_scene) if is_faded else None)
 
 

@@ -1,9 +1,9 @@
 """Fade parts of views whose Gaussians stand as fog before what other views show (FORMAT.md, section 8.2).
 
 The opacities of the Gaussians of a block are multiplied by a factor. A few steps of Adam raise the quality of all
-photographs by these factors, which are then rounded to the levels of the format. A step renders every second
-photograph; each is rendered in turn from all Gaussians and from those of the other views alone, because its own
-Gaussians are in front of those of others.
+photographs by these factors, which are then rounded to the levels of the format. A step renders every second coded
+photograph and some guides; a coded one is rendered in turn from all Gaussians and from those of the other views alone,
+because its own Gaussians are in front of those of others.
 """
 
 from collections.abc import Callable
@@ -18,13 +18,16 @@ from fecocodec.coding.visibility import FACTOR_OF_LEVEL, pack_levels
 from fecocodec.container import FADING_BLOCKS
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.views import joined_masks
 from fecocodec.rendering.metrics import finite_psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.cut_out import BLACK
+from fecocodec.sender.scene import Guides
 
 LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them
 # Chosen on captures that the weights were not trained on (docs/what_we_learned.md, More views).
 NUM_STEPS = 4
+GUIDES_OF_STEP = 4  # about; more take turns
 STEP = 1.5  # learning rate of Adam, for the logits of the factors
 LEAST_SLOPE = 1e-3  # dB: epsilon of Adam. Blocks whose slopes are smaller change little
 FIRST_LOGIT = 3.0  # of an unfaded block
@@ -69,18 +72,24 @@ def fader(
     cameras: Cameras,
     background: tuple[float, float, float] = BLACK,
     ignored: Bool[Tensor, "view h w"] | None = None,
+    guides: Guides | None = None,
 ) -> Fade:
     """Return a function that finds the fading of a scene.
 
     images: sRGB in [0, 1], on the coding grid. cameras: normalised. background: behind the Gaussians, sRGB.
-    ignored: pixels that do not count; None if all do.
+    ignored: pixels that do not count; None if all do. guides: photographs that are not coded.
     """
-    size = (images.shape[-2], images.shape[-1])
+    size, num_guides = (images.shape[-2], images.shape[-1]), 0 if guides is None else guides.count
+    turns = max(2, -(-num_guides // GUIDES_OF_STEP))
+    pictures, cameras_of_all = images, cameras
+    if guides is not None:
+        pictures, cameras_of_all = torch.cat((images, guides.images)), cameras.joined(guides.cameras)
+        ignored = joined_masks([(ignored, images), (guides.ignored, guides.images)])
     grid = (len(images), images.shape[-2] // FADING_BLOCKS.side, images.shape[-1] // FADING_BLOCKS.side)
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
-        color = render(gaussians, cameras.select([view]), size, background).color.clamp(0, 1)
-        return finite_psnr(color, images[[view]], None if ignored is None else ignored[[view]])[0]
+        color = render(gaussians, cameras_of_all.select([view]), size, background).color.clamp(0, 1)
+        return finite_psnr(color, pictures[[view]], None if ignored is None else ignored[[view]])[0]
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
         logits = images.new_zeros(grid) if before is None else before.logits.clone()
@@ -89,15 +98,16 @@ def fader(
         adam = torch.optim.Adam([logits.requires_grad_()], lr=STEP, betas=(0.5, 0.9), eps=LEAST_SLOPE)
         for step in range(NUM_STEPS):
             adam.zero_grad()
-            for number in range(step % 2, grid[0], 2):
+            coded, taught = range(step % 2, grid[0], 2), range(grid[0] + step % turns, len(pictures), turns)
+            for number in (*coded, *taught):
                 is_shown = view_of != number
                 if (step // 2 + number // 2) % 2 == 0:
                     is_shown[:] = True
                 with torch.enable_grad():
                     factors = _of_gaussians(_factors(logits), gaussians.count)
                     opacities = (gaussians.opacities * factors)[is_shown]
-                    # Twice, for the other half of the photographs.
-                    loss = -2.0 * quality(replace(gaussians.keep(is_shown), opacities=opacities), number)
+                    weight = 2 if number < grid[0] else turns  # for those that this step does not render, too
+                    loss = -weight * quality(replace(gaussians.keep(is_shown), opacities=opacities), number)
                     loss.backward()
             adam.step()
         return Fading(logits.detach().nan_to_num(0.0))

@@ -14,6 +14,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.fading import LEAST_VIEWS, Fading, fader, fading_of
+from fecocodec.sender.scene import Guides
 from tests.example_scenes import MODEL, example_views
 
 DEPTH, SIDE, NUM_VIEWS = 1.5, 64, 5
@@ -125,3 +126,19 @@ def test_scenes_that_would_take_long_are_not_faded(random_weights: Path, monkeyp
 
 def without_fading(data: bytes) -> bytes:
     return write_stream(replace(read_stream(data), fading=None))
+
+
+def test_guides_show_what_hides_others(cameras, photographs, foggy) -> None:
+    """Fog before the wall, which only a photograph that is not coded shows, is faded by that photograph."""
+    beside = torch.tensor([0, 4])
+    own = Cameras(cameras.extrinsics[beside], cameras.intrinsics[beside], cameras.near, cameras.far)
+    of_views = foggy.count // NUM_VIEWS
+    depth = torch.full((2, SIDE // 2, SIDE // 2, 1), DEPTH)
+    depth[0, 8:16, 24:32] = 0.5 * DEPTH
+    fog = gaussians_of(own, depth)
+    assert fog.count == 2 * of_views
+    between = Cameras(cameras.extrinsics[2:3], cameras.intrinsics[2:3], cameras.near, cameras.far)
+    guides = Guides(photographs[2:3], between)
+    plain = fader(photographs[beside], own)(fog, None)
+    guided = fader(photographs[beside], own, guides=guides)(fog, None)
+    assert guided.logits[0, 1, 3] < plain.logits[0, 1, 3]
