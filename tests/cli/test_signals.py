@@ -47,13 +47,13 @@ import os, sys
 import fecocodec.poses.pose_estimation as estimation
 from fecosplat_cli.main import main
 
-number, match = int(sys.argv.pop(1)), estimation.match_features
+number, match = int(sys.argv.pop(1)), estimation.match_pairs
 
-def interrupted(*arguments):
+def interrupted(*arguments, **options):
     os.kill(os.getpid(), number)
-    match(*arguments)
+    match(*arguments, **options)
 
-estimation.match_features = interrupted
+estimation.match_pairs = interrupted
 main()
 """
 LINES = {
