@@ -22,7 +22,7 @@ from .options import (
     model_option,
     overwrite_option,
     parse_size,
-    stream_path,
+    STREAM_PATH,
     threads_option,
 )
 from .output import print_json, say
@@ -46,7 +46,7 @@ Examples:
   fecosplat render scene.fcs --video orbit.mp4 --path orbit --size 1280x720
   fecosplat render scene.fcs --video flight.mp4 --cameras camera_path.json""",
 )
-@click.argument("scene", metavar="FILE", type=stream_path)
+@click.argument("scene", metavar="FILE", type=STREAM_PATH)
 @click.option(
     "-o", "--output", type=FILE_PATH,
     help="Output folder, or a .png, .jpg, .webp or .exr file for a single view. Without --cameras and --path, a single "
