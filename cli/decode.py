@@ -13,7 +13,7 @@ from fecocodec.errors import error_context
 from fecocodec.splat_files.output_formats import ENDINGS, FORMATS
 
 from .decode_options import decode_here, decoding_options, require_page
-from .options import FILE_PATH, json_option, stream_path
+from .options import FILE_PATH, STDIN, STREAM_PATH, json_option
 from .output import print_json, say, warn, write_stdout
 from .paths import STDOUT, require_ending, require_model
 from .progress import progress_bar
@@ -31,20 +31,19 @@ DECODED = {1: "only stage 1", 2: "but both stages"}
     short_help="Decode a .fcs file to 3D Gaussians, or to a page that shows them.",
     epilog="""\b
 Examples:
-  fecosplat decode scene.fcs -o scene.ply
+  fecosplat decode scene.fcs
   fecosplat decode scene.fcs -o scene.sog --frame first-camera
   fecosplat decode scene.fcs -o scene.ply --save-cameras cameras.json
   fecosplat decode scene.fcs -o preview.ply --stages 1
   fecosplat decode damaged.fcs -o rescued.ply --partial""",
 )
-@click.argument("stream", metavar="FILE.fcs", type=stream_path)
+@click.argument("stream", metavar="FILE.fcs", type=STREAM_PATH)
 @click.option(
     "-o",
     "--output",
-    required=True,
     type=FILE_PATH,
     help=f"Output file: {', '.join(f'{of.ending} ({of.title})' for of in FORMATS)}; - writes a .ply file to standard "
-    "output.",
+    "output.  [default: FILE.ply, beside FILE.fcs]",
 )
 @click.option(
     "--save-cameras",
@@ -63,7 +62,7 @@ Examples:
 @json_option
 def command(
     stream: Path,
-    output: Path,
+    output: Path | None,
     cameras_file: Path | None,
     partial: bool,
     decoding: dict[str, Any],
@@ -78,6 +77,9 @@ def command(
     if partial and decoding["stages"] != "all":
         raise click.UsageError("--partial decodes all intact stages; leave --stages out.")
     start = perf_counter()
+    if output is None and stream == STDIN:
+        raise click.UsageError("Give -o, the output file.")
+    output = output or stream.with_suffix(".ply")
     if output == STDOUT and as_json:
         raise click.UsageError("-o - writes the Gaussians to standard output; leave --json out.")
     if output != STDOUT:

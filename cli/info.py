@@ -9,7 +9,7 @@ from fecocodec.container.metadata import Metadata
 from fecocodec.errors import BitstreamError, error_context
 
 from .metadata_options import METADATA
-from .options import json_option, stream_path
+from .options import STREAM_PATH, json_option
 from .output import print_columns, print_fields, print_json
 from .terminal import printable
 
@@ -34,7 +34,7 @@ Examples:
   fecosplat info scene.fcs --json
   fecosplat info --parameters paper""",
 )
-@click.argument("stream", metavar="[FILE.fcs]", required=False, type=stream_path)
+@click.argument("stream", metavar="[FILE.fcs]", required=False, type=STREAM_PATH)
 @click.option(
     "--parameters",
     "profile",

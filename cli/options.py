@@ -11,6 +11,7 @@ import click
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 MAX_THREADS = 1024
+STDIN = Path("/dev/stdin")
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
@@ -29,14 +30,14 @@ class _FilePath(click.Path):
         return super().convert(value, param, ctx)
 
 
-FILE_PATH = _FilePath()
+class _StreamPath(_FilePath):
+    """A .fcs file to read; `-` is standard input. A type of click, so that shells complete names of files."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return STDIN if value == "-" else super().convert(value, param, ctx)
 
 
-def stream_path(value: str) -> Path:
-    """Return the path of a .fcs file to read; `-` is standard input. Raises BadParameter for an empty path."""
-    if value == "":
-        raise click.BadParameter("the path is empty; name a .fcs file.")
-    return Path("/dev/stdin") if value == "-" else Path(value)
+FILE_PATH, STREAM_PATH = _FilePath(), _StreamPath()
 
 
 def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:

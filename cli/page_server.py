@@ -5,7 +5,9 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import unquote, urlsplit
 
-ADDRESS = "127.0.0.1"
+from fecocodec.errors import OutputError
+
+LOCAL = "127.0.0.1"
 _TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
@@ -16,17 +18,26 @@ _TYPES = {
 
 
 class PageServer(ThreadingHTTPServer):
-    """Serves the given contents by path, and nothing else, to programs of this machine. It chooses a free port."""
+    """Serves the given contents by path, and nothing else. port: 0 for a free one.
+
+    By default it serves programs of this machine. host: the address to listen at, for other machines.
+    Raises OutputError if nobody can listen there.
+    """
 
     daemon_threads = True
 
-    def __init__(self, contents: Mapping[str, bytes]) -> None:
-        super().__init__((ADDRESS, 0), _Handler)
+    def __init__(self, contents: Mapping[str, bytes], host: str = LOCAL, port: int = 0) -> None:
+        try:
+            super().__init__((host, port), _Handler)
+        except (OSError, UnicodeError) as error:
+            reason = getattr(error, "strerror", None) or "no such address"
+            raise OutputError(f"{host}:{port}: cannot be listened at ({reason}); choose another one.") from error
         self.contents = contents
+        self.host = host
 
     @property
     def url(self) -> str:
-        return f"http://{ADDRESS}:{self.server_port}"
+        return f"http://{self.host}:{self.server_port}"
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -43,13 +54,11 @@ class _Handler(BaseHTTPRequestHandler):
         """Keep the terminal free of a line per request."""
 
     def _answer(self, *, has_body: bool) -> None:
-        """A request with another host name comes from a page of another site whose name was pointed here."""
+        """Answer. On this machine alone, another host name is that of a site whose name was pointed here."""
         path = unquote(urlsplit(self.path).path).removeprefix("/") or "index.html"
         content = self.server.contents.get(path)
-        if self.headers.get("Host") not in (
-            f"{ADDRESS}:{self.server.server_port}",
-            f"localhost:{self.server.server_port}",
-        ):
+        names = (f"{name}:{self.server.server_port}" for name in (LOCAL, "localhost"))
+        if self.server.host in (LOCAL, "localhost") and self.headers.get("Host") not in names:
             return self.send_error(HTTPStatus.FORBIDDEN)
         if content is None:
             return self.send_error(HTTPStatus.NOT_FOUND)

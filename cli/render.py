@@ -16,13 +16,13 @@ from .decode_options import decode_here
 from .image_files import image_files, image_writer, is_image_file, require_image_output
 from .options import (
     FILE_PATH,
+    STREAM_PATH,
     device_option,
     json_option,
     max_pixels_option,
     model_option,
     overwrite_option,
     parse_size,
-    stream_path,
     threads_option,
 )
 from .output import print_json, say
@@ -46,7 +46,7 @@ Examples:
   fecosplat render scene.fcs --video orbit.mp4 --path orbit --size 1280x720
   fecosplat render scene.fcs --video flight.mp4 --cameras camera_path.json""",
 )
-@click.argument("scene", metavar="FILE", type=stream_path)
+@click.argument("scene", metavar="FILE", type=STREAM_PATH)
 @click.option(
     "-o", "--output", type=FILE_PATH,
     help="Output folder, or a .png, .jpg, .webp or .exr file for a single view. Without --cameras and --path, a single "

@@ -9,8 +9,9 @@ from fecocodec.container import read_stream_file
 from fecocodec.errors import error_context
 
 from .decode_options import decode_here, require_page
-from .options import max_pixels_option, model_option, stream_path, threads_option
+from .options import STREAM_PATH, max_pixels_option, model_option, threads_option
 from .output import say
+from .page_server import LOCAL, PageServer
 from .paths import require_model
 from .progress import progress_bar
 from .terminal import printable
@@ -23,9 +24,9 @@ from .terminal import printable
 Examples:
   fecosplat view scene.fcs
   fecosplat view scene.fcs --no-browser
-  fecosplat view scene.fcs --threads 1""",
+  fecosplat view scene.fcs --host 0.0.0.0 --port 8000""",
 )
-@click.argument("stream", metavar="FILE.fcs", type=stream_path)
+@click.argument("stream", metavar="FILE.fcs", type=STREAM_PATH)
 @click.option(
     "--browser/--no-browser",
     "opens_browser",
@@ -33,27 +34,36 @@ Examples:
     show_default=True,
     help="Open the page in the browser. --no-browser only prints its address.",
 )
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page.  [default: a free one]")
+@click.option(
+    "--host", default=LOCAL, show_default=True, metavar="ADDRESS",
+    help="Address to listen at; 0.0.0.0 shows the page to every machine that reaches this one.",
+)  # fmt: skip
 @model_option
 @max_pixels_option
 @threads_option
-def command(stream: Path, opens_browser: bool, model: Path | None, max_pixels: int) -> None:
+def command(stream: Path, opens_browser: bool, port: int, host: str, model: Path | None, max_pixels: int) -> None:
     """Decode FILE.fcs (- for standard input) and show the scene in a page.
 
-    The page is that of `fecosplat decode FILE.fcs -o scene.html`.
-    It is served on this machine only, on a free port, until Ctrl-C ends the command. It loads nothing from other hosts.
+    <<<<<<< HEAD
+        The page is that of `fecosplat decode FILE.fcs -o scene.html`.
+        It is served on this machine only, on a free port, until Ctrl-C ends the command. It loads nothing from other hosts.
+    =======
+        The page is that of `fecosplat decode FILE.fcs -o scene.html`; `make web` builds it once, before the installation.
+        It is served until Ctrl-C ends the command, on this machine only unless --host is given. It loads nothing from other
+        hosts.
+    >>>>>>> outputs
     """
     data = read_stream_file(stream)
     require_model(model)
 
     from fecocodec.splat_files.gaussian_files import decoded_file
 
-    from .page_server import PageServer
-
     require_page(".html")
     with error_context(stream), progress_bar() as on_progress:
         decoded = decode_here(data, model=model, max_pixels=max_pixels, on_progress=on_progress)
     page, _ = decoded_file(decoded, stream.with_suffix(".html"))
-    with PageServer({"index.html": page}) as server:
+    with PageServer({"index.html": page}, host, port) as server:
         say(printable(f"{stream}: shown at {server.url}/, Ctrl-C ends this"))
         if opens_browser:
             webbrowser.open(server.url)

@@ -15,6 +15,15 @@ from fecocodec.container.header import (
 from fecocodec.errors import BitstreamError
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
+# What is given in place of a .fcs file, and how it begins.
+_OTHER_FORMATS = (
+    ("a .ply file", b"ply"),
+    ("an .spz file", b"NGSP"),
+    ("an .spz file, or another one compressed with gzip", b"\x1f\x8b"),
+    ("a .glb file", b"glTF"),
+    ("a .sog file, or another ZIP archive", b"PK\x03\x04"),
+    ("a page (HTML)", b"<!DOCTYPE html"),
+)
 
 _FIXED = struct.Struct("<8sBB8sBBHHHBB")
 _CRC = struct.Struct("<I")
@@ -80,6 +89,9 @@ def _check_signature(data: bytes) -> None:
             "signature at byte 0: the file was changed as if it were text (line ends or high bits); "
             "copy it again in binary mode."
         )
+    for name, signature in _OTHER_FORMATS:
+        if data.startswith(signature):
+            raise BitstreamError(f"not a .fcs file: this is {name}; give a file written by fecosplat encode.")
     raise BitstreamError(
         f"not a .fcs file: its signature at byte 0 is {start.hex(' ')} instead of {SIGNATURE.hex(' ')}; "
         "give a file written by fecosplat encode."

@@ -30,8 +30,10 @@ def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
     scale = min(1.0, MAX_SIDE / max(height, width))
     height, width = round(height * scale), round(width * scale)
     if min(height, width) < MIN_SIDE:
+        stored = f"{most_frequent[1]}x{most_frequent[0]} pixels"
+        reduced = f", reduced to {width}x{height}" if scale < 1 else ""
         raise InputError(
-            f"{names[sizes.index(most_frequent)]}: {width}x{height} pixels, but each side must have {MIN_SIDE} to "
+            f"{names[sizes.index(most_frequent)]}: {stored}{reduced}, but each side must have {MIN_SIDE} to "
             f"{MAX_SIDE}; use larger images or give `size`."
         )
     return height, width

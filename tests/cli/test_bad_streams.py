@@ -1,5 +1,6 @@
 """Streams that `decode` and `render` refuse: one sentence that names the file, and nothing left behind."""
 
+import gzip
 import os
 import zlib
 from collections.abc import Callable
@@ -146,3 +147,21 @@ def test_a_stream_may_come_through_a_pipe(fecosplat, wall: bytes, output: Path) 
     os.close(writer)
     assert fecosplat("info", f"/dev/fd/{reader}").code == 0
     os.close(reader)
+
+
+@pytest.mark.parametrize(
+    ("start", "kind"),
+    [
+        (b"ply\nformat ascii 1.0", "a .ply file"),
+        (b"NGSP\4\0\0\0", "an .spz file"),
+        (gzip.compress(b"NGSP"), "an .spz file, or another one compressed with gzip"),
+        (b"glTF\2\0\0\0", "a .glb file"),
+        (b"PK\3\4\0\0\0\0", "a .sog file, or another ZIP archive"),
+        (b"<!DOCTYPE html>", "a page (HTML)"),
+    ],
+)
+def test_a_known_format_is_named(fecosplat, tmp_path: Path, output: Path, start: bytes, kind: str) -> None:
+    file = tmp_path / "scene.fcs"
+    file.write_bytes(start)
+    result = fecosplat("decode", file, "-o", output / "a.ply")
+    assert_refused(result, output, f"{file}: not a .fcs file: this is {kind}; give a file written by fecosplat encode.")

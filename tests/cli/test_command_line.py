@@ -76,7 +76,7 @@ def test_help_loads_no_numeric_library() -> None:
         (("encode", "", "-o", "a.fcs"), "Invalid value for 'VIEWS': the path is empty; name a file or folder"),
         (("encode", "photos", "-o", ""), "Invalid value for '-o' / '--output': the path is empty"),
         (("render", "a.fcs", "-o", ""), "the path is empty"),
-        (("decode", "", "-o", "a.ply"), "Invalid value for 'FILE.fcs': the path is empty; name a .fcs file."),
+        (("decode", "", "-o", "a.ply"), "Invalid value for 'FILE.fcs': the path is empty; name a file or folder"),
         (("batch", "encode", "", "-o", "out"), "the path is empty"),
         (("encode", "photos", "-o", "a.fcs", "--model", ""), "the path is empty"),
         (("encode", "photos", "-o", "a.fcs", "--near", "-1"), "-1.0 is not in the range x>0"),
@@ -164,6 +164,14 @@ def test_folder_without_cameras_is_one_sentence(fecosplat, tmp_path: Path) -> No
     assert result.err.startswith(f"fecosplat: {tmp_path}: no photographs and no camera file found")
     assert result.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["info", "decode", "render", "view", "encode"])
+def test_shells_complete_names_of_files(command: str) -> None:
+    """In bash, the answer `file` makes the shell list files itself."""
+    line = {"COMP_WORDS": f"fecosplat {command} sc", "COMP_CWORD": "2", "_FECOSPLAT_COMPLETE": "bash_complete"}
+    result = subprocess.run([CONSOLE_SCRIPT], env={**os.environ, **line}, capture_output=True, text=True, check=True)
+    assert result.stdout == "file,sc\n"
 
 
 def test_interrupt_exits_with_130(tmp_path: Path) -> None:

@@ -64,6 +64,24 @@ def test_other_host_names_are_refused() -> None:
         assert get(port, "/", host=f"localhost:{port}")[0] == 200
 
 
+def test_other_machines_are_served_where_the_host_says_so() -> None:
+    with PageServer(CONTENTS, "0.0.0.0") as server:
+        assert server.url == f"http://0.0.0.0:{server.server_port}"
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            assert get(server.server_port, "/", host="scenes.example.org")[0] == 200
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "no.such.host.invalid"])
+def test_an_address_that_cannot_be_listened_at_is_one_sentence(host: str) -> None:
+    with PageServer(CONTENTS) as server, pytest.raises(OutputError, match=f"^{host}:.* cannot be listened at"):
+        PageServer(CONTENTS, host, server.server_port)
+
+
 def test_a_missing_page_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"scene.html: the viewer page is missing; install again, or run `make web`"):
         scene_page(tmp_path)
