@@ -45,14 +45,9 @@ Examples:
 def command(stream: Path, opens_browser: bool, port: int, host: str, model: Path | None, max_pixels: int) -> None:
     """Decode FILE.fcs (- for standard input) and show the scene in a page.
 
-    <<<<<<< HEAD
         The page is that of `fecosplat decode FILE.fcs -o scene.html`.
-        It is served on this machine only, on a free port, until Ctrl-C ends the command. It loads nothing from other hosts.
-    =======
-        The page is that of `fecosplat decode FILE.fcs -o scene.html`; `make web` builds it once, before the installation.
-        It is served until Ctrl-C ends the command, on this machine only unless --host is given. It loads nothing from other
-        hosts.
-    >>>>>>> outputs
+    It is served until Ctrl-C ends the command, on this machine only unless --host is given. It loads nothing from other
+    hosts.
     """
     data = read_stream_file(stream)
     require_model(model)
