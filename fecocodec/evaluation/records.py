@@ -12,10 +12,10 @@ from fecocodec.errors import InputError, OutputError
 class Measurement:
     """Result of one system on one entry. Metrics are means over the target views; `context_psnr` over context views.
 
-    setting: operating point, see `System`. num_guides: photographs that the sender learned from. model: label of the
-    weights. bits_per_pixel: bits of the whole file per pixel of the context views. peak_mib: peak resident memory of
-    the process during the measurement, None if the system does not report it. error: message if the measurement failed,
-    in which case the other values are not set.
+    setting: operating point, see `System`. model: label of the weights. bits_per_pixel: bits of the whole file per
+    pixel of the context views. peak_mib: peak resident memory of the process during the measurement, None if the system
+    does not report it. error: message if the measurement failed, in which case the other values are not set.
+    num_guides: photographs that the sender learned from.
     """
 
     entry: str
@@ -23,7 +23,6 @@ class Measurement:
     setting: str
     model: str
     num_context: int = 0
-    num_guides: int = 0
     height: int = 0
     width: int = 0
     num_bytes: int = 0
@@ -40,6 +39,7 @@ class Measurement:
     decode_seconds: float = 0.0
     peak_mib: float | None = None
     error: str = ""
+    num_guides: int = 0
 
     @property
     def key(self) -> tuple[str, str, str, str]:
