@@ -82,8 +82,10 @@ def coded_views(
     def judge(count: int) -> Judged:
         encoder, small = matched(candidates[:count])
         data = write_scene(encoder, small, lambda_q, options.num_stages, FAST)
-        rendered = render(decode_with(codec.receiver, data).gaussians, views.cameras, views.image_size).color
-        loss = float(distortion(views.outside_masks(rendered.clamp(0, 1)), views.images).mean())
+        gaussians = decode_with(codec.receiver, data).gaussians.to(codec.device)
+        cameras = views.cameras.to(codec.device)
+        rendered = render(gaussians, cameras, views.image_size).color.clamp(0, 1).cpu()
+        loss = float(distortion(views.outside_masks(rendered), views.images).mean())
         return Judged(count, loss, len(data), 8 * len(data) / encoder.num_pixels)
 
     best, more = best_count(judge, len(candidates), lambda_q)
