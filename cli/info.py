@@ -9,7 +9,7 @@ from fecocodec.container.metadata import Metadata
 from fecocodec.errors import BitstreamError, error_context
 
 from .metadata_options import METADATA
-from .options import json_option, STREAM_PATH
+from .options import STREAM_PATH, json_option
 from .output import print_columns, print_fields, print_json
 from .terminal import printable
 

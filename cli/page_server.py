@@ -20,8 +20,8 @@ _TYPES = {
 class PageServer(ThreadingHTTPServer):
     """Serves the given contents by path, and nothing else. port: 0 for a free one.
 
-    By default it serves programs of this machine. host: the address to listen at, for other machines. Raises OutputError
-    if nobody can listen there.
+    host: the address to listen at, by default for programs of this machine alone. Raises OutputError if nobody can
+    listen there.
     """
 
     daemon_threads = True
@@ -57,7 +57,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Answer. On this machine alone, another host name is that of a site whose name was pointed here."""
         path = unquote(urlsplit(self.path).path).removeprefix("/") or "index.html"
         content = self.server.contents.get(path)
-        names = (f"{name}:{self.server.server_port}" for name in (LOCAL, "localhost"))
+        names = [f"{name}:{self.server.server_port}" for name in (LOCAL, "localhost")]
         if self.server.host in (LOCAL, "localhost") and self.headers.get("Host") not in names:
             return self.send_error(HTTPStatus.FORBIDDEN)
         if content is None:

@@ -16,13 +16,13 @@ from .decode_options import decode_here
 from .image_files import image_files, image_writer, is_image_file, require_image_output
 from .options import (
     FILE_PATH,
+    STREAM_PATH,
     device_option,
     json_option,
     max_pixels_option,
     model_option,
     overwrite_option,
     parse_size,
-    STREAM_PATH,
     threads_option,
 )
 from .output import print_json, say

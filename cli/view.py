@@ -9,7 +9,7 @@ from fecocodec.container import read_stream_file
 from fecocodec.errors import error_context
 
 from .decode_options import decode_here, require_page
-from .options import max_pixels_option, model_option, STREAM_PATH, threads_option
+from .options import STREAM_PATH, max_pixels_option, model_option, threads_option
 from .output import say
 from .page_server import LOCAL, PageServer
 from .paths import require_model

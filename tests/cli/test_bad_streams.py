@@ -164,6 +164,4 @@ def test_a_known_format_is_named(fecosplat, tmp_path: Path, output: Path, start:
     file = tmp_path / "scene.fcs"
     file.write_bytes(start)
     result = fecosplat("decode", file, "-o", output / "a.ply")
-    assert_refused(
-        result, output, f"{file}: not a .fcs file: this is {kind}; give a file written by fecosplat encode."
-    )
+    assert_refused(result, output, f"{file}: not a .fcs file: this is {kind}; give a file written by fecosplat encode.")
