@@ -40,8 +40,11 @@ _OPTIONS = {
 
 
 def print_json(value: object) -> None:
-    """Print a value as JSON to stdout. Raises OutputError if writing fails, as the other printing functions do."""
-    _print(json.dumps(value, indent=2))
+    """Print a value as JSON to stdout. Raises OutputError if writing fails, as the other printing functions do.
+
+    Control characters of untrusted text are escaped, also DEL, which JSON allows as it is.
+    """
+    _print(json.dumps(value, indent=2).replace("\x7f", "\\u007f"))
 
 
 def print_fields(fields: Sequence[tuple[str, str]]) -> None:

@@ -309,12 +309,3 @@ def test_model_table_adds_up(fecosplat) -> None:
     assert [row["parameters"] for row in rows if row["side"] == "sum"] == [receiver, receiver + sender]
     assert abs(receiver - 3_450_000) <= 34_500
     assert receiver + sender <= 12_000_000
-
-
-@pytest.mark.usefixtures("networks")
-def test_a_file_is_decoded_beside_it_by_default(fecosplat, wall: bytes, tmp_path: Path) -> None:
-    (tmp_path / "my wall.fcs").write_bytes(wall)
-    result = fecosplat("decode", tmp_path / "my wall.fcs")
-    assert (result.code, (tmp_path / "my wall.ply").read_bytes()[:4]) == (0, b"ply\n")
-    assert result.err.startswith(f"{tmp_path / 'my wall.ply'}: ")
-    assert "Give -o" in fecosplat("decode", "-").err

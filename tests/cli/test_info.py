@@ -84,7 +84,8 @@ def test_needs_a_file_or_the_model(fecosplat, arguments: tuple[str, ...]) -> Non
 
 
 def test_control_characters_never_reach_the_terminal(fecosplat, tmp_path: Path, stream_bytes: bytes) -> None:
-    metadata = {"name": "\x1b[31mred\x07"}
+    text = "".join(map(chr, (*range(32), *range(127, 160), 0x2028, 0x202E, 0x2066))) + "</script><script>alert(1)"
+    metadata = {"name": "\x1b[31mred\x07", "title": text, "author": text}
     named = write_stream(replace(read_stream(stream_bytes), metadata=metadata))
     for data in (named, named[:-1]):
         file = tmp_path / "evil\x1b]0;title\x07.fcs"
@@ -92,6 +93,8 @@ def test_control_characters_never_reach_the_terminal(fecosplat, tmp_path: Path, 
         for options in ((), ("--json",)):
             result = fecosplat("info", file, *options)
             assert all(c.isprintable() or c == "\n" for c in result.out + result.err)
+            if options:
+                assert json.loads(result.out)["metadata"] == (metadata if data == named else None)
 
 
 def test_what_decoding_takes_is_shown(fecosplat, stream_file: Path) -> None:

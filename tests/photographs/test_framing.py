@@ -3,6 +3,8 @@
 import pytest
 import torch
 
+from fecocodec.errors import InputError
+from fecocodec.photographs.framing import common_size
 from fecocodec.photographs.lens import Lens
 from fecocodec.photographs.resampling import crop_and_resize
 
@@ -24,3 +26,9 @@ def test_a_crop_never_leaves_the_photograph(stored: tuple[int, int], size: tuple
     torch.testing.assert_close(framed, torch.full((3, *size), 0.5))
     # A centre crop keeps the principal point at the centre, to the half pixel that the crop may be off by.
     assert abs(intrinsics[0, 2] - 0.5) * width < 1 and abs(intrinsics[1, 2] - 0.5) * height < 1
+
+
+def test_a_message_has_the_size_of_the_photographs() -> None:
+    strip = Lens(8192, 256, fx=4096.0, fy=4096.0, cx=4096.0, cy=128.0)
+    with pytest.raises(InputError, match=r"^strip\.jpg: 8192x256 pixels, reduced to 1024x32, but each side"):
+        common_size([strip], ["strip.jpg"])
