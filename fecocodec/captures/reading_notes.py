@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names
-from fecocodec.limits import MAX_SIDE
+from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SIDE
 from fecocodec.photographs.framing import kept_share
 from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright
 from fecocodec.photographs.lens import Lens
@@ -140,11 +140,14 @@ def _photographs(count: int) -> str:
 
 
 def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:
-    """Return a sentence if photographs exceed the largest side, None otherwise. size: (height, width) of the result."""
+    """Return a sentence if photographs are scaled down, None otherwise. size: (height, width) of the result."""
     (width, height), _ = Counter((lens.width, lens.height) for lens in pinholes).most_common(1)[0]
-    if max(width, height) <= MAX_SIDE:
+    if (height, width) == size:
         return None
-    return f"photographs of {width}x{height} are coded at {size[1]}x{size[0]}; no side may exceed {MAX_SIDE} pixels."
+    reason = f"no side may exceed {MAX_SIDE} pixels"
+    if max(size) < min(MAX_SIDE, max(width, height)):
+        reason = f"the {len(pinholes)} coded views have at most {DEFAULT_MAX_PIXELS:,} pixels together"
+    return f"photographs of {width}x{height} are coded at {size[1]}x{size[0]}; {reason}."
 
 
 def orientation_notes(paths: list[Path]) -> list[str]:

@@ -18,6 +18,7 @@ from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import Roles, choose_roles
 from fecocodec.codec.scene_source import scene_source
 from fecocodec.input_file import StrPath
+from fecocodec.photographs.framing import within_limit
 from fecocodec.photographs.video_frames import is_video
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.view_quality import DecodedQuality, new_view_warnings, quality_warnings, stage_warnings
@@ -153,6 +154,8 @@ def _framed(
         return framed(scene, [scene.photographs[index] for index in indices], size, [])
 
     chosen = of(roles.context, options.size)
+    if options.size is None and (size := within_limit(chosen.image_size, len(roles.context))) != chosen.image_size:
+        chosen = of(roles.context, size)
     if options.views is None:
         messages.warn(*unposed_notes(scene))
     messages.note(*chosen.remarks)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fecocodec.errors import InputError
-from fecocodec.limits import MAX_SIDE, MIN_SIDE
+from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SIDE, MIN_SIDE, grid_side
 from fecocodec.photographs.lens import Lens
 
 MIN_KEPT_AREA = 0.5  # share of each photograph's area that an automatic crop must keep
@@ -37,6 +37,15 @@ def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
             f"{MAX_SIDE}; use larger images or give `size`."
         )
     return height, width
+
+
+def within_limit(size: tuple[int, int], count: int) -> tuple[int, int]:
+    """Return (height, width) of `count` views, scaled down so that all of them together fit what `decode` accepts."""
+    height, width = size
+    scale = min(1.0, (DEFAULT_MAX_PIXELS / (count * height * width)) ** 0.5)
+    while count * grid_side(round(height * scale)) * grid_side(round(width * scale)) > DEFAULT_MAX_PIXELS:
+        scale *= 0.99
+    return max(MIN_SIDE, round(height * scale)), max(MIN_SIDE, round(width * scale))
 
 
 def require_size(size: tuple[int, int]) -> tuple[int, int]:

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.photographs.framing import common_size
+from fecocodec.limits import DEFAULT_MAX_PIXELS, grid_side
+from fecocodec.photographs.framing import common_size, within_limit
 from fecocodec.photographs.lens import Lens
 from fecocodec.photographs.resampling import crop_and_resize
 
@@ -32,3 +33,15 @@ def test_a_message_has_the_size_of_the_photographs() -> None:
     strip = Lens(8192, 256, fx=4096.0, fy=4096.0, cx=4096.0, cy=128.0)
     with pytest.raises(InputError, match=r"^strip\.jpg: 8192x256 pixels, reduced to 1024x32, but each side"):
         common_size([strip], ["strip.jpg"])
+
+
+@pytest.mark.parametrize(("size", "count"), [((768, 1024), 6), ((768, 1024), 16), ((1024, 64), 16), ((577, 1024), 8)])
+def test_many_views_are_scaled_down_to_what_decode_accepts(size: tuple[int, int], count: int) -> None:
+    height, width = within_limit(size, count)
+    assert count * grid_side(height) * grid_side(width) <= DEFAULT_MAX_PIXELS
+    assert height * width > 0.8 * min(size[0] * size[1], DEFAULT_MAX_PIXELS / count)
+    assert abs(height / width - size[0] / size[1]) < 0.01 * size[0] / size[1]
+
+
+def test_few_views_keep_their_size() -> None:
+    assert within_limit((768, 1024), 5) == (768, 1024)
