@@ -25,8 +25,8 @@ _OF_VIEWS = (
         callback=parse_selection,
         metavar="WHICH",
         help="Photographs to code: numbers (0,5), file names (a.jpg,b.jpg), all, spread:N for N that are spread over "
-        "the scene, or auto for as many as cover it, at most 16. Of spread:N, auto and the default, views that harm "
-        "the others are left out.  [default: every photograph of up to four; else auto]",
+        "the scene, or auto for as many as it needs, at most 16.  [default: every photograph of up to four; else "
+        "auto]",
     ),
     click.option(
         "--guides",
