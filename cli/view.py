@@ -45,7 +45,7 @@ Examples:
 def command(stream: Path, opens_browser: bool, port: int, host: str, model: Path | None, max_pixels: int) -> None:
     """Decode FILE.fcs (- for standard input) and show the scene in a page.
 
-        The page is that of `fecosplat decode FILE.fcs -o scene.html`.
+    The page is that of `fecosplat decode FILE.fcs -o scene.html`.
     It is served until Ctrl-C ends the command, on this machine only unless --host is given. It loads nothing from other
     hosts.
     """

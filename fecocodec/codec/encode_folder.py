@@ -36,11 +36,11 @@ class OtherViews:
 class EncodingReport:
     """An encoded folder.
 
-    data: bytes of the `.fcs` file. names: of the coded views. quality: of these, decoded from
-    `data`, after each stage; empty if it was not measured. guides: what the sender
-    learned from. checks: what it never saw; their quality is that of new views. num_unused: further photographs. notes,
-    warnings: one sentence each. seconds: time taken. save_cameras: writes the cameras that were estimated as
-    `transforms.json`, see `PosedFolder.save_cameras`; None if cameras were given.
+    data: bytes of the `.fcs` file. names: of the coded views. quality: of these, decoded from `data`, after each stage;
+    empty if it was not measured. guides: what the sender learned from. checks: what it never saw; their quality is that
+    of new views. num_unused: further photographs. notes, warnings: one sentence each. seconds: time taken.
+    save_cameras: writes the cameras that were estimated as `transforms.json`, see `PosedFolder.save_cameras`; None if
+    cameras were given.
     """
 
     data: bytes

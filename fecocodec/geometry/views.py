@@ -19,8 +19,7 @@ class Views:
     messages (usually the file name). alpha: opacity in [0, 1]; None if no image has transparency. notes: one sentence
     for each step of reading that the user may not expect, such as cropping. ignored: pixels that a mask marks, which
     show what is not of the scene, such as a passer-by, and are left out of everything; None if there are no masks.
-    remarks: one sentence for each
-    choice of reading that is no reason to doubt the result.
+    remarks: one sentence for each choice of reading that is no reason to doubt the result.
     """
 
     images: Float[Tensor, "view 3 height width"]
