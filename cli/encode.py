@@ -106,11 +106,6 @@ def command(
     from fecocodec.codec.encode_folder import encode_folder
 
     with progress_bar() as on_progress, ExitStack() as stack:
-
-        def write(data: bytes) -> None:
-            """Write the file, which appears when the block ends, so that a warning under --strict leaves none."""
-            stack.enter_context(write_atomically(output, overwrite=overwrite)).write_bytes(data)
-
         frames = None if frames_folder is None else stack.enter_context(write_folder_atomically(frames_folder))
         report = encode_folder(
             views_folder,
@@ -118,8 +113,8 @@ def command(
             on_progress=on_progress,
             on_note=lambda sentence: say(printable(f"note: {in_options(sentence)}")),
             on_warning=lambda sentence: warn(printable(f"warning: {in_options(sentence)}")),
-            on_data=write,
         )
+        stack.enter_context(write_atomically(output, overwrite=overwrite)).write_bytes(report.data)
         if report.save_cameras is not None and frames is not None:
             report.save_cameras(frames / "transforms.json")
         if report.save_cameras is not None and cameras_file is not None:

@@ -114,7 +114,7 @@ def options_of(values: dict[str, Any], **others: Any) -> EncodingOptions:
     """
     given = dict(values)
     metadata = {name: text for name in METADATA if (text := given.pop(name)) is not None}
-    target = target_of(given.pop("target_kib"), given.pop("target_psnr"))
+    target = target_of(*(given.pop(name) for name in ("target_kib", "target_psnr", "target_new_psnr")))
     return EncodingOptions(target=target, num_stages=given.pop("stages"), metadata=metadata, **given, **others)
 
 

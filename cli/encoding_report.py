@@ -22,6 +22,7 @@ def report_fields(report: "EncodingReport", summary: StreamSummary) -> dict[str,
         "kib": round(summary.total_bytes / 1024, 3),
         "context_psnr": round(report.quality[-1].psnr, 3),
         "new_view_psnr": None if new_views is None else round(new_views.psnr, 3),
+        "new_view_psnr_is_fitted": report.is_fitted,
         "stage_results": [{"kib": round(kib, 3), "context_psnr": round(after.psnr, 3)} for kib, after in stages],
         "context_views": _of_view(report.names, report.quality[-1]),
         "guide_views": _of_view(report.guides.names, report.guides.quality),
@@ -47,6 +48,7 @@ def say_result(output: str, report: "EncodingReport", summary: StreamSummary, so
     if (new_views := report.checks.quality) is not None:
         names = report.checks.names
         on = f"{of_input(source, photographs(len(names)))}{_worst(names, new_views) if len(names) > 1 else ''}"
+        on += ", to which lambda is fitted" if report.is_fitted else ""
         say(f"{'  new views:':25}{new_views.psnr:6.2f} dB, PSNR of new views, measured on {on}")
 
 

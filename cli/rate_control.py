@@ -5,13 +5,13 @@ from typing import TypeVar
 
 import click
 
-from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib, Target
+from fecocodec.sender.rate_targets import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def rate_control_options(function: Function) -> Function:
-    """Add --target-kib and --target-psnr."""
+    """Add --target-kib, --target-psnr and --target-new-psnr."""
     options = (
         click.option(
             "--target-kib",
@@ -25,25 +25,34 @@ def rate_control_options(function: Function) -> Function:
             metavar="DB",
             help="Choose lambda automatically: the smallest file with at least this PSNR of the decoded views.",
         ),
+        click.option(
+            "--target-new-psnr",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="DB",
+            help="Choose lambda automatically: the smallest file with at least this PSNR of new views, by --checks.",
+        ),
     )
     for option in reversed(options):
         function = option(function)
     return function
 
 
-def target_of(target_kib: float | None, target_psnr: float | None) -> Target | None:
+def target_of(target_kib: float | None, target_psnr: float | None, target_new_psnr: float | None) -> Target | None:
     """Return the rate-control target, or None to encode at --lambda.
 
     Raises UsageError for options that exclude each other.
     """
-    if target_kib is None and target_psnr is None:
+    given = {
+        "--target-kib": target_kib and AtMostKib(target_kib),
+        "--target-psnr": target_psnr and AtLeastPsnr(target_psnr),
+        "--target-new-psnr": target_new_psnr and AtLeastNewPsnr(target_new_psnr),
+    }
+    targets: dict[str, Target] = {name: target for name, target in given.items() if target}
+    if not targets:
         return None
-    if target_kib is not None and target_psnr is not None:
-        raise click.UsageError("--target-kib and --target-psnr exclude each other; give one of them.")
+    if len(targets) > 1:
+        raise click.UsageError(f"{' and '.join(targets)} exclude each other; give one of them.")
     context = click.get_current_context()
     if context.get_parameter_source("lmbda") is click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("A target chooses lambda; leave out --lambda or the target.")
-    if target_kib is not None:
-        return AtMostKib(target_kib)
-    assert target_psnr is not None
-    return AtLeastPsnr(target_psnr)
+    return next(iter(targets.values()))

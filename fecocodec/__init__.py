@@ -24,13 +24,14 @@ if TYPE_CHECKING:
     from fecocodec.sender.encode import encode
     from fecocodec.sender.input_warnings import check_input
     from fecocodec.sender.rate_control import encode_to_target
-    from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib
+    from fecocodec.sender.rate_targets import AtLeastNewPsnr, AtLeastPsnr, AtMostKib
     from fecocodec.sender.view_quality import DecodedQuality, quality_warnings
     from fecocodec.splat_files.ply import read_ply, write_ply
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "AtLeastNewPsnr",
     "AtLeastPsnr",
     "AtMostKib",
     "BitstreamError",
@@ -61,6 +62,7 @@ __all__ = [
 ]
 
 _MODULE_OF = {
+    "AtLeastNewPsnr": "fecocodec.sender.rate_targets",
     "AtLeastPsnr": "fecocodec.sender.rate_targets",
     "AtMostKib": "fecocodec.sender.rate_targets",
     "BitstreamError": "fecocodec.errors",

@@ -4,7 +4,7 @@ What cameras and headers of images tell is reported before torch is loaded, and 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -21,7 +21,14 @@ from fecocodec.input_file import StrPath
 from fecocodec.photographs.framing import within_limit
 from fecocodec.photographs.video_frames import is_video
 from fecocodec.progress import OnProgress, ignore_progress
-from fecocodec.sender.view_quality import DecodedQuality, new_view_warnings, quality_warnings, stage_warnings
+from fecocodec.sender.rate_targets import AtLeastNewPsnr
+from fecocodec.sender.view_quality import (
+    DecodedQuality,
+    is_lowered_by_stage_2,
+    new_view_warnings,
+    quality_warnings,
+    stage_2_note,
+)
 
 
 @dataclass(frozen=True)
@@ -38,9 +45,9 @@ class EncodingReport:
 
     data: bytes of the `.fcs` file. names: of the coded views. quality: of these, decoded from `data`, after each stage;
     empty if it was not measured. guides: what the sender learned from. checks: what it never saw; their quality is that
-    of new views. num_unused: further photographs. notes, warnings: one sentence each. seconds: time taken.
-    save_cameras: writes the cameras that were estimated as `transforms.json`, see `PosedFolder.save_cameras`; None if
-    cameras were given.
+    of new views. num_unused: further photographs. is_fitted: whether lambda was chosen by the checks. notes, warnings:
+    one sentence each. seconds: time taken. save_cameras: writes the cameras that were estimated as `transforms.json`,
+    see `PosedFolder.save_cameras`; None if cameras were given.
     """
 
     data: bytes
@@ -49,6 +56,7 @@ class EncodingReport:
     guides: OtherViews
     checks: OtherViews
     num_unused: int
+    is_fitted: bool
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     seconds: float
@@ -62,13 +70,11 @@ def encode_folder(
     on_progress: OnProgress = ignore_progress,
     on_note: OnMessage = lambda _sentence: None,
     on_warning: OnMessage = lambda _sentence: None,
-    on_data: Callable[[bytes], None] = lambda _data: None,
 ) -> EncodingReport:
     """Encode a folder of photographs, a camera file or a video, as the command `fecosplat encode` does.
 
     Cameras are estimated if there are none. on_progress: as for `encode`. on_note, on_warning: called with each
-    sentence as soon as it is known; the result has all of them. on_data: called with the bytes of the file before they
-    are measured. Nothing is written.
+    sentence as soon as it is known; the result has all of them. Nothing is written.
     Raises InputError for input or options that cannot be used, StrictError for a warning if `is_strict`, ModelError if
     weights cannot be loaded.
     """
@@ -99,8 +105,7 @@ def encode_folder(
         photographs = read_photographs(*chosen, options, messages)
         messages.note(*photographs.views.remarks)
     views, guides, checks = photographs.views, photographs.guides, photographs.checks
-    data = encode_views(views, guides, options, messages, on_progress)
-    on_data(data)
+    data = encode_views(views, guides, checks, options, messages, on_progress)
     if guides is not None and messages.omitted:
         kept = [index for index, name in enumerate(guides.names) if name not in messages.omitted]
         guides = guides.select(kept) if kept else None
@@ -109,9 +114,14 @@ def encode_folder(
     if options.is_measured or options.is_strict:
         from fecocodec.sender.decoded_quality import measure_decoded, measure_others
 
-        quality = measure_decoded(data, views, device=options.device, model=options.model)
+        measure = partial(measure_decoded, views=views, device=options.device, model=options.model)
+        quality = measure(data)
+        if is_lowered_by_stage_2(quality) and options.target is None:
+            alone = encode_views(views, guides, checks, replace(options, num_stages=1), Messages(path), on_progress)
+            if (of_one := measure(alone))[-1].psnr > quality[-1].psnr:
+                messages.note(stage_2_note(quality))
+                data, quality = alone, of_one
         of_guides, of_checks = measure_others(data, guides, checks, device=options.device, model=options.model)
-        messages.warn(*stage_warnings(quality))
         if checks is not None and of_checks is not None:
             messages.warn(*new_view_warnings(of_checks, checks.names))
         else:
@@ -123,6 +133,7 @@ def encode_folder(
         OtherViews(() if guides is None else guides.names, of_guides),
         OtherViews(() if checks is None else checks.names, of_checks),
         roles.num_unused,
+        isinstance(options.target, AtLeastNewPsnr),
         tuple(messages.notes),
         tuple(messages.warnings),
         round(perf_counter() - start, 3),

@@ -14,14 +14,19 @@ from fecocodec.sender.rate_control import encode_to_target
 
 
 def encode_views(
-    views: Views, guides: Views | None, options: EncodingOptions, messages: Messages, on_progress: OnProgress
+    views: Views,
+    guides: Views | None,
+    checks: Views | None,
+    options: EncodingOptions,
+    messages: Messages,
+    on_progress: OnProgress,
 ) -> bytes:
-    """Return the bytes of the file. Raises InputError."""
+    """Return the bytes of the file. checks: choose lambda for a PSNR of new views, else nothing. Raises InputError."""
     messages.warn(*check_input(views, options.effort, guides))
     if options.target is None:
         coder = partial(encode, lmbda=options.lmbda, num_stages=options.num_stages)
     else:
-        coder = partial(encode_to_target, target=options.target)
+        coder = partial(encode_to_target, target=options.target, checks=checks)
     with error_context(messages.path, (InputError,)):
         data = coder(
             views,

@@ -28,7 +28,13 @@ class Messages:
     path: of the input. is_strict: raise StrictError for a warning instead.
     """
 
-    def __init__(self, path: Path, is_strict: bool, on_note: OnMessage, on_warning: OnMessage) -> None:
+    def __init__(
+        self,
+        path: Path,
+        is_strict: bool = False,
+        on_note: OnMessage = lambda _sentence: None,
+        on_warning: OnMessage = lambda _sentence: None,
+    ) -> None:
         self.path, self._is_strict = path, is_strict
         self._on_note, self._on_warning = on_note, on_warning
         self.notes: list[str] = []

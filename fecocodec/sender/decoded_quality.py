@@ -58,6 +58,12 @@ def measure_others(
 
 
 @torch.no_grad()
+def new_view_quality(receiver: Receiver, data: bytes, views: Views) -> DecodedQuality:
+    """Decode with a loaded receiver, and return the quality of photographs that are not in the stream."""
+    return _quality(decode_with(receiver, data).gaussians, views.cameras, views)
+
+
+@torch.no_grad()
 def decoded_quality(receiver: Receiver, data: bytes, views: Views, stages: Stages = "all") -> DecodedQuality:
     """Decode `stages`, as for `decode`, with a loaded receiver, and return the quality of the context views.
 

@@ -16,11 +16,11 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.decoded_quality import decoded_quality
+from fecocodec.sender.decoded_quality import decoded_quality, new_view_quality
 from fecocodec.sender.encode import OnOmission, OnWarning, matched_scene, write_scene
 from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
-from fecocodec.sender.rate_targets import AtMostKib, Target
+from fecocodec.sender.rate_targets import AtLeastNewPsnr, AtMostKib, Target
 from fecocodec.sender.view_checks import check_views
 from fecocodec.sender.view_quality import DecodedQuality
 
@@ -34,7 +34,7 @@ TIME_OF_STEP = 0.5  # time that an optimisation step adds to an encoding, relati
 
 @dataclass(frozen=True)
 class Attempt:
-    """One encoding. data: the stream. quality: of the context views, decoded from it."""
+    """One encoding. data: the stream. quality: decoded from it, of the photographs that the target is about."""
 
     lambda_q: int
     data: bytes
@@ -42,7 +42,7 @@ class Attempt:
 
     @property
     def psnr(self) -> float:
-        """Mean PSNR of the decoded context views, in dB."""
+        """Mean PSNR of these photographs, in dB."""
         return self.quality.psnr
 
 
@@ -54,6 +54,7 @@ def encode_to_target(
     target: Target,
     *,
     guides: Views | None = None,
+    checks: Views | None = None,
     effort: str | OptimisationConfig = "default",
     sharpness: float = 0.0,
     device: str = "cpu",
@@ -64,13 +65,14 @@ def encode_to_target(
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
 
-    target: `AtMostKib` or `AtLeastPsnr`. Raises InputError for views that cannot be encoded and for a target that no
+    target: `AtMostKib`, `AtLeastPsnr` or `AtLeastNewPsnr`. checks: photographs that the last of them is about, with
+    cameras in the world frame of the views. Raises InputError for views that cannot be encoded and for a target that no
     lambda reaches, ModelError if weights cannot be loaded.
     """
     check_views(views, num_stages=2)
     config = config_of_effort(effort, sharpness)
     codec = load_codec(model_folder(model), device)
-    return encode_to_target_with(codec, views, target, config, on_progress, on_warning, guides, on_omission)
+    return encode_to_target_with(codec, views, target, config, on_progress, on_warning, guides, on_omission, checks)
 
 
 @torch.inference_mode(False)
@@ -84,17 +86,22 @@ def encode_to_target_with(
     on_warning: OnWarning = lambda _sentence: None,
     guides: Views | None = None,
     on_omission: OnOmission | None = None,
+    checks: Views | None = None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
+    is_about_new = isinstance(target, AtLeastNewPsnr)
+    if is_about_new and checks is None:
+        raise InputError("a PSNR of new views is measured on photographs that are not coded; keep some as `checks`.")
+    quality_of, measured = (new_view_quality, checks) if is_about_new and checks else (decoded_quality, views)
     on_progress("matching views", 0.0)
     encoder, scene = matched_scene(codec, views, guides, on_warning, on_omission)
 
     def attempt(lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
         data = write_scene(encoder, scene, lambda_q, 2, config, on_progress)
-        return Attempt(lambda_q, data, decoded_quality(codec.receiver, data, views))
+        return Attempt(lambda_q, data, quality_of(codec.receiver, data, measured))
 
     num_steps = config.steps_of_last(encoder.num_pixels, FIRST_LAMBDA_Q)
-    return search(attempt, target, config, num_steps, views.names, on_progress).data
+    return search(attempt, target, config, num_steps, measured.names, on_progress).data
 
 
 def search(
@@ -107,8 +114,8 @@ def search(
 ) -> Attempt:
     """Return the best of a few encodings that reach the target.
 
-    num_steps: optimisation steps of the last stage, at lambda 1e-3. names: of the views, for messages. on_progress:
-    its fraction assumes NUM_FULL_ENCODINGS, so the work may end earlier.
+    num_steps: optimisation steps of the last stage, at lambda 1e-3. names: of what is measured, for messages.
+    on_progress: its fraction assumes NUM_FULL_ENCODINGS, so the work may end earlier.
     Raises InputError if no lambda reaches the target.
     """
     fast: list[Point] = []
@@ -214,6 +221,11 @@ def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, n
         return (
             f"a file of {target.kib:g} KiB cannot be made, the smallest has {len(attempt.data) / 1024:.2f}; "
             f"raise the target{lower}, or give fewer or smaller views."
+        )
+    if isinstance(target, AtLeastNewPsnr):
+        return (
+            f"a PSNR of {target.psnr:g} dB at new views cannot be reached, the best is {attempt.psnr:.2f}: a larger "
+            "file does not show what no coded view shows; lower the target, or code more photographs by `views`."
         )
     worst = attempt.quality.worst_view
     effort = "" if config.num_steps >= BEST.num_steps else ", use more `effort`"

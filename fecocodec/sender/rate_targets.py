@@ -28,6 +28,14 @@ class AtLeastPsnr:
         _require_positive(self.psnr, "dB")
 
 
+@dataclass(frozen=True)
+class AtLeastNewPsnr(AtLeastPsnr):
+    """Target: the smallest file with at least this PSNR in dB at new views, mean over photographs that are not coded.
+
+    They choose lambda, and nothing else; what is measured on them is then fitted.
+    """
+
+
 Target = AtMostKib | AtLeastPsnr
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-LEAST_LOSS = 0.1  # of the mean PSNR, in dB, that is worth a warning
+LEAST_LOSS = 0.1  # of the mean PSNR, in dB, for which a file of one stage is written
 # Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between
 # the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/what_we_learned.md).
 LEAST_PSNR = 22.0
@@ -62,10 +62,12 @@ def photographs(count: int) -> str:
     return "one photograph that was not used" if count == 1 else f"{count} photographs that were not used"
 
 
-def stage_warnings(quality: Sequence[DecodedQuality]) -> tuple[str, ...]:
-    """Return one sentence if stage 2 lowers the decoded context views by LEAST_LOSS. quality: after each stage."""
-    before, after = quality[0].psnr, quality[-1].psnr
-    if after > before - LEAST_LOSS:
-        return ()
-    change = f"from {before:.2f} to {after:.2f} dB"
-    return (f"stage 2 lowers the PSNR of the decoded views {change}; `stages=1` gives a better file.",)
+def is_lowered_by_stage_2(quality: Sequence[DecodedQuality]) -> bool:
+    """Return whether the decoded context views lose LEAST_LOSS or more by stage 2. quality: after each stage."""
+    return quality[-1].psnr <= quality[0].psnr - LEAST_LOSS
+
+
+def stage_2_note(quality: Sequence[DecodedQuality]) -> str:
+    """Return the sentence about a file of one stage that takes the place of one of this quality after each stage."""
+    change = f"from {quality[0].psnr:.2f} to {quality[-1].psnr:.2f} dB"
+    return f"stage 2 would lower the PSNR of the decoded views {change}; the file holds stage 1 alone."

@@ -24,7 +24,9 @@ def scenes(photographs: Path, tmp_path: Path) -> Path:
 
 def test_files_equal_those_of_encode_and_decode(fecosplat, networks, scenes: Path, tmp_path: Path) -> None:
     coded, single = tmp_path / "coded", tmp_path / "single.fcs"
-    result = fecosplat("batch", "encode", scenes, "-o", coded, "--shard", "1/1", *FAST, "--title", "A wall")
+    result = fecosplat(
+        "batch", "encode", scenes, "-o", coded, "--shard", "1/1", *FAST, "--measure", "--title", "A wall"
+    )
     assert (result.code, result.out) == (1, "")
     assert result.err.startswith(f"empty failed: {scenes / 'empty'}: no photographs and no camera file found; ")
     assert f"{coded}: 1 done, 0 skipped, 1 failed in " in result.err
@@ -65,20 +67,20 @@ def test_strict_fails_scenes_with_warnings(fecosplat, networks, scenes: Path, ou
 def test_a_batch_is_as_strict_as_encode(
     fecosplat, networks, scenes: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nothing but the second stage is wrong here; a batch once measured the last stage alone."""
-    for name in ("quality_warnings", "stage_warnings"):
-        monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments: ())
+    """Nothing but the decoded quality is wrong here; a batch once did not measure it."""
+    monkeypatch.setattr("fecocodec.codec.encode_folder.quality_warnings", lambda *_arguments: ())
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
     strict = (*FAST, "--strict")
     assert fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict).code == 0
     batch = ("batch", "encode", scenes, "-o", output, "--shard", "2/2", *strict)
     assert fecosplat(*batch).code == 0
-    sentence = "stage 2 lowers the PSNR"
-    monkeypatch.setattr("fecocodec.codec.encode_folder.stage_warnings", lambda _quality: (f"{sentence}.",))
+    sentence = "the decoded views are poor"
+    monkeypatch.setattr("fecocodec.codec.encode_folder.quality_warnings", lambda *_arguments: (f"{sentence}.",))
     refused = fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict, "--overwrite")
     assert fecosplat(*batch, "--overwrite").code == refused.code == 1
-    assert refused.err == f"fecosplat: {scenes / 'wall'}: {sentence} (--strict makes this warning an error).\n"
-    assert json.loads((output / "wall.fcs.json").read_text())["error"] == refused.err[len("fecosplat: ") : -1]
+    error = f"{scenes / 'wall'}: {sentence} (--strict makes this warning an error)."
+    assert refused.err.splitlines()[-1] == f"fecosplat: {error}"
+    assert json.loads((output / "wall.fcs.json").read_text())["error"] == error
 
 
 def test_a_note_of_estimated_cameras_is_no_warning(fecosplat, networks, tmp_path: Path, output: Path) -> None:

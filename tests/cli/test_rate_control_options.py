@@ -12,7 +12,7 @@ from tests.cli.conftest import CommandLine
 def test_a_target_is_kept_and_its_lambda_is_shown(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
     file = tmp_path / "scene.fcs"
     options = ("--views", "0,1", "--effort", "fast", "--json")
-    largest = json.loads(fecosplat("encode", photographs, "-o", file, *options, "--lambda", "1e-5").out)["bytes"]
+    largest = json.loads(fecosplat("encode", photographs, "-o", file, *options, "--target-kib", 1000).out)["bytes"]
     target = 0.7 * largest / 1024
     result = fecosplat("encode", photographs, "-o", file, *options, "--target-kib", target, "--overwrite")
     assert result.code == 0 and file.stat().st_size <= 1024 * target

@@ -45,10 +45,21 @@ def test_it_encodes_what_is_in_the_folder_and_says_how_it_went(folder: Path, opt
     assert inspect(report.data).metadata == {"title": "A wall"}
     assert encode_folder(folder, replace(options, is_measured=False)).data == plain
     assert report.names == ("0.png", "1.png")
-    assert report.quality == fecocodec.measure_decoded(plain, views, model=options.model)
+    assert inspect(report.data).header.num_stages == len(report.quality) == 1  # stage 2 of untrained networks does harm
     assert report.warnings == tuple(warnings) != ()  # untrained networks decode to poor views
     assert steps[:2] == ["reading views", "matching views"] and report.seconds > 0
     assert report.save_cameras is None  # they were given
+
+
+def test_a_second_stage_that_does_harm_is_left_out(folder: Path, options: EncodingOptions) -> None:
+    views = fecocodec.read_views(folder)
+    plain, alone = (fecocodec.encode(views, effort="fast", model=options.model, num_stages=n) for n in (2, 1))
+    first, last = fecocodec.measure_decoded(plain, views, model=options.model)
+    report = encode_folder(folder, options)
+    assert report.data == alone and report.quality == fecocodec.measure_decoded(alone, views, model=options.model)
+    assert report.quality[-1].psnr > last.psnr
+    change = f"from {first.psnr:.2f} to {last.psnr:.2f} dB"
+    assert f"stage 2 would lower the PSNR of the decoded views {change}; the file holds stage 1 alone." in report.notes
 
 
 def test_a_file_that_is_not_measured_has_no_quality(folder: Path, options: EncodingOptions) -> None:

@@ -13,7 +13,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import OnProgress, decode_with
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.decoded_quality import measure_decoded
+from fecocodec.sender.decoded_quality import measure_decoded, new_view_quality
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 from fecocodec.sender.rate_control import (
@@ -23,7 +23,7 @@ from fecocodec.sender.rate_control import (
     encode_to_target_with,
     search,
 )
-from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib, Target
+from fecocodec.sender.rate_targets import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target
 from fecocodec.sender.view_quality import DecodedQuality
 from tests.example_scenes import MODEL, example_views
 
@@ -125,6 +125,18 @@ def test_files_keep_a_quality(codec: Codec, views: Views, quality_of: Callable[[
     target = AtLeastPsnr(quality_of(best) - 1.0)
     found = encode_to_target_with(codec, views, target, CONFIG)
     assert quality_of(found) >= target.psnr
+
+
+def test_files_keep_a_quality_at_new_views(codec: Codec, views: Views) -> None:
+    coded, checks = views.select([0, 1]), views.select([2])
+    best = new_view_quality(codec.receiver, encode_with(codec, coded, quantise_lambda(1e-5), config=CONFIG), checks)
+    target = AtLeastNewPsnr(best.psnr - 1.0)
+    found = encode_to_target_with(codec, coded, target, CONFIG, checks=checks)
+    assert new_view_quality(codec.receiver, found, checks).psnr >= target.psnr
+    with pytest.raises(InputError, match=r"a PSNR of 99 dB at new views cannot be reached, the best is .*code more"):
+        search(Curve(0.0), AtLeastNewPsnr(99.0), DEFAULT, DEFAULT.num_steps, ("check.jpg",), quiet)
+    with pytest.raises(InputError, match="measured on photographs that are not coded; keep some as `checks`"):
+        encode_to_target_with(codec, coded, target, CONFIG)
 
 
 def test_quality_is_measured_after_each_stage_as_decoded(
