@@ -23,6 +23,7 @@ def report_fields(report: "EncodingReport", summary: StreamSummary) -> dict[str,
         "context_psnr": round(report.quality[-1].psnr, 3),
         "new_view_psnr": None if new_views is None else round(new_views.psnr, 3),
         "new_view_psnr_is_fitted": report.is_fitted,
+        "left_out_psnr": None if report.left_out is None else round(report.left_out.psnr, 3),
         "stage_results": [{"kib": round(kib, 3), "context_psnr": round(after.psnr, 3)} for kib, after in stages],
         "context_views": _of_view(report.names, report.quality[-1]),
         "guide_views": _of_view(report.guides.names, report.guides.quality),
@@ -50,6 +51,9 @@ def say_result(output: str, report: "EncodingReport", summary: StreamSummary, so
         on = f"{of_input(source, photographs(len(names)))}{_worst(names, new_views) if len(names) > 1 else ''}"
         on += ", to which lambda is fitted" if report.is_fitted else ""
         say(f"{'  new views:':25}{new_views.psnr:6.2f} dB, PSNR of new views, measured on {on}")
+    if (left_out := report.left_out) is not None:
+        of_share = f"where the others show them ({100 * left_out.share:.0f}% of their pixels)"
+        say(f"{'  left out:':25}{left_out.psnr:6.2f} dB, PSNR of coded views without their own Gaussians, {of_share}")
 
 
 def roles_note(report: "EncodingReport", *, is_chosen: bool) -> str:

@@ -24,7 +24,9 @@ from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.rate_targets import AtLeastNewPsnr
 from fecocodec.sender.view_quality import (
     DecodedQuality,
+    LeftOutQuality,
     is_lowered_by_stage_2,
+    left_out_warnings,
     new_view_warnings,
     quality_warnings,
     stage_2_note,
@@ -45,9 +47,10 @@ class EncodingReport:
 
     data: bytes of the `.fcs` file. names: of the coded views. quality: of these, decoded from `data`, after each stage;
     empty if it was not measured. guides: what the sender learned from. checks: what it never saw; their quality is that
-    of new views. num_unused: further photographs. is_fitted: whether lambda was chosen by the checks. notes, warnings:
-    one sentence each. seconds: time taken. save_cameras: writes the cameras that were estimated as `transforms.json`,
-    see `PosedFolder.save_cameras`; None if cameras were given.
+    of new views. left_out: quality of coded views without their own Gaussians, where there is one check or none; None
+    if it was not measured, or no view shows what another one does. num_unused: further photographs. is_fitted: whether
+    lambda was chosen by the checks. notes, warnings: one sentence each. seconds: time taken. save_cameras: writes the
+    cameras that were estimated as `transforms.json`, see `PosedFolder.save_cameras`; None if cameras were given.
     """
 
     data: bytes
@@ -55,6 +58,7 @@ class EncodingReport:
     quality: tuple[DecodedQuality, ...]
     guides: OtherViews
     checks: OtherViews
+    left_out: LeftOutQuality | None
     num_unused: int
     is_fitted: bool
     notes: tuple[str, ...]
@@ -110,9 +114,9 @@ def encode_folder(
         kept = [index for index, name in enumerate(guides.names) if name not in messages.omitted]
         guides = guides.select(kept) if kept else None
     quality: tuple[DecodedQuality, ...] = ()
-    of_guides = of_checks = None
+    of_guides = of_checks = left_out = None
     if options.is_measured or options.is_strict:
-        from fecocodec.sender.decoded_quality import measure_decoded, measure_others
+        from fecocodec.sender.decoded_quality import measure_decoded, measure_left_out, measure_others
 
         measure = partial(measure_decoded, views=views, device=options.device, model=options.model)
         quality = measure(data)
@@ -122,16 +126,21 @@ def encode_folder(
                 messages.note(stage_2_note(quality))
                 data, quality = alone, of_one
         of_guides, of_checks = measure_others(data, guides, checks, device=options.device, model=options.model)
+        if checks is None or len(checks.names) == 1:
+            left_out = measure_left_out(data, views, device=options.device, model=options.model)
         if checks is not None and of_checks is not None:
             messages.warn(*new_view_warnings(of_checks, checks.names))
-        else:
-            messages.warn(*quality_warnings(quality[-1], views.names))
+        elif poor := quality_warnings(quality[-1], views.names):
+            messages.warn(*poor)
+        elif left_out is not None:
+            messages.warn(*left_out_warnings(left_out))
     return EncodingReport(
         data,
         views.names,
         quality,
         OtherViews(() if guides is None else guides.names, of_guides),
         OtherViews(() if checks is None else checks.names, of_checks),
+        left_out,
         roles.num_unused,
         isinstance(options.target, AtLeastNewPsnr),
         tuple(messages.notes),

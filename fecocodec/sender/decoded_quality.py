@@ -1,11 +1,15 @@
 """Quality of the context views as decoded: decode the stream, render at its cameras, compare with the photographs."""
 
+from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
+import numpy as np
 import torch
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.container import Stages, read_stream
+from fecocodec.coding.visibility import FACTOR_OF_LEVEL, pack_levels, unpack_levels
+from fecocodec.container import FADING_BLOCKS, Stages, read_stream, write_stream
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
@@ -16,8 +20,10 @@ from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.cut_out import BLACK, WHITE
-from fecocodec.sender.view_quality import DecodedQuality
+from fecocodec.sender.view_quality import DecodedQuality, LeftOutQuality
 
+MAX_LEFT_OUT = 8  # views; each takes a decoding
+OPAQUE, LEAST_SHOWN = 0.5, 0.05  # alpha of pixels that other views show; share of a view that they must show
 LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite
 
 
@@ -55,6 +61,35 @@ def measure_others(
     receiver = load_codec(model_folder(model), device).receiver
     gaussians = decode_with(receiver, data).gaussians
     return tuple(None if views is None else _quality(gaussians, views.cameras, views) for views in groups)
+
+
+@torch.no_grad()
+def measure_left_out(
+    data: bytes, views: Views, *, device: str = "cpu", model: Path | str | None = None
+) -> LeftOutQuality | None:
+    """Decode a stream once for each view without the Gaussians of this view, and return the quality of this view.
+
+    At most MAX_LEFT_OUT views are measured. Pixels count where the Gaussians of the other views are nearly opaque, so
+    what the background layer fills does not.
+    Arguments and errors as for `measure_decoded`. None if no view shows what another one does.
+    """
+    receiver, stream = load_codec(model_folder(model), device).receiver, read_stream(data)
+    levels = np.zeros(FADING_BLOCKS.shape(stream.header), np.uint8)
+    if stream.fading is not None:
+        levels = unpack_levels(stream.fading, stream.header)
+    found, shares = [], []
+    for view in range(0, len(levels), -(-len(levels) // MAX_LEFT_OUT)):
+        hidden = levels.copy()
+        hidden[view] = len(FACTOR_OF_LEVEL) - 1
+        decoded = decode_with(receiver, write_stream(replace(stream, fading=pack_levels(hidden))), background=None)
+        rendered = render(decoded.gaussians, decoded.cameras.select([view]), views.image_size)
+        is_unseen = rendered.alpha < OPAQUE
+        if views.ignored is not None:
+            is_unseen |= views.ignored[[view]]
+        shares.append(1.0 - float(is_unseen.float().mean()))
+        if shares[-1] > LEAST_SHOWN:
+            found.append(float(psnr(rendered.color.clamp(0, 1), views.images[[view]].to(rendered.color), is_unseen)))
+    return LeftOutQuality(fmean(found), fmean(shares)) if found else None
 
 
 @torch.no_grad()

@@ -7,6 +7,9 @@ LEAST_LOSS = 0.1  # of the mean PSNR, in dB, for which a file of one stage is wr
 # Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between
 # the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/what_we_learned.md).
 LEAST_PSNR = 22.0
+# Mean PSNR in dB of views from the others' Gaussians, below which `left_out_warnings` calls new views poor. On training
+# captures, the six entries of 15 below it had new views of 11 to 16 dB (docs/what_we_learned.md).
+LEAST_LEFT_OUT_PSNR = 17.0
 LEAST_NEW_PSNR = 20.0  # dB, mean of photographs that were not used, below which `new_view_warnings` calls them poor
 
 
@@ -25,6 +28,26 @@ class DecodedQuality:
     def worst_view(self) -> int:
         """Index of the view with the smallest PSNR."""
         return self.psnr_of_view.index(min(self.psnr_of_view))
+
+
+@dataclass(frozen=True)
+class LeftOutQuality:
+    """Quality of coded views, each rendered without its own Gaussians. psnr, in dB: mean over the views that others
+    show in part, of the pixels that these show. share: of all pixels, that others show.
+    """
+
+    psnr: float
+    share: float
+
+
+def left_out_warnings(quality: LeftOutQuality) -> tuple[str, ...]:
+    """Return one sentence if the coded views do not predict each other."""
+    if quality.psnr >= LEAST_LEFT_OUT_PSNR:
+        return ()
+    return (
+        f"new views will be poor: each coded view, rendered from the others alone, has a PSNR of {quality.psnr:.1f} dB "
+        "where they show it; check that each camera belongs to its photograph, or add photographs between them.",
+    )
 
 
 def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[str, ...]:

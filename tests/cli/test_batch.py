@@ -68,7 +68,8 @@ def test_a_batch_is_as_strict_as_encode(
     fecosplat, networks, scenes: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing but the decoded quality is wrong here; a batch once did not measure it."""
-    monkeypatch.setattr("fecocodec.codec.encode_folder.quality_warnings", lambda *_arguments: ())
+    for name in ("quality_warnings", "left_out_warnings"):
+        monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments: ())
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
     strict = (*FAST, "--strict")
     assert fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict).code == 0

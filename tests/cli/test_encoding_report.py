@@ -13,7 +13,9 @@ from fecocodec.container import inspect
 from fecocodec.errors import InputError
 from fecocodec.sender.view_quality import (
     DecodedQuality,
+    LeftOutQuality,
     is_lowered_by_stage_2,
+    left_out_warnings,
     new_view_warnings,
     quality_warnings,
     stage_2_note,
@@ -23,7 +25,13 @@ QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
 
 
 def report(names: tuple[str, ...], quality: tuple[DecodedQuality, ...], **others: object) -> EncodingReport:
-    fields = {"guides": OtherViews(), "checks": OtherViews(), "num_unused": 0, "is_fitted": False} | others
+    fields = {
+        "guides": OtherViews(),
+        "checks": OtherViews(),
+        "left_out": None,
+        "num_unused": 0,
+        "is_fitted": False,
+    } | others
     return EncodingReport(b"", names, quality, **fields, notes=(), warnings=(), seconds=1.0, save_cameras=None)
 
 
@@ -130,7 +138,8 @@ def test_strict_covers_the_decoded_views_and_keeps_an_older_file(
 def test_strict_without_a_warning_changes_nothing(
     fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fecocodec.codec.encode_folder.quality_warnings", lambda *_arguments: ())
+    for name in ("quality_warnings", "left_out_warnings"):
+        monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments: ())
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
     for name, strict in (("a.fcs", ()), ("b.fcs", ("--strict",))):
         result = fecosplat("encode", photographs, "-o", output / name, "--views", "0,1", "--effort", "fast", *strict)
@@ -162,6 +171,30 @@ def test_poor_new_views_are_said() -> None:
         "dB); check that each camera belongs to its photograph, add photographs between the coded ones, or code more "
         "of them by `views`.",
     )
+
+
+def test_views_that_do_not_predict_each_other_are_said(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    poor = LeftOutQuality(14.25, 0.6)
+    assert left_out_warnings(LeftOutQuality(17.0, 0.2)) == ()
+    assert left_out_warnings(poor) == (
+        "new views will be poor: each coded view, rendered from the others alone, has a PSNR of 14.2 dB where they "
+        "show it; check that each camera belongs to its photograph, or add photographs between them.",
+    )
+    summary, found = inspect(stream_bytes), report(("a.png", "b.png"), QUALITY, left_out=poor)
+    say_result("scene.fcs", found, summary)
+    line = "  left out:               14.25 dB, PSNR of coded views without their own Gaussians, where the others show"
+    assert f"{line} them (60% of their pixels)\n" in capsys.readouterr().err
+    assert report_fields(found, summary)["left_out_psnr"] == 14.25
+
+
+def test_a_figure_to_which_lambda_was_fitted_is_called_so(
+    stream_bytes: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    checks = OtherViews(("c.png",), DecodedQuality((24.0,)))
+    summary, found = inspect(stream_bytes), report(("a.png", "b.png"), QUALITY, checks=checks, is_fitted=True)
+    say_result("scene.fcs", found, summary)
+    assert "measured on one photograph that was not used, to which lambda is fitted\n" in capsys.readouterr().err
+    assert report_fields(found, summary)["new_view_psnr_is_fitted"] is True
 
 
 def test_a_second_stage_that_does_harm_is_found() -> None:

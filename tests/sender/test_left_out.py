@@ -1,0 +1,25 @@
+"""Coded views rendered without their own Gaussians: how well the views predict each other."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from fecocodec import encode, measure_decoded, read_views
+from fecocodec.sender.decoded_quality import measure_left_out
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "motorcycle"
+
+
+def test_views_predict_each_other_unless_their_cameras_are_wrong() -> None:
+    views = read_views(EXAMPLE, size=(96, 128))
+    data = encode(views, effort="fast")
+    left_out = measure_left_out(data, views)
+    assert left_out is not None and 17.0 < left_out.psnr < measure_decoded(data, views)[-1].psnr
+    assert 0.5 < left_out.share <= 1.0
+    swapped = replace(views, cameras=views.cameras.select([1, 0]))
+    wrong = measure_left_out(encode(swapped, effort="fast"), swapped)
+    assert wrong is not None and wrong.psnr < left_out.psnr - 3.0
+
+
+def test_one_view_is_shown_by_no_other() -> None:
+    views = read_views(EXAMPLE, size=(64, 96)).select([0])
+    assert measure_left_out(encode(views, effort="fast"), views) is None
