@@ -1,8 +1,10 @@
 """The rules that keep a part findable and the light parts light."""
 
+import ast
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -44,10 +46,9 @@ def python_files(folder: str) -> list[Path]:
     return sorted((ROOT / folder).rglob("*.py"))
 
 
+@cache
 def imported_libraries(file: Path) -> set[str]:
     """Top-level names of everything a file imports, wherever in the file the import stands."""
-    import ast
-
     names: set[str] = set()
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
@@ -101,8 +102,6 @@ print("torch" in sys.modules)
 
 def test_library_neither_prints_nor_exits() -> None:
     """Rule 4. The command line and the specification's own tool are where talking to a terminal belongs."""
-    import ast
-
     offenders = [
         f"{file.relative_to(ROOT)}:{node.lineno}"
         for file in python_files("fecocodec")
