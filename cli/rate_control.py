@@ -5,7 +5,7 @@ from typing import TypeVar
 
 import click
 
-from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib, Target
+from fecocodec.sender.lambda_search import AtLeastPsnr, AtMostKib, Target
 
 Function = TypeVar("Function", bound=Callable[..., object])
 

@@ -7,7 +7,7 @@ from time import perf_counter
 import click
 
 from fecocodec.atomic import require_writable
-from fecocodec.captures.view_selection import Selection
+from fecocodec.captures.view_choice import Selection
 from fecocodec.container import check_pixels, read_header, read_stream_file
 from fecocodec.errors import error_context
 from fecocodec.photographs.video_extra import require_video_extra

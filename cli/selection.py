@@ -2,7 +2,7 @@
 
 import click
 
-from fecocodec.captures.view_selection import All, Auto, Selection, Spread
+from fecocodec.captures.view_choice import All, Auto, Selection, Spread
 
 
 def parse_selection(ctx: click.Context, param: click.Parameter, value: str | None) -> Selection | None:

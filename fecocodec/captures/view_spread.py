@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
 from fecocodec.errors import InputError
-from fecocodec.geometry.depth_bounds import bounds_of_depths
+from fecocodec.geometry.depth_range import bounds_of_depths
 from fecocodec.geometry.frustum_overlap import covisibility_estimate
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import framed_intrinsics

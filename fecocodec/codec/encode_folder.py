@@ -17,11 +17,41 @@ from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import Roles, choose_roles
 from fecocodec.codec.scene_source import scene_source
+from fecocodec.container import with_metadata
+from fecocodec.errors import InputError, error_context
+from fecocodec.geometry.views import Views
 from fecocodec.input_file import StrPath
 from fecocodec.photographs.framing import within_limit
 from fecocodec.photographs.video_frames import is_video
 from fecocodec.progress import OnProgress, ignore_progress
+from fecocodec.sender.encode import encode
+from fecocodec.sender.input_warnings import check_input
+from fecocodec.sender.rate_control import encode_to_target
 from fecocodec.sender.view_quality import DecodedQuality, new_view_warnings, quality_warnings, stage_warnings
+
+
+def encode_views(
+    views: Views, guides: Views | None, options: EncodingOptions, messages: Messages, on_progress: OnProgress
+) -> bytes:
+    """Return the bytes of the file. Raises InputError."""
+    messages.warn(*check_input(views, options.effort, guides))
+    if options.target is None:
+        coder = partial(encode, lmbda=options.lmbda, num_stages=options.num_stages)
+    else:
+        coder = partial(encode_to_target, target=options.target)
+    with error_context(messages.path, (InputError,)):
+        data = coder(
+            views,
+            guides=guides,
+            effort=options.effort,
+            sharpness=options.sharpness,
+            device=options.device,
+            model=options.model,
+            on_progress=on_progress,
+            on_warning=messages.warn,
+            on_omission=messages.omit,
+        )
+    return with_metadata(data, options.metadata) if options.metadata else data
 
 
 @dataclass(frozen=True)
@@ -91,8 +121,7 @@ def encode_folder(
             messages.omit(sentence)
         chosen = _framed(scene, roles, options, messages)
 
-        from fecocodec.codec.encode_views import encode_views
-        from fecocodec.codec.photographs import read_photographs
+        from fecocodec.codec.scene_source import read_photographs
         from fecocodec.sender.optimisation_config import config_of_effort
 
         config_of_effort(options.effort, options.sharpness)  # raises for one that there is not

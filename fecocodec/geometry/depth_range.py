@@ -7,13 +7,13 @@ evenly in log depth from 0.05 to 500 baselines. Only depths that are consistent 
 import itertools
 from dataclasses import replace
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.views import Views, joined
 
 DEFAULT_RANGE = (1.0, 100.0)  # in scene units if there is no baseline, in baselines if nothing matches
@@ -189,3 +189,21 @@ def _window_mean(image: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, 
     half = _WINDOW // 2
     rows = F.avg_pool2d(image, (1, _WINDOW), stride=1, padding=(0, half), count_include_pad=False)
     return F.avg_pool2d(rows, (_WINDOW, 1), stride=1, padding=(half, 0), count_include_pad=False)
+
+
+MIN_SAMPLES = 50  # percentiles of fewer depths are not reliable
+_PERCENTILES = (0.01, 0.5, 0.99)
+_MARGIN = 1.15  # the percentiles are widened by this factor on both sides
+_MAX_FAR_OVER_MEDIAN = 40 / 3  # limits the effect of sky and outliers on `far`
+
+
+def bounds_of_depths(depths: Float[np.ndarray, " n"]) -> tuple[float, float] | None:
+    """Return (near, far) of depths: the 1st and 99th percentile, each widened by 15%; far is at most 13.3 medians.
+
+    Returns None for fewer than MIN_SAMPLES depths.
+    """
+    if len(depths) < MIN_SAMPLES:
+        return None
+    ordered = np.sort(depths.astype(np.float64))
+    near, median, far = (float(ordered[round(share * (len(ordered) - 1))]) for share in _PERCENTILES)
+    return near / _MARGIN, min(far * _MARGIN, median * _MAX_FAR_OVER_MEDIAN)

@@ -13,7 +13,7 @@ import numpy as np
 
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import InputError
-from fecocodec.geometry.depth_bounds import bounds_of_depths
+from fecocodec.geometry.depth_range import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice
 from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
 from fecocodec.poses.pose_estimation import LEAST_ANGLE, reconstruct

@@ -32,8 +32,7 @@ from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.state import State
 from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
-from fecocodec.splatting.emission import Emission, emit
-from fecocodec.splatting.merging import MergingConfig
+from fecocodec.splatting.emission import Emission, MergingConfig, emit
 
 LATENT_FACTOR = 8
 

@@ -7,8 +7,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, depth_from_relative_disparity, pixel_rays
 from fecocodec.layers.blocks import (
     Block2d,
     PointwiseConv2d,

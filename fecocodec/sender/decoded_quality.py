@@ -15,7 +15,7 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import load_codec
-from fecocodec.sender.cut_out import BLACK, WHITE
+from fecocodec.sender.coverage import BLACK, WHITE
 from fecocodec.sender.view_quality import DecodedQuality
 
 LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate
+from fecocodec.evaluation.summary import bd_psnr, bd_rate
 
 ANCHOR = [(3.0, 20.0), (6.0, 22.5), (12.0, 24.0), (30.0, 25.1), (60.0, 25.4)]
 

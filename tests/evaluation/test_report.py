@@ -14,10 +14,9 @@ from fecocodec.evaluation.report import make
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front, write_panels
 from fecocodec.evaluation.report.complexity_section import Need
 from fecocodec.evaluation.report.make import html_page
-from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.rate_section import rate_sections
 from fecocodec.evaluation.report.scaling_section import Load, exponent, scaling_section
-from fecocodec.evaluation.report.section import table
+from fecocodec.evaluation.report.section import ReportPlan, table
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.studies import ResultFile, Studies
 from fecocodec.evaluation.stress.suite import Verdict

@@ -3,8 +3,12 @@
 import pytest
 import torch
 
-from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
-from fecocodec.geometry.depth import depth_from_relative_disparity, relative_disparity_from_depth
+from fecocodec.geometry.cameras import (
+    camera_to_world_points,
+    depth_from_relative_disparity,
+    pixel_rays,
+    relative_disparity_from_depth,
+)
 from tests.example_scenes import example_cameras
 
 

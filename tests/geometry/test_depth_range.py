@@ -8,8 +8,7 @@ import torch
 import torch.nn.functional as F
 
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth_bounds import bounds_of_depths
-from fecocodec.geometry.depth_range import DEFAULT_RANGE, estimate_depth_range
+from fecocodec.geometry.depth_range import DEFAULT_RANGE, bounds_of_depths, estimate_depth_range
 from fecocodec.geometry.views import Views
 
 NEAR_WALL, FAR_WALL = 2.0, 8.0

@@ -2,7 +2,7 @@
 
 import torch
 
-from fecocodec.geometry.filling import filled
+from fecocodec.geometry.coding_grid import filled
 
 
 def hole() -> torch.Tensor:

@@ -2,7 +2,7 @@
 
 import torch
 
-from fecocodec.geometry.nearby_cameras import cameras_between
+from fecocodec.geometry.cameras import cameras_between
 from tests.example_scenes import example_cameras
 
 

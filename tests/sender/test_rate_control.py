@@ -15,6 +15,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import measure_decoded
 from fecocodec.sender.encode import encode_with
+from fecocodec.sender.lambda_search import AtLeastPsnr, AtMostKib, Target
 from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 from fecocodec.sender.rate_control import (
     NUM_FAST_ENCODINGS,
@@ -23,7 +24,6 @@ from fecocodec.sender.rate_control import (
     encode_to_target_with,
     search,
 )
-from fecocodec.sender.rate_targets import AtLeastPsnr, AtMostKib, Target
 from fecocodec.sender.view_quality import DecodedQuality
 from tests.example_scenes import MODEL, example_views
 

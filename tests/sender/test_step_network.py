@@ -10,10 +10,9 @@ from torch import Tensor
 from fecocodec.config import SenderConfig
 from fecocodec.container.lambda_quantisation import quantise_lambda
 from fecocodec.errors import InputError
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec, load_codec, load_sender, serialise_sender
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.latent_optimisation import Objective, Slope, against_gradient, descend
-from fecocodec.sender.load import load_sender, serialise_sender
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT, config_of_effort
 from fecocodec.sender.step_network import LARGEST_LOG_SCALE, StepNetwork

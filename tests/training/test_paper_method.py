@@ -23,9 +23,8 @@ from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import BEST
 from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
-from fecocodec.training.loss import lambda_of
+from fecocodec.training.loss import RatedStage, code_with_additive_noise, lambda_of, paper_loss, run_paper_stages
 from fecocodec.training.optimisation import SHARE, build_optimiser
-from fecocodec.training.paper_objective import RatedStage, code_with_additive_noise, paper_loss, run_paper_stages
 from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures

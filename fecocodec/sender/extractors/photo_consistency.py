@@ -12,8 +12,7 @@ from einops import rearrange
 from jaxtyping import Float, Float32, Int
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.cameras import Cameras, depth_from_relative_disparity
 from fecocodec.kernels.compilation import compiled
 from fecocodec.kernels.threads import run_in_ranges
 
