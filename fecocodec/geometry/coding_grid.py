@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fecocodec.limits import grid_side
+from fecocodec.grid import grid_side
 
 LEAST_KEPT = 0.9  # of a resampled pixel; one that shows more of what a mask marks is ignored
 

@@ -25,7 +25,6 @@ BeforeHead = tuple[
     Float[Tensor, "item channel h4 w4"], Float[Tensor, "item channel h4 w4"], Float[Tensor, "batch view h4 w4"]
 ]
 Detail = Float[Tensor, "item raw h2 w2"]  # added to the raw outputs of the head
-PER_CELL = 4  # Gaussians per cell of the 1/4 grid by default: one per 2x2 pixels
 
 
 class Predictor(nn.Module):

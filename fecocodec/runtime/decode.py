@@ -20,7 +20,7 @@ from fecocodec.container import (
 from fecocodec.entropy.digest import symbol_digest
 from fecocodec.entropy.symbol_coders import SymbolReader
 from fecocodec.errors import BitstreamError
-from fecocodec.limits import SIDE_MULTIPLE
+from fecocodec.grid import FEATURES, HYPERLATENTS
 from fecocodec.progress import OnProgress
 from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import Graphs
@@ -65,7 +65,8 @@ class _ByViews:
 
     def __init__(self, graphs: Graphs, size_32: tuple[int, int, int]) -> None:
         self._graphs = graphs
-        self._grid = (size_32[0], 8 * size_32[1], 8 * size_32[2])  # the 1/4 grid
+        cells = HYPERLATENTS // FEATURES
+        self._grid = (size_32[0], cells * size_32[1], cells * size_32[2])
 
     def run(self, name: str, inputs_of: Callable[[slice], dict[str, Any]]) -> list[np.ndarray]:
         return run_by_views(self._graphs, name, self._grid, inputs_of, axis=1)
@@ -170,7 +171,7 @@ def _with_detail(
 def _decode_symbols(graphs: Graphs, header: Header, payload: bytes, stage: int, context: Steps | None) -> Steps:
     """Return the values of y. Raises BitstreamError if the payload is not valid or its digest differs."""
     height, width = header.grid_size
-    size = (header.num_views, height // SIDE_MULTIPLE, width // SIDE_MULTIPLE)
+    size = (header.num_views, height // HYPERLATENTS, width // HYPERLATENTS)
     coded = decode_stage(graphs, payload, size, header.lambda_q_of_stage(stage), stage, context)
     check_symbol_digest(header, stage, coded.digest())
     return coded.steps
@@ -180,7 +181,7 @@ def _advance(graphs: Graphs, header: Header, steps: Steps, before: LastState | N
     """Return the state after a stage. The state before stage 1 has any values."""
     if before is None:
         channels = int(graphs.input_shape("update", "state")[1])
-        height, width = (side // 4 for side in header.grid_size)
+        height, width = (side // FEATURES for side in header.grid_size)
         state = np.zeros((header.num_views, channels, height, width), np.float32)
     else:
         state = before.state

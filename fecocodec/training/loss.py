@@ -11,6 +11,7 @@ from torch import Tensor
 from fecocodec.coding.rate import additive_noise, estimate_latents, uniform_noise
 from fecocodec.container.lambda_quantisation import LAMBDA_MIN, STEPS_PER_E
 from fecocodec.geometry.cameras import relative_disparity_from_depth
+from fecocodec.grid import FEATURES
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.rendering.rasterizer import Rendering
@@ -128,7 +129,7 @@ def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tens
 def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:
     views = batch.num_context
     relative = relative_disparity_from_depth(batch.depth[:, :views], batch.cameras)
-    pooled = F.avg_pool2d(relative.flatten(0, 1)[:, None], 4)[:, 0]
+    pooled = F.avg_pool2d(relative.flatten(0, 1)[:, None], FEATURES)[:, 0]
     return rearrange(pooled, "(b v) h w -> b v h w", v=views)
 
 

@@ -10,7 +10,8 @@ from torch.export import Dim
 from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import LAMBDA_Q_CENTRE, NUM_STAGES, EntropyParameters, LatentPrior
 from fecocodec.coding.quadtree import from_coding_order, merge_passes
-from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE, SIDE_MULTIPLE
+from fecocodec.grid import HYPERLATENTS
+from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE
 from fecocodec.training.graphs import specification as of_prior
 
 
@@ -113,8 +114,8 @@ def _step_parameters(prior: LatentPrior, features: Tensor, *steps: Tensor) -> tu
 # Variable dimensions; rows and columns are those at 1/32 resolution.
 _DIMENSIONS = {
     "views": Dim("views", min=1, max=MAX_VIEWS),
-    "rows": Dim("rows", min=MIN_SIDE // SIDE_MULTIPLE, max=MAX_SIDE // SIDE_MULTIPLE),
-    "columns": Dim("columns", min=MIN_SIDE // SIDE_MULTIPLE, max=MAX_SIDE // SIDE_MULTIPLE),
+    "rows": Dim("rows", min=MIN_SIDE // HYPERLATENTS, max=MAX_SIDE // HYPERLATENTS),
+    "columns": Dim("columns", min=MIN_SIDE // HYPERLATENTS, max=MAX_SIDE // HYPERLATENTS),
     "block": Dim("block", min=1, max=1 << 16),
     "candidates": Dim("candidates", min=1, max=1 << 20),
 }

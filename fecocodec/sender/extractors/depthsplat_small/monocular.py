@@ -4,6 +4,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from fecocodec.grid import FEATURES
 from fecocodec.sender.extractors.vision_transformer import PATCH, VisionTransformer
 
 
@@ -17,7 +18,7 @@ def monocular_features(
     """
     h, w = images.shape[-2:]
     whole = _resize(images, (h // PATCH * PATCH, w // PATCH * PATCH))
-    return _resize(_resize(network(whole), (h // 8, w // 8)), (h // 4, w // 4))
+    return _resize(_resize(network(whole), (h // 8, w // 8)), (h // FEATURES, w // FEATURES))
 
 
 def _resize(x: Float[Tensor, "item _ _ _"], size: tuple[int, int]) -> Float[Tensor, "item _ _ _"]:
