@@ -11,6 +11,7 @@ from torch import Tensor
 from fecocodec.geometry.gaussian_arrays import SceneCameras
 
 LEAST_DEPTH = 1e-6  # in units of near; points closer than this are not visible
+OUTSIDE = 4.0  # limit of image positions that are sampled, and that of points behind the camera; outside of every image
 
 
 class Projection(NamedTuple):
@@ -63,8 +64,8 @@ class Cameras:
         local = self._from_world(points)
         depth = local[..., 2]
         is_in_front = depth > LEAST_DEPTH * self.near
-        image = torch.einsum("vij,v...j->v...i", self.intrinsics, local)
-        uv = image[..., :2] / torch.where(is_in_front, depth, 1.0)[..., None]
+        uv = to_image(local.reshape(self.num_views, -1, 3), self.intrinsics, is_in_front.reshape(self.num_views, -1))
+        uv = uv.view(*depth.shape, 2)
         return Projection(uv, depth, is_in_front & ((uv >= 0) & (uv <= 1)).all(dim=-1))
 
     def _from_world(self, points: Float[Tensor, "*grid 3"]) -> Float[Tensor, "view *grid 3"]:
@@ -100,6 +101,25 @@ class Cameras:
 
     def fields(self) -> tuple[Tensor, ...]:
         return self.extrinsics, self.intrinsics, self.near, self.far
+
+
+def to_image(
+    points: Float[Tensor, "*camera point 3"],
+    intrinsics: Float[Tensor, "*camera 3 3"],
+    is_in_front: Bool[Tensor, "*camera point"],
+) -> Float[Tensor, "*camera point 2"]:
+    """Project points in the frame of their camera to normalised positions; arbitrary ones for points behind it."""
+    projected = points @ intrinsics.mT
+    return projected[..., :2] / torch.where(is_in_front, points[..., 2], 1.0)[..., None]
+
+
+def image_positions(
+    points: Float[Tensor, "*camera point 3"], intrinsics: Float[Tensor, "*camera 3 3"], least_depth: float = LEAST_DEPTH
+) -> Float[Tensor, "*camera point 2"]:
+    """Return where images are sampled for points in the frame of their camera; OUTSIDE for points behind it."""
+    is_in_front = points[..., 2] > least_depth
+    uv = to_image(points, intrinsics, is_in_front).clamp(-OUTSIDE, OUTSIDE)
+    return torch.where(is_in_front[..., None], uv, OUTSIDE)
 
 
 def pixel_rays(cameras: Cameras, height: int, width: int) -> Float[Tensor, "*batch view height width 3"]:

@@ -13,7 +13,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays, to_image
 from fecocodec.geometry.views import Views, joined
 
 DEFAULT_RANGE = (1.0, 100.0)  # in scene units if there is no baseline, in baselines if nothing matches
@@ -169,8 +169,8 @@ def _project_into_second(
     directions = camera_to_world_points(first, rays)[0] - first.extrinsics[0, :3, 3]
     offset = first.extrinsics[0, :3, 3] - second.extrinsics[0, :3, 3]
     points = (directions * depths[..., None] + offset) @ second.extrinsics[0, :3, :3]
-    uv = points @ second.intrinsics[0].T
-    return uv[..., :2] / uv[..., 2:].clamp_min(1e-9 * depths.amax()), points[..., 2]
+    uv = to_image(points.flatten(0, 2), second.intrinsics[0], points[..., 2].flatten() > 0)
+    return uv.view(*depths.shape, 2), points[..., 2]
 
 
 def _correlation(
