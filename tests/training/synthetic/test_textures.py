@@ -8,7 +8,7 @@ import torch
 
 from fecocodec.errors import InputError
 from fecocodec.photographs.images import write_image
-from fecocodec.training.synthetic.patterns import (
+from fecocodec.training.synthetic.textures import (
     TEXTURE_SIDE,
     pattern_textures,
     pyramid_of,
