@@ -21,7 +21,7 @@ from fecocodec.batch.encode_scene import EncodeScene
 from fecocodec.batch.run import run_batch
 from fecocodec.batch.scene_task import Result
 from fecocodec.batch.scenes import BatchScene, scene_folders
-from fecocodec.captures.view_choice import Spread
+from fecocodec.captures.view_selection import Spread
 from fecocodec.codec.options import EncodingOptions
 
 HEAD = (

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from fecocodec.atomic import require_other_file, require_writable, write_atomically, write_folder_atomically
-from fecocodec.captures.view_choice import is_choice_left
+from fecocodec.captures.view_selection import is_choice_left
 from fecocodec.codec.options import DEFAULT_FRAMES
 from fecocodec.container import inspect
 from fecocodec.limits import DEFAULT_MAX_PIXELS

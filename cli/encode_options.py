@@ -8,12 +8,23 @@ import click
 
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.errors import OptionError
+from fecocodec.sender.lambda_search import AtLeastPsnr, AtMostKib, Target
 
-from .metadata_options import METADATA, metadata_options
-from .options import Function, device_option, lambda_option, model_option, overwrite_option, parse_size, threads_option
+from .options import (
+    METADATA,
+    Function,
+    device_option,
+    lambda_option,
+    metadata_options,
+    model_option,
+    overwrite_option,
+    parse_checks,
+    parse_guides,
+    parse_selection,
+    parse_size,
+    threads_option,
+)
 from .output import in_options
-from .rate_control import rate_control_options, target_of
-from .selection import parse_checks, parse_guides, parse_selection
 
 _LAMBDA = lambda_option(
     "Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file."
@@ -125,3 +136,42 @@ def usage_errors() -> Iterator[None]:
         yield
     except OptionError as error:
         raise click.UsageError(in_options(str(error))) from error
+
+
+def rate_control_options(function: Function) -> Function:
+    """Add --target-kib and --target-psnr."""
+    options = (
+        click.option(
+            "--target-kib",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="KIB",
+            help="Choose lambda automatically: the best quality in a file of at most this many KiB.",
+        ),
+        click.option(
+            "--target-psnr",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="DB",
+            help="Choose lambda automatically: the smallest file with at least this PSNR of the decoded views.",
+        ),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def target_of(target_kib: float | None, target_psnr: float | None) -> Target | None:
+    """Return the rate-control target, or None to encode at --lambda.
+
+    Raises UsageError for options that exclude each other.
+    """
+    if target_kib is None and target_psnr is None:
+        return None
+    if target_kib is not None and target_psnr is not None:
+        raise click.UsageError("--target-kib and --target-psnr exclude each other; give one of them.")
+    context = click.get_current_context()
+    if context.get_parameter_source("lmbda") is click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("A target chooses lambda; leave out --lambda or the target.")
+    if target_kib is not None:
+        return AtMostKib(target_kib)
+    assert target_psnr is not None
+    return AtLeastPsnr(target_psnr)

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fecocodec.captures.view_choice import Selection
+from fecocodec.captures.view_selection import Selection
 from fecocodec.container import read_header
 from fecocodec.errors import error_context
 

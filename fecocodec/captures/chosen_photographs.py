@@ -23,7 +23,8 @@ from fecocodec.captures.reading_notes import (
     unposed_notes,
     without_copies,
 )
-from fecocodec.captures.view_choice import All, Auto, Selection, select_views
+from fecocodec.captures.view_choice import select_views
+from fecocodec.captures.view_selection import All, Auto, Selection
 from fecocodec.input_file import StrPath
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import common_size, framed_intrinsics, require_size

@@ -11,7 +11,8 @@ from fecocodec.camera_files.nerfstudio_path import read_camera_path
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
 from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
 from fecocodec.captures.archives import unpacked
-from fecocodec.captures.view_choice import Selection, select_views
+from fecocodec.captures.view_choice import select_views
+from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_range import bounds_of_depths

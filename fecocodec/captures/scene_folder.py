@@ -13,7 +13,7 @@ from fecocodec.camera_files.posed_photographs import PosedPhotograph
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks
-from fecocodec.captures.view_choice import Selection
+from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.coding_grid import LEAST_KEPT, filled

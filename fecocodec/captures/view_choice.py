@@ -1,7 +1,7 @@
 """Choose the views of a scene: by index or name, by overlap, or all that can be used."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from fecocodec.camera_files.image_matching import similar_key
@@ -13,35 +13,10 @@ from fecocodec.camera_files.posed_photographs import (
     require_usable,
 )
 from fecocodec.captures.reading_notes import passed_over_notes
+from fecocodec.captures.view_selection import All, Auto, Selection
 from fecocodec.captures.view_spread import auto_views, spread_views
 from fecocodec.errors import InputError
 from fecocodec.limits import MAX_VIEWS
-
-
-@dataclass(frozen=True)
-class Spread:
-    """`count` views, as far apart as possible while they overlap."""
-
-    count: int
-
-
-@dataclass(frozen=True)
-class Auto:
-    """As many views as the scene needs; of `read_views`, at most eight overlapping ones of the middle of a capture."""
-
-
-@dataclass(frozen=True)
-class All:
-    """All views."""
-
-
-Selection = tuple[int | str, ...] | Spread | Auto | All
-
-
-def is_choice_left(selection: Selection | None) -> bool:
-    """Return whether the codec chooses the views: the user named none, and did not ask for all."""
-    return selection is None or isinstance(selection, Spread | Auto)
-
 
 _LONGEST_NUMBER = 9  # digits
 _LONGEST_SHOWN = 80  # characters of a name in messages

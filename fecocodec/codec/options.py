@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from fecocodec.captures.view_choice import All, Selection, Spread
+from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError

@@ -16,7 +16,8 @@ from fecocodec.camera_files.pose_validation import require_float32_range, rigid_
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, require_usable, stored_lens
 from fecocodec.captures.coverage import Overlap, k_centres, spread_over, with_neighbours, within_reach
 from fecocodec.captures.reading_notes import passed_over_notes
-from fecocodec.captures.view_choice import All, Selection, Spread, choose_views, is_usable, no_view, view_indices
+from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
+from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.captures.view_spread import (
     LEAST_BASELINE,
     overlapping_views,

@@ -20,7 +20,7 @@ from wall_scene import (
 
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.captures.render_cameras import read_render_cameras
-from fecocodec.captures.view_choice import All, Auto, Spread
+from fecocodec.captures.view_selection import All, Auto, Spread
 from fecocodec.errors import InputError
 
 Write = Callable[..., Path]

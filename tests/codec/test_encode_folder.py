@@ -10,7 +10,7 @@ from PIL import Image
 
 import fecocodec
 from fecocodec import AtMostKib, EncodingOptions, InputError, encode_folder
-from fecocodec.captures.view_choice import All, Spread
+from fecocodec.captures.view_selection import All, Spread
 from fecocodec.codec.encode_folder import OtherViews
 from fecocodec.codec.messages import of_input
 from fecocodec.container import inspect

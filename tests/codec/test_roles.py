@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
-from fecocodec.captures.view_choice import All, Auto, Spread
+from fecocodec.captures.view_selection import All, Auto, Spread
 from fecocodec.codec import roles as roles_of_photographs
 from fecocodec.codec.roles import MAX_GUIDES, Roles, default_checks
 from fecocodec.errors import InputError

@@ -1,0 +1,28 @@
+"""Choice of views that depends on the photographs of a scene: `spread:4`, `auto` or `all`."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Spread:
+    """`count` views, as far apart as possible while they overlap."""
+
+    count: int
+
+
+@dataclass(frozen=True)
+class Auto:
+    """As many views as the scene needs; of `read_views`, at most eight overlapping ones of the middle of a capture."""
+
+
+@dataclass(frozen=True)
+class All:
+    """All views."""
+
+
+Selection = tuple[int | str, ...] | Spread | Auto | All
+
+
+def is_choice_left(selection: Selection | None) -> bool:
+    """Return whether the codec chooses the views: the user named none, and did not ask for all."""
+    return selection is None or isinstance(selection, Spread | Auto)
