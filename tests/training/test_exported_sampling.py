@@ -4,7 +4,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from fecocodec.training.graphs.channels_last import BILINEAR, BORDER, sampled
+from fecocodec.training.graphs.exported_forms import BILINEAR, BORDER, sampled
 
 
 def test_samples_are_those_of_grid_sample() -> None:

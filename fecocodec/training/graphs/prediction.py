@@ -13,7 +13,7 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.predictor import enlarged
 from fecocodec.splatting.free_space import surfaces_of
 from fecocodec.splatting.view_dependence import NormalEquations, harmonics_of
-from fecocodec.training.graphs.channels_last import upsampled
+from fecocodec.training.graphs.exported_forms import upsampled
 
 
 def rate_condition(receiver: Receiver, lambda_q: Tensor, stage: Tensor) -> RateCondition:

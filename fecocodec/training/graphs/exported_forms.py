@@ -1,7 +1,10 @@
-"""Blocks of the networks in the form in which they are exported: equal up to rounding, with fewer copies.
+"""Parts of the networks in the form in which they are exported: blocks, fixed-point layers, and sampling.
 
-Runtimes store maps with channels first or in blocks of channels. They join a transposition that directly precedes or
-follows a convolution with their own conversion, so transpositions are exported beside convolutions only.
+Blocks are equal up to rounding, with fewer copies. Runtimes store maps with channels first or in blocks of channels.
+They join a transposition that directly precedes or follows a convolution with their own conversion, so transpositions
+are exported beside convolutions only. Fixed-point layers have integer weights and exact sums. Sampling is equal up to
+rounding to `grid_sample`, and twice as fast: onnxruntime computes GridSample one value after another, while here the
+rows of two neighbouring cells are gathered for each sample, and all samples are interpolated together.
 """
 
 from typing import TypeVar
