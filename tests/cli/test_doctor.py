@@ -48,13 +48,14 @@ WITHOUT_GSPLAT = (
 PHOTOGRAPHS, GAUSSIANS = "a folder of photographs", "a file of Gaussians"
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def cuda_without_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
     monkeypatch.setitem(sys.modules, "gsplat", None)
 
 
+@pytest.mark.usefixtures("cuda_without_gsplat")
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -80,6 +81,7 @@ def test_what_renders_there_is_refused(
     assert_refused(fecosplat(*arguments, "--device", "cuda"), output, WITHOUT_GSPLAT)
 
 
+@pytest.mark.usefixtures("cuda_without_gsplat")
 @pytest.mark.parametrize(
     "arguments",
     [

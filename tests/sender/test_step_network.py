@@ -59,9 +59,9 @@ def test_sharpness_is_the_share_of_the_sharp_network(codec: Codec) -> None:
     def coded(bias: float, sharpness: float = 0.0) -> bytes:
         assert both.sender.steps is not None
         torch.nn.init.constant_(both.sender.steps.log_scale.bias, bias)
-        return encode_with(both, views, LAMBDA_Q, config=replace(config, sharpness=sharpness))
+        return encode_with(both, views, LAMBDA_Q, 1, replace(config, sharpness=sharpness))
 
-    assert coded(0.0, 0.25) == coded(0.25) != coded(0.0) == encode_with(codec, views, LAMBDA_Q, config=config)
+    assert coded(0.0, 0.25) == coded(0.25) != coded(0.0) == encode_with(codec, views, LAMBDA_Q, 1, config)
     assert coded(0.0, 1.0) == coded(1.0) == coded(0.5, 1.0)
     assert coded(0.25, -1.0) == coded(-0.5)  # as far on the other side
 
