@@ -23,9 +23,8 @@ from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.machine import peak_mib
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.adapted import adopt_codec
-from fecocodec.sender.codec import Codec
+from fecocodec.sender.codec import Codec, load_sender
 from fecocodec.sender.encode import encode_with
-from fecocodec.sender.load import load_sender
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder

@@ -14,8 +14,8 @@ from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.records import RecordFile
 from fecocodec.evaluation.report.charts import Chart, write_png
-from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.rate_section import comparison_table, curves_of
+from fecocodec.evaluation.report.section import ReportPlan
 from fecocodec.evaluation.run import measure_all
 from fecocodec.evaluation.summary import averages
 from fecocodec.evaluation.systems.groups import systems_of

@@ -10,7 +10,7 @@ from time import perf_counter
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.evaluation.report.make import make_report
-from fecocodec.evaluation.report.plan import ReportPlan, quick
+from fecocodec.evaluation.report.section import ReportPlan, quick
 
 
 def main() -> None:

@@ -79,8 +79,7 @@ def batch_options(function: Callable[..., int]) -> Callable[..., int]:
 @contextmanager
 def engine_of(options: BatchOptions) -> "Iterator[Engine]":
     """Yield the engine that the options select. Raises InputError if it is not available."""
-    from fecocodec.batch.cluster_extra import has_cluster_extra, require_cluster_extra
-    from fecocodec.batch.run import ThisProcess
+    from fecocodec.batch.run import ThisProcess, has_cluster_extra, require_cluster_extra
 
     if options.shard is not None or (options.num_workers == 1 and not has_cluster_extra()):
         yield ThisProcess()

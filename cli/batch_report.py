@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 from fecocodec.batch.scenes import BatchScene, shard_of
 
 from .batch_options import BatchOptions, engine_of
-from .output import in_options, print_json, say, warn
+from .output import Verbosity, in_options, print_json, say, verbosity, warn
 from .progress import progress_bar
 from .terminal import printable
-from .verbosity import Verbosity, verbosity
 
 if TYPE_CHECKING:
     from fecocodec.batch.outcome import Outcome

@@ -6,7 +6,7 @@ import click
 
 from .config_file import set_defaults
 from .options import FILE_PATH
-from .verbosity import Verbosity, set_verbosity
+from .output import Verbosity, set_verbosity
 
 
 def add_common_options(command: click.Command) -> None:

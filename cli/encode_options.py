@@ -8,12 +8,23 @@ import click
 
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.errors import OptionError
+from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target
 
-from .metadata_options import METADATA, metadata_options
-from .options import Function, device_option, lambda_option, model_option, overwrite_option, parse_size, threads_option
+from .options import (
+    METADATA,
+    Function,
+    device_option,
+    lambda_option,
+    metadata_options,
+    model_option,
+    overwrite_option,
+    parse_checks,
+    parse_guides,
+    parse_selection,
+    parse_size,
+    threads_option,
+)
 from .output import in_options
-from .rate_control import rate_control_options, target_of
-from .selection import parse_checks, parse_guides, parse_selection
 
 _LAMBDA = lambda_option(
     "Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file."
@@ -125,3 +136,51 @@ def usage_errors() -> Iterator[None]:
         yield
     except OptionError as error:
         raise click.UsageError(in_options(str(error))) from error
+
+
+def rate_control_options(function: Function) -> Function:
+    """Add --target-kib, --target-psnr and --target-new-psnr."""
+    options = (
+        click.option(
+            "--target-kib",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="KIB",
+            help="Choose lambda automatically: the best quality in a file of at most this many KiB.",
+        ),
+        click.option(
+            "--target-psnr",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="DB",
+            help="Choose lambda automatically: the smallest file with at least this PSNR of the decoded views.",
+        ),
+        click.option(
+            "--target-new-psnr",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="DB",
+            help="Choose lambda automatically: the smallest file with at least this PSNR of new views, by --checks.",
+        ),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def target_of(target_kib: float | None, target_psnr: float | None, target_new_psnr: float | None) -> Target | None:
+    """Return the rate-control target, or None to encode at --lambda.
+
+    Raises UsageError for options that exclude each other.
+    """
+    given = {
+        "--target-kib": target_kib and AtMostKib(target_kib),
+        "--target-psnr": target_psnr and AtLeastPsnr(target_psnr),
+        "--target-new-psnr": target_new_psnr and AtLeastNewPsnr(target_new_psnr),
+    }
+    targets: dict[str, Target] = {name: target for name, target in given.items() if target}
+    if not targets:
+        return None
+    if len(targets) > 1:
+        raise click.UsageError(f"{' and '.join(targets)} exclude each other; give one of them.")
+    context = click.get_current_context()
+    if context.get_parameter_source("lmbda") is click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("A target chooses lambda; leave out --lambda or the target.")
+    return next(iter(targets.values()))

@@ -8,8 +8,7 @@ from fecocodec.container import Header, StreamSummary, inspect, read_stream_file
 from fecocodec.container.metadata import Metadata
 from fecocodec.errors import BitstreamError, error_context
 
-from .metadata_options import METADATA
-from .options import STREAM_PATH, json_option
+from .options import METADATA, STREAM_PATH, json_option
 from .output import print_columns, print_fields, print_json
 from .terminal import printable
 

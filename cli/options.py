@@ -1,5 +1,6 @@
 """Options shared by several commands, and the parsing of their values."""
 
+import datetime
 import os
 import re
 from collections.abc import Callable
@@ -8,6 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
+from fecocodec.captures.view_selection import All, Auto, Selection, Spread
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 MAX_THREADS = 1024
@@ -138,3 +140,71 @@ def _limit_threads(ctx: click.Context, param: click.Parameter, value: int | None
         return
     for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = str(value)
+
+
+METADATA = ("title", "author", "licence", "date")
+
+
+def metadata_options(function: Function) -> Function:
+    """Add the options; they are passed under their names, None if left out."""
+    texts = {
+        "title": "Title of the scene, stored in the file.",
+        "author": "Author of the photographs, stored in the file.",
+        "licence": "Licence of the photographs, such as CC-BY-4.0, stored in the file.",
+    }
+    function = click.option(
+        "--date", callback=_parse_date, metavar="YYYY-MM-DD", help="Date of the photographs, stored in the file."
+    )(function)
+    for name, text in reversed(texts.items()):
+        function = click.option(f"--{name}", metavar="TEXT", help=text)(function)
+    return function
+
+
+def _parse_date(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    if value is None:
+        return None
+    try:
+        return datetime.date.fromisoformat(value).isoformat()
+    except ValueError as error:
+        raise click.BadParameter(f"{value[:40]!r} is not a date like 2026-05-31.", ctx, param) from error
+
+
+def parse_selection(ctx: click.Context, param: click.Parameter, value: str | None) -> Selection | None:
+    """Parse the text of `--views`; the library checks whether the views exist."""
+    if value is None:
+        return None
+    kind, _, count = value.partition(":")
+    if kind == "spread":
+        if not count.isdecimal() or len(count) > 9:
+            raise click.BadParameter(f"{value[:40]!r} is not spread:COUNT, such as spread:4.", ctx, param)
+        return Spread(int(count))
+    if value == "auto":
+        return Auto()
+    if value == "all":
+        return All()
+    return _names(value, ctx, param)
+
+
+def parse_guides(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...] | None:
+    """Parse the text of `--guides`: None for auto, () for none, else names."""
+    if value is None or value == "auto":
+        return None
+    return () if value == "none" else _names(value, ctx, param)
+
+
+def parse_checks(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
+    """Parse the text of `--checks`: a number, or none."""
+    if value is None:
+        return None
+    if value == "none":
+        return 0
+    if not value.isdecimal() or len(value) > 9:
+        raise click.BadParameter(f"{value[:40]!r} is neither a number of photographs nor none.", ctx, param)
+    return int(value)
+
+
+def _names(value: str, ctx: click.Context, param: click.Parameter) -> tuple[str, ...]:
+    items = tuple(item.strip() for item in value.split(","))
+    if not all(items):
+        raise click.BadParameter(f"{value!r} names an empty view; use single commas, such as 0,5.", ctx, param)
+    return items

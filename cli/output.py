@@ -5,12 +5,35 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from enum import Enum
 
 import click
 
 from fecocodec.errors import OutputError
 
-from .verbosity import Verbosity, verbosity
+_KEY = "fecosplat.verbosity"
+
+
+class Verbosity(Enum):
+    """QUIET: warnings and errors. NORMAL: also results and progress. VERBOSE: also each step."""
+
+    QUIET = 0
+    NORMAL = 1
+    VERBOSE = 2
+
+
+def set_verbosity(ctx: click.Context, value: Verbosity) -> None:
+    """Set the verbosity of a command."""
+    ctx.meta[_KEY] = value
+
+
+def verbosity() -> Verbosity:
+    """Return the verbosity of the running command; NORMAL outside of one."""
+    ctx = click.get_current_context(silent=True)
+    value = Verbosity.NORMAL if ctx is None else ctx.meta.get(_KEY, Verbosity.NORMAL)
+    assert isinstance(value, Verbosity)
+    return value
+
 
 # Arguments of the library, which its messages name in backticks, and the options with that meaning.
 _OPTIONS = {

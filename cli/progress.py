@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 
-from .output import say
-from .verbosity import Verbosity, verbosity
+from .output import Verbosity, say, verbosity
 
 OnProgress = Callable[[str, float], None]
 

@@ -22,13 +22,13 @@ from .options import (
     max_pixels_option,
     model_option,
     overwrite_option,
+    parse_selection,
     parse_size,
     threads_option,
 )
 from .output import print_json, say
 from .paths import require_ending, require_input, require_model
 from .progress import progress_bar
-from .selection import parse_selection
 from .viewpoints import DEFAULT_FPS, DEFAULT_FRAMES, PATH_NAMES, cameras_and_size, names_of, read_given_cameras
 
 BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from fecocodec.sender.decoded_quality import measure_decoded
     from fecocodec.sender.encode import encode
     from fecocodec.sender.input_warnings import check_input
+    from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib
     from fecocodec.sender.rate_control import encode_to_target
-    from fecocodec.sender.rate_targets import AtLeastNewPsnr, AtLeastPsnr, AtMostKib
     from fecocodec.sender.view_quality import DecodedQuality, quality_warnings
     from fecocodec.splat_files.ply import read_ply, write_ply
 
@@ -62,9 +62,9 @@ __all__ = [
 ]
 
 _MODULE_OF = {
-    "AtLeastNewPsnr": "fecocodec.sender.rate_targets",
-    "AtLeastPsnr": "fecocodec.sender.rate_targets",
-    "AtMostKib": "fecocodec.sender.rate_targets",
+    "AtLeastNewPsnr": "fecocodec.sender.lambda_search",
+    "AtLeastPsnr": "fecocodec.sender.lambda_search",
+    "AtMostKib": "fecocodec.sender.lambda_search",
     "BitstreamError": "fecocodec.errors",
     "Cameras": "fecocodec.geometry.cameras",
     "Decoded": "fecocodec.decoding",

@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
+from fecocodec.grid import PER_CELL
+
 MAX_GROWTH = 8  # largest ratio of a size to its default, so that a damaged file cannot allocate gigabytes
 MAX_SIZE_WITHOUT_DEFAULT = 4096
 MAX_FLOAT_GROWTH = 1000.0
@@ -32,7 +34,7 @@ class Method:
     stage_1_offset: int = 229  # a factor of 6: stage 2 corrects the errors of stage 1, so its bits are worth less
     has_depth_feedback: bool = True
     has_conditioned_adapter: bool = False
-    gaussians_per_side: tuple[int, ...] = (2,)
+    gaussians_per_side: tuple[int, ...] = (PER_CELL,)
 
 
 METHODS = {
@@ -80,7 +82,7 @@ class ReceiverConfig:
     duplicate_width: float = field(default=0.05, metadata=OPTIONAL)  # of the transition, in log of the ratio of sizes
     # Method: "paper" switches off what this codec adds to the paper (docs/paper_profile.md).
     method: str = field(default=COMPACT, metadata=OPTIONAL)
-    gaussians_per_side: int = field(default=2, metadata=OPTIONAL)  # of a cell of the 1/4 grid: 1, 2 or 4
+    gaussians_per_side: int = field(default=PER_CELL, metadata=OPTIONAL)  # of a cell of the 1/4 grid: 1, 2 or 4
     lambda_range: tuple[float, float] = field(default=(1e-5, 1e-2), metadata=OPTIONAL)  # that the model was trained for
     num_stages: int = field(default=2, metadata=OPTIONAL)  # likewise; streams hold at most two
     detail_planes: int = field(default=0, metadata=OPTIONAL)  # numbers of the detail layer for a block; 0 for no layer

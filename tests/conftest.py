@@ -1,9 +1,11 @@
 """Tests run with every annotated type and tensor shape of the library checked at each call.
 
 Property tests draw the same examples in every run: a commit passes or fails, not both.
+Threads of OpenMP sleep while they wait: beside other processes of tests, spinning ones take six times as long.
 Files whose functions numba compiles are left out: a check wrapped around a kernel could not be compiled.
 """
 
+import os
 import re
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
+os.environ.setdefault("GOMP_SPINCOUNT", "0")  # read when torch is loaded
 LIBRARY = Path(__file__).resolve().parent.parent / "fecocodec"
 USES_NUMBA = re.compile(r"^(import numba|from numba import|from fecocodec\.kernels\.compilation import)", re.MULTILINE)
 # Files whose tests take longest. They run first, so that no process of `make test` waits for another one at the end.

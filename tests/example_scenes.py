@@ -14,7 +14,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.photographs.images import write_image
 from fecocodec.receiver.load import serialise_receiver
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.load import serialise_sender
+from fecocodec.sender.codec import serialise_sender
 from fecocodec.sender.model import Sender
 
 MODEL = "random"

@@ -12,8 +12,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, find_receiver, read
 from fecocodec.config import ReceiverConfig
 from fecocodec.errors import ModelError
 from fecocodec.receiver.load import load_receiver, serialise_receiver
-from fecocodec.sender.codec import load_codec
-from fecocodec.sender.load import load_sender
+from fecocodec.sender.codec import load_codec, load_sender
 from tests.example_scenes import MODEL
 
 

@@ -1,6 +1,10 @@
-"""Documents are plain: short sentences, few measured numbers in a paragraph, few words in all. `make lint` runs it."""
+"""Documents are plain: short sentences, few measured numbers in a paragraph, few words in all. `make lint` runs it.
+
+The hook that `make` installs refuses commits whose subject is too long.
+"""
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -86,3 +90,26 @@ def test_what_the_checks_find() -> None:
     assert long_sentences(f"{'word ' * MAX_SENTENCE}\n\nIs another paragraph.") == []
     text = "5 dB, 3%,\n0.1 s and 7 KiB.\n\n5 dB, 3 views and 2%.\n| 1% | 2% | 3% | 4% |"
     assert crowded_paragraphs(text) == ["5 dB, 3%, 0.1 s and 7 KiB."]
+
+
+HOOK = Path(__file__).resolve().parent.parent / ".githooks" / "commit-msg"
+
+
+def refusal(message: str, folder: Path) -> str:
+    """What the hook prints on stderr; empty if it accepts the message."""
+    path = folder / "message"
+    path.write_text(message)
+    result = subprocess.run([HOOK, path], capture_output=True, text=True)
+    assert result.returncode == bool(result.stderr)
+    return result.stderr
+
+
+@pytest.mark.parametrize(
+    "message", ["x" * 72 + "\n\n" + "y" * 100, "# comment of git\n\nAdd SOG export\n", "Merge " + "x" * 100]
+)
+def test_short_subjects_are_accepted(message: str, tmp_path: Path) -> None:
+    assert refusal(message, tmp_path) == ""
+
+
+def test_long_subjects_are_refused(tmp_path: Path) -> None:
+    assert refusal("x" * 73, tmp_path).startswith("the subject has 73 characters; shorten it to 72")

@@ -1,16 +1,16 @@
 """A gate on the shipped weights, sender and receiver together: bytes, PSNR, depth and ST-LPIPS from decoded files.
 
 Last bits change results on another processor or with other threads, and move the target views of one synthetic scene by
-0.15 dB. So the bounds of the defaults are on the bundled scene and on the mean of eight synthetic scenes. Two of these
-have bounds of their own at sharpness -1: those that held before there was a network for sharper steps.
-`test_worse_weights_fail` (slow) perturbs the weights and asserts that the gate fails.
+0.15 dB. So the bounds of the defaults are on the bundled scene, and on the mean of eight synthetic scenes (slow), of
+which the quick test takes three. Two have bounds of their own at sharpness -1: those that held before there was a
+network for sharper steps. `test_worse_weights_fail` (slow) perturbs the weights and asserts that both means fail.
 """
 
 import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from statistics import fmean
 from tempfile import TemporaryDirectory
@@ -84,6 +84,10 @@ MOTORCYCLE = Scores(16_230, 24.29, -math.inf, 0.0142, 0.168)
 # On an AMD processor the same code, and that of commit 48789f6, gives 7012 bytes and 30.81 dB with AVX2, and 30.79 dB
 # without vector instructions: steps amplify the last bits, by up to 0.2 dB in one scene.
 SYNTHETIC = Scores(7_130, 30.80, 27.93, 0.061, 0.218)
+# Mean of the second, sixth and seventh, with AVX-512: 7870 bytes, context 30.23 dB, target 29.02 dB, depth 0.0229,
+# ST-LPIPS 0.273. Their margins are those of the mean of eight, one and a half times, as three vary more.
+QUICK_SEEDS = [SYNTHETIC_SEEDS[number] for number in (1, 5, 6)]
+QUICK = Scores(8_050, 30.04, 28.89, 0.0249, 0.280)
 # Two synthetic scenes at sharpness -1: 7757 / 7753 bytes, context 29.54 / 29.52 dB, target 23.35 / 23.29 dB, depth
 # 0.0171 / 0.0171; 7193 / 7249 bytes, 30.45 / 30.48 dB, 29.92 / 29.94 dB, 0.0069 / 0.0071.
 SMOOTHEST = (Scores(8_140, 29.47, 23.19, 0.0202, math.inf), Scores(7_720, 30.34, 29.76, 0.0073, math.inf))
@@ -137,6 +141,7 @@ def bundled_scene() -> Scene:
     return Scene(views, torch.from_numpy(millimetres / 1000)[None])
 
 
+@cache
 def synthetic_scene(seed: int) -> Scene:
     generator = torch.Generator().manual_seed(seed)
     world = SyntheticScenes(pattern_textures(NUM_PATTERNS))
@@ -167,37 +172,40 @@ def measure(scene: Scene, encode: Encode, decode: Decode) -> Measured:
         return Measured(scene, len(data), *renderings)
 
 
-def mean_scores(measured: Sequence[Measured]) -> Scores:
-    return Scores(*map(fmean, zip(*(astuple(it.scores) for it in measured), strict=True)))
+def mean_scores(scores: Sequence[Scores]) -> Scores:
+    return Scores(*map(fmean, zip(*map(astuple, scores), strict=True)))
 
 
-def shipped(scene: Scene, sharpness: float = 0.0) -> Measured:
-    """Measure the shipped weights on a scene, with `encode` and `fecosplat decode`."""
-    return measure(scene, partial(fecocodec.encode, lmbda=LMBDA, sharpness=sharpness), decoded_by_command)
+@cache
+def shipped(seed: int | None, sharpness: float = 0.0) -> Scores:
+    """Measure the shipped weights on a synthetic scene or on the bundled one, with `encode` and `fecosplat decode`."""
+    scene = bundled_scene() if seed is None else synthetic_scene(seed)
+    return measure(scene, partial(fecocodec.encode, lmbda=LMBDA, sharpness=sharpness), decoded_by_command).scores
 
 
 @pytest.mark.timeout(600)
 def test_the_bundled_scene_keeps_all_bounds() -> None:
-    assert shipped(bundled_scene()).scores.failures(MOTORCYCLE) == set()
+    assert shipped(None).failures(MOTORCYCLE) == set()
 
 
 @pytest.mark.timeout(600)
-def test_synthetic_scenes_keep_all_bounds() -> None:
-    assert mean_scores([shipped(synthetic_scene(seed)) for seed in SYNTHETIC_SEEDS]).failures(SYNTHETIC) == set()
+@pytest.mark.parametrize(
+    ("seeds", "bounds"), [(QUICK_SEEDS, QUICK), pytest.param(SYNTHETIC_SEEDS, SYNTHETIC, marks=pytest.mark.slow)]
+)
+def test_synthetic_scenes_keep_all_bounds(seeds: list[int], bounds: Scores) -> None:
+    assert mean_scores([shipped(seed) for seed in seeds]).failures(bounds) == set()
 
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("number", range(len(SMOOTHEST)))
 def test_single_synthetic_scenes_keep_all_bounds_at_the_smoothest(number: int) -> None:
-    assert shipped(synthetic_scene(SYNTHETIC_SEEDS[number]), sharpness=-1.0).scores.failures(SMOOTHEST[number]) == set()
+    assert shipped(SYNTHETIC_SEEDS[number], sharpness=-1.0).failures(SMOOTHEST[number]) == set()
 
 
 @pytest.mark.timeout(600)
 def test_sharpness_makes_pictures_sharper() -> None:
     """By ST-LPIPS of the target views of a synthetic scene, for a file that is a little larger."""
-    smoothest, default, sharpest = (
-        shipped(synthetic_scene(SYNTHETIC_SEEDS[1]), sharpness).scores for sharpness in (-1.0, 0.0, 1.0)
-    )
+    smoothest, default, sharpest = (shipped(SYNTHETIC_SEEDS[1], sharpness) for sharpness in (-1.0, 0.0, 1.0))
     assert sharpest.st_lpips < 0.97 * default.st_lpips < 0.97 * 0.98 * smoothest.st_lpips
     assert smoothest.num_bytes < default.num_bytes < sharpest.num_bytes < 1.3 * smoothest.num_bytes
 
@@ -222,13 +230,13 @@ def test_worse_weights_fail(end: str) -> None:
         return decode_with(codec.receiver, data, background=background).gaussians
 
     encode = partial(encode_with, codec, lambda_q=quantise_lambda(LMBDA))
-    measured = [measure(synthetic_scene(seed), encode, decoded) for seed in SYNTHETIC_SEEDS]
-    assert mean_scores(measured).failures(SYNTHETIC) & {"bytes", "target"}
+    measured = {seed: measure(synthetic_scene(seed), encode, decoded).scores for seed in SYNTHETIC_SEEDS}
+    for seeds, bounds in ((QUICK_SEEDS, QUICK), (SYNTHETIC_SEEDS, SYNTHETIC)):
+        assert mean_scores([measured[seed] for seed in seeds]).failures(bounds) & {"bytes", "target"}
 
 
 if __name__ == "__main__":
-    print("bundled scene:", shipped(bundled_scene()).scores)
-    found = [shipped(synthetic_scene(seed)) for seed in SYNTHETIC_SEEDS]
-    for seed, it in zip(SYNTHETIC_SEEDS, found, strict=True):
-        print(f"synthetic scene {seed}:", it.scores)
-    print("mean of synthetic scenes:", mean_scores(found))
+    print("bundled scene:", shipped(None))
+    for seed in SYNTHETIC_SEEDS:
+        print(f"synthetic scene {seed}:", shipped(seed))
+    print("mean of synthetic scenes:", mean_scores([shipped(seed) for seed in SYNTHETIC_SEEDS]))

@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 
 from fecocodec.captures.scene_folder import read_views
-from fecocodec.geometry.depth_bounds import bounds_of_depths
+from fecocodec.geometry.depth_range import bounds_of_depths
 from fecocodec.geometry.views import Views
 from fecocodec.photographs.images import write_image
 

@@ -1,6 +1,6 @@
 """Engine on Dask workers: processes of this machine, or those of a running scheduler.
 
-Only this file imports Dask, the `cluster` extra; `require_cluster_extra` reports if it is missing.
+Only this file imports Dask, the `cluster` extra; `require_cluster_extra` of `run` reports if it is missing.
 """
 
 import logging

@@ -2,6 +2,7 @@
 
 import secrets
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -9,6 +10,7 @@ from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.batch.outcome import Outcome, as_tsv
 from fecocodec.batch.scene_task import SceneTask, Work
 from fecocodec.batch.scenes import BatchScene
+from fecocodec.errors import InputError, installation
 from fecocodec.input_file import StrPath
 
 
@@ -58,3 +60,17 @@ def write_summary(path: StrPath, scenes: Sequence[BatchScene], outcomes: Iterabl
     ordered = [of_scene[scene.name] for scene in scenes if scene.name in of_scene]
     with write_atomically(Path(path), overwrite=True) as temporary:
         temporary.write_text(as_tsv(ordered), encoding="utf-8")
+
+
+def has_cluster_extra() -> bool:
+    """Return whether Dask distributed is installed."""
+    return find_spec("distributed") is not None
+
+
+def require_cluster_extra() -> None:
+    """Raise InputError, which names the extra to install, if Dask distributed is missing."""
+    if not has_cluster_extra():
+        raise InputError(
+            f"several processes need the package distributed; run {installation('cluster')}, or use one process by "
+            "`workers=1`."
+        )

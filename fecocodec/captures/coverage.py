@@ -5,6 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
+from fecocodec.captures.view_spread import LEAST_BASELINE
+
+DUPLICATE_OVERLAP = 0.9  # of photographs from one position
 LEAST_OVERLAP = 0.3  # estimated covisibility; photographs with less are no neighbours
 
 Overlap = Float[np.ndarray, "view view"]  # estimated covisibility, in [0, 1]
@@ -45,3 +48,8 @@ def spread_over(overlap: Overlap, candidates: list[int], count: int) -> list[int
     nearest = overlap[np.ix_(candidates, centres)].argmax(axis=1)
     groups = [[index for index, own in zip(candidates, nearest, strict=True) if own == group] for group in set(nearest)]
     return sorted(group[int(overlap[np.ix_(group, group)].sum(axis=1).argmax())] for group in groups)
+
+
+def is_duplicate(overlap: Float[np.ndarray, " view"], baseline: Float[np.ndarray, " view"]) -> bool:
+    """Return whether a photograph shows what a coded one shows, from the same position."""
+    return bool(((baseline < LEAST_BASELINE) & (overlap >= DUPLICATE_OVERLAP)).any())

@@ -16,10 +16,9 @@ from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.coding_grid import LEAST_KEPT
+from fecocodec.geometry.coding_grid import LEAST_KEPT, filled
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.depth_range import estimate_depth_range
-from fecocodec.geometry.filling import filled
 from fecocodec.geometry.views import Views, joined
 from fecocodec.input_file import StrPath
 from fecocodec.photographs.images import LEVELS, Background, read_photograph

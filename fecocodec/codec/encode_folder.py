@@ -21,7 +21,7 @@ from fecocodec.input_file import StrPath
 from fecocodec.photographs.framing import within_limit
 from fecocodec.photographs.video_frames import is_video
 from fecocodec.progress import OnProgress, ignore_progress
-from fecocodec.sender.rate_targets import AtLeastNewPsnr
+from fecocodec.sender.lambda_search import AtLeastNewPsnr
 from fecocodec.sender.view_quality import (
     DecodedQuality,
     LeftOutQuality,

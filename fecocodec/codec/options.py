@@ -8,7 +8,7 @@ from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
-from fecocodec.sender.rate_targets import Target
+from fecocodec.sender.lambda_search import Target
 
 DEFAULT_FRAMES = 40  # of a video, from which cameras are estimated; the time grows with their square
 

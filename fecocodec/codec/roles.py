@@ -10,16 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, require_usable, stored_lens
-from fecocodec.captures.coverage import Overlap, k_centres, spread_over, with_neighbours, within_reach
+from fecocodec.captures.coverage import Overlap, is_duplicate, k_centres, spread_over, with_neighbours, within_reach
 from fecocodec.captures.reading_notes import passed_over_notes
 from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
 from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.captures.view_spread import (
-    LEAST_BASELINE,
     overlapping_views,
     overlaps_and_baselines,
     require_count,
@@ -35,7 +33,6 @@ MAX_CHECKS = 8
 LEAST_FOR_CHECKS = 6  # photographs, of which one is left out to measure
 PHOTOGRAPHS_OF_CHECK = 10
 LEAST_FOR_CHOICE = 5  # photographs; of fewer, all are coded
-_DUPLICATE_OVERLAP = 0.9  # of photographs from one position
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,7 @@ def _roles(
         context = _covering(overlap, pinholes, usable, views, size, lambda order, of: decide(order, [*of, *taught]))
     if guides is None:
         others = [index for index in usable if index not in context]
-        apart = [index for index in others if not _is_duplicate(overlap[index, context], baseline[index, context])]
+        apart = [index for index in others if not is_duplicate(overlap[index, context], baseline[index, context])]
         taught = sorted(k_centres(overlap, context, within_reach(overlap, apart, context), MAX_GUIDES))
     checks = within_reach(near, checks, context)
     num_unused = count - len(context) - len(taught) - len(checks) - len(problems)
@@ -246,8 +243,3 @@ def _of_one_shape(pinholes: dict[int, Lens], indices: list[int], size: tuple[int
     lenses = [pinholes[index] for index in indices]
     common, _ = Counter((lens.height, lens.width) for lens in lenses).most_common(1)[0]
     return [index for index in indices if kept_share(pinholes[index], common) >= MIN_KEPT_AREA]
-
-
-def _is_duplicate(overlap: Float[np.ndarray, " view"], baseline: Float[np.ndarray, " view"]) -> bool:
-    """Return whether a photograph shows what a coded one shows, from the same position."""
-    return bool(((baseline < LEAST_BASELINE) & (overlap >= _DUPLICATE_OVERLAP)).any())

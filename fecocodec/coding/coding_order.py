@@ -19,8 +19,6 @@ from fecocodec.coding.quadtree import (
     to_coding_order,
 )
 
-FACTOR_32 = 4  # positions of y per position of z, along each side
-
 Exchange = Callable[[int, EntropyParameters], Tensor]
 """(partition, parameters) -> dequantised values of that partition, Q8.
 

@@ -9,8 +9,8 @@ from fecocodec.container import Detail, Header
 from fecocodec.entropy.symbol_coders import SymbolCoder, SymbolReader, SymbolWriter
 from fecocodec.entropy.tables import NUM_TABLES
 from fecocodec.errors import BitstreamError, ModelError
+from fecocodec.grid import LATENTS
 
-BLOCK = 8  # side in pixels of what has one symbol of each plane
 LARGEST_COUNTED = 15  # magnitude of a symbol from which on larger ones change no context
 THRESHOLDS = (1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 96, 140)  # lowest contexts of the buckets 1 to 15
 _BUCKET_OF = np.searchsorted(THRESHOLDS, np.arange(THRESHOLDS[-1] + 1), side="right")  # of each context up to the last
@@ -94,7 +94,7 @@ def decode_detail(
 def detail_size(header: Header) -> Size:
     """Return the size of the planes of a stream."""
     height, width = header.grid_size
-    return header.num_views, height // BLOCK, width // BLOCK
+    return header.num_views, height // LATENTS, width // LATENTS
 
 
 def detail_values(

@@ -8,13 +8,14 @@ import torch
 from jaxtyping import Float, Int32
 from torch import Tensor
 
-from fecocodec.coding.coding_order import FACTOR_32, in_layout, scan_latents, split_partitions
+from fecocodec.coding.coding_order import in_layout, scan_latents, split_partitions
 from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
 from fecocodec.coding.symbol_choice import PriceOfBits, choose_symbols, price_of_bits
 from fecocodec.entropy.digest import symbol_digest
 from fecocodec.entropy.symbol_coders import SymbolCoder, SymbolReader, SymbolWriter
 from fecocodec.errors import InputError
+from fecocodec.grid import LATENTS_PER_HYPERLATENT
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def decode_latents(
     must compare `digest()` with the stored digest.
     """
     reader = SymbolReader(payload)
-    size_32 = (size_8[0], size_8[1] // FACTOR_32, size_8[2] // FACTOR_32)
+    size_32 = (size_8[0], size_8[1] // LATENTS_PER_HYPERLATENT, size_8[2] // LATENTS_PER_HYPERLATENT)
     coded = code_latents(prior, reader, lambda_q, stage, context_y_hat, size_32, wanted=None)
     reader.finish()
     return coded

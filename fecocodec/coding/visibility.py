@@ -4,12 +4,13 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from fecocodec.container import COVERAGE_CELLS, FADING_BLOCKS, Header, Stream
+from fecocodec.grid import FADING, FEATURES, PER_CELL
 
 MOST_VIEWS_FILLED = 8
 FACTOR_OF_LEVEL = (3 - np.arange(4, dtype=np.float32)) / np.float32(3)
 
 
-def visibility_of(stream: Stream, gaussians_per_side: int = 2) -> Float32[np.ndarray, " n"] | None:
+def visibility_of(stream: Stream, gaussians_per_side: int = PER_CELL) -> Float32[np.ndarray, " n"] | None:
     """Return the factor in [0, 1] of each Gaussian's opacity, ordered (view, row, column); None if all are 1.
 
     gaussians_per_side: of a cell, 4x4 pixels; 2 for one Gaussian per 2x2 pixels.
@@ -20,7 +21,7 @@ def visibility_of(stream: Stream, gaussians_per_side: int = 2) -> Float32[np.nda
         factors.append(_enlarged(cells.astype(np.float32), gaussians_per_side))
     if stream.fading is not None:
         levels = unpack_levels(stream.fading, stream.header)
-        factors.append(_enlarged(FACTOR_OF_LEVEL[levels], 4 * gaussians_per_side))
+        factors.append(_enlarged(FACTOR_OF_LEVEL[levels], FADING // FEATURES * gaussians_per_side))
     return np.prod(factors, axis=0).reshape(-1) if factors else None
 
 

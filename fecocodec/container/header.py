@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from fecocodec.container.lambda_quantisation import LAMBDA_MIN, LAMBDA_Q_MAX, STEPS_PER_E
 from fecocodec.errors import BitstreamError
-from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE, grid_side
+from fecocodec.grid import grid_side
+from fecocodec.limits import MAX_SIDE, MAX_STAGES, MAX_VIEWS, MIN_SIDE
 from fecocodec.model_files import MODEL_ID_BYTES
 
 DIGEST_BYTES = 8

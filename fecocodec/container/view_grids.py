@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from fecocodec.container.deflate import BAD_WRITER, deflate, inflate
 from fecocodec.container.header import Header
 from fecocodec.errors import BitstreamError
+from fecocodec.grid import FADING, FEATURES
 
 
 @dataclass(frozen=True)
@@ -49,5 +50,5 @@ class ViewGrids:
             )
 
 
-COVERAGE_CELLS = ViewGrids("coverage", "cells", side=4, bits=1)  # 1: Gaussians of the cell are kept
-FADING_BLOCKS = ViewGrids("fading", "blocks", side=16, bits=2)  # level s: opacities are multiplied by 1 - s / 3
+COVERAGE_CELLS = ViewGrids("coverage", "cells", side=FEATURES, bits=1)  # 1: Gaussians of the cell are kept
+FADING_BLOCKS = ViewGrids("fading", "blocks", side=FADING, bits=2)  # level s: opacities are multiplied by 1 - s / 3

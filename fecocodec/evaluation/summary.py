@@ -5,8 +5,59 @@ from dataclasses import asdict, dataclass
 from statistics import fmean, median
 from typing import Any, Protocol, runtime_checkable
 
-from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
+
 from fecocodec.evaluation.records import Measurement
+
+Point = tuple[float, float]  # (rate, quality); a larger quality is better, in dB for `bd_psnr`
+
+_NUM_SAMPLES = 1001
+
+
+def bd_rate(anchor: Sequence[Point], test: Sequence[Point]) -> float | None:
+    """Return the mean rate difference at equal quality, in percent: -50 means that `test` needs half the rate.
+
+    Returns None if the quality ranges do not overlap, or if a curve has fewer than two Pareto-optimal points.
+    """
+    ours, theirs = _front(test), _front(anchor)
+    difference = _mean_difference(_swapped(theirs), _swapped(ours))
+    return None if difference is None else 100.0 * (float(np.exp(difference)) - 1.0)
+
+
+def bd_psnr(anchor: Sequence[Point], test: Sequence[Point]) -> float | None:
+    """Return the mean quality difference at equal rate, in dB; positive if `test` is better.
+
+    Returns None if the rate ranges do not overlap, or if a curve has fewer than two Pareto-optimal points.
+    """
+    return _mean_difference(_front(anchor), _front(test))
+
+
+def _front(points: Sequence[Point]) -> Float[np.ndarray, "point 2"]:
+    """Return (log rate, quality) of the Pareto-optimal points, ordered by rate; both columns increase strictly."""
+    front: list[Point] = []
+    for rate, quality in sorted(points, key=lambda point: (point[0], -point[1])):
+        if not front or quality > front[-1][1]:
+            front.append((float(np.log(rate)), quality))
+    return np.array(front).reshape(-1, 2)
+
+
+def _swapped(curve: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
+    return curve[:, ::-1]
+
+
+def _mean_difference(anchor: Float[np.ndarray, "_ 2"], test: Float[np.ndarray, "_ 2"]) -> float | None:
+    """Return the mean of test(x) - anchor(x) over the common range of x, or None if there is none."""
+    if min(len(anchor), len(test)) < 2:
+        return None
+    low, high = max(anchor[0, 0], test[0, 0]), min(anchor[-1, 0], test[-1, 0])
+    if not low < high:
+        return None
+    x = np.linspace(low, high, _NUM_SAMPLES)
+    difference = PchipInterpolator(*test.T)(x) - PchipInterpolator(*anchor.T)(x)
+    return float(np.trapezoid(difference, x) / (high - low))
+
 
 OURS = "fecosplat"
 

@@ -11,6 +11,7 @@ from torch import Tensor
 from fecocodec.geometry.gaussian_arrays import SceneCameras
 
 LEAST_DEPTH = 1e-6  # in units of near; points closer than this are not visible
+OUTSIDE = 4.0  # limit of image positions that are sampled, and that of points behind the camera; outside of every image
 
 
 class Projection(NamedTuple):
@@ -63,8 +64,8 @@ class Cameras:
         local = self._from_world(points)
         depth = local[..., 2]
         is_in_front = depth > LEAST_DEPTH * self.near
-        image = torch.einsum("vij,v...j->v...i", self.intrinsics, local)
-        uv = image[..., :2] / torch.where(is_in_front, depth, 1.0)[..., None]
+        uv = to_image(local.reshape(self.num_views, -1, 3), self.intrinsics, is_in_front.reshape(self.num_views, -1))
+        uv = uv.view(*depth.shape, 2)
         return Projection(uv, depth, is_in_front & ((uv >= 0) & (uv <= 1)).all(dim=-1))
 
     def _from_world(self, points: Float[Tensor, "*grid 3"]) -> Float[Tensor, "view *grid 3"]:
@@ -102,6 +103,25 @@ class Cameras:
         return self.extrinsics, self.intrinsics, self.near, self.far
 
 
+def to_image(
+    points: Float[Tensor, "*camera point 3"],
+    intrinsics: Float[Tensor, "*camera 3 3"],
+    is_in_front: Bool[Tensor, "*camera point"],
+) -> Float[Tensor, "*camera point 2"]:
+    """Project points in the frame of their camera to normalised positions; arbitrary ones for points behind it."""
+    projected = points @ intrinsics.mT
+    return projected[..., :2] / torch.where(is_in_front, points[..., 2], 1.0)[..., None]
+
+
+def image_positions(
+    points: Float[Tensor, "*camera point 3"], intrinsics: Float[Tensor, "*camera 3 3"], least_depth: float = LEAST_DEPTH
+) -> Float[Tensor, "*camera point 2"]:
+    """Return where images are sampled for points in the frame of their camera; OUTSIDE for points behind it."""
+    is_in_front = points[..., 2] > least_depth
+    uv = to_image(points, intrinsics, is_in_front).clamp(-OUTSIDE, OUTSIDE)
+    return torch.where(is_in_front[..., None], uv, OUTSIDE)
+
+
 def pixel_rays(cameras: Cameras, height: int, width: int) -> Float[Tensor, "*batch view height width 3"]:
     """Return the direction through each pixel centre in the camera frame, scaled to z = 1.
 
@@ -133,3 +153,54 @@ def camera_to_world_points(
     rotation, translation = cameras.extrinsics[..., :3, :3], cameras.extrinsics[..., None, :3, 3]
     world = points.flatten(-3, -2) @ rotation.transpose(-1, -2) + translation
     return world.view_as(points)
+
+
+def depth_from_relative_disparity(
+    relative: Float[Tensor, "*batch view height width"], cameras: Cameras
+) -> Float[Tensor, "*batch view height width"]:
+    """Return depth in scene units, at most 2 far; relative disparities below 0 are depths beyond far."""
+    farthest = rearrange(1.0 / cameras.far, "... -> ... 1 1 1")
+    nearest = rearrange(1.0 / cameras.near, "... -> ... 1 1 1")
+    return 1.0 / (farthest + relative * (nearest - farthest)).clamp_min(0.5 * farthest)
+
+
+def relative_disparity_from_depth(
+    depth: Float[Tensor, "*batch view height width"], cameras: Cameras
+) -> Float[Tensor, "*batch view height width"]:
+    """Invert `depth_from_relative_disparity`, without its clamp. depth: in scene units."""
+    farthest = rearrange(1.0 / cameras.far, "... -> ... 1 1 1")
+    nearest = rearrange(1.0 / cameras.near, "... -> ... 1 1 1")
+    return (1.0 / depth - farthest) / (nearest - farthest)
+
+
+def cameras_between(cameras: Cameras) -> Cameras | None:
+    """Return the cameras midway between each camera and its nearest neighbour; None if there are none.
+
+    Neighbours are cameras whose optical axes differ by less than 90 degrees. The rotation is the one nearest to the
+    mean of the two matrices (Moakher, "Means and Averaging in the Group of Rotations", 2002). Intrinsics are those of
+    the first camera.
+    """
+    poses = [_midway(cameras.extrinsics[first], cameras.extrinsics[second]) for first, second in _neighbours(cameras)]
+    if not poses:
+        return None
+    return Cameras(torch.stack(poses), cameras.intrinsics[:1].expand(len(poses), -1, -1), cameras.near, cameras.far)
+
+
+def _neighbours(cameras: Cameras) -> list[tuple[int, int]]:
+    """Return the pairs of a camera and the nearest one whose optical axis is within 90 degrees, each pair once."""
+    centres, forward = cameras.extrinsics[:, :3, 3], cameras.extrinsics[:, :3, 2]
+    distance = torch.cdist(centres, centres)
+    distance[(forward @ forward.T <= 0) | (distance <= 1e-6 * distance.max())] = torch.inf
+    pairs = {
+        (min(view, other), max(view, other))
+        for view, other in enumerate(distance.argmin(dim=1).tolist())
+        if distance[view, other].isfinite()
+    }
+    return sorted(pairs)
+
+
+def _midway(first: Float[Tensor, "4 4"], second: Float[Tensor, "4 4"]) -> Float[Tensor, "4 4"]:
+    pose = 0.5 * first + 0.5 * second
+    left, _, right = torch.linalg.svd(pose[:3, :3])
+    pose[:3, :3] = left @ right
+    return pose

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays, to_image
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.views import Views, joined
 
@@ -169,8 +169,8 @@ def _project_into_second(
     directions = camera_to_world_points(first, rays)[0] - first.extrinsics[0, :3, 3]
     offset = first.extrinsics[0, :3, 3] - second.extrinsics[0, :3, 3]
     points = (directions * depths[..., None] + offset) @ second.extrinsics[0, :3, :3]
-    uv = points @ second.intrinsics[0].T
-    return uv[..., :2] / uv[..., 2:].clamp_min(1e-9 * depths.amax()), points[..., 2]
+    uv = to_image(points.flatten(0, 2), second.intrinsics[0], points[..., 2].flatten() > 0)
+    return uv.view(*depths.shape, 2), points[..., 2]
 
 
 def _correlation(

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fecocodec.errors import InputError
-from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SIDE, MIN_SIDE, grid_side
+from fecocodec.grid import grid_side
+from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SIDE, MIN_SIDE
 from fecocodec.photographs.lens import Lens
 
 MIN_KEPT_AREA = 0.5  # share of each photograph's area that an automatic crop must keep

@@ -25,6 +25,7 @@ from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
+from fecocodec.grid import LATENTS
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE
 from fecocodec.progress import OnProgress, ignore_progress
@@ -32,10 +33,7 @@ from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.state import State
 from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
-from fecocodec.splatting.emission import Emission, emit
-from fecocodec.splatting.merging import MergingConfig
-
-LATENT_FACTOR = 8
+from fecocodec.splatting.emission import Emission, MergingConfig, emit
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,7 @@ def _decode_stages(
     header = stream.header
     device = next(receiver.parameters()).device
     height, width = header.grid_size
-    size_8 = (header.num_views, height // LATENT_FACTOR, width // LATENT_FACTOR)
+    size_8 = (header.num_views, height // LATENTS, width // LATENTS)
     state: State | None = None
     y_hat = None
     for stage, payload in enumerate(stream.payloads, start=1):

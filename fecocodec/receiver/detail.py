@@ -6,9 +6,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
+from fecocodec.grid import PER_BLOCK
 from fecocodec.splatting.attributes import RAW
 
-CELLS = 4  # Gaussians along a side of a block of 8x8 pixels
 NUM_BUCKETS = 16  # of the context that chooses the table of a symbol (ENTROPY.md)
 
 
@@ -24,10 +24,10 @@ class DetailBasis(nn.Module):
     def __init__(self, config: ReceiverConfig) -> None:
         super().__init__()
         planes, raw = config.detail_planes, sum(RAW.values())
-        self.basis = nn.Parameter(0.1 * torch.randn(planes, CELLS**2 * raw) / (CELLS**2 * raw) ** 0.5)
+        self.basis = nn.Parameter(0.1 * torch.randn(planes, PER_BLOCK**2 * raw) / (PER_BLOCK**2 * raw) ** 0.5)
         self.register_buffer("tables", torch.full((planes, NUM_BUCKETS), 22, dtype=torch.uint8))
 
     def forward(self, values: Float[Tensor, "item plane h8 w8"]) -> Float[Tensor, "item raw h2 w2"]:
         """Return what is added to the raw outputs. values: symbols times their step."""
         blocks = torch.einsum("ikhw,kr->irhw", values, self.basis)
-        return rearrange(blocks, "i (p q c) h w -> i c (h p) (w q)", p=CELLS, q=CELLS)
+        return rearrange(blocks, "i (p q c) h w -> i c (h p) (w q)", p=PER_BLOCK, q=PER_BLOCK)

@@ -8,12 +8,30 @@ from fecocodec.config import METHODS, PAPER, ReceiverConfig
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import RateCondition, RateEmbedding
+from fecocodec.layers.blocks import BlockChain, RateCondition, RateEmbedding, upsample
 from fecocodec.receiver.detail import DetailBasis
 from fecocodec.receiver.predictor import Predictor
 from fecocodec.receiver.state import State, StateUpdate
-from fecocodec.receiver.synthesis import Synthesis
 from fecocodec.splatting.emission import Prediction
+
+
+class Synthesis(nn.Module):
+    """y_hat (1/8) -> 3x3 conv -> 2D blocks at 1/8 -> upsample -> features (1/4).
+
+    There is no block at 1/4, because the state update has one and a second one is slow.
+    """
+
+    def __init__(self, config: ReceiverConfig) -> None:
+        super().__init__()
+        width = config.synthesis_channels
+        self.input = nn.Conv2d(config.latent_channels, width, 3, padding=1)
+        self.coarse = BlockChain(width, width, config.synthesis_depth)
+        self.up = upsample(width, config.state_channels)
+
+    def forward(
+        self, y_hat: Float[Tensor, "item latent h8 w8"], condition: RateCondition
+    ) -> Float[Tensor, "item channel h4 w4"]:
+        return self.up(self.coarse(self.input(y_hat / condition.latent_gain), condition))
 
 
 class Receiver(nn.Module):

@@ -7,8 +7,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, depth_from_relative_disparity, pixel_rays
 from fecocodec.layers.blocks import (
     Block2d,
     PointwiseConv2d,
@@ -26,7 +25,6 @@ BeforeHead = tuple[
     Float[Tensor, "item channel h4 w4"], Float[Tensor, "item channel h4 w4"], Float[Tensor, "batch view h4 w4"]
 ]
 Detail = Float[Tensor, "item raw h2 w2"]  # added to the raw outputs of the head
-PER_CELL = 4  # Gaussians per cell of the 1/4 grid by default: one per 2x2 pixels
 
 
 class Predictor(nn.Module):

@@ -9,7 +9,16 @@ in registers: it is as fast here, and thin Gaussians keep their shape.
 import math
 
 from fecocodec.kernels.compilation import compiled
-from fecocodec.rendering.small_matrices import add, apply, dot, normalised, rotation_columns
+from fecocodec.rendering.small_matrices import (
+    add,
+    apply,
+    apply_transposed,
+    dot,
+    normalised,
+    rotation_columns,
+    rotation_columns_backward,
+    scaled,
+)
 from fecocodec.rendering.splats import ALPHA_MIN
 
 _DILATION_PX2 = 0.3  # added to both variances: a splat is never much narrower than a pixel
@@ -99,3 +108,95 @@ def projected_axes(pinhole, point, unit, scale):
         scale[2] * (yy * axes[2][1] + yz * axes[2][2]),
     )
     return (row_x, row_y), axes, jacobian
+
+
+@compiled
+def project_backward(
+    start, stop, pinhole, means, scales, rotations, splats, gradients, d_means, d_scales, d_rotations, d_opacities
+):
+    """Add to d_* the gradients that come from the splats (columns DIFFERENTIABLE_FIELDS, without colours)."""
+    for i in range(start, stop):
+        if splats[i].radius_x == 0.0:
+            continue
+        d_x, d_y, d_depth = gradients[i, 0], gradients[i, 1], gradients[i, 9]
+        d_opacities[i] += gradients[i, 5]
+        point = add(apply(pinhole.rotation, (means[i, 0], means[i, 1], means[i, 2])), pinhole.translation)
+        scale = (scales[i, 0], scales[i, 1], scales[i, 2])
+        unit, length = normalised(*quaternion(rotations, i))
+        (row_x, row_y), axes, jacobian = projected_axes(pinhole, point, unit, scale)
+        d_row_x, d_row_y = _conic_backward(row_x, row_y, gradients[i, 2], gradients[i, 3], gradients[i, 4])
+        d_point = _point_backward(pinhole, point, jacobian, axes, scale, d_row_x, d_row_y, d_x, d_y, d_depth)
+        d_mean = apply_transposed(pinhole.rotation, d_point)
+        d_scale, d_rotation = _axes_backward(pinhole, unit, length, axes, jacobian, scale, d_row_x, d_row_y)
+        for k in range(3):
+            d_means[i, k] += d_mean[k]
+            d_scales[i, k] += d_scale[k]
+        for k in range(4):
+            d_rotations[i, k] += d_rotation[k]
+
+
+@compiled
+def _conic_backward(row_x, row_y, d_conic_xx, d_conic_xy, d_conic_yy):
+    """Return the gradient of the rows U of C = U U^T + 0.3 I from that of K = C^-1: dC = -K dK K, dU = 2 dC U."""
+    xx, xy, yy, determinant = dilated_covariance(row_x, row_y)
+    k_xx, k_xy, k_yy = yy / determinant, -xy / determinant, xx / determinant
+    half_xy = 0.5 * d_conic_xy
+    left_xx, left_xy = k_xx * d_conic_xx + k_xy * half_xy, k_xx * half_xy + k_xy * d_conic_yy
+    left_yx, left_yy = k_xy * d_conic_xx + k_yy * half_xy, k_xy * half_xy + k_yy * d_conic_yy
+    d_xx = -(left_xx * k_xx + left_xy * k_xy)
+    d_xy = -(left_xx * k_xy + left_xy * k_yy)
+    d_yy = -(left_yx * k_xy + left_yy * k_yy)
+    return (
+        scaled(2.0, add(scaled(d_xx, row_x), scaled(d_xy, row_y))),
+        scaled(2.0, add(scaled(d_xy, row_x), scaled(d_yy, row_y))),
+    )
+
+
+@compiled
+def _point_backward(pinhole, point, jacobian, axes, scale, d_row_x, d_row_y, d_x, d_y, d_depth):
+    """Gradient of the mean in camera axes, through its position on the image, the Jacobian and its depth."""
+    x, y, z = point
+    xx, xz, yy, yz = jacobian
+    d_xx, d_xz, d_yy, d_yz = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        d_xx += d_row_x[k] * scale[k] * axes[k][0]
+        d_xz += d_row_x[k] * scale[k] * axes[k][2]
+        d_yy += d_row_y[k] * scale[k] * axes[k][1]
+        d_yz += d_row_y[k] * scale[k] * axes[k][2]
+    low_x, high_x = slope_limits(pinhole.focal_x, pinhole.centre_x, pinhole.width)
+    low_y, high_y = slope_limits(pinhole.focal_y, pinhole.centre_y, pinhole.height)
+    # The slope entries of J are -focal * slope / z; inside the limits, slope = x / z depends on the mean.
+    d_slope_x = -xx * d_xz if low_x < x / z < high_x else 0.0
+    d_slope_y = -yy * d_yz if low_y < y / z < high_y else 0.0
+    d_slope_x += pinhole.focal_x * d_x
+    d_slope_y += pinhole.focal_y * d_y
+    d_inside_jacobian = -(d_xx * xx + d_xz * xz + d_yy * yy + d_yz * yz) / z  # all of J is proportional to 1 / z
+    return (
+        d_slope_x / z,
+        d_slope_y / z,
+        d_depth + d_inside_jacobian - (d_slope_x * x + d_slope_y * y) / (z * z),
+    )
+
+
+@compiled
+def _axes_backward(pinhole, unit, length, axes, jacobian, scale, d_row_x, d_row_y):
+    """Gradients of the scales and of the quaternion before its normalisation."""
+    xx, xz, yy, yz = jacobian
+    # Per axis k, the gradient of the scaled axis in camera axes is J^T times the gradient of its image.
+    d_axis_0 = (xx * d_row_x[0], yy * d_row_y[0], xz * d_row_x[0] + yz * d_row_y[0])
+    d_axis_1 = (xx * d_row_x[1], yy * d_row_y[1], xz * d_row_x[1] + yz * d_row_y[1])
+    d_axis_2 = (xx * d_row_x[2], yy * d_row_y[2], xz * d_row_x[2] + yz * d_row_y[2])
+    d_scale = (dot(d_axis_0, axes[0]), dot(d_axis_1, axes[1]), dot(d_axis_2, axes[2]))
+    d_columns = (
+        apply_transposed(pinhole.rotation, scaled(scale[0], d_axis_0)),
+        apply_transposed(pinhole.rotation, scaled(scale[1], d_axis_1)),
+        apply_transposed(pinhole.rotation, scaled(scale[2], d_axis_2)),
+    )
+    dw, dx, dy, dz = rotation_columns_backward(unit[0], unit[1], unit[2], unit[3], d_columns)
+    along = dw * unit[0] + dx * unit[1] + dy * unit[2] + dz * unit[3]  # radial part, without effect
+    return d_scale, (
+        (dw - along * unit[0]) / length,
+        (dx - along * unit[1]) / length,
+        (dy - along * unit[2]) / length,
+        (dz - along * unit[3]) / length,
+    )

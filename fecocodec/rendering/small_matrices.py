@@ -22,11 +22,6 @@ def scaled(factor, a):
 
 
 @compiled
-def transposed(m):
-    return (m[0][0], m[1][0], m[2][0]), (m[0][1], m[1][1], m[2][1]), (m[0][2], m[1][2], m[2][2])
-
-
-@compiled
 def apply(m, a):
     """m a"""
     return dot(m[0], a), dot(m[1], a), dot(m[2], a)

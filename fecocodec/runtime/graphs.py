@@ -4,6 +4,7 @@ Its wheels send telemetry to their vendor, which is switched off here. That is t
 command line sets ORT_DISABLE_TELEMETRY before, and programs should do so too (docs/python.md).
 """
 
+import json
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +19,6 @@ from jaxtyping import Shaped, UInt8
 
 from fecocodec.errors import ModelError
 from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, read_bytes
-from fecocodec.runtime.weights_file import bytes_tensor
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -72,11 +72,6 @@ class Graphs:
         shapes: dict[str, list[int | str]] = {of.name: of.shape for of in self._session(name).get_inputs()}
         return shapes[input_name]
 
-    def release(self, name: str) -> None:
-        """Free the memory of a graph until its next use."""
-        self._sessions.pop(name, None)
-        self._of_one_thread._sessions.pop(name, None)
-
     def _session(self, name: str) -> onnxruntime.InferenceSession:
         with self._loading:
             if name not in self._sessions:
@@ -120,3 +115,16 @@ def graphs_of(folder: Path, model_id: bytes, num_threads: int) -> Graphs:
     model_id: of these weights; it is a part of the key under which the graphs are kept, as weights can be replaced.
     """
     return Graphs(read_bytes(folder / RECEIVER_FILE), folder / GRAPHS_FOLDER, model_id, num_threads)
+
+
+def bytes_tensor(weights: bytes, name: str) -> UInt8[np.ndarray, "..."] | None:
+    """Return a tensor of bytes (U8) of a weights file, without torch; None if the file has no tensor of this name.
+
+    weights: a valid weights file (safetensors, ENTROPY.md, section 6.1).
+    """
+    size = int.from_bytes(weights[:8], "little")
+    entry = json.loads(weights[8 : 8 + size]).get(name)
+    if entry is None:
+        return None
+    begin, end = entry["data_offsets"]
+    return np.frombuffer(weights[8 + size + begin : 8 + size + end], np.uint8).reshape(entry["shape"])

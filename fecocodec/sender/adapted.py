@@ -9,8 +9,8 @@ from pathlib import Path
 from fecocodec.checkpoint import config_of, load_into, read_weights
 from fecocodec.config import AdaptedSenderConfig, ReceiverConfig
 from fecocodec.errors import ModelError
+from fecocodec.sender.codec import require_receiver
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, ConditionedAdapter, LargeExtractor
-from fecocodec.sender.load import require_receiver
 from fecocodec.sender.model import Sender
 
 

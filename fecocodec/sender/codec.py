@@ -1,4 +1,4 @@
-"""The complete codec: networks of the sender and of the receiver, loaded from one model folder."""
+"""The networks of a model folder: the sender's file, and both ends as one codec."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -6,12 +6,65 @@ from pathlib import Path
 
 import torch
 
-from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
+from fecocodec.checkpoint import (
+    RECEIVER_FILE,
+    SENDER_FILE,
+    Weights,
+    config_of,
+    load_into,
+    read_weights,
+    serialise_weights,
+)
+from fecocodec.config import CodecConfig, ReceiverConfig, stored_fields
+from fecocodec.errors import ModelError
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.load import load_sender
+from fecocodec.sender.extractors.table import config_named
 from fecocodec.sender.model import Sender
+
+RECEIVER_ID = "receiver_model_id"
+EXTRACTOR = "extractor"
+
+
+def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender:
+    """Load a sender for encoding: evaluation mode, no gradients.
+
+    receiver, model_id: configuration and id of the receiver that decodes its streams. Raises ModelError for a missing,
+    damaged or unknown file, and for a sender that was trained with another receiver.
+    """
+    weights = read_weights(path)
+    config = config_of(weights, "sender", _config_like(weights, path), path)
+    require_receiver(weights, model_id, path)
+    sender = Sender(config, receiver)
+    load_into(sender, weights.tensors, path)
+    return sender.eval().requires_grad_(False)
+
+
+def require_receiver(weights: Weights, model_id: bytes, path: Path) -> None:
+    """Raise ModelError if the weights of a sender were trained for another receiver."""
+    if weights.config.get(RECEIVER_ID) != model_id.hex():
+        raise ModelError(
+            f"{path}: this sender was made for the receiver {weights.config.get(RECEIVER_ID)}, the one beside it is "
+            f"{model_id.hex()}; put the two files of one model together."
+        )
+
+
+def serialise_sender(sender: Sender, model_id: bytes) -> bytes:
+    """Return the bytes of the sender's weights file, in fp16. model_id: id of the receiver it was trained with."""
+    config = sender.config
+    described = {"sender": stored_fields(config), EXTRACTOR: config.extractor, RECEIVER_ID: model_id.hex()}
+    return serialise_weights(dict(sender.state_dict()), described)
+
+
+def _config_like(weights: Weights, path: Path) -> CodecConfig:
+    """Return a default configuration for the extractor that the file names."""
+    if EXTRACTOR not in weights.config:
+        raise ModelError(f"{path}: holds no sender; name a sender's weights file.")
+    name = weights.config[EXTRACTOR]
+    if (config := config_named(name)) is None:
+        raise ModelError(f"{path}: its extractor {name!r} is not known to this version; install the one that made it.")
+    return config
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import load_codec
-from fecocodec.sender.cut_out import BLACK, WHITE
+from fecocodec.sender.coverage import BLACK, WHITE
 from fecocodec.sender.view_quality import DecodedQuality, LeftOutQuality
 
 MAX_LEFT_OUT = 8  # views; each takes a decoding

@@ -14,10 +14,11 @@ import torch
 from jaxtyping import Float, Int32, UInt8
 from torch import Tensor
 
-from fecocodec.coding.detail import BLOCK, Choose, encode_detail, step_size
+from fecocodec.coding.detail import Choose, encode_detail, step_size
 from fecocodec.coding.symbol_choice import choose_symbols
 from fecocodec.container import Detail
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.grid import LATENTS
 from fecocodec.progress import Progress
 from fecocodec.sender.distortion import LogDistortion
 from fecocodec.sender.lambda_roles import detail_step, price_of_detail
@@ -93,7 +94,7 @@ def values_of(
     progress: Progress = Progress(),  # noqa: B008 - frozen
 ) -> Values:
     """Return the numbers before the choice of symbols. search: `search_of` the same scene."""
-    height, width = (side // BLOCK for side in encoder.size)
+    height, width = (side // LATENTS for side in encoder.size)
     planes = len(encoder.codec.receiver.detail_basis.basis)
     start = torch.zeros(encoder.num_views, planes, height, width, device=encoder.images.device)
     return descend(search, start, config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q), progress)

@@ -21,7 +21,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import joined_masks
 from fecocodec.rendering.metrics import finite_psnr
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.cut_out import BLACK
+from fecocodec.sender.coverage import BLACK
 from fecocodec.sender.scene import Guides
 
 LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import CodecConfig, ReceiverConfig
+from fecocodec.grid import FEATURES, VALUES_PER_CELL
 from fecocodec.layers.blocks import BlockChain, PointwiseConv2d, RateCondition
 
 
@@ -18,7 +19,7 @@ class FeedbackExtractor(nn.Module):
     The depth errors are an addition to the paper, see `depth_feedback`.
     """
 
-    num_inputs: ClassVar[int] = 2 * 3 * 16 + 2
+    num_inputs: ClassVar[int] = 2 * VALUES_PER_CELL + 2
 
     def __init__(self, sender: CodecConfig, receiver: ReceiverConfig) -> None:
         super().__init__()
@@ -39,15 +40,15 @@ class FeedbackExtractor(nn.Module):
     def inputs(images: Tensor, renderings: Tensor, depth_errors: Tensor) -> Float[Tensor, "item input h4 w4"]:
         """Return the input of the 1x1 convolution. Arguments as for `forward`."""
         stacked = torch.cat((2.0 * images - 1.0, 4.0 * (images - renderings)), dim=1)
-        return torch.cat((F.pixel_unshuffle(stacked, 4), depth_errors), dim=1)
+        return torch.cat((F.pixel_unshuffle(stacked, FEATURES), depth_errors), dim=1)
 
 
 class PictureFeedbackExtractor(FeedbackExtractor):
     """pixel unshuffle 4 of concat(I, I1_hat) -> 1x1 conv -> 2D blocks at 1/4 -> F2, as the paper describes it."""
 
-    num_inputs = 2 * 3 * 16
+    num_inputs = 2 * VALUES_PER_CELL
 
     @staticmethod
     def inputs(images: Tensor, renderings: Tensor, depth_errors: Tensor) -> Float[Tensor, "item input h4 w4"]:
         """Return the input of the 1x1 convolution. The depth errors are not used."""
-        return F.pixel_unshuffle(torch.cat((2.0 * images - 1.0, 2.0 * renderings - 1.0), dim=1), 4)
+        return F.pixel_unshuffle(torch.cat((2.0 * images - 1.0, 2.0 * renderings - 1.0), dim=1), FEATURES)

@@ -12,8 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, depth_from_relative_disparity, pixel_rays
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.scene import Guides
 

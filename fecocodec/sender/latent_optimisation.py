@@ -13,9 +13,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.cameras import Cameras, cameras_between
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.geometry.nearby_cameras import cameras_between
 from fecocodec.layers.blocks import RateCondition, direct_gradients
 from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render

@@ -18,9 +18,8 @@ from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import decoded_quality, new_view_quality
 from fecocodec.sender.encode import OnOmission, OnWarning, matched_scene, write_scene
-from fecocodec.sender.lambda_search import Point, is_inside, next_lambda_q
+from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtMostKib, Point, Target, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
-from fecocodec.sender.rate_targets import AtLeastNewPsnr, AtMostKib, Target
 from fecocodec.sender.view_checks import check_views
 from fecocodec.sender.view_quality import DecodedQuality
 

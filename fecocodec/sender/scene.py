@@ -11,8 +11,7 @@ from fecocodec.container import PackedCameras
 from fecocodec.container.camera_validation import check_cameras
 from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.coding_grid import ignored_on_grid, resample_to_grid
-from fecocodec.geometry.filling import filled
+from fecocodec.geometry.coding_grid import filled, ignored_on_grid, resample_to_grid
 from fecocodec.geometry.normalisation import normalise_scene, normalised_extrinsics
 from fecocodec.geometry.views import Views
 

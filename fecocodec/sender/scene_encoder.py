@@ -20,7 +20,7 @@ from fecocodec.layers.blocks import RateCondition
 from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.cut_out import BLACK, WHITE, CutOut, cut_out_of
+from fecocodec.sender.coverage import BLACK, WHITE, CutOut, cut_out_of
 from fecocodec.sender.extractors.protocol import Matching
 from fecocodec.sender.fading import Fading, fading_of_masks
 from fecocodec.sender.lambda_roles import stage_lambdas

@@ -12,6 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from fecocodec.grid import LATENTS
 from fecocodec.layers.blocks import (
     CONDITION_CHANNELS,
     BlockChain,
@@ -22,7 +23,7 @@ from fecocodec.layers.blocks import (
 )
 
 LARGEST_LOG_SCALE = 3.0  # of the gradient's part of a step
-ERROR_CELL, ERROR_SCALE = 8, 4.0  # pixels of a position of the latent, a side; errors are small against 1
+ERROR_SCALE = 4.0  # errors are small against 1
 
 
 class StepNetwork(nn.Module):
@@ -35,7 +36,7 @@ class StepNetwork(nn.Module):
     def __init__(self, latent_channels: int, state_channels: int, width: int) -> None:
         super().__init__()
         self.join = PointwiseConv2d(4 * latent_channels + 1, width)
-        self.errors = PointwiseConv2d(3 * ERROR_CELL**2, width)
+        self.errors = PointwiseConv2d(3 * LATENTS**2, width)
         self.known = downsample(2 * state_channels, width)
         self.blocks = BlockChain(width, width, 4)
         self.output = nn.Conv2d(width, latent_channels, 3, padding=1)
@@ -79,7 +80,7 @@ class StepNetwork(nn.Module):
         compressed = torch.sign(y) * torch.log1p(y.abs())  # the range of y varies by decades with lambda
         gradients = (torch.asinh(gradient), torch.asinh(of_rate))
         inputs = (*gradients, compressed, previous, torch.full_like(gradient[:, :1], left))
-        seen = self.errors(F.pixel_unshuffle(ERROR_SCALE * errors, ERROR_CELL))
+        seen = self.errors(F.pixel_unshuffle(ERROR_SCALE * errors, LATENTS))
         added = self.output(self.blocks(self.join(torch.cat(inputs, dim=1)) + seen + known, condition))
         log_scale = self.log_scale(condition.embedding).clamp(-LARGEST_LOG_SCALE, LARGEST_LOG_SCALE)
         step: Tensor = added - log_scale.exp()[:, :, None, None] * gradient

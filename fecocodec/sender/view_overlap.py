@@ -14,8 +14,7 @@ from einops import rearrange
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, depth_from_relative_disparity, pixel_rays
 from fecocodec.sender.extractors.cross_view_consistency import TOLERANCE, consistency_with
 from fecocodec.sender.scene import Guides
 

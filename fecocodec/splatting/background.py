@@ -18,10 +18,9 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.splatting.facing import facing_gaussians
+from fecocodec.splatting.facing import facing_gaussians, view_maps
 from fecocodec.splatting.hidden import ExtendedDepth, is_hidden
 from fecocodec.splatting.sampling import SMALLEST_DEPTH
-from fecocodec.splatting.view_maps import view_maps
 
 SMALLEST_OPACITY = 0.01  # a border of smaller mean opacity is transparent and not extrapolated
 

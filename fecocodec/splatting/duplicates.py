@@ -13,8 +13,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.splatting.free_space import POOLED, surfaces_of
-from fecocodec.splatting.sampling import project, sample_at
-from fecocodec.splatting.view_pairs import other_views
+from fecocodec.splatting.sampling import other_views, project, sample_at
 
 
 @torch.no_grad()

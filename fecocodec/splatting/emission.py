@@ -10,19 +10,31 @@ function; what they leave out is an argument of `Emission`, which names the reas
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.merging.merge import MergingConfig as MergingConfig
+from fecocodec.merging.merge import merged_fields
 from fecocodec.splatting.attributes import Attributes
 from fecocodec.splatting.background import BackgroundConfig, append, background_layer
 from fecocodec.splatting.duplicates import kept_share
 from fecocodec.splatting.free_space import free_space_violation
-from fecocodec.splatting.merging import MergingConfig, merged
 from fecocodec.splatting.occluded import occluded_layer
 from fecocodec.splatting.view_dependence import view_dependent
+
+
+def merged(
+    gaussians: Gaussians, is_present: Bool[Tensor, " n"], grid: tuple[int, int], cameras: Cameras, config: MergingConfig
+) -> Gaussians:
+    """Return `merged_fields`, computed on the CPU. cameras: of the views, in the frame of the Gaussians."""
+    arrays = tuple(field.cpu().numpy() for field in gaussians.fields())
+    poses = (cameras.extrinsics.cpu().numpy(), cameras.intrinsics.cpu().numpy())
+    found = merged_fields(arrays, is_present.cpu().numpy(), grid, *poses, config)
+    return Gaussians(*(torch.from_numpy(field) for field in found)).to(gaussians.means.device)
+
 
 LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 

@@ -16,10 +16,9 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.splatting.facing import facing_gaussians
+from fecocodec.splatting.facing import ViewMaps, facing_gaussians, view_maps
 from fecocodec.splatting.hidden import projected
 from fecocodec.splatting.sampling import SMALLEST_DEPTH
-from fecocodec.splatting.view_maps import ViewMaps, view_maps
 
 CELL = 4  # Gaussians along a side of a cell
 # Chosen on captures that the weights were not trained on (docs/what_we_learned.md, Receiver).

@@ -3,12 +3,27 @@
 The Gaussians of a view form a regular grid over its image, so maps of their attributes are sampled without rendering.
 """
 
+from collections.abc import Iterator
+
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
+
+
+def other_views(cameras: Cameras, *, fewest: int = 2) -> Iterator[tuple[Int64[Tensor, " view"], Cameras]]:
+    """Yield for every shift the index of each view's other view, and the cameras of these other views.
+
+    cameras: of one scene. Yields nothing for fewer views than `fewest`.
+    """
+    views = cameras.num_views
+    for shift in range(1, views if views >= fewest else 1):
+        index = (torch.arange(views, device=cameras.extrinsics.device) + shift) % views
+        extrinsics, intrinsics = (x.index_select(0, index) for x in (cameras.extrinsics, cameras.intrinsics))
+        yield index, Cameras(extrinsics, intrinsics, cameras.near, cameras.far)
+
 
 SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 

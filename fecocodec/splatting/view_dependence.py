@@ -18,8 +18,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
-from fecocodec.splatting.sampling import SMALLEST_DEPTH, project, sample_at
-from fecocodec.splatting.view_pairs import other_views
+from fecocodec.splatting.sampling import SMALLEST_DEPTH, other_views, project, sample_at
 
 
 class NormalEquations(NamedTuple):

@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 
 from fecocodec.errors import InputError
-from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE, SIDE_MULTIPLE
+from fecocodec.grid import HYPERLATENTS
+from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE
 
 
 def check_view_shares(view_shares: Sequence[tuple[int, float]]) -> None:
@@ -20,8 +21,8 @@ def check_view_shares(view_shares: Sequence[tuple[int, float]]) -> None:
 def check_sizes(sizes: Sequence[tuple[int, int]]) -> None:
     """Raise InputError for a side that is not a multiple of 32 within the limits of the codec."""
     for side in (side for size in sizes for side in size):
-        if side % SIDE_MULTIPLE or not MIN_SIDE <= side <= MAX_SIDE:
+        if side % HYPERLATENTS or not MIN_SIDE <= side <= MAX_SIDE:
             raise InputError(
                 f"A training image side of {side} pixels cannot be used; "
-                f"choose a multiple of {SIDE_MULTIPLE} from {MIN_SIDE} to {MAX_SIDE}."
+                f"choose a multiple of {HYPERLATENTS} from {MIN_SIDE} to {MAX_SIDE}."
             )

@@ -12,8 +12,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from fecocodec.grid import PER_CELL
 from fecocodec.receiver.model import Receiver
-from fecocodec.receiver.predictor import PER_CELL
 from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
 from fecocodec.splatting.attributes import RAW
@@ -21,7 +21,8 @@ from fecocodec.splatting.attributes import RAW
 PIXELS = 48  # of a 4x4 cell: (colour, row, column), as pixel unshuffle orders them
 DISPARITY = PIXELS  # the channel after the pixels, in [-1, 1]
 CELL_CHANNELS = PIXELS + 1
-COLOURS = 3 * PER_CELL  # of a cell's Gaussians: (colour, row, column)
+IN_CELL = PER_CELL**2
+COLOURS = 3 * IN_CELL  # of a cell's Gaussians: (colour, row, column)
 STATE_CHANNELS = COLOURS + 1  # then disparity
 LUMA_FREQUENCIES = tuple((u, v) for u in range(4) for v in range(4))  # all that half the resolution can represent
 CHROMA_FREQUENCIES = ((0, 0), (0, 1), (1, 0), (1, 1), (0, 2), (2, 0))
@@ -104,13 +105,13 @@ def _start_head(first: nn.Module, last: nn.Module, per_side: int) -> None:
     order = list(RAW)
     offset = {name: num * sum(RAW[n] for n in order[: order.index(name)]) for name in order}
     weight, bias = last.get_parameter("weight"), last.get_parameter("bias")
-    resampling = F.interpolate(torch.eye(PER_CELL).view(PER_CELL, 1, 2, 2), (per_side, per_side), mode="area")
+    resampling = F.interpolate(torch.eye(IN_CELL).view(IN_CELL, 1, 2, 2), (per_side, per_side), mode="area")
     slopes = COLOUR_SLOPE * resampling.flatten(1).T  # [Gaussian, colour of the cell]
     for colour in range(3):
         rows = slice(offset["colour"] + num * colour, offset["colour"] + num * (colour + 1))
         weight[rows, : 2 * COLOURS] = 0.0
-        for sign, begin in ((1.0, PER_CELL * colour), (-1.0, COLOURS + PER_CELL * colour)):
-            weight[rows, begin : begin + PER_CELL, 0, 0] = sign * slopes
+        for sign, begin in ((1.0, IN_CELL * colour), (-1.0, COLOURS + IN_CELL * colour)):
+            weight[rows, begin : begin + IN_CELL, 0, 0] = sign * slopes
     for name, value in (("opacity", OPACITY), ("scale", LOG_SCALE)):
         bias[offset[name] : offset[name] + num * RAW[name]] = value
 

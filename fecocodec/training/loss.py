@@ -7,7 +7,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.container.lambda_quantisation import LAMBDA_MIN, STEPS_PER_E
-from fecocodec.geometry.depth import relative_disparity_from_depth
+from fecocodec.geometry.cameras import relative_disparity_from_depth
+from fecocodec.grid import FEATURES
 from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.rendering.rasterizer import Rendering
 from fecocodec.sender.distortion import Distortion, MseDistortion
@@ -120,7 +121,7 @@ def _best_known_disparity(batch: Batch, matched: MatchedDisparity) -> Float[Tens
 def _true_disparity(batch: Batch) -> Float[Tensor, "batch view h4 w4"]:
     views = batch.num_context
     relative = relative_disparity_from_depth(batch.depth[:, :views], batch.cameras)
-    pooled = F.avg_pool2d(relative.flatten(0, 1)[:, None], 4)[:, 0]
+    pooled = F.avg_pool2d(relative.flatten(0, 1)[:, None], FEATURES)[:, 0]
     return rearrange(pooled, "(b v) h w -> b v h w", v=views)
 
 

@@ -15,9 +15,9 @@ from fecocodec.model_files import read_bytes
 from fecocodec.receiver.load import load_receiver, serialise_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.adapted import adopt_codec
+from fecocodec.sender.codec import load_sender, serialise_sender
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
-from fecocodec.sender.load import load_sender, serialise_sender
 from fecocodec.sender.model import Sender
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.run_files import load_checkpoint

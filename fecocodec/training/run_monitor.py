@@ -16,8 +16,7 @@ from torch import Tensor, nn
 
 from fecocodec.container import dequantise_lambda
 from fecocodec.container.lambda_quantisation import quantise_lambda
-from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth import relative_disparity_from_depth
+from fecocodec.geometry.cameras import Cameras, relative_disparity_from_depth
 from fecocodec.limits import MAX_STAGES
 from fecocodec.model_files import MODEL_ID_BYTES
 from fecocodec.photographs.images import write_image

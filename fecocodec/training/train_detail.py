@@ -24,7 +24,8 @@ from fecocodec.coding.symbol_choice import symbol_bits
 from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES
 from fecocodec.errors import InputError
-from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
+from fecocodec.grid import PER_BLOCK
+from fecocodec.receiver.detail import NUM_BUCKETS
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
@@ -95,14 +96,14 @@ def replaced(encoder: SceneEncoder, receiver: Receiver) -> SceneEncoder:
 def basis_of(coded: list[Coded], planes: int) -> Float[Tensor, "plane block"]:
     """Return the principal components of the changes that descent finds, in order of their variance."""
     sensitivity = torch.stack([_slope(*of, None).square().mean(dim=(0, 2, 3)) for of in coded]).mean(dim=0).sqrt()
-    covariance = torch.zeros((CELLS**2 * len(sensitivity),) * 2, dtype=torch.float64)
+    covariance = torch.zeros((PER_BLOCK**2 * len(sensitivity),) * 2, dtype=torch.float64)
     for encoder, last in coded:
         change = _free_change(encoder, last, sensitivity) * sensitivity[:, None, None]
-        blocks = rearrange(change, "v c (h p) (w q) -> (v h w) (p q c)", p=CELLS, q=CELLS).double()
+        blocks = rearrange(change, "v c (h p) (w q) -> (v h w) (p q c)", p=PER_BLOCK, q=PER_BLOCK).double()
         covariance += blocks.T @ blocks
     _, vectors = torch.linalg.eigh(covariance)
     components = vectors.flip(1)[:, :planes].T.float()
-    return components / sensitivity.repeat(CELLS**2)
+    return components / sensitivity.repeat(PER_BLOCK**2)
 
 
 def _free_change(encoder: SceneEncoder, last: Stage[Any], sensitivity: Float[Tensor, " raw"]) -> Raw:

@@ -24,12 +24,20 @@ from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.loss import loss_of
 from fecocodec.training.model_weights import freeze, load_extractor, load_fitting_weights, load_model_weights
 from fecocodec.training.optimisation import build_optimiser, clipped_step, copy_of_weights, update_average
-from fecocodec.training.paper_objective import code_with_additive_noise, paper_loss, run_paper_stages
 from fecocodec.training.processes import gather_states, is_first, process_rank, seeded_generator
 from fecocodec.training.run_files import append_lines, load_checkpoint, remove_rows_after, save_checkpoint
 from fecocodec.training.sources import Sources
 from fecocodec.training.step_learning import StepLearner
-from fecocodec.training.training_pass import Coding, bypass_coding, code_with_noise, extract, run_stages
+from fecocodec.training.training_pass import (
+    Coding,
+    bypass_coding,
+    code_with_additive_noise,
+    code_with_noise,
+    extract,
+    paper_loss,
+    run_paper_stages,
+    run_stages,
+)
 
 
 class Trainer:

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from fecocodec.batch import run as run_module
 from fecocodec.batch.outcome import Outcome
 from fecocodec.batch.run import run_batch, write_summary
 from fecocodec.batch.scenes import BatchScene
-from fecocodec.errors import OutputError
+from fecocodec.errors import InputError, OutputError
 from tests.batch.works import Reverse
 
 
@@ -155,3 +156,13 @@ def test_the_summary_is_a_table_in_the_order_of_the_scenes(texts, output: Path) 
     assert rows[0] == ["scene", "status", "bytes", "seconds", "warnings", "output", "error"]
     assert [row[:3] for row in rows[1:]] == [["a", "failed", ""], ["b", "done", "3"]]
     assert rows[1][-1].endswith("the text is bad; write another.")
+
+
+def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_module, "find_spec", lambda _name: None)
+    with pytest.raises(InputError) as caught:
+        run_module.require_cluster_extra()
+    assert str(caught.value) == (
+        "several processes need the package distributed; run `pip install '.[cluster]'` in the project's folder, or "
+        "use one process by `workers=1`."
+    )

@@ -12,7 +12,7 @@ from wall_scene import shots, write_colmap_text, write_transforms
 
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
-from fecocodec.geometry.filling import filled
+from fecocodec.geometry.coding_grid import filled
 from fecocodec.photographs.masks import find_mask, read_mask
 
 read = partial(read_views, near=1.0, far=9.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from fecosplat_cli import batch_options
 
-from fecocodec.batch import cluster_extra
+from fecocodec.batch import run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 FAST = ("--effort", "fast", "--views", "0,1")
@@ -173,7 +173,7 @@ def test_a_scheduler_that_does_not_answer_writes_nothing(
 def test_a_missing_extra_names_it_and_the_way_without(
     fecosplat, networks, scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster_extra, "find_spec", lambda _name: None)
+    monkeypatch.setattr(run, "find_spec", lambda _name: None)
     result = fecosplat("batch", "encode", scenes, "-o", tmp_path / "output")
     assert (result.code, result.out) == (1, "")
     assert result.err == (

@@ -1,4 +1,7 @@
-"""Signals end a command with one line and no part of a file, however early they come."""
+"""Signals end a command with one line and no part of a file, however early they come.
+
+What a command sets for its own process: only what the environment leaves open, and before torch is loaded.
+"""
 
 import os
 import signal
@@ -7,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from fecosplat_cli.process import prepare_process
 
 # Sends the signal to itself when a module is first imported, as a user who presses Ctrl-C at that moment does.
 AT_IMPORT = """
@@ -133,3 +137,18 @@ def test_a_signal_that_is_ignored_stays_ignored() -> None:
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert result.stdout == "True\n"
+
+
+@pytest.mark.parametrize(("given", "kept"), [("7", "7"), (None, "10000")])
+def test_the_environment_has_the_first_word(given: str | None, kept: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MALLOC_ARENA_MAX", "4")  # leaves memory as it is, also that of these tests
+    monkeypatch.setenv("GOMP_SPINCOUNT", given or "")
+    if given is None:
+        monkeypatch.delenv("GOMP_SPINCOUNT")
+    prepare_process()
+    assert os.environ["GOMP_SPINCOUNT"] == kept
+
+
+def test_torch_is_loaded_after_it() -> None:
+    code = "import sys, fecosplat_cli.main; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=Path.home(), check=False).returncode == 0

@@ -1,4 +1,7 @@
-"""The report from made-up measurements: what it says follows from them, and its files stand alone."""
+"""The report from made-up measurements: what it says follows from them, and its files stand alone.
+
+The seconds between messages of progress belong to the message that began them.
+"""
 
 import json
 import re
@@ -9,15 +12,16 @@ import pytest
 from PIL import Image
 
 from fecocodec.errors import InputError
+from fecocodec.evaluation import machine
+from fecocodec.evaluation.machine import StepClock
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front, write_panels
 from fecocodec.evaluation.report.complexity_section import Need
 from fecocodec.evaluation.report.make import html_page
-from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.rate_section import rate_sections
 from fecocodec.evaluation.report.scaling_section import Load, exponent, scaling_section
-from fecocodec.evaluation.report.section import table
+from fecocodec.evaluation.report.section import ReportPlan, table
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.studies import ResultFile, Studies
 from fecocodec.evaluation.stress.suite import Verdict
@@ -169,3 +173,13 @@ def test_panels_are_drawn_beside_each_other(tmp_path: Path) -> None:
     write_panels(charts, tmp_path / "panels.png")
     with Image.open(tmp_path / "panels.png") as picture:
         assert picture.size == (1200, 380)
+
+
+def test_seconds_of_a_step_that_comes_again_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter([10.0, 11.0, 13.0, 16.0, 20.0])
+    monkeypatch.setattr(machine, "perf_counter", lambda: next(times))
+    clock = StepClock()
+    for task in ("matching", "coding", "matching"):
+        clock(task, 0.0)
+    clock.close()
+    assert clock.seconds == {"start": 1.0, "matching": 2.0 + 4.0, "coding": 3.0}

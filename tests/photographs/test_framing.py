@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.limits import DEFAULT_MAX_PIXELS, grid_side
+from fecocodec.grid import grid_side
+from fecocodec.limits import DEFAULT_MAX_PIXELS
 from fecocodec.photographs.framing import common_size, within_limit
 from fecocodec.photographs.lens import Lens
 from fecocodec.photographs.resampling import crop_and_resize

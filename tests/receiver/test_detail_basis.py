@@ -7,7 +7,8 @@ import torch
 
 from fecocodec.config import PAPER, ReceiverConfig
 from fecocodec.errors import ModelError
-from fecocodec.receiver.detail import CELLS, DetailBasis
+from fecocodec.grid import PER_BLOCK
+from fecocodec.receiver.detail import DetailBasis
 from fecocodec.receiver.load import load_receiver, serialise_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.splatting.attributes import RAW
@@ -22,11 +23,12 @@ def test_numbers_of_a_block_change_its_own_gaussians() -> None:
     values = torch.randn(2, PLANES, 2, 3, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
         added = basis(values)
-    assert added.shape == (2, sum(RAW.values()), 2 * CELLS, 3 * CELLS)
+    assert added.shape == (2, sum(RAW.values()), 2 * PER_BLOCK, 3 * PER_BLOCK)
     for view, output, row, column in ((0, 0, 0, 0), (1, 13, 7, 11), (0, 5, 4, 2), (1, 3, 2, 9)):
-        place = ((row % CELLS) * CELLS + column % CELLS) * sum(RAW.values()) + output
+        place = ((row % PER_BLOCK) * PER_BLOCK + column % PER_BLOCK) * sum(RAW.values()) + output
         expected = sum(
-            float(values[view, plane, row // CELLS, column // CELLS]) * float(basis.basis[plane, place].detach())
+            float(values[view, plane, row // PER_BLOCK, column // PER_BLOCK])
+            * float(basis.basis[plane, place].detach())
             for plane in range(PLANES)
         )
         assert float(added[view, output, row, column]) == pytest.approx(expected, abs=1e-6)
@@ -47,7 +49,7 @@ def test_zeros_change_nothing_and_other_numbers_do() -> None:
         assert torch.equal(before, after)
     moved = (changed.means != plain.means).any(dim=-1)[0].view(2, 32, 32)
     assert moved[1, 8:12, 12:16].all()
-    assert int(moved.sum()) == CELLS**2
+    assert int(moved.sum()) == PER_BLOCK**2
 
 
 def test_a_model_without_detail_refuses_it() -> None:

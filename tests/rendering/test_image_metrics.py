@@ -1,12 +1,17 @@
-"""PSNR and SSIM against their definitions."""
+"""PSNR and SSIM against their definitions.
+
+MS-SSIM against an implementation that is not ours.
+"""
 
 import numpy as np
 import pytest
+import pytorch_msssim
 import torch
+import torch.nn.functional as F
 from scipy.ndimage import gaussian_filter
 
 from fecocodec.errors import InputError
-from fecocodec.rendering.metrics import finite_psnr, psnr, ssim
+from fecocodec.rendering.metrics import finite_psnr, ms_ssim, psnr, ssim
 
 
 def noisy_pair(height: int = 31, width: int = 40) -> tuple[torch.Tensor, torch.Tensor]:
@@ -76,3 +81,19 @@ def test_metrics_are_differentiable(metric) -> None:
 def test_ssim_of_a_tiny_image_is_refused() -> None:
     with pytest.raises(InputError, match="10x40 pixels is not defined; give at least 11 pixels a side"):
         ssim(*noisy_pair(10, 40))
+
+
+@pytest.mark.parametrize("size", [(256, 256), (256, 448), (176, 208)])
+def test_agrees_with_another_implementation(size: tuple[int, int]) -> None:
+    generator = torch.Generator().manual_seed(0)
+    images = F.avg_pool2d(torch.rand(2, 3, *size, generator=generator), 5, 1, 2)
+    noisy = (images + 0.2 * torch.randn(2, 3, *size, generator=generator)).clamp(0, 1)
+    expected = pytorch_msssim.ms_ssim(images, noisy, data_range=1.0, size_average=False)
+    torch.testing.assert_close(ms_ssim(images, noisy), expected, atol=2e-5, rtol=0)
+    torch.testing.assert_close(ms_ssim(images, images), torch.ones(2))
+
+
+def test_small_images_are_refused() -> None:
+    image = torch.zeros(1, 3, 175, 300)
+    with pytest.raises(InputError, match="MS-SSIM of an image of 175x300 pixels is not defined; give at least 176"):
+        ms_ssim(image, image)

@@ -1,4 +1,7 @@
-"""Graphs belong to weights: they are complete, were exported from the weights beside them, and say so if not."""
+"""Graphs belong to weights: they are complete, were exported from the weights beside them, and say so if not.
+
+Groups of views: every view once, in order, and as many at a time as their maps allow.
+"""
 
 import shutil
 from pathlib import Path
@@ -10,6 +13,7 @@ from fecocodec import decoding
 from fecocodec.decoding import decode
 from fecocodec.errors import ModelError
 from fecocodec.model_files import GRAPH_NAMES, GRAPHS_FOLDER, RECEIVER_FILE, SHIPPED, model_id_of
+from fecocodec.runtime.view_groups import CELLS_AT_ONCE, groups_of_views
 from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
 from tests.vectors.tiny_model import TINY_MODEL, VECTORS
 
@@ -64,3 +68,28 @@ def test_a_damaged_graph_is_refused(model: Path) -> None:
     (model / GRAPHS_FOLDER / "update.onnx").write_bytes(b"no graph")
     with pytest.raises(ModelError, match=r"update.onnx: onnxruntime cannot load this graph"):
         decode(SCENE.read_bytes(), model=model)
+
+
+@pytest.mark.parametrize(
+    ("grid", "num_threads", "sizes"),
+    [
+        ((2, 64, 64), 2, [1, 1]),
+        ((7, 64, 64), 2, [4, 3]),
+        ((7, 64, 64), 1, [7]),
+        ((16, 128, 128), 2, [1] * 16),
+        ((1, 64, 64), 2, [1]),
+        ((3, 64, 64), 16, [3]),
+        ((3, 256, 256), 2, [1, 1, 1]),
+    ],
+)
+def test_groups_visit_every_view_once(grid: tuple[int, int, int], num_threads: int, sizes: list[int]) -> None:
+    views = list(range(grid[0]))
+    slices, is_parallel = groups_of_views(grid, num_threads)
+    groups = [views[group] for group in slices]
+    assert [view for group in groups for view in group] == views
+    assert [len(group) for group in groups] == sizes
+    at_once = num_threads if is_parallel else 1
+    cells = grid[1] * grid[2]
+    assert all(
+        (len(group) == 1 and not is_parallel) or len(group) * at_once * cells <= CELLS_AT_ONCE for group in groups
+    )

@@ -11,8 +11,8 @@ from fecocodec.coding.quadtree import from_coding_order
 from fecocodec.container import Stream, check_symbol_digest, read_stream
 from fecocodec.errors import BitstreamError, ModelError
 from fecocodec.model_files import find_receiver
+from fecocodec.runtime.decode import StageLatents, decode_stage
 from fecocodec.runtime.graphs import Graphs, graphs_of
-from fecocodec.runtime.latents import StageLatents, decode_stage
 from tests.vectors.symbols import fingerprint
 from tests.vectors.tiny_graphs import tiny_graphs
 from tests.vectors.tiny_model import VECTORS, tiny_model_id

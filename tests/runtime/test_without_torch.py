@@ -1,5 +1,9 @@
-"""`fecosplat decode` and `info` work where torch is not installed; other commands name what to install."""
+"""`fecosplat decode` and `info` work where torch is not installed; other commands name what to install.
 
+Decoding must not report to anybody: wheels of onnxruntime do, unless they are told not to before the import.
+"""
+
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -63,3 +67,16 @@ def test_what_needs_more_names_what_to_install(arguments: list[str], tmp_path: P
     result = fecosplat(*(argument.replace("{}", output) for argument in arguments))
     assert result.returncode == 1
     assert result.stderr.count("\n") == 1 and "pip install '.[sender]'" in result.stderr, result.stderr
+
+
+PROGRAM = "from cli.process import prepare_process; prepare_process(); import fecocodec.runtime.graphs"
+
+
+def test_a_command_leaves_nothing_in_the_home_folder(tmp_path: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("XDG_", "ORT_"))}
+    subprocess.run(
+        [sys.executable, "-B", "-c", PROGRAM],
+        env={**environment, "HOME": str(tmp_path)},
+        check=True,
+    )
+    assert list(tmp_path.rglob("*")) == []

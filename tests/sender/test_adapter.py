@@ -17,10 +17,9 @@ from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.receiver.load import load_receiver
 from fecocodec.sender.adapted import adapted_sender, adopt_codec, load_adapted_sender
-from fecocodec.sender.codec import Codec
+from fecocodec.sender.codec import Codec, load_sender, serialise_sender
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, LargeExtractor
-from fecocodec.sender.load import load_sender, serialise_sender
 from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL, example_cameras, example_views
 

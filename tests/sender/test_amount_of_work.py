@@ -1,6 +1,12 @@
-"""How much work an encoding is, counted: a change that repeats a part fails here, on a machine of any speed."""
+"""How much work an encoding is, counted: a change that repeats a part fails here, on a machine of any speed.
+
+One thread and two give equal bytes and equal Gaussians.
+"""
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,13 +15,16 @@ import torch
 import fecocodec.rendering.cpu as rasteriser
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
+from fecocodec.receiver.decode import decode
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.codec import load_codec
-from fecocodec.sender.encode import encode_with
+from fecocodec.sender.encode import encode, encode_with
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures
+from tests.example_scenes import MODEL, example_views
 
 SIZE = (64, 64)
 
@@ -62,3 +71,28 @@ def test_parts_of_an_encoding(
     codec = load_codec(model_folder(None), "cpu")
     encode_with(codec, views.select(list(range(num_views))), quantise_lambda(lmbda), guides=guides)
     assert counts == most
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def coded_with(count: int, model: Path, num_views: int) -> tuple[bytes, Gaussians]:
+    with threads(count):
+        data = encode(example_views(num_views), lmbda=1e-4, model=model)
+        return data, decode(data, model=model).gaussians
+
+
+@pytest.mark.parametrize("num_views", [2, 5])
+def test_the_number_of_threads_changes_no_bit(random_weights: Path, num_views: int) -> None:
+    data, gaussians = coded_with(1, random_weights / MODEL, num_views)
+    data_of_two, gaussians_of_two = coded_with(2, random_weights / MODEL, num_views)
+    assert data_of_two == data
+    for one, two in zip(gaussians.fields(), gaussians_of_two.fields(), strict=True):
+        assert torch.equal(one, two)

@@ -1,4 +1,7 @@
-"""What the sender renders and optimises is what `decode` emits, rule by rule; what it leaves out is named."""
+"""What the sender renders and optimises is what `decode` emits, rule by rule; what it leaves out is named.
+
+The sender renders a scene as a decoder emits it, with the Gaussians behind near surfaces.
+"""
 
 from dataclasses import replace
 
@@ -8,21 +11,23 @@ import torch
 from fecocodec.checkpoint import model_folder
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.coding.visibility import is_filled_behind, visibility_of
-from fecocodec.container import read_stream, write_stream
-from fecocodec.container.lambda_quantisation import quantise_lambda
+from fecocodec.container import quantise_lambda, read_stream, write_stream
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import normalise_scene
 from fecocodec.geometry.views import Views
-from fecocodec.receiver.decode import decode_with
+from fecocodec.receiver.decode import decode, decode_with
+from fecocodec.rendering.metrics import psnr
+from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.encode import assemble, write_stages
+from fecocodec.sender.encode import assemble, encode, write_stages
 from fecocodec.sender.latent_optimisation import gaussians_of
-from fecocodec.sender.optimisation_config import DEFAULT
+from fecocodec.sender.optimisation_config import DEFAULT, FAST
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.splatting.emission import LEAST_OPACITY
 from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures
+from tests.example_scenes import example_views
 
 SIZE = (64, 96)
 
@@ -77,3 +82,20 @@ def test_feedback_and_objective_show_what_is_decoded(codec: Codec, count: int, i
     assert (sent.count > per_view) == (optimised.count > per_view) == is_filled
     visibility = visibility_of(read_stream(data))
     assert (visibility is not None) == (is_cut_out or (last.fading is not None and bool(last.fading.levels.any())))
+
+
+SIDE = 128
+
+
+@torch.no_grad()
+def test_the_feedback_shows_what_is_decoded() -> None:
+    views, codec = example_views(2, SIDE, SIDE), load_codec(model_folder(None), "cpu")
+    encoder = SceneEncoder.of(codec, prepare_scene(views, codec.device))
+    last = write_stages(encoder, quantise_lambda(1e-3), 2, FAST)[-1]
+    seen = encoder.render(last).scenes[0].color
+    decoded, plain = (
+        decode(encode(views, lmbda=1e-3, effort="fast"), **options) for options in ({}, {"background": None})
+    )
+    shown, without = (render(scene.gaussians, decoded.cameras, (SIDE, SIDE)).color for scene in (decoded, plain))
+    assert float(psnr(seen, shown).mean()) > 60.0
+    assert float(psnr(seen, without).mean()) < 57.0

@@ -54,15 +54,14 @@ def without_mask(views: Views) -> Views:
     return replace(views, ignored=None)
 
 
-@pytest.mark.parametrize("effort", ["fast", "default"])
-def test_what_is_under_a_mask_does_not_change_the_file(room: Views, masked: Views, effort: str) -> None:
+def test_what_is_under_a_mask_does_not_change_the_file(room: Views, masked: Views) -> None:
     other = with_passer_by(room.select([0, 1, 2]), 1, seed=4)
     guides = [with_passer_by(room.select([3, 4]), 0, seed) for seed in (9, 4)]
     assert not torch.equal(masked.images, other.images) and not torch.equal(guides[0].images, guides[1].images)
     small = [views.select([0, 1]) for views in (masked, other)]
-    files = [encode(views, guides=of, effort=effort) for views, of in zip(small, guides, strict=True)]
+    files = [encode(views, guides=of) for views, of in zip(small, guides, strict=True)]
     assert files[0] == files[1]
-    assert encode(without_mask(small[0]), guides=guides[0], effort=effort) != files[0]
+    assert encode(without_mask(small[0]), guides=guides[0]) != files[0]
     qualities = [measure_decoded(files[0], views) for views in small]
     assert qualities[0] == qualities[1] != measure_decoded(files[0], without_mask(small[0]))
 

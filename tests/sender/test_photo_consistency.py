@@ -5,8 +5,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, pixel_rays
-from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.cameras import Cameras, depth_from_relative_disparity, pixel_rays
 from fecocodec.sender.extractors.photo_consistency import LEAST_VARIANCE, RADIUS, photo_consistency
 from fecocodec.sender.extractors.plane_sweep import nearest_views
 from tests.example_scenes import example_cameras, example_views

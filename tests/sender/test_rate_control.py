@@ -15,6 +15,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import measure_decoded, new_view_quality
 from fecocodec.sender.encode import encode_with
+from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target
 from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 from fecocodec.sender.rate_control import (
     NUM_FAST_ENCODINGS,
@@ -23,7 +24,6 @@ from fecocodec.sender.rate_control import (
     encode_to_target_with,
     search,
 )
-from fecocodec.sender.rate_targets import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target
 from fecocodec.sender.view_quality import DecodedQuality
 from tests.example_scenes import MODEL, example_views
 
@@ -99,7 +99,7 @@ def codec(random_weights: Path) -> Codec:
 
 @pytest.fixture(scope="module")
 def views() -> Views:
-    return example_views(3)
+    return example_views(2)
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def test_quality_is_measured_after_each_stage_as_decoded(
 
 def test_views_of_another_number_are_not_measured(views: Views, random_weights: Path) -> None:
     data = encode_with(load_codec(random_weights / MODEL, "cpu"), views, quantise_lambda(1e-2), 1, FAST)
-    with pytest.raises(InputError, match="holds 3 views, but 1 are given"):
+    with pytest.raises(InputError, match="holds 2 views, but 1 are given"):
         measure_decoded(data, views.select([0]), model=random_weights / MODEL)
 
 

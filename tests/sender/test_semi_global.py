@@ -1,4 +1,7 @@
-"""Semi-global aggregation: against the recurrence written out, and on surfaces drowned in noise."""
+"""Semi-global aggregation: against the recurrence written out, and on surfaces drowned in noise.
+
+Depth feedback for stage 2.
+"""
 
 import math
 
@@ -6,6 +9,7 @@ import torch
 from torch import Tensor
 
 from fecocodec.sender.extractors.semi_global import ACROSS_EDGE, EDGE, LARGE_STEP, SMALL_STEP, aggregate_costs
+from fecocodec.sender.matched_depth import DIFFERENCE_SCALE, MatchedDepth, depth_feedback
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 
@@ -94,3 +98,20 @@ def test_threads_change_nothing() -> None:
         assert torch.equal(aggregate_costs(score, one_colour(score)), alone)
     finally:
         torch.set_num_threads(before)
+
+
+MATCHED = torch.full((1, 1, 4, 4), 0.6)
+
+
+def test_a_decoded_depth_that_is_too_far_counts_as_positive_where_views_agree() -> None:
+    consistency = torch.zeros(1, 1, 4, 4)
+    consistency[..., :2] = 1.0
+    feedback = depth_feedback(MatchedDepth(MATCHED, consistency), torch.full((1, 1, 4, 4), 0.5))
+    torch.testing.assert_close(feedback[0, 0, :, :2], torch.full((4, 2), 0.1 * DIFFERENCE_SCALE))
+    assert float(feedback[0, 0, :, 2:].abs().max()) == 0.0
+    torch.testing.assert_close(feedback[:, 1:], consistency)
+
+
+def test_no_gradient_reaches_matching_or_decoding_through_it() -> None:
+    decoded = torch.full((1, 1, 4, 4), 0.5, requires_grad=True)
+    assert not depth_feedback(MatchedDepth(MATCHED, torch.ones(1, 1, 4, 4)), decoded).requires_grad

@@ -10,10 +10,9 @@ from torch import Tensor
 from fecocodec.config import SenderConfig
 from fecocodec.container.lambda_quantisation import quantise_lambda
 from fecocodec.errors import InputError
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec, load_codec, load_sender, serialise_sender
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.latent_optimisation import Objective, Slope, against_gradient, descend
-from fecocodec.sender.load import load_sender, serialise_sender
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT, config_of_effort
 from fecocodec.sender.step_network import LARGEST_LOG_SCALE, StepNetwork
@@ -60,9 +59,9 @@ def test_sharpness_is_the_share_of_the_sharp_network(codec: Codec) -> None:
     def coded(bias: float, sharpness: float = 0.0) -> bytes:
         assert both.sender.steps is not None
         torch.nn.init.constant_(both.sender.steps.log_scale.bias, bias)
-        return encode_with(both, views, LAMBDA_Q, config=replace(config, sharpness=sharpness))
+        return encode_with(both, views, LAMBDA_Q, 1, replace(config, sharpness=sharpness))
 
-    assert coded(0.0, 0.25) == coded(0.25) != coded(0.0) == encode_with(codec, views, LAMBDA_Q, config=config)
+    assert coded(0.0, 0.25) == coded(0.25) != coded(0.0) == encode_with(codec, views, LAMBDA_Q, 1, config)
     assert coded(0.0, 1.0) == coded(1.0) == coded(0.5, 1.0)
     assert coded(0.25, -1.0) == coded(-0.5)  # as far on the other side
 

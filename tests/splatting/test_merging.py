@@ -14,7 +14,7 @@ from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.merging.symmetric_matrices import adjugate_form, from_axes, to_axes
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.rasterizer import render
-from fecocodec.splatting.merging import MergingConfig, merged
+from fecocodec.splatting.emission import MergingConfig, merged
 
 SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-6.fcs"
 SIDE = 32  # Gaussians a side

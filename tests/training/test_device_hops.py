@@ -25,7 +25,7 @@ from fecocodec.sender.model import Sender
 from fecocodec.training import training_pass
 from fecocodec.training.batch import Batch
 from fecocodec.training.configurations import configuration_named
-from fecocodec.training.paper_objective import code_with_additive_noise, run_paper_stages
+from fecocodec.training.training_pass import code_with_additive_noise, run_paper_stages
 
 DEVICE = "meta"
 TINY = 1e-6  # what the host reads: equal intrinsics differ by less, and a near bound is positive

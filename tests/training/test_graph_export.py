@@ -1,4 +1,7 @@
-"""Exported graphs have one form: equal modules and weights give equal bytes, in every run."""
+"""Exported graphs have one form: equal modules and weights give equal bytes, in every run.
+
+The exported form of bilinear sampling is `grid_sample`, at borders and for positions that are no numbers too.
+"""
 
 import subprocess
 import sys
@@ -7,9 +10,11 @@ from pathlib import Path
 import onnx
 import pytest
 import torch
+import torch.nn.functional as F
 from onnx import TensorProto, helper
 
 from fecocodec.training.graphs.canonical import make_canonical
+from fecocodec.training.graphs.exported_forms import BILINEAR, BORDER, sampled
 from fecocodec.training.graphs.specification import GraphInput
 from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
 
@@ -63,3 +68,26 @@ def test_an_export_equals_the_shipped_graphs(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-m", "tests.vectors.tiny_graphs", str(tmp_path)], check=True)
     shipped = {path.name: path.read_bytes() for path in TINY_GRAPHS.iterdir()}
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == shipped, "run `make graphs`"
+
+
+def test_samples_are_those_of_grid_sample() -> None:
+    generator = torch.Generator().manual_seed(0)
+    values = torch.rand(3, 5, 6, 9, generator=generator)
+    positions = 6.0 * torch.rand(3, 7, 8, 2, generator=generator) - 3.0
+    positions[0, 0, :4] = torch.tensor([[-1.0, -1.0], [1.0, 1.0], [1.0, -1.0], [1e20, -1e20]])
+    expected = F.grid_sample(values, positions, padding_mode="border", align_corners=False)
+    found = sampled(values, positions, BILINEAR, BORDER, align_corners=False)
+    torch.testing.assert_close(found, expected, rtol=0.0, atol=2e-6)
+
+
+def test_a_position_that_is_no_number_harms_no_other_sample() -> None:
+    values, positions = torch.rand(1, 2, 4, 4), torch.zeros(1, 1, 2, 2)
+    positions[0, 0, 0] = torch.nan
+    found = sampled(values, positions, BILINEAR, BORDER, align_corners=False)
+    torch.testing.assert_close(found[..., 1], values[:, :, 1:3, 1:3].mean(dim=(2, 3))[..., None])
+
+
+@pytest.mark.parametrize(("mode", "padding", "align_corners"), [(1, BORDER, False), (BILINEAR, 0, False), (0, 1, True)])
+def test_other_modes_are_refused(mode: int, padding: int, align_corners: bool) -> None:
+    with pytest.raises(ValueError, match="has an exported form"):
+        sampled(torch.rand(1, 1, 4, 4), torch.zeros(1, 1, 1, 2), mode, padding, align_corners)

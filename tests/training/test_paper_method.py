@@ -25,10 +25,10 @@ from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import SHARE, build_optimiser
-from fecocodec.training.paper_objective import RatedStage, code_with_additive_noise, paper_loss, run_paper_stages
 from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures
+from fecocodec.training.training_pass import RatedStage, code_with_additive_noise, paper_loss, run_paper_stages
 from tests.example_scenes import example_views
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 
 from fecocodec.runtime.graphs import Graphs
-from fecocodec.training.graphs.exact_linear import with_exact_layers
+from fecocodec.training.graphs.exported_forms import with_exact_layers
 from tests.vectors.tiny_model import TINY_MODEL, empty_prior, load_prior, tiny_model_id
 
 FOLDER = Path(__file__).parent / "tiny_graphs"

@@ -15,7 +15,8 @@ from torch import Tensor
 from fecocodec.checkpoint import model_id_of, serialise_weights
 from fecocodec.coding.fixed_point import export_integers, load_integers
 from fecocodec.coding.priors import LatentPrior
-from fecocodec.receiver.detail import CELLS, NUM_BUCKETS
+from fecocodec.grid import PER_BLOCK
+from fecocodec.receiver.detail import NUM_BUCKETS
 from fecocodec.splatting.attributes import RAW
 
 VECTORS = Path(__file__).resolve().parents[2] / "bitstream_spec" / "vectors"
@@ -81,7 +82,7 @@ def _random_tables(random: Random) -> Tensor:
 
 def _random_basis(random: Random) -> Tensor:
     """Draw multiples of 2^-12 below 1/32 in magnitude, which fp16 holds exactly."""
-    size = CELLS**2 * sum(RAW.values())
+    size = PER_BLOCK**2 * sum(RAW.values())
     values = [[int(256 * random.random()) - 128 for _ in range(size)] for _ in range(DETAIL_PLANES)]
     return torch.tensor(values, dtype=torch.float32) / 4096
 

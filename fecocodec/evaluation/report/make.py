@@ -11,10 +11,9 @@ from fecocodec.evaluation.evaluation import weights_label
 from fecocodec.evaluation.machine import describe_machine
 from fecocodec.evaluation.report.charts import Chart, write_png
 from fecocodec.evaluation.report.complexity_section import complexity_section
-from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.rate_section import rate_sections
 from fecocodec.evaluation.report.scaling_section import scaling_section
-from fecocodec.evaluation.report.section import Section
+from fecocodec.evaluation.report.section import ReportPlan, Section
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.stress_section import stress_section
 from fecocodec.evaluation.report.studies import OnStudy, Studies, measure_studies

@@ -18,8 +18,8 @@ from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_lab
 from fecocodec.evaluation.machine import StepClock
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.report.complexity_section import Need, measure_need, photograph_kib
-from fecocodec.evaluation.report.plan import ReportPlan
 from fecocodec.evaluation.report.scaling_section import LAMBDA, Load, measure_load
+from fecocodec.evaluation.report.section import ReportPlan
 from fecocodec.evaluation.run import measure_all
 from fecocodec.evaluation.stress.box_room import Room, painted, photograph, sideways
 from fecocodec.evaluation.stress.suite import STRESS_LAMBDA, Verdict, read_pairs, run_suite

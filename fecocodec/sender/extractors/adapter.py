@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.grid import FEATURES
 from fecocodec.layers.blocks import BlockChain, PlainBlock2d, PointwiseConv2d, RateCondition
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.scene import Guides
@@ -96,8 +97,8 @@ class AdaptedExtractor(nn.Module):
                 f"extractor {extractor.fingerprint()}: gave features {tuple(features.shape)} for images "
                 f"{tuple(images.shape)}; return one vector of {extractor.num_channels()} channels a pixel."
             )
-        unshuffled = F.pixel_unshuffle(rearrange(features, "b v c h w -> (b v) c h w"), 4)
-        return AdaptedFeatures(unshuffled, unshuffled.new_full((len(unshuffled), 1, h // 4, w // 4), 0.5))
+        unshuffled = F.pixel_unshuffle(rearrange(features, "b v c h w -> (b v) c h w"), FEATURES)
+        return AdaptedFeatures(unshuffled, unshuffled.new_full((len(unshuffled), 1, h // FEATURES, w // FEATURES), 0.5))
 
     @property
     def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:

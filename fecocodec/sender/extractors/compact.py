@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from fecocodec.config import SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import joined_masks
+from fecocodec.grid import FEATURES, VALUES_PER_CELL
 from fecocodec.layers.blocks import PlainBlock2d, PointwiseConv2d, RateCondition, downsample, upsample
 from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
@@ -94,7 +95,7 @@ class CompactExtractor(nn.Module):
         self.up_attended = upsample(config.attention_channels, stem)
         self.matching_head = nn.Conv2d(stem, config.matching_channels, 3, padding=1)
         self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURES))
-        self.input = PointwiseConv2d(2 * stem + config.num_candidates + 3 + 48, fine)
+        self.input = PointwiseConv2d(2 * stem + config.num_candidates + 3 + VALUES_PER_CELL, fine)
         self.fine_in, self.fine_out = PlainBlock2d(fine, fine), PlainBlock2d(fine, fine)
         self.middle_in, self.middle_out = PlainBlock2d(middle, middle), PlainBlock2d(middle, middle)
         self.coarse = nn.Sequential(PlainBlock2d(coarse, coarse), PlainBlock2d(coarse, coarse))
@@ -182,7 +183,7 @@ class CompactExtractor(nn.Module):
         kept: Float[Tensor, "view 1 _ _"] | None,
     ) -> MatchedMaps:
         photographs = _flat(images)
-        probability = (SHARPNESS * aggregate_costs(cost.detach(), F.avg_pool2d(photographs, 4))).softmax(dim=1)
+        probability = (SHARPNESS * aggregate_costs(cost.detach(), F.avg_pool2d(photographs, FEATURES))).softmax(dim=1)
         disparity = _expectation(probability)
         of_views = rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images))
         known = None if kept is None else _reduced(kept, disparity)
@@ -217,7 +218,7 @@ class CompactExtractor(nn.Module):
         self, images: Float[Tensor, "batch view 3 h w"], matching: Matching, condition: RateCondition | None = None
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1: the U-Net applied to appearance, matching results and pixels."""
-        pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, 4)
+        pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, FEATURES)
         maps, disparity = matching.maps, 2.0 * matching.maps.blended - 1.0
         inputs = (matching.appearance, matching.cost / 8.0, maps.consistency, disparity, maps.confidence)
         fine = self.fine_in(self.input(torch.cat((*inputs, pixels), dim=1)))

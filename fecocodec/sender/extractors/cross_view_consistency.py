@@ -6,8 +6,13 @@ from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
-from fecocodec.geometry.depth import depth_from_relative_disparity, relative_disparity_from_depth
+from fecocodec.geometry.cameras import (
+    Cameras,
+    camera_to_world_points,
+    depth_from_relative_disparity,
+    pixel_rays,
+    relative_disparity_from_depth,
+)
 
 TOLERANCE = 0.05  # difference of relative disparity at which the consistency is 1/e
 

@@ -12,8 +12,8 @@ from einops import rearrange
 from jaxtyping import Float, Float32, Int
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.cameras import Cameras, depth_from_relative_disparity
+from fecocodec.grid import FEATURES
 from fecocodec.kernels.compilation import compiled
 from fecocodec.kernels.threads import run_in_ranges
 
@@ -38,7 +38,7 @@ def photo_consistency(
     """
     batch, views, _, height, width = images.shape
     if not sources.shape[-1]:
-        return images.new_zeros(batch, views, num_candidates, height // 4, width // 4)
+        return images.new_zeros(batch, views, num_candidates, height // FEATURES, width // FEATURES)
     half = F.avg_pool2d(rearrange(images, "b v c h w -> (b v) c h w"), 2)
     pictures = rearrange(half, "(b v) c h w -> b v c h w", b=batch).float().cpu().contiguous().numpy()
     relative = torch.linspace(0.0, 1.0, num_candidates, device=images.device)

@@ -7,15 +7,12 @@ from einops import rearrange
 from jaxtyping import Float, Float32, Int
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, pixel_rays
-from fecocodec.geometry.depth import depth_from_relative_disparity
+from fecocodec.geometry.cameras import Cameras, depth_from_relative_disparity, image_positions, pixel_rays
 from fecocodec.kernels.compilation import compiled
 from fecocodec.kernels.threads import run_in_ranges
 
-OUTSIDE = 4.0  # normalised image position of points behind the source camera; outside of every image
 MOST_CORRELATED = 2**14  # maximum number of positions of a view for correlating all pairs
 MAX_PRODUCTS = 2**24  # maximum number of products in memory
-SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
 
 def nearest_views(cameras: Cameras, count: int) -> Int[Tensor, "batch view count"]:
@@ -50,7 +47,8 @@ def cost_volume(
             to_source = world_to_camera[sources[scene, view]] @ cameras.extrinsics[scene, view]
             turned = rays[scene, view] @ to_source[:, :3, :3].transpose(-1, -2)
             points = turned[:, :, None] * depth[scene] + to_source[:, None, None, :3, 3]
-            grid = _grid(points, cameras.intrinsics[scene, sources[scene, view]])
+            positions = image_positions(points.flatten(1, 2), cameras.intrinsics[scene, sources[scene, view]])
+            grid = positions.view(*points.shape[:3], 2)
             volumes.append(correlate(features[scene, view], features[scene, sources[scene, view]], grid))
     return rearrange(torch.stack(volumes), "(b v) (h w) d -> b v d h w", b=batch, h=height)
 
@@ -174,14 +172,3 @@ def _bilinear(
             index.append(pixel[..., 1] * width + pixel[..., 0])
             weight.append(share * inside)
     return torch.stack(index, dim=-1), torch.stack(weight, dim=-1)
-
-
-def _grid(
-    points: Float[Tensor, "source point candidate 3"], intrinsics: Float[Tensor, "source 3 3"]
-) -> Float[Tensor, "source point candidate 2"]:
-    """Project points in source camera coordinates to normalised positions (u, v); OUTSIDE for points behind it."""
-    depth = points[..., 2:]
-    in_front = depth > SMALLEST_DEPTH
-    projected = points @ intrinsics[:, None].transpose(-1, -2)
-    uv = projected[..., :2] / torch.where(in_front, depth, 1.0)
-    return torch.where(in_front, uv.clamp(-OUTSIDE, OUTSIDE), OUTSIDE)

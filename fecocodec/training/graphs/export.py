@@ -17,12 +17,9 @@ from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
 from fecocodec.errors import ModelError
 from fecocodec.receiver.load import load_receiver
-from fecocodec.training.graphs.canonical import make_canonical
-from fecocodec.training.graphs.channels_last import with_exported_blocks
-from fecocodec.training.graphs.exact_linear import with_exact_layers
-from fecocodec.training.graphs.linking import link_weights
+from fecocodec.training.graphs.canonical import link_weights, make_canonical
+from fecocodec.training.graphs.exported_forms import sampled, with_exact_layers, with_exported_blocks
 from fecocodec.training.graphs.networks import network_graphs
-from fecocodec.training.graphs.sampling import sampled
 from fecocodec.training.graphs.specification import Graph, prior_graphs
 
 OPSET = 20  # the first with GELU

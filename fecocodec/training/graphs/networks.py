@@ -7,9 +7,9 @@ from fecocodec.receiver.model import Receiver
 from fecocodec.splatting.background import DEFAULT_BACKGROUND, cell_centres
 from fecocodec.splatting.occluded import occluded_candidates
 from fecocodec.training.graphs import pairs, prediction
-from fecocodec.training.graphs.background import BehindGraph, CandidatesGraph, HideGraph, outside_candidates
+from fecocodec.training.graphs.pairs import BehindGraph, CandidatesGraph, HideGraph, outside_candidates
+from fecocodec.training.graphs.prediction import UpdateGraph
 from fecocodec.training.graphs.specification import Graph, GraphInput
-from fecocodec.training.graphs.update import UpdateGraph
 
 Inputs = dict[str, GraphInput]
 

@@ -4,8 +4,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from fecocodec.sender.extractors.depthsplat_small.transformer import AttentionLayer, Block, ScoreMasks
-from fecocodec.sender.extractors.depthsplat_small.windows import BLOCKED, border_mask, public_masks_of_sources
+from fecocodec.sender.extractors.depthsplat_small.transformer import (
+    BLOCKED,
+    AttentionLayer,
+    Block,
+    ScoreMasks,
+    border_mask,
+    public_masks_of_sources,
+)
 
 H, W, CHANNELS = 4, 8, 128
 WINDOW = (H // 2, W // 2)

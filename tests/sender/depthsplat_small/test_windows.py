@@ -6,7 +6,7 @@ import pytest
 import torch
 from einops import rearrange
 
-from fecocodec.sender.extractors.depthsplat_small.windows import (
+from fecocodec.sender.extractors.depthsplat_small.transformer import (
     BLOCKED,
     border_mask,
     from_windows,

@@ -12,12 +12,11 @@ from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras, pixel_rays
+from fecocodec.geometry.cameras import Cameras, image_positions, pixel_rays
 from fecocodec.sender.extractors.plane_sweep import correlate, nearest_views
 
 NUM_CANDIDATES = 128
 _SMALLEST_DEPTH = 1e-3  # in the source camera, scene units
-_FARTHEST = 4.0  # normalised positions are clamped to [-4, 4]; outside of every image
 
 Positions = Callable[[Cameras, int, int, Float[Tensor, " candidate"], int, int], Tensor]
 """(cameras of a scene, view, source, candidate depths, height, width) -> normalised positions in the source."""
@@ -76,9 +75,7 @@ def _projected(
     """Project the points at each depth along rays of the view into the source, in normalised coordinates."""
     to_source = cameras.world_to_camera[source] @ cameras.extrinsics[view]
     points = (rays @ to_source[:3, :3].T)[:, None] * depths[:, None] + to_source[:3, 3]
-    projected = points @ intrinsics.T
-    uv = projected[..., :2] / projected[..., 2:].clamp_min(_SMALLEST_DEPTH)
-    return uv.clamp(-_FARTHEST, _FARTHEST)
+    return image_positions(points.flatten(0, 1), intrinsics, _SMALLEST_DEPTH).view(len(rays), len(depths), 2)
 
 
 def cost_volume(

@@ -12,7 +12,7 @@ from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
-from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone
+from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone, monocular_features
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
     NUM_CANDIDATES,
     Positions,
@@ -21,14 +21,14 @@ from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
     public_positions,
     source_views,
 )
-from fecocodec.sender.extractors.depthsplat_small.monocular import monocular_features
-from fecocodec.sender.extractors.depthsplat_small.transformer import MultiViewTransformer, ScoreMasks
-from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, CrossViewUNet
-from fecocodec.sender.extractors.depthsplat_small.windows import (
+from fecocodec.sender.extractors.depthsplat_small.transformer import (
+    MultiViewTransformer,
+    ScoreMasks,
     border_mask,
     masks_of_sources,
     public_masks_of_sources,
 )
+from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, CrossViewUNet
 from fecocodec.sender.extractors.vision_transformer import CHANNELS as MONOCULAR_CHANNELS
 from fecocodec.sender.extractors.vision_transformer import VisionTransformer, normalised
 from fecocodec.sender.matched_depth import MatchedDepth
