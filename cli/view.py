@@ -57,7 +57,9 @@ def command(stream: Path, opens_browser: bool, port: int, host: str, model: Path
     require_page(".html")
     with error_context(stream), progress_bar() as on_progress:
         decoded = decode_here(data, model=model, max_pixels=max_pixels, on_progress=on_progress)
-    page, _ = decoded_file(decoded, stream.with_suffix(".html"))
+    page, _, note = decoded_file(decoded, stream.with_suffix(".html"))
+    if note is not None:
+        say(printable(f"note: {stream}: {note}"))
     with PageServer({"index.html": page}, host, port) as server:
         say(printable(f"{stream}: shown at {server.url}/, Ctrl-C ends this"))
         if opens_browser:
