@@ -1,6 +1,6 @@
 """Write decoded Gaussians as one self-contained HTML page that opens from disk.
 
-The page holds the viewer program (1.4 MB) and the Gaussians as SPZ version 3: 1.8 MB in all for 16,203 Gaussians.
+The page holds the viewer program (1.0 MB) and the Gaussians as SPZ version 3: 1.5 MB in all for 16,446 Gaussians.
 Decoder and model alone would take 10 MB after gzip compression, and seconds to decode. The package has the page
 without a scene, which `make web` builds from `web/`.
 """
