@@ -116,7 +116,7 @@ web-test: $(READY) web ## test the decoder in Node and the page in Chromium (CHR
 	cd web && npx tsc -p . && rm -rf build/test build/browser-tests && node build-tests.mjs && node --test build/test/*.mjs
 	@rm -rf web/build/browser && mkdir -p web/build/browser/scenes
 	$(BIN)/python -m web.test.make_scenes web/build/browser/scenes
-	$(BIN)/fecosplat decode bitstream_spec/vectors/valid/scene-$(MODEL).fcs -o web/build/browser/scene.html --overwrite
+	$(BIN)/python -m web.test.make_pages web/build/browser
 	cd web && node --test --test-concurrency 1 build/browser-tests/*.test.mjs
 	$(BIN)/python -m pytest -q web/test/test_results.py tests/cli/test_view.py
 

@@ -50,8 +50,8 @@ Examples:
     "cameras_file",
     type=FILE_PATH,
     metavar="FILE.json",
-    help="Write the coded cameras in the frame of the .ply file, in the layout of nerfstudio (transforms.json), or of "
-    "the 3DGS reference if the file is called cameras.json.",
+    help="Write the coded cameras, in the frame of the input cameras unless --frame is given, in the layout of "
+    "nerfstudio (transforms.json), or of the 3DGS reference if the file is called cameras.json.",
 )
 @click.option(
     "--partial",
@@ -116,7 +116,10 @@ def _write(
     from fecocodec.splat_files.camera_json import write_camera_json
     from fecocodec.splat_files.gaussian_files import decoded_file
 
-    data, cameras = decoded_file(decoded, Path("standard output") if output == STDOUT else output, **writing)
+    place = Path("standard output") if output == STDOUT else output
+    data, cameras, note = decoded_file(decoded, place, **writing)
+    if note is not None:
+        say(printable(f"note: {place}: {note}"))
     with nullcontext() if output == STDOUT else write_atomically(output, overwrite=overwrite) as temporary:
         if temporary is not None:
             temporary.write_bytes(data)

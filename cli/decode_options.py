@@ -2,27 +2,32 @@
 
 from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
 from fecocodec.limits import MAX_SH_DEGREE
-from fecocodec.splat_files.output_formats import FORMATS, PLY, RUB
+from fecocodec.splat_files.output_formats import FORMATS, PLY, RUB, Frame, OutputFormat
 
 from .options import device_option, max_pixels_option, model_option, num_threads, overwrite_option, threads_option
 
 if TYPE_CHECKING:
     from fecocodec import Decoded
 
+
+def _endings(is_meant: Callable[[OutputFormat], bool]) -> str:
+    return ", ".join(of.ending for of in FORMATS if is_meant(of))
+
+
 _OF_DECODING = ("stages", "has_background", "is_merged", "model", "max_pixels", "device")
 _OPTIONS = (
     click.option(
         "--frame",
-        type=click.Choice(["input", "first-camera"]),
-        default="input",
-        show_default=True,
-        help="Coordinate frame of the output: that of the input cameras, or the first camera at the origin, looking "
-        f"along +Z with +Y down, or along -Z with +Y up ({', '.join(of.ending for of in FORMATS if of.axes == RUB)}).",
+        type=click.Choice(get_args(Frame)),
+        help="Coordinate frame of the output and of saved cameras: that of the input cameras, or the first camera at "
+        f"the origin, looking along +Z with +Y down, or along -Z with +Y up ({_endings(lambda of: of.axes == RUB)}). "
+        "upright: the same, level, with the vertical estimated from the cameras.  [default: upright for "
+        f"{_endings(lambda of: of.frame == 'upright')}, else input]",
     ),
     click.option(
         "--spz-version",

@@ -12,7 +12,7 @@ from fecocodec.errors import installation
 
 from .signals import EndingSignals
 
-COMMANDS = ("encode", "decode", "info", "render", "view", "train", "eval", "stress", "batch", "doctor")
+COMMANDS = ("encode", "decode", "info", "render", "view", "web", "train", "eval", "stress", "batch", "doctor")
 INTERRUPTED = 130
 # Libraries of the extra `sender`, by the names under which they are imported.
 SENDER_LIBRARIES = ("torch", "numba", "scipy", "PIL", "OpenEXR", "safetensors", "onnx", "onnxscript")

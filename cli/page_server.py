@@ -14,6 +14,7 @@ _TYPES = {
     "css": "text/css; charset=utf-8",
     "txt": "text/plain; charset=utf-8",
     "json": "application/json",
+    "wasm": "application/wasm",
 }
 
 

@@ -1,11 +1,13 @@
-"""`fecosplat view`: show a .fcs file in the browser."""
+"""`fecosplat view`: show a .fcs file, or Gaussians, in the browser."""
 
+import re
 import webbrowser
 from pathlib import Path
+from urllib.parse import quote
 
 import click
 
-from fecocodec.container import read_stream_file
+from fecocodec.container import read_header, read_stream_file
 from fecocodec.errors import error_context
 
 from .decode_options import decode_here, require_page
@@ -16,17 +18,21 @@ from .paths import require_model
 from .progress import progress_bar
 from .terminal import printable
 
+OF_GAUSSIANS = (".ply", ".spz")
+
 
 @click.command(
     "view",
-    short_help="Show a .fcs file in the browser.",
+    short_help="Show a .fcs file, or Gaussians, in the browser.",
     epilog="""\b
 Examples:
   fecosplat view scene.fcs
+  fecosplat view scene.ply
   fecosplat view scene.fcs --no-browser
+  fecosplat view scene.fcs --decode-in-browser
   fecosplat view scene.fcs --host 0.0.0.0 --port 8000""",
 )
-@click.argument("stream", metavar="FILE.fcs", type=STREAM_PATH)
+@click.argument("scene", metavar="FILE", type=STREAM_PATH)
 @click.option(
     "--browser/--no-browser",
     "opens_browser",
@@ -39,27 +45,73 @@ Examples:
     "--host", default=LOCAL, show_default=True, metavar="ADDRESS",
     help="Address to listen at; 0.0.0.0 shows the page to every machine that reaches this one.",
 )  # fmt: skip
+@click.option(
+    "--decode-in-browser",
+    "decodes_there",
+    is_flag=True,
+    help="Send the .fcs file and the page of `fecosplat web`, which decodes it, instead of decoded Gaussians.",
+)
 @model_option
 @max_pixels_option
 @threads_option
-def command(stream: Path, opens_browser: bool, port: int, host: str, model: Path | None, max_pixels: int) -> None:
-    """Decode FILE.fcs (- for standard input) and show the scene in a page.
+def command(
+    scene: Path,
+    opens_browser: bool,
+    port: int,
+    host: str,
+    decodes_there: bool,
+    model: Path | None,
+    max_pixels: int,
+) -> None:
+    """Show FILE in a page: a .fcs file (- for standard input), which is decoded, or a .ply or .spz file of Gaussians.
 
-    The page is that of `fecosplat decode FILE.fcs -o scene.html`.
+    The page of a .fcs file is that of `fecosplat decode FILE.fcs -o scene.html`.
     It is served until Ctrl-C ends the command, on this machine only unless --host is given. It loads nothing from other
     hosts.
     """
-    data = read_stream_file(stream)
+    if decodes_there:
+        contents, query = _decoding_page(scene, model)
+    else:
+        contents, query = {"index.html": _page(scene, model, max_pixels)}, ""
+    with PageServer(contents, host, port) as server:
+        address = f"{server.url}/{query}"
+        say(printable(f"{scene}: shown at {address}, Ctrl-C ends this"))
+        if opens_browser:
+            webbrowser.open(address)
+        server.serve_forever()
+
+
+def _page(scene: Path, model: Path | None, max_pixels: int) -> bytes:
+    """Return the page that holds the Gaussians of a file."""
+    if scene.suffix.lower() in OF_GAUSSIANS:
+        from fecocodec.input_file import read_file
+        from fecocodec.splat_files.html_page import page_of_file
+
+        return page_of_file(scene, read_file(scene))
+
+    data = read_stream_file(scene)
     require_model(model)
 
     from fecocodec.splat_files.gaussian_files import decoded_file
 
     require_page(".html")
-    with error_context(stream), progress_bar() as on_progress:
+    with error_context(scene), progress_bar() as on_progress:
         decoded = decode_here(data, model=model, max_pixels=max_pixels, on_progress=on_progress)
-    page, _ = decoded_file(decoded, stream.with_suffix(".html"))
-    with PageServer({"index.html": page}, host, port) as server:
-        say(printable(f"{stream}: shown at {server.url}/, Ctrl-C ends this"))
-        if opens_browser:
-            webbrowser.open(server.url)
-        server.serve_forever()
+    page, _, note = decoded_file(decoded, scene.with_suffix(".html"))
+    if note is not None:
+        say(printable(f"note: {scene}: {note}"))
+    return page
+
+
+def _decoding_page(scene: Path, model: Path | None) -> tuple[dict[str, bytes], str]:
+    """Return the files of the page that decodes, with the .fcs file, and the query that makes it open this file."""
+    if scene.suffix.lower() in OF_GAUSSIANS or model is not None:
+        raise click.UsageError("--decode-in-browser sends a .fcs file, and decodes it with a model that ships.")
+    data = read_stream_file(scene)
+    with error_context(scene):
+        read_header(data)
+
+    from fecocodec.splat_files.web_page import decoding_page
+
+    name = re.sub(r"[?#%\\]", "_", scene.name)  # which have a meaning in addresses
+    return {name: data, **decoding_page()}, f"?file={quote(name)}"

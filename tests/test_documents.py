@@ -45,7 +45,7 @@ def option_rows() -> list[tuple[set[str], set[str]]]:
     parsed = []
     for options, names in rows:
         is_all = names.startswith("all")
-        commands = set(COMMANDS) - {names.removeprefix("all but ")} if is_all else set(names.split(", "))
+        commands = set(COMMANDS) - set(names.removeprefix("all but ").split(", ")) if is_all else set(names.split(", "))
         parsed.append((set(re.findall(r"--[a-z-]+", options)), commands))
     return parsed
 

@@ -10,6 +10,7 @@ const output = process.argv[2];
 if (!output) throw new Error("usage: node build.mjs OUTPUT_FOLDER");
 const root = join(import.meta.dirname, "..");
 const { GRAPHS } = await imported("src/receiver/graph-names.ts");
+const { bytesOfText } = await importedText(`${readFileSync(join("src", "viewer", "unpacking.js"), "utf8")}; export { bytesOfText };`);
 const weights = join(root, "fecocodec", "weights");
 
 const before = existsSync(join(output, "scene.html")) ? readFileSync(join(output, "scene.html"), "utf8") : "";
@@ -23,10 +24,13 @@ const options = {
   legalComments: "none", // the pages have the notices
   metafile: true,
   define: { "import.meta.url": "self.location.href" },
+  plugins: [{ name: "wasm-apart", setup: (plugins) => plugins.onLoad({ filter: /spark\.module\.js$/ }, withoutWasm) }],
 };
+let sparkWasm; // of Spark: in its program it is base64, which hardly compresses
 const page = await scenePage();
 // The page is tracked; versions of Node compress the same program to other bytes.
-writeFileSync(join(output, "scene.html"), unpacked(before) === unpacked(page) ? before : page);
+const isSame = before.includes('id="wasm"') && unpacked(before) === unpacked(page);
+writeFileSync(join(output, "scene.html"), isSame ? before : page);
 const models = modelsWithGraphs();
 if (models.length > 0) await decoderPage();
 else console.log("no model has all graphs of the receiver: the page that decodes in the browser is left out");
@@ -38,35 +42,66 @@ async function decoderPage() {
     entryPoints: { viewer: "src/viewer/viewer.ts", decoder: "src/viewer/decoder-worker.ts" },
     outdir: output,
   });
-  for (const name of ["index.html", "viewer.css"]) copyFileSync(join("src", "viewer", name), join(output, name));
+  writeFileSync(join(output, "spark.wasm"), sparkWasm);
+  for (const name of ["index.html", "viewer.css", "spark.js"]) copyFileSync(join("src", "viewer", name), join(output, name));
   copyFileSync(join("node_modules", "onnxruntime-web", "dist", "ort-wasm-simd-threaded.wasm"), join(output, "ort.wasm"));
   copyFileSync(join(root, "fecocodec", "entropy", "symbol_tables.bin"), join(output, "symbol_tables.bin"));
   writeFileSync(join(output, "models.json"), JSON.stringify(models.map(copyModel)));
   writeFileSync(join(output, "licences.txt"), licences(metafile));
 }
 
-/** Return a page with its program decompressed. */
+/** Return the program of Spark, which waits for its WebAssembly in `globalThis.sparkWasm`, a promise of its bytes. */
+function withoutWasm({ path }) {
+  const program = readFileSync(path, "utf8");
+  const embedded = /const WASM = decode64\("([A-Za-z0-9+/=]+)"\)\.buffer;\s*const WASM_MODULE = WebAssembly\.compile\(WASM\);/;
+  const [all, wasm] = embedded.exec(program) ?? [];
+  if (!all) throw new Error(`${path}: its WebAssembly is not where it was; look how this version embeds it.`);
+  sparkWasm = Buffer.from(wasm, "base64");
+  return { contents: program.replace(all, "const WASM_MODULE = globalThis.sparkWasm.then(WebAssembly.compile);"), loader: "js" };
+}
+
+/** Return a page with its packed parts as bytes, one character each. */
 function unpacked(page) {
-  const isProgram = /H4sI[A-Za-z0-9+/=]{1000,}/;
-  return page.replace(isProgram, (data) => gunzipSync(Buffer.from(data, "base64")).toString("utf8"));
+  const parts = /(?<=id="(?:program|wasm|notices)">)[^<]+/g;
+  return page.replace(parts, (text) => gunzipSync(bytesOfText(text)).toString("latin1"));
+}
+
+/** Return bytes after gzip compression as text: the number of padding bytes, then five characters for four bytes. */
+function packed(bytes) {
+  const data = gzipSync(bytes, { level: 9, memLevel: 7 });
+  const padding = -data.length & 3;
+  const whole = Buffer.concat([data, Buffer.alloc(padding)]);
+  const codes = [48 + padding];
+  for (let at = 0; at < whole.length; at += 4) {
+    const word = whole.readUInt32BE(at);
+    for (let power = 85 ** 4; power >= 1; power /= 85) codes.push(40 + (Math.floor(word / power) % 85));
+  }
+  return Buffer.from(codes.map((code) => (code === 60 ? 33 : code))).toString("latin1"); // "!" for "<"
 }
 
 /** Return the exports of a TypeScript module. */
 async function imported(path) {
   const { outputFiles } = await build({ entryPoints: [path], write: false, format: "esm" });
-  return import(`data:text/javascript;base64,${Buffer.from(outputFiles[0].contents).toString("base64")}`);
+  return importedText(outputFiles[0].contents);
+}
+
+function importedText(text) {
+  return import(`data:text/javascript;base64,${Buffer.from(text).toString("base64")}`);
 }
 
 /** Return the self-contained page; Python replaces its SCENE and GAUSSIANS. */
 async function scenePage() {
+  const unpacking = readFileSync(join("src", "viewer", "unpacking.js"), "utf8").trim();
   const { outputFiles, metafile } = await build({ ...options, entryPoints: ["src/viewer/scene-page.ts"], write: false });
   const parts = {
     STYLE: readFileSync(join("src", "viewer", "viewer.css"), "utf8"),
-    NOTICES: licences(metafile),
-    PROGRAM: gzipSync(outputFiles[0].contents, { level: 9 }).toString("base64"),
+    NOTICES: packed(licences(metafile)),
+    WASM: packed(sparkWasm),
+    PROGRAM: packed(outputFiles[0].contents),
+    UNPACKING: unpacking,
   };
   const page = readFileSync(join("src", "viewer", "scene-page.html"), "utf8");
-  return Object.entries(parts).reduce((text, [name, part]) => text.replace(`/*${name}*/`, () => part), page);
+  return page.replace(/\/\*(STYLE|NOTICES|WASM|PROGRAM|UNPACKING)\*\//g, (_, name) => parts[name]);
 }
 
 /** Return the folders of the models whose receiver is exported as a whole. */

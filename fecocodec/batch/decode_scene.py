@@ -30,7 +30,7 @@ class DecodeScene:
     suffix: str = ".ply"
     decode: Decode = ON_ONE_THREAD
     decode_options: tuple[tuple[str, Any], ...] = ()
-    frame: Frame = "input"
+    frame: Frame | None = None
     sh_degree: int | None = None
     spz_version: SpzVersion = 3
 
@@ -55,8 +55,11 @@ class DecodeScene:
             decoded = self.decode(data)
         except _OF_STREAM as error:
             raise _named(error, path) from error
-        written, _ = decoded_file(decoded, Path(f"{name}{self.suffix}"), **self._writing())
-        return Result(written, details={"gaussians": decoded.gaussians.count, "stages": decoded.stages})
+        written = decoded_file(decoded, Path(f"{name}{self.suffix}"), **self._writing())
+        details: dict[str, Any] = {"gaussians": decoded.gaussians.count, "stages": decoded.stages}
+        if written.note is not None:
+            details["notes"] = [written.note]
+        return Result(written.data, details=details)
 
 
 def _named(error: FecoError, path: Path) -> FecoError:

@@ -2,12 +2,13 @@
 
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import OutputError
+from fecocodec.geometry.upright import to_upright_frame, vertical
 from fecocodec.input_file import StrPath
 from fecocodec.splat_files.gaussian_arrays import (
     CameraArrays,
@@ -17,6 +18,8 @@ from fecocodec.splat_files.gaussian_arrays import (
     gaussian_arrays,
 )
 from fecocodec.splat_files.output_formats import Frame, SpzVersion, format_of
+
+NO_VERTICAL = "the cameras do not agree on which way is up, so the up direction of the first one is taken."
 
 
 def write_gaussians(
@@ -59,22 +62,44 @@ def gaussian_bytes(
     return data
 
 
-def decoded_file(
-    decoded: Any, path: Path, *, frame: Frame = "input", sh_degree: int | None = None, spz_version: SpzVersion = 3
-) -> tuple[bytes, CameraArrays]:
-    """Return the bytes of the file `path` of a decoded scene (`fecocodec.Decoded`), and the cameras in its frame.
+class DecodedFile(NamedTuple):
+    """What `decoded_file` makes. cameras: in the frame that was asked for, else in that of the input cameras.
 
-    frame: that of the input cameras, or that of the first camera. Other arguments and errors are those of
-    `write_gaussians`.
+    note: one sentence if the file should stand upright and the cameras do not show which way is up, else None.
+    """
+
+    data: bytes
+    cameras: CameraArrays
+    note: str | None
+
+
+def decoded_file(
+    decoded: Any, path: Path, *, frame: Frame | None = None, sh_degree: int | None = None, spz_version: SpzVersion = 3
+) -> DecodedFile:
+    """Return the bytes of the file `path` of a decoded scene (`fecocodec.Decoded`), and its cameras.
+
+    frame: that of the input cameras, that of the first camera, or the upright one; None for that of the format, which
+    the returned cameras do not follow. Other arguments and errors are those of `write_gaussians`.
     """
     gaussians = gaussian_arrays(decoded.gaussians, str(path))
     cameras = camera_arrays(decoded.cameras, decoded.image_size)
-    if frame == "first-camera":
-        gaussians, cameras = in_frame_of_first_camera(gaussians, cameras)
-    return gaussian_bytes(path, gaussians, cameras, sh_degree, spz_version), cameras
+    moved_gaussians, moved_cameras, note = in_frame(frame or format_of(path).frame, gaussians, cameras)
+    data = gaussian_bytes(path, moved_gaussians, moved_cameras, sh_degree, spz_version)
+    return DecodedFile(data, cameras if frame is None else moved_cameras, note)
 
 
-def in_frame_of_first_camera(gaussians: OutputGaussians, cameras: CameraArrays) -> tuple[OutputGaussians, CameraArrays]:
-    """Move the first camera to the origin, with the axes of the world: +X right, +Y down, +Z forward in .ply files."""
-    world_to_camera = np.linalg.inv(cameras.extrinsics[0])
-    return gaussians.transformed(world_to_camera), cameras.transformed(world_to_camera)
+def in_frame(
+    frame: Frame, gaussians: OutputGaussians, cameras: CameraArrays
+) -> tuple[OutputGaussians, CameraArrays, str | None]:
+    """Move a scene to a frame; returns it, and a note if the cameras do not show which way is up, else None.
+
+    first-camera: the first camera is at the origin, with the axes of the world: +X right, +Y down, +Z forward in .ply
+    files. upright: so are the vertical and, levelled, the first camera.
+    """
+    if frame == "input":
+        return gaussians, cameras, None
+    pose, note = np.linalg.inv(cameras.extrinsics[0]), None
+    if frame == "upright":
+        up, is_agreed = vertical(cameras.extrinsics)
+        pose, note = to_upright_frame(cameras.extrinsics, up), None if is_agreed else NO_VERTICAL
+    return gaussians.transformed(pose), cameras.transformed(pose), note

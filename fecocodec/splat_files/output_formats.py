@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-Frame = Literal["input", "first-camera"]
+Frame = Literal["input", "first-camera", "upright"]
 SpzVersion = Literal[3, 4]
-RDF = "frame of the input cameras"
+RDF = "those of the input cameras"
 RUB = "RUB: `.ply` with y and z negated"
 
 
@@ -21,7 +21,7 @@ class OutputFormat:
     ending: of file names, in lower case, with its dot. module: name of the file of this folder that writes it.
     title: for `--help`. contents, precision, axes: cells of the table in docs/output_formats.md.
     may_be_empty: whether a file can hold no Gaussians. sh_degree: degree of the harmonics unless another one is asked
-    for, with zeros above that of the Gaussians; 0 for their own degree.
+    for, with zeros above that of the Gaussians; 0 for their own degree. frame: unless another one is asked for.
     """
 
     ending: str
@@ -32,6 +32,7 @@ class OutputFormat:
     axes: str
     may_be_empty: bool = False
     sh_degree: int = 0
+    frame: Frame = "input"
 
 
 PLY = OutputFormat(
@@ -77,6 +78,7 @@ FORMATS = (
         "glTF 2.0 with `KHR_gaussian_splatting`, float32, and the coded cameras",
         "exact",
         RUB,
+        frame="upright",  # glTF defines which way is up
     ),
     OutputFormat(
         ".html",
@@ -85,6 +87,7 @@ FORMATS = (
         "a page that shows the scene, with the Gaussians as SPZ 3",
         "as `.spz`",
         "",
+        frame="upright",
     ),
 )
 ENDINGS = tuple(of.ending for of in FORMATS)
@@ -98,5 +101,6 @@ def format_of(path: Path) -> OutputFormat:
 
 def table_of_formats() -> str:
     """Return the table of docs/output_formats.md."""
-    head = "| ending | contents | precision | axes |\n|---|---|---|---|\n"
-    return head + "".join(f"| `{of.ending}` | {of.contents} | {of.precision} | {of.axes} |\n" for of in FORMATS)
+    head = "| ending | contents | precision | axes | frame |\n|---|---|---|---|---|\n"
+    rows = (f"| `{of.ending}` | {of.contents} | {of.precision} | {of.axes} | {of.frame} |\n" for of in FORMATS)
+    return head + "".join(rows)

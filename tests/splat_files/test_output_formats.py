@@ -6,11 +6,13 @@ import shutil
 import struct
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import gsply
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.errors import OutputError
@@ -19,7 +21,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.rasterizer import render
 from fecocodec.splat_files.camera_json import write_camera_json
 from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputGaussians, gaussian_arrays
-from fecocodec.splat_files.gaussian_files import in_frame_of_first_camera, write_gaussians
+from fecocodec.splat_files.gaussian_files import NO_VERTICAL, decoded_file, in_frame, write_gaussians
 from fecocodec.splat_files.ply import read_ply
 
 CONVERTER = shutil.which("splat-transform")
@@ -181,20 +183,66 @@ def rendered(gaussians: OutputGaussians, cameras: CameraArrays) -> torch.Tensor:
 
 def test_the_frame_of_the_first_camera_renders_alike():
     gaussians, cameras = some_gaussians(count=800), some_cameras()
-    moved, moved_cameras = in_frame_of_first_camera(gaussians, cameras)
+    moved, moved_cameras, _ = in_frame("first-camera", gaussians, cameras)
     np.testing.assert_allclose(moved_cameras.extrinsics[0], np.eye(4), atol=1e-12)
     before, after = rendered(gaussians, cameras), rendered(moved, moved_cameras)
     assert before.std() > 0.05
     torch.testing.assert_close(after, before, rtol=0, atol=2e-3)
 
 
+def tilted_cameras(tilt: np.ndarray) -> CameraArrays:
+    """Return cameras that turn about the vertical and look up and down, all of them tilted by a rotation."""
+    cameras = some_cameras(5)
+    turns = Rotation.from_euler("YX", [[-20, -25], [-5, 0], [0, -10], [15, 5], [30, -30]], degrees=True)
+    cameras.extrinsics[:, :3, :3] = turns.as_matrix()
+    pose = np.eye(4)
+    pose[:3, :3] = tilt
+    return cameras.transformed(pose)
+
+
+def test_the_upright_frame_renders_alike_and_is_level():
+    cameras = tilted_cameras(Rotation.from_euler("ZX", [25, 40], degrees=True).as_matrix())
+    gaussians = some_gaussians(count=800)
+    moved, moved_cameras, note = in_frame("upright", gaussians, cameras)
+    before, after = rendered(gaussians, cameras), rendered(moved, moved_cameras)
+    assert before.std() > 0.05
+    torch.testing.assert_close(after, before, rtol=0, atol=2e-3)
+    assert note is None
+    assert np.abs(moved_cameras.extrinsics[:, 1, 0]).max() < np.sin(np.radians(1))  # right axes are level
+    np.testing.assert_allclose(moved_cameras.extrinsics[0, :3, 3], 0, atol=1e-12)
+    assert moved_cameras.extrinsics[0, 2, 2] > 0.8
+
+
+def test_cameras_that_do_not_show_which_way_is_up_are_told():
+    cameras = some_cameras(4)
+    headings = Rotation.from_euler("YX", [[heading, -90] for heading in (0, 90, 180, 270)], degrees=True)
+    cameras.extrinsics[:, :3, :3] = headings.as_matrix()
+    _, moved, note = in_frame("upright", some_gaussians(10), cameras)
+    assert note == NO_VERTICAL
+    np.testing.assert_allclose(moved.extrinsics[0], np.eye(4), atol=1e-12)
+
+
 def test_harmonics_above_degree_1_turn_only_if_they_are_zero():
     gaussians, cameras = some_gaussians(count=50), some_cameras()
-    moved, _ = in_frame_of_first_camera(gaussians, cameras)
-    padded, _ = in_frame_of_first_camera(gaussians.padded(3), cameras)
+    moved, _, _ = in_frame("first-camera", gaussians, cameras)
+    padded, _, _ = in_frame("first-camera", gaussians.padded(3), cameras)
     assert np.array_equal(padded.harmonics[:, :4], moved.harmonics) and padded.harmonics.shape[1] == 16
     with pytest.raises(OutputError, match="harmonics above degree 1 cannot be changed"):
-        in_frame_of_first_camera(some_gaussians(count=50, d_sh=9), cameras)
+        in_frame("first-camera", some_gaussians(count=50, d_sh=9), cameras)
+
+
+def test_saved_cameras_follow_the_frame_that_was_asked_for_and_not_that_of_the_format(tmp_path):
+    gaussians, cameras = some_gaussians(10), tilted_cameras(np.diag([-1.0, -1.0, 1.0]))
+    fields = (cameras.extrinsics, cameras.intrinsics, cameras.near, cameras.far)
+    decoded = SimpleNamespace(gaussians=gaussians, cameras=SimpleNamespace(fields=lambda: fields), image_size=(96, 128))
+    ply, glb, level, as_input = (
+        decoded_file(decoded, tmp_path / name, frame=frame)
+        for name, frame in (("a.ply", None), ("a.glb", None), ("b.glb", "upright"), ("c.glb", "input"))
+    )
+    assert np.array_equal(ply.cameras.extrinsics, cameras.extrinsics)
+    assert np.array_equal(glb.cameras.extrinsics, cameras.extrinsics)
+    assert glb.data == level.data != as_input.data
+    assert level.cameras.extrinsics[0, 1, 1] > 0.8 > cameras.extrinsics[0, 1, 1]
 
 
 def test_spz_is_of_version_3_unless_4_is_asked_for(tmp_path):

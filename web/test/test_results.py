@@ -1,6 +1,7 @@
 """Compare what the browser tests left in web/build/browser with the Python receiver. Run by `make web-test`.
 
-`pageN.png` are screenshots of the self-contained page at the coded cameras, `page-thumbnailN.png` its thumbnails.
+`pageN.png` are screenshots of the self-contained page at the coded cameras, `page-thumbnailN.png` its thumbnails, and
+`ply.png` and `spz.png` pictures of pages of Gaussians without cameras.
 If the page that decodes was built, `cameraN.png` are its screenshots, `thumbnailN.png` its thumbnails,
 `preview1.png` is its picture after stage 1, `scene.ply` and `scene.spz` its downloads, and `views-N.ply` are its
 downloads for the scenes of `make_scenes.py`.
@@ -15,10 +16,12 @@ import pytest
 import torch
 from PIL import Image
 
+from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import Decoded, decode
 from fecocodec.rendering.rasterizer import render
-from fecocodec.splat_files.gaussian_arrays import gaussian_arrays
+from fecocodec.splat_files.gaussian_arrays import CameraArrays, gaussian_arrays
+from fecocodec.splat_files.gaussian_files import in_frame
 from fecocodec.splat_files.html_page import FOLDER
 from fecocodec.splat_files.ply import read_ply
 from fecocodec.splat_files.spz import spz_bytes
@@ -84,6 +87,26 @@ def test_the_self_contained_page_resembles_the_rendering(decoded: Decoded, view:
     assert psnr(decoded, view, RESULTS / f"page{view + 1}.png") > LEAST_PSNR
 
 
+@pytest.mark.parametrize("kind", ["ply", "spz"])
+def test_the_first_view_of_gaussians_alone_is_that_from_the_origin_to_their_middle(decoded: Decoded, kind: str) -> None:
+    size = (300, 450)
+    extrinsics, intrinsics, near, far = (field.numpy().astype(float) for field in decoded.cameras.fields())
+    cameras = CameraArrays(extrinsics, intrinsics, float(near), float(far), size)
+    gaussians, _, _ = in_frame("first-camera", gaussian_arrays(decoded.gaussians, "scene"), cameras)
+    forward = np.quantile(gaussians.means, 0.5, axis=0, method="lower")
+    forward /= np.linalg.norm(forward)
+    right = np.cross([0.0, 1.0, 0.0], forward)
+    right /= np.linalg.norm(right)
+    pose = torch.eye(4)
+    pose[:3, :3] = torch.from_numpy(np.stack((right, np.cross(forward, right), forward), axis=1)).float()
+    lens = torch.tensor([[0.9 * size[0] / size[1], 0, 0.5], [0, 0.9, 0.5], [0, 0, 1]])
+    camera = Cameras(pose[None], lens[None], torch.tensor(float(near)), torch.tensor(float(far)))
+    tensors = Gaussians(*(torch.from_numpy(field).float() for field in gaussians.fields()))
+    with torch.no_grad():
+        rendering = render(tensors, camera, size).color[0].clamp(0, 1)
+    assert psnr_of(rendering, RESULTS / f"{kind}.png") > LEAST_PSNR
+
+
 @pytest.mark.parametrize("view", [0, 1])
 def test_the_thumbnails_resemble_the_rendering(decoded: Decoded, view: int) -> None:
     """They are as large as these small images."""
@@ -111,6 +134,11 @@ def psnr(decoded: Decoded, view: int, screenshot: Path) -> float:
     """Return the PSNR of a screenshot against the rendering of the decoded Gaussians at a coded camera."""
     with torch.no_grad():
         rendered = render(decoded.gaussians, decoded.cameras, decoded.image_size).color[view].clamp(0, 1)
+    return psnr_of(rendered, screenshot)
+
+
+def psnr_of(rendered: torch.Tensor, screenshot: Path) -> float:
+    """Return the PSNR of a screenshot against a rendering, [3 height width] in [0, 1]."""
     shown = np.asarray(Image.open(screenshot).convert("RGB"), dtype=np.float64) / 255
     error = np.square(shown - rendered.permute(1, 2, 0).double().numpy()).mean()
     return float(-10 * np.log10(error))

@@ -1,6 +1,7 @@
 /** One opened file: its decoder worker, and what the page shows of it. */
 
 import { Refusal } from "../container/refusal";
+import { middleOf } from "./camera-path";
 import type { Reply, Request, Summary } from "./messages";
 import { element, Facts, markCamera, showCameras, showProblem, showStatus } from "./panel";
 import type { SceneView } from "./scene-view";
@@ -54,9 +55,10 @@ export class OpenedFile {
   private start(summary: Summary): void {
     this.summary = summary;
     this.facts.addSummary(summary);
-    this.view.setCameras(summary.cameras);
+    const first = middleOf(summary.cameras.views);
+    this.view.setCameras(summary.cameras, first);
     showCameras(summary.cameras.views.length, (index) => this.goTo(index));
-    markCamera(0);
+    markCamera(first);
     if (summary.damage) showProblem(`${this.name}: ${summary.damage}`);
     showStatus(`${this.name}: loading the decoder`);
   }

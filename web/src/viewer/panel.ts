@@ -24,12 +24,17 @@ export function showCameras(count: number, onChoice: (index: number) => void): v
   const buttons = Array.from({ length: count }, (_, index) => {
     const button = document.createElement("button");
     button.type = "button";
-    button.textContent = `Camera ${index + 1}`;
+    button.textContent = `View ${index + 1}`;
     button.addEventListener("click", () => onChoice(index));
     return button;
   });
   element("cameras").replaceChildren(...buttons);
   element("cameras").hidden = false;
+  showNavigation();
+}
+
+/** Show the buttons that move the camera. */
+export function showNavigation(): void {
   element("navigation").hidden = false;
 }
 

@@ -90,12 +90,68 @@ test("the buttons of the coded cameras show what they see, and the keyboard reac
   await page.click("#cameras button:nth-child(2)");
   assert.notEqual(await drawn(page), start);
   await page.keyboard.press("Shift+Tab");
-  assert.equal(await page.evaluate(() => document.activeElement?.textContent), "Camera 1");
+  assert.equal(await page.evaluate(() => document.activeElement?.textContent), "View 1");
   await page.keyboard.press("Enter");
   assert.equal(await drawn(page), start);
   assert.deepEqual(problems, []);
   await page.close();
 });
+
+test("the play button moves through the views, and a tap stops it", async () => {
+  const { page, problems } = await open(browser, FROM_DISK, 420, 300);
+  await waitForScene(page);
+  const start = await drawn(page);
+  await page.click("#play");
+  assert.equal(await page.getAttribute("#play", "aria-pressed"), "true");
+  await page.waitForFunction((before) => (document.getElementById("canvas") as HTMLCanvasElement).toDataURL() !== before, start);
+  await page.mouse.click(210, 250);
+  assert.equal(await page.getAttribute("#play", "aria-pressed"), "false");
+  await page.click("#cameras button:nth-child(1)");
+  assert.equal(await drawn(page), start);
+  assert.deepEqual(problems, []);
+  await page.close();
+});
+
+/** Drag from right to left over most of the page. */
+async function dragFar(page: Page): Promise<Buffer> {
+  await page.mouse.move(180, 64);
+  await page.mouse.down();
+  await page.mouse.move(10, 64, { steps: 6 });
+  await page.mouse.up();
+  return settled(page);
+}
+
+test("the camera stays where the views see, with a hint, unless it is let go", async () => {
+  const { page } = await openScene(FROM_DISK);
+  await page.evaluate(() => {
+    const hints: string[] = ((window as unknown as { hints: string[] }).hints = []);
+    const hint = document.getElementById("hint")!;
+    new MutationObserver(() => hints.push(hint.textContent!)).observe(hint, { childList: true });
+  });
+  const held = await dragFar(page);
+  const hints = await page.evaluate(() => (window as unknown as { hints: string[] }).hints);
+  assert.ok(hints.some((hint) => hint.startsWith("The views show no more from here.")));
+  await page.keyboard.press("n");
+  assert.equal(await page.getAttribute("#stay", "aria-pressed"), "false");
+  await press(page, "1");
+  const free = await dragFar(page);
+  writeFileSync(join(RESULTS, "held.png"), held);
+  writeFileSync(join(RESULTS, "free.png"), free);
+  assert.ok(!free.equals(held));
+  await page.close();
+});
+
+for (const ending of ["ply", "spz"]) {
+  test(`a page of a .${ending} file alone shows its Gaussians`, async () => {
+    const { page, problems } = await open(browser, FROM_DISK.replace("scene.html", `${ending}.html`), 450, 300);
+    await waitForScene(page);
+    assert.match(await page.innerText("#status"), /^scene: [0-9,]+ Gaussians$/);
+    assert.equal(await page.isVisible("#cameras"), false);
+    writeFileSync(join(RESULTS, `${ending}.png`), Buffer.from((await drawn(page)).split(",")[1], "base64"));
+    assert.deepEqual(problems, []);
+    await page.close();
+  });
+}
 
 test("flying moves with the keys", async () => {
   const { page } = await openScene(FROM_DISK);

@@ -1,0 +1,3 @@
+/** Fetches the WebAssembly of Spark while its program loads. */
+
+globalThis.sparkWasm = fetch("spark.wasm").then((response) => response.arrayBuffer());
