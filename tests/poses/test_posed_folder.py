@@ -26,7 +26,7 @@ from fecocodec.poses.estimated_cameras import (
 )
 from fecocodec.poses.pose_estimation import reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
-from fecocodec.poses.posed_folder import _left_out, _weak_pairs, posed_folder
+from fecocodec.poses.posed_folder import _left_out, _obstacle, posed_folder
 from fecocodec.poses.pycolmap_steps import refine
 from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
 
@@ -226,7 +226,7 @@ def test_unrelated_photographs_are_refused(tmp_path):
     for name in ("a.png", "b.png", "c.png"):
         noise = Image.fromarray(generator.integers(0, 256, (30, 40, 3), dtype=np.uint8))
         noise.resize((320, 240), Image.Resampling.BICUBIC).save(tmp_path / name)
-    assert "a.png and b.png: 0 matches" in refusal(tmp_path)
+    assert "no camera poses can be estimated (no two photographs have matches); take" in refusal(tmp_path)
 
 
 def test_two_identical_photographs_are_refused(tmp_path):
@@ -349,6 +349,15 @@ def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons
         assert all(reason in warning for reason in reasons)
 
 
+@pytest.mark.parametrize(("explained", "is_warned"), [(0.7, False), (0.69, True)])
+def test_cameras_that_contradict_matches_are_warned_of(explained: float, is_warned: bool):
+    found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {}, (0.1, 0.1), explained=explained)
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False)])
+    assert ["they contradict 31% of the matches between two parts of them;" in one for one in warnings] == [
+        True
+    ] * is_warned
+
+
 @pytest.mark.parametrize(
     ("ambiguity", "reason"),
     [
@@ -384,22 +393,24 @@ def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monke
     models = iter([{0: Model(6)}, {}, {0: Model(66)}, {0: Model(90)}])
     mapper = type("Mapper", (), {"incremental_mapping": lambda *_arguments: next(models)})
     monkeypatch.setattr(pycolmap_steps, "_mapping_options", lambda *_arguments: None)
-    attempts = ((8.0, 60, 24),) * 4
-    best = pycolmap_steps.map_photographs(mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, 100, 4)
+    monkeypatch.setattr(pycolmap_steps, "cut_weak_links", lambda *_arguments: None)
+    attempts, points = ((8.0, 60, 24),) * 4, {("a", "b"): (np.zeros((100, 2)), np.zeros((100, 2)))}
+    best = pycolmap_steps.map_photographs(mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, points, 4)
     assert len(best.points3D) == 66
     assert len(list(models)) == 1
 
 
-@pytest.mark.parametrize(("names", "end"), [("abc", "0 matches"), ("abcd", "and 3 more pairs")])
-def test_pairs_with_few_matches_are_counted(names: str, end: str) -> None:
-    found = Reconstruction((), 0.0, 0.0, {}, None)
-    assert _weak_pairs(list(names), found).endswith(end)
-
-
-def test_one_pair_is_singular() -> None:
-    matches = {pair: 500 for pair in (("a", "b"), ("a", "c"))}
-    found = Reconstruction((), 0.0, 0.0, matches, None)
-    assert _weak_pairs(list("abcd"), found).endswith("b and d: 0 matches and 1 more pair")
+@pytest.mark.parametrize(
+    ("matches", "reason"),
+    [
+        ({}, "no two photographs have matches"),
+        ({("a", "b"): 16, ("b", "c"): 19}, "b and c have the most matches, 19, but 20 are needed"),
+        # Pairs without matches are no reason where others have enough.
+        ({("a", "b"): 138}, "the matches do not determine camera positions, as if the camera only turned"),
+    ],
+)
+def test_why_nothing_is_estimated_is_said(matches: dict[tuple[str, str], int], reason: str) -> None:
+    assert _obstacle(Reconstruction((), 0.0, 0.0, matches, None)) == reason
 
 
 def test_features_under_masks_are_not_used(tmp_path):
@@ -443,15 +454,18 @@ def test_masks_are_turned_with_their_photographs(is_upright, tmp_path):
 
 
 def test_why_a_photograph_is_left_out_is_said() -> None:
-    """Many matches do not help where few of them lead to points that the others determine."""
-    matches = {("0", "a"): 29, ("0", "b"): 138, ("1", "c"): 138}
+    """Many matches do not help where few of them lead to points that the others determine, and few may be enough."""
+    matches = {("0", "a"): 29, ("0", "b"): 138, ("1", "c"): 138, ("a", "e"): 200}
     cameras = cameras_at((0, 0, 0), (1, 0, 0))
-    found = Reconstruction(cameras, 0.3, 8.0, matches, None, reached={"b": 11, "c": 96})
-    assert _left_out([Path(name) for name in "01abcd"], found) == [
-        "a is left out: at most 29 matches with another photograph; take it again with more overlap.",
-        "b is left out: it shows 11 points whose position the others determine, too few for a camera; add photographs "
+    found = Reconstruction(cameras, 0.3, 8.0, matches, None, reached={"a": 16, "b": 11, "c": 96})
+    assert _left_out([Path(name) for name in "01abcde"], found) == [
+        "a is left out: it shows 16 points whose position the others determine, but no camera fits them; something "
+        "moved, or parts of the scene look alike.",
+        "b is left out: it shows 11 points whose position the others determine, and a camera needs 12; add photographs "
         "between it and the others.",
         "c is left out: it shows 96 points whose position the others determine, but no camera fits them; something "
         "moved, or parts of the scene look alike.",
         "d is left out: no matches with another photograph; take it again with more overlap.",
+        "e is left out: it shows no points whose position the others determine, and a camera needs 12; add photographs "
+        "between it and the others.",
     ]
