@@ -44,6 +44,7 @@ def map_photographs(
     Weakly joined parts are cut off before. points: verified matches of all pairs. count: of photographs.
     is_focal_fixed: whether the initial focal lengths are kept.
     """
+    pycolmap.set_random_seed(SEED)  # of this thread
     best, most = None, (0, 0.0)
     num_matches = sum(len(first) for first, _ in points.values())
     for number, attempt in enumerate(attempts):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageFilter
 from scipy.ndimage import map_coordinates
 
 from fecocodec.camera_files.find import has_cameras
@@ -14,7 +14,7 @@ from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import Lens
-from fecocodec.poses import pycolmap_steps
+from fecocodec.poses import pycolmap_matching, pycolmap_steps
 from fecocodec.poses.estimated_cameras import (
     Ambiguity,
     EstimatedCamera,
@@ -27,6 +27,7 @@ from fecocodec.poses.estimated_cameras import (
 from fecocodec.poses.pose_estimation import reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
 from fecocodec.poses.posed_folder import _left_out, _obstacle, posed_folder
+from fecocodec.poses.pycolmap_matching import read_points
 from fecocodec.poses.pycolmap_steps import refine
 from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
 
@@ -391,7 +392,8 @@ class Model:
 def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monkeypatch):
     """A reconstruction of all photographs from few of their matches is usually wrong."""
     models = iter([{0: Model(6)}, {}, {0: Model(66)}, {0: Model(90)}])
-    mapper = type("Mapper", (), {"incremental_mapping": lambda *_arguments: next(models)})
+    steps = {"incremental_mapping": lambda *_arguments: next(models), "set_random_seed": lambda _seed: None}
+    mapper = type("Mapper", (), {name: staticmethod(step) for name, step in steps.items()})
     monkeypatch.setattr(pycolmap_steps, "_mapping_options", lambda *_arguments: None)
     monkeypatch.setattr(pycolmap_steps, "cut_weak_links", lambda *_arguments: None)
     attempts, points = ((8.0, 60, 24),) * 4, {("a", "b"): (np.zeros((100, 2)), np.zeros((100, 2)))}
@@ -432,8 +434,29 @@ def test_features_under_masks_are_not_used(tmp_path):
 
 def keypoints_of(folder: Path) -> dict[str, np.ndarray]:
     """Return the columns of the features of each photograph."""
-    with pycolmap.Database.open(folder / "colmap" / "database.db") as opened:
-        return {image.name: opened.read_keypoints(image.image_id)[:, 0] for image in opened.read_all_images()}
+    return {name: points[:, 0] for name, points in read_points(pycolmap, folder / "colmap" / "database.db").items()}
+
+
+def test_many_large_photographs_have_the_same_features_in_less_time(tmp_path, monkeypatch):
+    """Where the photograph without enlargement gives too few features, it is enlarged as a small one."""
+    sharp = Image.open(PHOTOGRAPHS[0]).convert("L")
+    sharp.save(tmp_path / "sharp.png")
+    sharp.filter(ImageFilter.GaussianBlur(12)).save(tmp_path / "blurred.png")
+    groups = [ImageGroup(("blurred.png", "sharp.png"), 400.0, is_known=False)]
+    monkeypatch.setattr(pycolmap_matching, "_MANY", 2)
+    monkeypatch.setattr(pycolmap_matching, "_MOST_FEATURES_OF_MANY", 200)
+    found = []
+    for least in (1 << 30, 1):
+        monkeypatch.setattr(pycolmap_matching, "_LARGE", least)
+        database = tmp_path / f"{least}.db"
+        pycolmap.Database.open(database).close()
+        pycolmap_matching.extract_features(pycolmap, database, tmp_path, groups, 1)
+        found.append(read_points(pycolmap, database))
+    enlarged, fast = found
+    assert np.array_equal(enlarged["blurred.png"], fast["blurred.png"])
+    nearest = np.linalg.norm(enlarged["sharp.png"][:, None] - fast["sharp.png"], axis=2).min(axis=0)
+    assert len(nearest) >= 200
+    assert 0 < np.median(nearest) < 0.5 and (nearest < 1.0).mean() > 0.8
 
 
 @pytest.mark.parametrize("is_upright", [False, True])
