@@ -9,16 +9,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from fecocodec.photographs.lens import Lens, distort
 from fecocodec.poses.estimated_cameras import EstimatedCamera, pose_difference
+from fecocodec.poses.likely_pairs import Pair
 from fecocodec.poses.turned_camera import Points
 from fecocodec.poses.two_view_fit import LOSS_SCALE_PX, TwoViewMatches
 
 _MOST_MATCHES = 200  # of a pair, evenly chosen
 _UNDISTORTION_STEPS = 20
 
-MatchedPoints = Mapping[tuple[str, str], tuple[Points, Points]]
+MatchedPoints = Mapping[Pair, tuple[Points, Points]]
+Errors = Float[np.ndarray, " _"]
 
 
 @dataclass(frozen=True)
@@ -56,25 +59,34 @@ def least_difference(best: Estimate, estimates: list[Estimate]) -> tuple[float, 
 def match_cost(estimate: Estimate, names: frozenset[str], points: MatchedPoints) -> float:
     """Return the mean of log(1 + (e / s)^2) over the matches between photographs of these names; 0 without matches.
 
-    e: Sampson distance in pixels; for points behind a camera, their error at infinity. s: LOSS_SCALE_PX.
+    e: error of a match in pixels. s: LOSS_SCALE_PX.
     """
-    camera_of = {camera.name: camera for camera in estimate.cameras}
-    total, count = 0.0, 0
-    for (first, second), matched in points.items():
-        if first in names and second in names:
+    cameras = tuple(camera for camera in estimate.cameras if camera.name in names)
+    errors = np.concatenate([np.zeros(0), *match_errors(cameras, points).values()])
+    return float(np.log1p((errors / LOSS_SCALE_PX) ** 2).sum() / max(1, len(errors)))
+
+
+def match_errors(cameras: tuple[EstimatedCamera, ...], points: MatchedPoints) -> dict[Pair, Errors]:
+    """Return the errors in pixels of at most _MOST_MATCHES matches of each pair of these cameras.
+
+    Sampson distances; for points behind a camera, their error at infinity.
+    """
+    camera_of = {camera.name: camera for camera in cameras}
+    errors = {}
+    for pair, matched in points.items():
+        if len(matched[0]) and all(name in camera_of for name in pair):
             chosen = np.linspace(0, len(matched[0]) - 1, min(len(matched[0]), _MOST_MATCHES)).round().astype(int)
-            pair = camera_of[first], camera_of[second]
-            total += _pair_cost(pair, (matched[0][chosen], matched[1][chosen]))
-            count += len(chosen)
-    return total / max(1, count)
+            first, second = (camera_of[name] for name in pair)
+            errors[pair] = _pair_errors((first, second), (matched[0][chosen], matched[1][chosen]))
+    return errors
 
 
-def _pair_cost(cameras: tuple[EstimatedCamera, EstimatedCamera], points: tuple[Points, Points]) -> float:
+def _pair_errors(cameras: tuple[EstimatedCamera, EstimatedCamera], points: tuple[Points, Points]) -> Errors:
     first, second = (_undistorted(camera.lens, seen) for camera, seen in zip(cameras, points, strict=True))
     pose = np.linalg.inv(cameras[1].camera_to_world) @ cameras[0].camera_to_world
     direction = pose[:3, 3] / max(1e-12, float(np.linalg.norm(pose[:3, 3])))
     matches = TwoViewMatches(first, second, (cameras[0].lens.fx, cameras[1].lens.fx), prior=0.0)
-    return matches.with_cost(pose[:3, :3], direction, 1.0).cost / LOSS_SCALE_PX**2
+    return matches.errors_in_front_px(pose[:3, :3], direction, 1.0)
 
 
 def _undistorted(lens: Lens, points: Points) -> Points:

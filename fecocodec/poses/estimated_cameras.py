@@ -58,7 +58,8 @@ class Reconstruction:
     directions between cameras, in degrees, from the nearest other estimate, which starts from another focal length; see
     `pose_difference`. It is None if all others lack a camera, and for two photographs. ambiguity: of two photographs;
     None for more. is_turned: whether the camera only turned; nothing is then estimated. reached: number of features
-    that match a reconstructed point, of each photograph without a camera that has any.
+    that match a reconstructed point, of each photograph without a camera that has any. explained: the smallest share of
+    the matches between two parts of the photographs that the cameras explain.
     """
 
     cameras: tuple[EstimatedCamera, ...]
@@ -69,6 +70,7 @@ class Reconstruction:
     ambiguity: Ambiguity | None = None
     is_turned: bool = False
     reached: dict[str, int] = field(default_factory=dict)
+    explained: float = 1.0
 
 
 def pose_difference(

@@ -8,6 +8,9 @@ those that are not registered without it. If two are registered, their cameras a
 directions (`two_photographs`).
 """
 
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +40,12 @@ from fecocodec.poses.pycolmap_steps import (
 )
 from fecocodec.poses.turned_camera import Points, only_turned
 from fecocodec.poses.two_photographs import reconstruct_pair
+from fecocodec.poses.weak_links import least_explained
 
 LEAST_ANGLE = 1.0  # degrees, median angle between the rays of a point; with less, depth is not determined
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.
 _ATTEMPTS = ((8.0, 60, 24), (4.0, 40, 18), (2.0, 25, 14), (1.0, 20, 12))
+LEAST_MATCHES, LEAST_POINTS = _ATTEMPTS[-1][1:]
 _ALL_ATTEMPTS_UP_TO = 20  # photographs; of more, the first and the last attempt are made
 _STARTS = (1.0, 4 / 3, 0.6)  # initial focal lengths of the estimates, relative to that of EXIF data or a usual lens
 _ALL_STARTS_UP_TO = 12  # photographs; two estimates of few can agree and be wrong
@@ -67,14 +72,14 @@ def reconstruct(
     match_pairs(pycolmap, database, pairs, num_threads, is_guided=is_pair)
     matches = verified_matches(pycolmap, database)
     points = _all_points(features, matches)
-    estimates = _estimates(pycolmap, database, folder, workspace / "once", groups, points, [])
+    estimates = _estimates(pycolmap, database, folder, workspace / "once", groups, points, [], num_threads)
     registered = max((one.names for one in estimates), key=len, default=frozenset())
     if not is_pair and (again := pairs_to_match_again(_counts(matches), set(features) - registered)):
         forget_matches(pycolmap, database, again)
         match_pairs(pycolmap, database, again, num_threads, is_guided=True)
         matches = verified_matches(pycolmap, database)
         points = _all_points(features, matches)
-        estimates = _estimates(pycolmap, database, folder, workspace / "again", groups, points, estimates)
+        estimates = _estimates(pycolmap, database, folder, workspace / "again", groups, points, estimates, num_threads)
     if not estimates:
         return Reconstruction((), 0.0, 0.0, _counts(matches), None)
     best = best_estimate(estimates, points)
@@ -85,6 +90,7 @@ def reconstruct(
         _counts(matches),
         least_difference(best, estimates),
         reached=reached_points(best.model, matches),
+        explained=least_explained(best.cameras, points),
     )
     if len(best.cameras) > 2:
         return found
@@ -100,8 +106,9 @@ def _estimates(
     groups: list[ImageGroup],
     points: MatchedPoints,
     earlier: list[Estimate],
+    num_threads: int,
 ) -> list[Estimate]:
-    """Return `earlier` and estimates from several initial focal lengths.
+    """Return `earlier` and estimates from several initial focal lengths, the first two of which run side by side.
 
     With more than _ALL_STARTS_UP_TO photographs, two that agree on nearly all photographs are enough. For two
     photographs, two estimates start their fit. With fixed focal lengths, two differ in the choice of the first pair.
@@ -109,29 +116,34 @@ def _estimates(
     is_fixed = any(group.is_fixed for group in groups)
     count = sum(len(group.names) for group in groups)
     attempts = _ATTEMPTS if count <= _ALL_ATTEMPTS_UP_TO else (_ATTEMPTS[0], _ATTEMPTS[-1])
-    estimates = list(earlier)
-    for number, start in enumerate(_STARTS[: 2 if is_fixed or count == 2 else None]):
+
+    def estimate(number: int) -> list[Estimate]:
+        place = workspace / str(number)
+        place.mkdir(parents=True)
+        own = Path(shutil.copy(database, place))
         if not is_fixed:
-            set_focal_lengths(pycolmap, database, [start * group.focal_px for group in groups])
-        model = map_photographs(
-            pycolmap,
-            database,
-            folder,
-            workspace / str(number),
-            attempts[-1:] if number or earlier else attempts,
-            sum(len(first) for first, _ in points.values()),
-            count,
-            is_focal_fixed=is_fixed,
-        )
+            set_focal_lengths(pycolmap, own, [_STARTS[number] * group.focal_px for group in groups])
+        tried = attempts[-1:] if number or earlier else attempts
+        model = map_photographs(pycolmap, own, folder, place, tried, points, count, is_focal_fixed=is_fixed)
         if model is None:
-            continue
+            return []
         model = refine(pycolmap, model, count, is_focal_fixed=is_fixed)
-        estimates.append(Estimate(cameras_of(model), model))
-        best = best_estimate(estimates, points)
-        is_confirmed = is_agreement(least_difference(best, estimates))
-        if is_confirmed and count > _ALL_STARTS_UP_TO and len(best.cameras) >= _NEARLY_ALL * count:
-            break
-    return estimates
+        return [Estimate(cameras_of(model), model)]
+
+    # pycolmap maps without Python's lock.
+    with ThreadPoolExecutor(1 if num_threads == 1 else 2) as threads:
+        estimates = [*earlier, *chain(*threads.map(estimate, range(2)))]
+    if is_fixed or count == 2 or (count > _ALL_STARTS_UP_TO and _is_confirmed(estimates, points, count)):
+        return estimates
+    return [*estimates, *estimate(2)]
+
+
+def _is_confirmed(estimates: list[Estimate], points: MatchedPoints, count: int) -> bool:
+    """Return whether the best estimate has nearly all photographs, and another one agrees with it."""
+    if not estimates:
+        return False
+    best = best_estimate(estimates, points)
+    return is_agreement(least_difference(best, estimates)) and len(best.cameras) >= _NEARLY_ALL * count
 
 
 def _is_turned(

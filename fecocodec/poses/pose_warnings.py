@@ -5,6 +5,7 @@ from fecocodec.poses.estimated_cameras import Ambiguity, ImageGroup, Reconstruct
 # Limits of a warning, chosen on training scenes (docs/inputs.md): change of the focal length, and differences of a
 # second estimate in degrees.
 _FOCAL_CHANGE, _ROTATION_DIFFERENCE, _DIRECTION_DIFFERENCE = 1.5, 1.5, 5.0
+_LEAST_EXPLAINED = 0.7  # of the matches between two parts of the photographs
 # Two photographs: ratio of focal lengths that explain the matches equally well, and degrees to another direction.
 _FOCAL_SPAN, _OTHER_DIRECTION = 1.7, 15.0
 
@@ -20,6 +21,8 @@ def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> lis
         reasons.append(f"the estimated focal length is {change:.2f} times the initial one")
     if found.ambiguity is None:
         reasons += _differences(found.difference, is_fixed=is_fixed)
+        if found.explained < _LEAST_EXPLAINED:
+            reasons.append(f"they contradict {1 - found.explained:.0%} of the matches between two parts of them")
     if not reasons:
         return []
     remedy = (

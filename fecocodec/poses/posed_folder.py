@@ -16,7 +16,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice
 from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
-from fecocodec.poses.pose_estimation import LEAST_ANGLE, reconstruct
+from fecocodec.poses.pose_estimation import LEAST_ANGLE, LEAST_MATCHES, LEAST_POINTS, reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
 from fecocodec.poses.unposed_photographs import (
     MAX_PHOTOGRAPHS,
@@ -26,7 +26,7 @@ from fecocodec.poses.unposed_photographs import (
     upright_masks,
 )
 
-_FEW_MATCHES = 30  # of a pair; named in messages
+_MANY_MATCHES = 30  # of a pair; such pairs are counted in a note
 # Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
 _DEPTH_MARGIN = 1.3
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -78,7 +78,7 @@ def posed_folder(
         workspace = root / "colmap"
         workspace.mkdir()
         reconstruction = reconstruct(root, groups, workspace, num_threads, masks)
-        _require_cameras(name or str(folder), photographs, reconstruction)
+        _require_cameras(name or str(folder), reconstruction)
         for path in set(root.iterdir()) - {
             workspace,
             masks,
@@ -118,7 +118,7 @@ def _unread(folder: Path) -> list[str]:
     return [f"{', '.join(unread[:3])}{more} {verb} of a kind that cannot be read; {conversion_advice(paths)}."]
 
 
-def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) -> None:
+def _require_cameras(name: str, found: Reconstruction) -> None:
     """Raise InputError if the reconstruction is not usable."""
     if found.is_turned:
         raise InputError(
@@ -126,8 +126,7 @@ def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) 
             "matches), so depth is unknown; move the camera sideways between photographs."
         )
     if len(found.cameras) < 2:
-        weak = _weak_pairs([path.name for path in photographs], found)
-        raise InputError(f"{name}: no camera poses can be estimated ({weak}); {_REMEDY}.")
+        raise InputError(f"{name}: no camera poses can be estimated ({_obstacle(found)}); {_REMEDY}.")
     if found.angle < LEAST_ANGLE:
         raise InputError(
             f"{name}: the photographs seem to be taken from one position (median angle between rays "
@@ -135,15 +134,14 @@ def _require_cameras(name: str, photographs: list[Path], found: Reconstruction) 
         )
 
 
-def _weak_pairs(names: list[str], found: Reconstruction) -> str:
-    """Describe the pairs with the fewest matches."""
-    pairs = [(first, second) for index, first in enumerate(sorted(names)) for second in sorted(names)[index + 1 :]]
-    weakest = sorted((found.matches.get(pair, 0), pair) for pair in pairs)
-    few = [f"{first} and {second}: {count} matches" for count, (first, second) in weakest if count < _FEW_MATCHES]
-    if not few:
-        return "the matches do not determine camera positions, as if the camera only turned"
-    more = f" and {len(few) - 3} more {_pairs(len(few) - 3)}" if len(few) > 3 else ""
-    return "; ".join(few[:3]).replace(";", ",") + more
+def _obstacle(found: Reconstruction) -> str:
+    """Return why no pair of photographs can be reconstructed."""
+    if not found.matches:
+        return "no two photographs have matches"
+    most, (first, second) = max((count, pair) for pair, count in found.matches.items())
+    if most < LEAST_MATCHES:
+        return f"{first} and {second} have the most matches, {most}, but {LEAST_MATCHES} are needed"
+    return "the matches do not determine camera positions, as if the camera only turned"
 
 
 def _pairs(count: int) -> str:
@@ -157,11 +155,11 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     if all(group.is_fixed for group in groups):
         focal = "as given"
     lens = cameras[0].lens
-    shared = [count for count in found.matches.values() if count >= _FEW_MATCHES]
+    shared = [count for count in found.matches.values() if count >= _MANY_MATCHES]
     return [
         f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
         f"{found.reprojection_error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
-        f"{len(shared)} {_pairs(len(shared))} with {_FEW_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
+        f"{len(shared)} {_pairs(len(shared))} with {_MANY_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
         f"for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
     ]
 
@@ -171,14 +169,12 @@ def _left_out(photographs: list[Path], found: Reconstruction) -> list[str]:
     registered, warnings = {camera.name for camera in found.cameras}, list[str]()
     for path in photographs:
         if path.name not in registered:
-            most = max((count for pair, count in found.matches.items() if path.name in pair), default=0)
             reached = found.reached.get(path.name, 0)
-            if most < _FEW_MATCHES:
-                reason = f"at most {most} matches" if most else "no matches"
-                reason += " with another photograph; take it again with more overlap"
-            elif reached < _FEW_MATCHES:
-                reason = f"it shows {reached or 'no'} points whose position the others determine, too few for a camera"
-                reason += "; add photographs between it and the others"
+            if not any(path.name in pair for pair in found.matches):
+                reason = "no matches with another photograph; take it again with more overlap"
+            elif reached < LEAST_POINTS:
+                reason = f"it shows {reached or 'no'} points whose position the others determine, and a camera needs "
+                reason += f"{LEAST_POINTS}; add photographs between it and the others"
             else:
                 reason = f"it shows {reached} points whose position the others determine, but no camera fits them"
                 reason += "; something moved, or parts of the scene look alike"

@@ -88,8 +88,13 @@ class TwoViewMatches:
         return (ab * b - bb * a) / determinant, (aa * b - ab * a) / determinant
 
     def with_cost(self, rotation: Rotations, direction: Direction, zoom: float) -> TwoViewFit:
-        """Return the fit with its cost. A point behind a camera counts with the error of a point at infinity."""
-        fit = TwoViewFit(rotation, direction, zoom, 0.0)
+        """Return the fit with its cost."""
+        errors = self.errors_in_front_px(rotation, direction, zoom)
+        cost = LOSS_SCALE_PX**2 * np.log1p((errors / LOSS_SCALE_PX) ** 2).sum()
+        return TwoViewFit(rotation, direction, zoom, float(cost))
+
+    def errors_in_front_px(self, rotation: Rotations, direction: Direction, zoom: float) -> Float[np.ndarray, " match"]:
+        """Return the Sampson distances. A point behind a camera has at least the error of a point at infinity."""
         errors = np.abs(self.errors_px(rotation, direction, zoom))
         turned = self.rays(zoom)[0] @ rotation.T
         front = turned[:, 2] > 1e-6
@@ -97,11 +102,9 @@ class TwoViewMatches:
         at_infinity[front] = np.linalg.norm(
             turned[front, :2] / turned[front, 2:] * zoom * self.focal_px[1] - self.second[front], axis=1
         )
-        depths = self.depths(fit)
+        depths = self.depths(TwoViewFit(rotation, direction, zoom, 0.0))
         is_behind = (depths[0] < 0) | (depths[1] < 0)
-        errors = np.where(is_behind, np.maximum(errors, np.minimum(at_infinity / np.sqrt(2), 1e6)), errors)
-        cost = LOSS_SCALE_PX**2 * np.log1p((errors / LOSS_SCALE_PX) ** 2).sum()
-        return TwoViewFit(rotation, direction, zoom, float(cost))
+        return np.where(is_behind, np.maximum(errors, np.minimum(at_infinity / np.sqrt(2), 1e6)), errors)
 
     def penalised(self, fit: TwoViewFit) -> float:
         """Return the cost with the prior on the focal length."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageFilter
 from scipy.ndimage import map_coordinates
 
 from fecocodec.camera_files.find import has_cameras
@@ -14,7 +14,7 @@ from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import Lens
-from fecocodec.poses import pycolmap_steps
+from fecocodec.poses import pycolmap_matching, pycolmap_steps
 from fecocodec.poses.estimated_cameras import (
     Ambiguity,
     EstimatedCamera,
@@ -26,7 +26,8 @@ from fecocodec.poses.estimated_cameras import (
 )
 from fecocodec.poses.pose_estimation import reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
-from fecocodec.poses.posed_folder import _left_out, _weak_pairs, posed_folder
+from fecocodec.poses.posed_folder import _left_out, _obstacle, posed_folder
+from fecocodec.poses.pycolmap_matching import read_points
 from fecocodec.poses.pycolmap_steps import refine
 from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
 
@@ -226,7 +227,7 @@ def test_unrelated_photographs_are_refused(tmp_path):
     for name in ("a.png", "b.png", "c.png"):
         noise = Image.fromarray(generator.integers(0, 256, (30, 40, 3), dtype=np.uint8))
         noise.resize((320, 240), Image.Resampling.BICUBIC).save(tmp_path / name)
-    assert "a.png and b.png: 0 matches" in refusal(tmp_path)
+    assert "no camera poses can be estimated (no two photographs have matches); take" in refusal(tmp_path)
 
 
 def test_two_identical_photographs_are_refused(tmp_path):
@@ -349,6 +350,15 @@ def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons
         assert all(reason in warning for reason in reasons)
 
 
+@pytest.mark.parametrize(("explained", "is_warned"), [(0.7, False), (0.69, True)])
+def test_cameras_that_contradict_matches_are_warned_of(explained: float, is_warned: bool):
+    found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {}, (0.1, 0.1), explained=explained)
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False)])
+    assert ["they contradict 31% of the matches between two parts of them;" in one for one in warnings] == [
+        True
+    ] * is_warned
+
+
 @pytest.mark.parametrize(
     ("ambiguity", "reason"),
     [
@@ -382,24 +392,27 @@ class Model:
 def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monkeypatch):
     """A reconstruction of all photographs from few of their matches is usually wrong."""
     models = iter([{0: Model(6)}, {}, {0: Model(66)}, {0: Model(90)}])
-    mapper = type("Mapper", (), {"incremental_mapping": lambda *_arguments: next(models)})
+    steps = {"incremental_mapping": lambda *_arguments: next(models), "set_random_seed": lambda _seed: None}
+    mapper = type("Mapper", (), {name: staticmethod(step) for name, step in steps.items()})
     monkeypatch.setattr(pycolmap_steps, "_mapping_options", lambda *_arguments: None)
-    attempts = ((8.0, 60, 24),) * 4
-    best = pycolmap_steps.map_photographs(mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, 100, 4)
+    monkeypatch.setattr(pycolmap_steps, "cut_weak_links", lambda *_arguments: None)
+    attempts, points = ((8.0, 60, 24),) * 4, {("a", "b"): (np.zeros((100, 2)), np.zeros((100, 2)))}
+    best = pycolmap_steps.map_photographs(mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, points, 4)
     assert len(best.points3D) == 66
     assert len(list(models)) == 1
 
 
-@pytest.mark.parametrize(("names", "end"), [("abc", "0 matches"), ("abcd", "and 3 more pairs")])
-def test_pairs_with_few_matches_are_counted(names: str, end: str) -> None:
-    found = Reconstruction((), 0.0, 0.0, {}, None)
-    assert _weak_pairs(list(names), found).endswith(end)
-
-
-def test_one_pair_is_singular() -> None:
-    matches = {pair: 500 for pair in (("a", "b"), ("a", "c"))}
-    found = Reconstruction((), 0.0, 0.0, matches, None)
-    assert _weak_pairs(list("abcd"), found).endswith("b and d: 0 matches and 1 more pair")
+@pytest.mark.parametrize(
+    ("matches", "reason"),
+    [
+        ({}, "no two photographs have matches"),
+        ({("a", "b"): 16, ("b", "c"): 19}, "b and c have the most matches, 19, but 20 are needed"),
+        # Pairs without matches are no reason where others have enough.
+        ({("a", "b"): 138}, "the matches do not determine camera positions, as if the camera only turned"),
+    ],
+)
+def test_why_nothing_is_estimated_is_said(matches: dict[tuple[str, str], int], reason: str) -> None:
+    assert _obstacle(Reconstruction((), 0.0, 0.0, matches, None)) == reason
 
 
 def test_features_under_masks_are_not_used(tmp_path):
@@ -421,8 +434,29 @@ def test_features_under_masks_are_not_used(tmp_path):
 
 def keypoints_of(folder: Path) -> dict[str, np.ndarray]:
     """Return the columns of the features of each photograph."""
-    with pycolmap.Database.open(folder / "colmap" / "database.db") as opened:
-        return {image.name: opened.read_keypoints(image.image_id)[:, 0] for image in opened.read_all_images()}
+    return {name: points[:, 0] for name, points in read_points(pycolmap, folder / "colmap" / "database.db").items()}
+
+
+def test_many_large_photographs_have_the_same_features_in_less_time(tmp_path, monkeypatch):
+    """Where the photograph without enlargement gives too few features, it is enlarged as a small one."""
+    sharp = Image.open(PHOTOGRAPHS[0]).convert("L")
+    sharp.save(tmp_path / "sharp.png")
+    sharp.filter(ImageFilter.GaussianBlur(12)).save(tmp_path / "blurred.png")
+    groups = [ImageGroup(("blurred.png", "sharp.png"), 400.0, is_known=False)]
+    monkeypatch.setattr(pycolmap_matching, "_MANY", 2)
+    monkeypatch.setattr(pycolmap_matching, "_MOST_FEATURES_OF_MANY", 200)
+    found = []
+    for least in (1 << 30, 1):
+        monkeypatch.setattr(pycolmap_matching, "_LARGE", least)
+        database = tmp_path / f"{least}.db"
+        pycolmap.Database.open(database).close()
+        pycolmap_matching.extract_features(pycolmap, database, tmp_path, groups, 1)
+        found.append(read_points(pycolmap, database))
+    enlarged, fast = found
+    assert np.array_equal(enlarged["blurred.png"], fast["blurred.png"])
+    nearest = np.linalg.norm(enlarged["sharp.png"][:, None] - fast["sharp.png"], axis=2).min(axis=0)
+    assert len(nearest) >= 200
+    assert 0 < np.median(nearest) < 0.5 and (nearest < 1.0).mean() > 0.8
 
 
 @pytest.mark.parametrize("is_upright", [False, True])
@@ -443,15 +477,18 @@ def test_masks_are_turned_with_their_photographs(is_upright, tmp_path):
 
 
 def test_why_a_photograph_is_left_out_is_said() -> None:
-    """Many matches do not help where few of them lead to points that the others determine."""
-    matches = {("0", "a"): 29, ("0", "b"): 138, ("1", "c"): 138}
+    """Many matches do not help where few of them lead to points that the others determine, and few may be enough."""
+    matches = {("0", "a"): 29, ("0", "b"): 138, ("1", "c"): 138, ("a", "e"): 200}
     cameras = cameras_at((0, 0, 0), (1, 0, 0))
-    found = Reconstruction(cameras, 0.3, 8.0, matches, None, reached={"b": 11, "c": 96})
-    assert _left_out([Path(name) for name in "01abcd"], found) == [
-        "a is left out: at most 29 matches with another photograph; take it again with more overlap.",
-        "b is left out: it shows 11 points whose position the others determine, too few for a camera; add photographs "
+    found = Reconstruction(cameras, 0.3, 8.0, matches, None, reached={"a": 16, "b": 11, "c": 96})
+    assert _left_out([Path(name) for name in "01abcde"], found) == [
+        "a is left out: it shows 16 points whose position the others determine, but no camera fits them; something "
+        "moved, or parts of the scene look alike.",
+        "b is left out: it shows 11 points whose position the others determine, and a camera needs 12; add photographs "
         "between it and the others.",
         "c is left out: it shows 96 points whose position the others determine, but no camera fits them; something "
         "moved, or parts of the scene look alike.",
         "d is left out: no matches with another photograph; take it again with more overlap.",
+        "e is left out: it shows no points whose position the others determine, and a camera needs 12; add photographs "
+        "between it and the others.",
     ]
