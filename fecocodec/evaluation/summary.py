@@ -9,6 +9,8 @@ from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate
 from fecocodec.evaluation.records import Measurement
 
 OURS = "fecosplat"
+NO_LPIPS = "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only, not in a wheel."
+LEAST_OVERLAP_DB = 0.5  # of two curves; a BD-rate over less depends on single points
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Average:
     flip: float | None
     st_lpips: float | None
     lpips: float | None
+    lpips_alex: float | None
     context_psnr: float
     encode_seconds: float
     decode_seconds: float
@@ -56,7 +59,8 @@ class RatedPoint(Protocol):
 class Comparison:
     """BD metrics of our curve against that of a baseline. None: the curves do not overlap, or a metric is missing.
 
-    bd_rate: percent, at equal PSNR. bd_psnr: dB. bd_rate_st_lpips: percent, at equal ST-LPIPS.
+    bd_rate: percent, at equal PSNR; None if the curves share less than LEAST_OVERLAP_DB. bd_psnr: dB.
+    bd_rate_st_lpips: percent, at equal ST-LPIPS.
     """
 
     baseline: str
@@ -101,7 +105,7 @@ def _comparison(name: str, theirs: Mapping[str, RatedPoint], ours: Mapping[str, 
     psnr = [[(row.kib, row.psnr) for row in curve if row.kib and row.psnr is not None] for curve in curves]
     # A smaller ST-LPIPS is better, and `bd_rate` expects a quality, of which more is better.
     st_lpips = [[(row.kib, -row.st_lpips) for row in curve if row.kib and row.st_lpips is not None] for curve in curves]
-    return Comparison(name, bd_rate(*psnr), bd_psnr(*psnr), bd_rate(*st_lpips))
+    return Comparison(name, bd_rate(psnr[0], psnr[1], LEAST_OVERLAP_DB), bd_psnr(*psnr), bd_rate(*st_lpips))
 
 
 def _average(found: Sequence[Measurement]) -> Average:
@@ -118,6 +122,7 @@ def _average(found: Sequence[Measurement]) -> Average:
         flip=_mean_if_all([m.flip for m in found]),
         st_lpips=_mean_if_all([m.st_lpips for m in found]),
         lpips=_mean_if_all([m.lpips for m in found]),
+        lpips_alex=_mean_if_all([m.lpips_alex for m in found]),
         context_psnr=fmean(m.context_psnr for m in found),
         encode_seconds=median(m.encode_seconds for m in found),
         decode_seconds=median(m.decode_seconds for m in found),

@@ -13,6 +13,12 @@ def test_half_the_bytes_is_minus_50_percent() -> None:
     assert bd_rate(half, ANCHOR) == pytest.approx(100.0, abs=1e-6)
 
 
+def test_curves_must_overlap_by_as_much_as_is_asked_for() -> None:
+    other = [(rate, quality - 5.0) for rate, quality in ANCHOR]  # they share 20.0 to 20.4 dB
+    assert bd_rate(ANCHOR, other) is not None and bd_rate(ANCHOR, other, 0.3) is not None
+    assert bd_rate(ANCHOR, other, 0.5) is None
+
+
 def test_a_decibel_more_is_plus_one() -> None:
     better = [(rate, quality + 1) for rate, quality in ANCHOR]
     assert bd_psnr(ANCHOR, better) == pytest.approx(1.0, abs=1e-9)
