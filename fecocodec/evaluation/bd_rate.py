@@ -16,7 +16,7 @@ Point = tuple[float, float]  # (rate, quality); a larger quality is better, in d
 _NUM_SAMPLES = 1001
 
 
-def bd_rate(anchor: Sequence[Point], test: Sequence[Point], least_overlap: float = 0.0) -> float | None:
+def bd_rate(anchor: Sequence[Point], test: Sequence[Point], *, least_overlap: float = 0.0) -> float | None:
     """Return the mean rate difference at equal quality, in percent: -50 means that `test` needs half the rate.
 
     Returns None if the quality ranges do not overlap by more than 0 and at least `least_overlap`, or if a curve has

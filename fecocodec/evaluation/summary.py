@@ -105,7 +105,7 @@ def _comparison(name: str, theirs: Mapping[str, RatedPoint], ours: Mapping[str, 
     psnr = [[(row.kib, row.psnr) for row in curve if row.kib and row.psnr is not None] for curve in curves]
     # A smaller ST-LPIPS is better, and `bd_rate` expects a quality, of which more is better.
     st_lpips = [[(row.kib, -row.st_lpips) for row in curve if row.kib and row.st_lpips is not None] for curve in curves]
-    return Comparison(name, bd_rate(psnr[0], psnr[1], LEAST_OVERLAP_DB), bd_psnr(*psnr), bd_rate(*st_lpips))
+    return Comparison(name, bd_rate(*psnr, least_overlap=LEAST_OVERLAP_DB), bd_psnr(*psnr), bd_rate(*st_lpips))
 
 
 def _average(found: Sequence[Measurement]) -> Average:

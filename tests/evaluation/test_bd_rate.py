@@ -15,8 +15,8 @@ def test_half_the_bytes_is_minus_50_percent() -> None:
 
 def test_curves_must_overlap_by_as_much_as_is_asked_for() -> None:
     other = [(rate, quality - 5.0) for rate, quality in ANCHOR]  # they share 20.0 to 20.4 dB
-    assert bd_rate(ANCHOR, other) is not None and bd_rate(ANCHOR, other, 0.3) is not None
-    assert bd_rate(ANCHOR, other, 0.5) is None
+    assert bd_rate(ANCHOR, other) is not None and bd_rate(ANCHOR, other, least_overlap=0.3) is not None
+    assert bd_rate(ANCHOR, other, least_overlap=0.5) is None
 
 
 def test_a_decibel_more_is_plus_one() -> None:

@@ -16,7 +16,7 @@ Means over {entries} pairs of context views. Baselines:
 
 - *JPEG XL*, *AVIF*, *WebP*, *JPEG*: the sender transmits compressed context views, and the receiver computes Gaussians
   with our networks, those of the sender included. *optimised at the receiver*: it also optimises the latents towards
-  the decoded photographs, as our encoder does.
+  the decoded photographs, as our encoder does. AVIF is counted without its containers.
 - *PLY*, *compressed PLY*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding.
 - *nearest view*: a copy of the nearest context view (not drawn). *best plane*: both context views, warped by the plane
   that fits the target view best.
@@ -39,6 +39,8 @@ A part is removed at inference without retraining, which shows how much the trai
 omits the optimisation of the latents. Parts that need retraining are in [what_we_learned.md](what_we_learned.md).
 
 {chart}
+
+{equal_bytes}
 
 {comparisons}
 """
@@ -70,7 +72,11 @@ def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement
         equal_bytes_text=EQUAL_BYTES_TEXT,
         equal_bytes=equal_bytes_table(found, [row.system for row in main], BEST),
     )
-    without = ABLATION_TEXT.format(chart=picture(parts), comparisons=comparison_table(ablated))
+    without = ABLATION_TEXT.format(
+        chart=picture(parts),
+        equal_bytes=equal_bytes_table(found, [row.system for row in ablated]),
+        comparisons=comparison_table(ablated),
+    )
     views = Section("More than two views", _by_views(more_views))
     return Section("Rate and quality", text, (chart,)), Section("Without some part", without, (parts,)), views
 
