@@ -1,4 +1,4 @@
-"""Measure rate, PSNR, SSIM and ST-LPIPS on an evaluation index, from encoded and decoded bytes.
+"""Measure rate, PSNR, SSIM, ST-LPIPS and LPIPS (VGG16) on an evaluation index, from encoded and decoded bytes.
 
 python benchmarks/dev_scores.py MODEL_FOLDER ROOT INDEX.json [--lambdas 1e-2 1e-4] [--views 2] [--effort best]
     [--sharpness 0.5] [--device cuda]
@@ -33,7 +33,7 @@ def main() -> None:
     codec = load_codec(arguments.model, arguments.device)
     entries = tuple(e for e in read_index(arguments.index) if len(e.context) == arguments.views)
     size = (arguments.size, arguments.size)
-    print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tcontext PSNR\tGaussians\tby kind")
+    print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tLPIPS\tcontext PSNR\tGaussians\tby kind")
     for lmbda in arguments.lambdas:
         if arguments.guided:
             system = guided_system(codec, lmbda, arguments.stages, arguments.effort)
@@ -43,10 +43,16 @@ def main() -> None:
         print(
             f"{lmbda:g}\t{mean(s.num_bytes for s in scores) / 1024:.2f}\t{mean(s.target_psnr for s in scores):.2f}\t"
             f"{mean(s.target_ssim for s in scores):.3f}\t{mean(s.target_st_lpips for s in scores):.4f}\t"
+            f"{_mean_lpips(scores)}\t"
             f"{mean(s.context_psnr for s in scores):.2f}\t"
             f"{mean(s.num_gaussians for s in scores):.0f}\t{_by_kind(scores)}",
             flush=True,
         )
+
+
+def _mean_lpips(scores: list[Score]) -> str:
+    values = [score.target_lpips for score in scores if score.target_lpips is not None]
+    return f"{mean(values):.4f}" if values else "-"
 
 
 def _by_kind(scores: list[Score]) -> str:

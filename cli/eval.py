@@ -147,6 +147,8 @@ def command(
 
 
 def _print_report(report: "Report") -> None:
+    from fecocodec.evaluation.summary import NO_LPIPS
+
     head = (
         "system",
         "setting",
@@ -157,6 +159,8 @@ def _print_report(report: "Report") -> None:
         "SSIM",
         "FLIP",
         "ST-LPIPS",
+        "LPIPS",
+        "LPIPS (AlexNet)",
         "Gaussians",
         "encode s",
         "decode s",
@@ -171,7 +175,7 @@ def _print_report(report: "Report") -> None:
             f"{row.psnr:.2f}",
             f"{row.ssim:.3f}",
             f"{row.flip:.3f}" if row.flip is not None else "",
-            f"{row.st_lpips:.3f}" if row.st_lpips is not None else "",
+            *("" if value is None else f"{value:.3f}" for value in (row.st_lpips, row.lpips, row.lpips_alex)),
             f"{row.gaussians:.0f}",
             f"{row.encode_seconds:.3f}",
             f"{row.decode_seconds:.3f}",
@@ -179,6 +183,8 @@ def _print_report(report: "Report") -> None:
         for row in report.averages
     ]
     print_columns([head, *rows])
+    if all(row.lpips is None for row in report.averages):
+        say(NO_LPIPS)
     for found in report.comparisons:
         rate = "no common quality" if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"
         gain = "no common rate" if found.bd_psnr is None else f"{found.bd_psnr:+.2f} dB at equal bytes"

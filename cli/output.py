@@ -54,7 +54,7 @@ _OPTIONS = {
     "view_shares": "--views",
     "frozen": "--freeze",
     "disparity_weight": "--depth-weight",
-    **{name: f"--{name.replace('_', '-')}" for name in ("perceptual_weight", "optimised_share")},
+    **{name: f"--{name.replace('_', '-')}" for name in ("perceptual", "perceptual_weight", "optimised_share")},
     'stages="intact"': "decode --partial",
     "stages=1": "--stages 1",
     "views=all": "--views all",

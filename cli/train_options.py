@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
 
 _OTHER_FIELDS = ("lambda_range", "precision", "perceptual_weight", "optimised_share", "frozen", "kept_batches")
+PERCEPTUAL_NAMES = ("lpips", "st-lpips", "none")
 _SHAPE_FIELDS = ("num_scenes", "view_shares", "num_target", "sizes")
 _SCHEDULE_FIELDS = (
     "num_steps", "one_stage_until", "bypass_until", "learning_rate", "photograph_share", "disparity_weight",
@@ -81,6 +82,11 @@ _OPTIONS: dict[str, Callable[..., Any]] = {
         "--perceptual-weight",
         type=click.FloatRange(min=0),
         help="Weight of ST-LPIPS in the loss, for sharper pictures of lower PSNR.",
+    ),
+    "perceptual": click.option(
+        "--perceptual",
+        type=click.Choice(list(PERCEPTUAL_NAMES)),
+        help="Perceptual distance in the loss of the paper's configurations.  [default: lpips (VGG16)]",
     ),
     "optimised_share": click.option(
         "--optimised-share",
@@ -151,6 +157,8 @@ def overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Co
     shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
     schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
     others: dict[str, Any] = {name: given[name] for name in _OTHER_FIELDS if name in given}
+    if "perceptual" in given:
+        others["distortion"] = configuration.with_perceptual(given["perceptual"])
     if configuration.is_paper and "lambda_range" in given:
         others["receiver"] = replace(configuration.receiver, lambda_range=given["lambda_range"])
     return replace(configuration, shapes=shapes, schedule=schedule, **others)

@@ -13,6 +13,7 @@ from fecocodec.evaluation.entries import open_scenes, without_guides
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
+from fecocodec.rendering.lpips import is_lpips_there, lpips_vgg
 from fecocodec.rendering.metrics import psnr, ssim
 from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.rendering.rasterizer import render
@@ -20,7 +21,10 @@ from fecocodec.rendering.rasterizer import render
 
 @dataclass(frozen=True)
 class Score:
-    """Rate and quality of one coded scene. PSNR (dB), SSIM and ST-LPIPS are means over views. num_bytes: file size."""
+    """Rate and quality of one coded scene. PSNR (dB) and other metrics are means over views. num_bytes: file size.
+
+    target_lpips: with VGG16; None if its weights are not installed.
+    """
 
     name: str
     num_bytes: int
@@ -28,6 +32,7 @@ class Score:
     target_psnr: float
     target_ssim: float
     target_st_lpips: float
+    target_lpips: float | None
     context_psnr: float
 
 
@@ -46,6 +51,7 @@ def score(system: System, name: str, views: Views, num_context: int, guides: Vie
     """
     result = system.run(views, num_context, guides)
     images = views.outside_masks(result.images)
+    targets, photographs = images[num_context:], views.images[num_context:]
     quality, structure = psnr(images, views.images, views.ignored), ssim(images, views.images)
     return Score(
         name=name,
@@ -53,7 +59,8 @@ def score(system: System, name: str, views: Views, num_context: int, guides: Vie
         num_gaussians=0 if result.gaussians is None else result.gaussians.count,
         target_psnr=float(quality[num_context:].mean()),
         target_ssim=float(structure[num_context:].mean()),
-        target_st_lpips=float(st_lpips(images[num_context:], views.images[num_context:]).mean()),
+        target_st_lpips=float(st_lpips(targets, photographs).mean()),
+        target_lpips=float(lpips_vgg(targets, photographs).mean()) if is_lpips_there("vgg16") else None,
         context_psnr=float(quality[:num_context].mean()),
     )
 

@@ -32,6 +32,7 @@ class ExternalRow:
     ssim: float | None = None
     st_lpips: float | None = None
     lpips: float | None = None
+    lpips_alex: float | None = None
     sender_params: float | None = None
     receiver_params: float | None = None
     encode_seconds: float | None = None
@@ -94,7 +95,8 @@ METRICS: dict[str, str] = {
     "psnr": "PSNR of target views, dB",
     "ssim": "SSIM of target views",
     "st_lpips": "ST-LPIPS (AlexNet) of target views",
-    "lpips": "LPIPS (VGG-16) of target views",
+    "lpips": "LPIPS (VGG16) of target views",
+    "lpips_alex": "LPIPS (AlexNet) of target views",
 }
 _HEAD = ("method", "sender, M parameters", "receiver, M", "sender, s", "receiver, s", "peak memory, GiB")
 

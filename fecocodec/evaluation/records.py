@@ -34,6 +34,7 @@ class Measurement:
     flip: float | None = None
     st_lpips: float | None = None
     lpips: float | None = None
+    lpips_alex: float | None = None
     context_psnr: float = 0.0
     encode_seconds: float = 0.0
     decode_seconds: float = 0.0

@@ -16,17 +16,18 @@ from fecocodec.evaluation.machine import forget_peak, peak_mib
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
-from fecocodec.rendering.lpips_vgg import is_lpips_installed, lpips_vgg
+from fecocodec.rendering.lpips import TRUNKS, is_lpips_there, lpips_alex, lpips_vgg
 from fecocodec.rendering.metrics import MS_SSIM_LEAST_SIDE, ms_ssim, psnr, ssim
 from fecocodec.rendering.perceptual import ST_LPIPS_LEAST_SIDE, st_lpips
 
 
 @dataclass(frozen=True)
 class Quality:
-    """Means over images. psnr in dB; ssim and ms_ssim are 1, flip, st_lpips and lpips are 0 for identical images.
+    """Means over images. psnr in dB; ssim and ms_ssim are 1, the others 0 for identical images.
 
     ms_ssim: None if a side is shorter than 176 pixels. st_lpips: with AlexNet, None if a side is shorter than 21
-    pixels. lpips: with VGG-16, None if its package or the weights of its backbone are not installed.
+    pixels. lpips, lpips_alex: with VGG16 and with AlexNet, None if a side is shorter than 16 and 31 pixels, or if the
+    weights are not installed.
     """
 
     psnr: float
@@ -35,6 +36,7 @@ class Quality:
     flip: float
     st_lpips: float | None
     lpips: float | None
+    lpips_alex: float | None
 
 
 @torch.no_grad()
@@ -54,8 +56,13 @@ def measure_quality(
         ms_ssim=float(ms_ssim(images, targets).mean()) if min(images.shape[-2:]) >= MS_SSIM_LEAST_SIDE else None,
         flip=_flip(images, targets),
         st_lpips=float(st_lpips(images, targets).mean()) if min(images.shape[-2:]) >= ST_LPIPS_LEAST_SIDE else None,
-        lpips=float(lpips_vgg(images, targets).mean()) if is_lpips_installed() else None,
+        lpips=float(lpips_vgg(images, targets).mean()) if _has_lpips("vgg16", images) else None,
+        lpips_alex=float(lpips_alex(images, targets).mean()) if _has_lpips("alexnet", images) else None,
     )
+
+
+def _has_lpips(trunk: str, images: Tensor) -> bool:
+    return min(images.shape[-2:]) >= TRUNKS[trunk].least_side and is_lpips_there(trunk)
 
 
 def _flip(images: Tensor, targets: Tensor) -> float:
@@ -133,6 +140,7 @@ def _measure(entry: IndexEntry, system: System, read: Views, model: str, draw: D
         flip=target.flip,
         st_lpips=target.st_lpips,
         lpips=target.lpips,
+        lpips_alex=target.lpips_alex,
         context_psnr=float(of_context.clamp_max(99.0).mean()),
         encode_seconds=result.encode_seconds,
         decode_seconds=result.decode_seconds,

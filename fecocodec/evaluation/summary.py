@@ -5,61 +5,12 @@ from dataclasses import asdict, dataclass
 from statistics import fmean, median
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
-
+from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate
 from fecocodec.evaluation.records import Measurement
 
-Point = tuple[float, float]  # (rate, quality); a larger quality is better, in dB for `bd_psnr`
-
-_NUM_SAMPLES = 1001
-
-
-def bd_rate(anchor: Sequence[Point], test: Sequence[Point]) -> float | None:
-    """Return the mean rate difference at equal quality, in percent: -50 means that `test` needs half the rate.
-
-    Returns None if the quality ranges do not overlap, or if a curve has fewer than two Pareto-optimal points.
-    """
-    ours, theirs = _front(test), _front(anchor)
-    difference = _mean_difference(_swapped(theirs), _swapped(ours))
-    return None if difference is None else 100.0 * (float(np.exp(difference)) - 1.0)
-
-
-def bd_psnr(anchor: Sequence[Point], test: Sequence[Point]) -> float | None:
-    """Return the mean quality difference at equal rate, in dB; positive if `test` is better.
-
-    Returns None if the rate ranges do not overlap, or if a curve has fewer than two Pareto-optimal points.
-    """
-    return _mean_difference(_front(anchor), _front(test))
-
-
-def _front(points: Sequence[Point]) -> Float[np.ndarray, "point 2"]:
-    """Return (log rate, quality) of the Pareto-optimal points, ordered by rate; both columns increase strictly."""
-    front: list[Point] = []
-    for rate, quality in sorted(points, key=lambda point: (point[0], -point[1])):
-        if not front or quality > front[-1][1]:
-            front.append((float(np.log(rate)), quality))
-    return np.array(front).reshape(-1, 2)
-
-
-def _swapped(curve: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
-    return curve[:, ::-1]
-
-
-def _mean_difference(anchor: Float[np.ndarray, "_ 2"], test: Float[np.ndarray, "_ 2"]) -> float | None:
-    """Return the mean of test(x) - anchor(x) over the common range of x, or None if there is none."""
-    if min(len(anchor), len(test)) < 2:
-        return None
-    low, high = max(anchor[0, 0], test[0, 0]), min(anchor[-1, 0], test[-1, 0])
-    if not low < high:
-        return None
-    x = np.linspace(low, high, _NUM_SAMPLES)
-    difference = PchipInterpolator(*test.T)(x) - PchipInterpolator(*anchor.T)(x)
-    return float(np.trapezoid(difference, x) / (high - low))
-
-
 OURS = "fecosplat"
+NO_LPIPS = "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only, not in a wheel."
+LEAST_OVERLAP_DB = 0.5  # of two curves; a BD-rate over less depends on single points
 
 
 @dataclass(frozen=True)
@@ -81,6 +32,7 @@ class Average:
     flip: float | None
     st_lpips: float | None
     lpips: float | None
+    lpips_alex: float | None
     context_psnr: float
     encode_seconds: float
     decode_seconds: float
@@ -107,7 +59,8 @@ class RatedPoint(Protocol):
 class Comparison:
     """BD metrics of our curve against that of a baseline. None: the curves do not overlap, or a metric is missing.
 
-    bd_rate: percent, at equal PSNR. bd_psnr: dB. bd_rate_st_lpips: percent, at equal ST-LPIPS.
+    bd_rate: percent, at equal PSNR; None if the curves share less than LEAST_OVERLAP_DB. bd_psnr: dB.
+    bd_rate_st_lpips: percent, at equal ST-LPIPS.
     """
 
     baseline: str
@@ -152,7 +105,7 @@ def _comparison(name: str, theirs: Mapping[str, RatedPoint], ours: Mapping[str, 
     psnr = [[(row.kib, row.psnr) for row in curve if row.kib and row.psnr is not None] for curve in curves]
     # A smaller ST-LPIPS is better, and `bd_rate` expects a quality, of which more is better.
     st_lpips = [[(row.kib, -row.st_lpips) for row in curve if row.kib and row.st_lpips is not None] for curve in curves]
-    return Comparison(name, bd_rate(*psnr), bd_psnr(*psnr), bd_rate(*st_lpips))
+    return Comparison(name, bd_rate(*psnr, least_overlap=LEAST_OVERLAP_DB), bd_psnr(*psnr), bd_rate(*st_lpips))
 
 
 def _average(found: Sequence[Measurement]) -> Average:
@@ -169,6 +122,7 @@ def _average(found: Sequence[Measurement]) -> Average:
         flip=_mean_if_all([m.flip for m in found]),
         st_lpips=_mean_if_all([m.st_lpips for m in found]),
         lpips=_mean_if_all([m.lpips for m in found]),
+        lpips_alex=_mean_if_all([m.lpips_alex for m in found]),
         context_psnr=fmean(m.context_psnr for m in found),
         encode_seconds=median(m.encode_seconds for m in found),
         decode_seconds=median(m.decode_seconds for m in found),

@@ -2,7 +2,7 @@
 
 Ghildyal and Liu, "Shift-tolerant Perceptual Similarity Metric", ECCV 2022. It is LPIPS on an AlexNet whose strided
 convolutions and poolings are replaced by dense ones, each followed by a blur of stride 2. Its values are not those of
-LPIPS (see `rendering/lpips_vgg.py`).
+LPIPS (see `rendering/lpips.py`).
 """
 
 from functools import lru_cache
@@ -42,10 +42,10 @@ class StLpips(nn.Module):
     ) -> Float[Tensor, " image"]:
         """Return the distance of each pair. images, targets: sRGB in [0, 1]."""
         distance = images.new_zeros(len(images))
-        x = _normalised(torch.cat((images, targets)))
+        x = normalised(torch.cat((images, targets)))
         for number in range(1, len(_KERNELS_AND_PADDINGS) + 1):
             x = self._slice(number, x)
-            unit = x / (x.square().sum(dim=1, keepdim=True).clamp_min(torch.finfo(x.dtype).tiny).sqrt() + _EPSILON)
+            unit = unit_features(x)
             difference = (unit[: len(images)] - unit[len(images) :]).square()
             distance = distance + self.get_submodule(f"linear{number}")(difference).mean(dim=(1, 2, 3))
         return distance
@@ -84,9 +84,15 @@ def st_lpips(
     return distances.reshape(images.shape[:-3])
 
 
-def _normalised(images: Float[Tensor, "image 3 height width"]) -> Float[Tensor, "image 3 height width"]:
+def normalised(images: Float[Tensor, "image 3 height width"]) -> Float[Tensor, "image 3 height width"]:
+    """Return images, sRGB in [0, 1], as LPIPS and ST-LPIPS expect them."""
     shift, scale = (images.new_tensor(values)[:, None, None] for values in (_SHIFT, _SCALE))
     return (2.0 * images - 1.0 - shift) / scale
+
+
+def unit_features(x: Float[Tensor, "image channel _ _"]) -> Float[Tensor, "image channel _ _"]:
+    """Divide features by their norm over channels; gradients are finite for features that are all 0."""
+    return x / (x.square().sum(dim=1, keepdim=True).clamp_min(torch.finfo(x.dtype).tiny).sqrt() + _EPSILON)
 
 
 def _blurred(x: Float[Tensor, "image channel _ _"]) -> Float[Tensor, "image channel _ _"]:

@@ -10,12 +10,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.rendering.lpips_vgg import lpips_vgg
+from fecocodec.rendering.lpips import lpips_vgg, require_lpips
 from fecocodec.rendering.metrics import ssim
 from fecocodec.rendering.perceptual import st_lpips
 
 PERCEPTUAL: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = MappingProxyType(
-    {"st-lpips": st_lpips, "lpips": lpips_vgg}
+    {"lpips": lpips_vgg, "st-lpips": st_lpips, "none": lambda renderings, _images: renderings.new_zeros(())}
 )
 
 Images = Float[Tensor, "*batch 3 height width"]
@@ -69,12 +69,12 @@ class LogDistortion:
 class PerceptualDistortion:
     """D = MSE + perceptual_weight * distance, the paper's (training strategy, beta = 0.05).
 
-    perceptual: "st-lpips", or "lpips" (VGG-16) where its package is installed. The distances differ, and so do models
+    perceptual: "lpips" (VGG16) as in the paper, "st-lpips" (AlexNet), or "none". The distances differ, and so do models
     trained with them. Raises InputError for another name.
     """
 
     target_weight: ClassVar[float] = 1.0
-    perceptual: str = "st-lpips"
+    perceptual: str = "lpips"
     perceptual_weight: float = 0.05
 
     def __post_init__(self) -> None:
@@ -82,6 +82,11 @@ class PerceptualDistortion:
             raise InputError(
                 f"There is no perceptual distance '{self.perceptual}'; choose one of {', '.join(PERCEPTUAL)}."
             )
+
+    def require_weights(self) -> None:
+        """Raise ModelError if the weights of the perceptual distance are not installed."""
+        if self.perceptual == "lpips":
+            require_lpips("vgg16")
 
     def __call__(self, renderings: Images, images: Images, ssim_stride: int = 1) -> PerView:
         squared = (renderings - images).square().mean(dim=(-3, -2, -1))

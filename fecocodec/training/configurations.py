@@ -97,6 +97,18 @@ class Configuration:
         """Whether the method is the paper's."""
         return self.receiver.method == PAPER
 
+    def with_perceptual(self, name: str) -> PerceptualDistortion:
+        """Return D of the paper's loss with another perceptual distance.
+
+        Raises InputError for another name, and if the loss of this configuration is not the paper's.
+        """
+        if not isinstance(self.distortion, PerceptualDistortion):
+            raise InputError(
+                "The loss of this configuration has no LPIPS; leave out `perceptual`, or weigh ST-LPIPS by "
+                "`perceptual_weight`."
+            )
+        return replace(self.distortion, perceptual=name)
+
     @property
     def lambda_q_range(self) -> tuple[int, int]:
         """`lambda_range` in the fixed point of streams."""

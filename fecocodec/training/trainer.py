@@ -12,6 +12,7 @@ from fecocodec.atomic import make_folder
 from fecocodec.errors import ModelError
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.model import Receiver
+from fecocodec.sender.distortion import PerceptualDistortion
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport
 from fecocodec.sender.model import Sender
@@ -47,6 +48,8 @@ class Trainer:
         """sender: replaces the sender of the configuration, for example by one with an external extractor."""
         self.settings, self.sources = settings, sources
         configuration = settings.configuration
+        if isinstance(configuration.distortion, PerceptualDistortion):
+            configuration.distortion.require_weights()
         torch.manual_seed(settings.seed)  # every process starts from the same weights
         self.receiver = Receiver(configuration.receiver)
         self.sender = sender or Sender(configuration.sender, configuration.receiver)

@@ -1,9 +1,5 @@
-"""`fecosplat stress` writes a table, names broken rules, and refuses before it works.
+"""`fecosplat stress` writes a table, names broken rules, and refuses before it works."""
 
-`fecosplat eval` refuses before it measures, and names what failed after what did not.
-"""
-
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +7,6 @@ import pytest
 
 from fecocodec.evaluation.stress import suite
 from fecocodec.evaluation.stress.suite import Verdict
-from tests.chunk_files import write_wall_chunks
 from tests.cli.conftest import CommandLine
 from tests.example_scenes import MODEL
 
@@ -38,26 +33,4 @@ def test_the_table_is_written_and_broken_rules_are_named(
 def test_a_missing_index_is_refused(fecosplat: CommandLine, tmp_path: Path) -> None:
     result = fecosplat("stress", tmp_path, "--index", tmp_path / "index.json", "-o", tmp_path / "out")
     assert result.code == 1 and "index.json: there is no such file" in result.err
-    assert not (tmp_path / "out").exists()
-
-
-def test_results_are_printed_and_failures_named(fecosplat: CommandLine, random_weights: Path, tmp_path: Path) -> None:
-    root, index = write_wall_chunks(tmp_path / "chunks", num_scenes=1), tmp_path / "index.json"
-    index.write_text(json.dumps({name: {"context": [0, 2], "target": [1]} for name in ("wall0", "gone")}))
-    model = random_weights / MODEL
-    arguments = ["eval", root, "--index", index, "-o", tmp_path / "out", "--model", model, "--size", "96x64"]
-    result = fecosplat(*arguments, "--lambdas", "1e-2", "--json")
-    assert result.code == 1
-    (average,) = json.loads(result.out)["averages"]
-    assert average["system"] == "fecosplat" and average["entries"] == 1 and average["kib"] > 0
-    assert "gone, fecosplat, lambda 0.01:" in result.err and "1 measurements failed" in result.err
-
-
-def test_bad_lists_are_refused(fecosplat: CommandLine, tmp_path: Path) -> None:
-    arguments = ["eval", tmp_path, "--index", tmp_path / "index.json", "-o", tmp_path / "out"]
-    assert fecosplat(*arguments, "--lambdas", "small").code == 2
-    outside = fecosplat(*arguments, "--lambdas", "1.0")
-    assert outside.code == 1 and "lambda is 1.0, outside the range" in outside.err
-    missing = fecosplat(*arguments)
-    assert missing.code == 1 and "index.json: there is no such file" in missing.err
     assert not (tmp_path / "out").exists()

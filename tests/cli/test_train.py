@@ -4,12 +4,14 @@
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from fecosplat_cli.train import command
 from fecosplat_cli.train_options import overridden
 
+from fecocodec.sender.distortion import PerceptualDistortion
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration
 from tests.cli.conftest import CommandLine
 
@@ -46,6 +48,14 @@ def test_options_override_the_configuration_and_nothing_else() -> None:
     assert several.lambda_range == (1e-4, 1e-3)
 
 
+def test_the_perceptual_distance_of_the_papers_loss_can_be_chosen() -> None:
+    assert parsed(*PAPER).distortion == PerceptualDistortion("lpips")
+    for name in ("lpips", "st-lpips", "none"):
+        found = parsed(*PAPER, "--perceptual", name)
+        assert found.distortion == PerceptualDistortion(name)
+        assert replace(found, distortion=PerceptualDistortion()) == CONFIGURATIONS["paper-re10k"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -61,6 +71,7 @@ def test_options_override_the_configuration_and_nothing_else() -> None:
         (["--lambda-range", "1e-3", "1e-4"], "The range of lambda goes from 0.001 down; give the smaller end first."),
         (["--perceptual-weight", "5", *PAPER], "D + lambda R and ignores --perceptual-weight; leave them out."),
         (["--depth-weight", "1", "0", "--optimised-share", "0.5", *PAPER], "a network that proposes steps"),
+        (["--perceptual", "lpips"], "no LPIPS; leave out --perceptual, or weigh ST-LPIPS by --perceptual-weight."),
         (["--depth-weight", "1", "0", *PAPER], "D + lambda R and ignores --depth-weight; leave them out."),
         (["--lambda-range", "1e-9", "1e-4"], "lambda is 1e-09, outside the range of the codec"),
         (["--photographs", "nowhere"], "nowhere: there is no such file or folder"),
@@ -82,7 +93,8 @@ def test_what_cannot_be_trained_is_one_sentence(
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--views", "two"], ["--size", "128"], ["--max-minutes", "0"], ["--precision", "half"]]
+    "arguments",
+    [["--views", "two"], ["--perceptual", "vgg"], ["--size", "128"], ["--max-minutes", "0"], ["--precision", "half"]],
 )
 def test_what_is_no_value_of_an_option_is_wrong_usage(
     fecosplat: CommandLine, tmp_path: Path, arguments: list[str]

@@ -1,4 +1,4 @@
-"""ST-LPIPS against values of the original package; gradients; LPIPS by its own package alone."""
+"""ST-LPIPS against values of the original package; gradients."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from fecocodec.errors import InputError
-from fecocodec.rendering.lpips_vgg import is_lpips_installed, lpips_vgg
 from fecocodec.rendering.perceptual import ST_LPIPS_LEAST_SIDE, ST_LPIPS_WEIGHTS, st_lpips
 from tests.rendering.picture_pairs import picture_pairs
 
@@ -56,12 +55,3 @@ def test_small_images_are_refused() -> None:
 def test_the_weights_ship_with_their_licence() -> None:
     assert "BSD 2-Clause License" in (ST_LPIPS_WEIGHTS.parent / "LICENSE").read_text()
     assert ST_LPIPS_WEIGHTS.stat().st_size < 5e6
-
-
-def test_lpips_is_refused_unless_it_is_installed() -> None:
-    picture = torch.rand(1, 3, 32, 32)
-    if is_lpips_installed():
-        assert float(lpips_vgg(picture, picture)) == 0.0
-    else:
-        with pytest.raises(InputError, match=r"LPIPS needs the packages lpips and torchvision, and .*vgg16.*ST-LPIPS"):
-            lpips_vgg(picture, picture)

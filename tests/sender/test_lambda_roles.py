@@ -11,10 +11,7 @@ import torch
 
 from fecocodec.config import Method
 from fecocodec.container import LAMBDA_Q_MAX, dequantise_lambda, read_stream
-from fecocodec.errors import InputError
-from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.sender.codec import load_codec
-from fecocodec.sender.distortion import PerceptualDistortion
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.optimisation_config import FAST
@@ -43,19 +40,3 @@ def test_headers_say_what_stages_were_coded_at(random_weights: Path) -> None:
     two, one = (read_stream(encode_with(codec, example_views(2), 1000, stages, FAST)).header for stages in (2, 1))
     assert (two.lambda_q_of_stage(1), two.lambda_q_of_stage(2)) == tuple(stage_lambdas(1000, 2))
     assert (one.lambda_q_of_stage(1), one.first_stage_excess) == (1000, 0)
-
-
-def test_the_papers_distortion_adds_a_twentieth_of_the_perceptual_distance() -> None:
-    generator = torch.Generator().manual_seed(0)
-    renderings, images = (torch.rand(2, 3, 32, 32, generator=generator) for _ in range(2))
-    renderings.requires_grad_()
-    found = PerceptualDistortion()(renderings, images)
-    squared = (renderings - images).square().mean(dim=(1, 2, 3))
-    torch.testing.assert_close(found, squared + 0.05 * st_lpips(renderings, images))
-    plain, whole = (torch.autograd.grad(x.sum(), renderings, retain_graph=True)[0] for x in (squared, found))
-    assert (whole - plain).abs().sum() > 0.0
-
-
-def test_unknown_distances_are_refused() -> None:
-    with pytest.raises(InputError, match="no perceptual distance 'vgg'; choose one of st-lpips, lpips"):
-        PerceptualDistortion("vgg")

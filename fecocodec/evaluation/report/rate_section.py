@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Sequence
 
+from fecocodec.evaluation.equal_bytes import SIZES_KIB, Gain, gain_at
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.charts import Chart, Mark, Series
 from fecocodec.evaluation.report.section import Section, number, picture, table
-from fecocodec.evaluation.summary import OURS, Average, Comparison, averages, compare
+from fecocodec.evaluation.summary import LEAST_OVERLAP_DB, NO_LPIPS, OURS, Average, Comparison, averages, compare
 from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
 from fecocodec.evaluation.systems.codec import BEST, FAST
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
@@ -15,16 +16,19 @@ Means over {entries} pairs of context views. Baselines:
 
 - *JPEG XL*, *AVIF*, *WebP*, *JPEG*: the sender transmits compressed context views, and the receiver computes Gaussians
   with our networks, those of the sender included. *optimised at the receiver*: it also optimises the latents towards
-  the decoded photographs, as our encoder does.
+  the decoded photographs, as our encoder does. AVIF is counted without its containers.
 - *PLY*, *compressed PLY*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding.
 - *nearest view*: a copy of the nearest context view (not drawn). *best plane*: both context views, warped by the plane
   that fits the target view best.
 
 {chart}
 
-BD-rate and BD-PSNR against each baseline: difference in bytes at equal PSNR, and in PSNR at equal bytes. BD-rate by
-ST-LPIPS is that at equal ST-LPIPS. A dash: the curves do not overlap, or the baseline is a single point. Variants of
-our codec are compared at their common lambdas; *{best}* is `encode --effort best`.
+{equal_bytes_text} *{best}* is `encode --effort best`.
+
+{equal_bytes}
+
+BD-rate: difference in bytes at equal PSNR, and at equal ST-LPIPS. A dash: the curves share less than {overlap} dB, or
+the baseline is a single point. Variants of our codec are compared at their common lambdas.
 
 {comparisons}
 
@@ -36,9 +40,14 @@ omits the optimisation of the latents. Parts that need retraining are in [what_w
 
 {chart}
 
+{equal_bytes}
+
 {comparisons}
 """
-HEADS = ("BD-rate, %", "BD-PSNR, dB", "BD-rate by ST-LPIPS, %")
+EQUAL_BYTES_TEXT = """\
+PSNR of target views at equal bytes, ours minus that of each baseline, in dB, with 95% intervals by bootstrap over
+scenes. Our files have the given size on average; each pair is compared at the size of its own file."""
+HEADS = ("BD-rate, %", "BD-rate by ST-LPIPS, %")
 
 
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
@@ -59,8 +68,15 @@ def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement
         comparisons=comparison_table(main, BEST),
         averages=_averages(main),
         best=BEST,
+        overlap=LEAST_OVERLAP_DB,
+        equal_bytes_text=EQUAL_BYTES_TEXT,
+        equal_bytes=equal_bytes_table(found, [row.system for row in main], BEST),
     )
-    without = ABLATION_TEXT.format(chart=picture(parts), comparisons=comparison_table(ablated))
+    without = ABLATION_TEXT.format(
+        chart=picture(parts),
+        equal_bytes=equal_bytes_table(found, [row.system for row in ablated]),
+        comparisons=comparison_table(ablated),
+    )
     views = Section("More than two views", _by_views(more_views))
     return Section("Rate and quality", text, (chart,)), Section("Without some part", without, (parts,)), views
 
@@ -82,7 +98,7 @@ def curves_of(rows: Sequence[Average]) -> tuple[Series, ...]:
 
 
 def comparison_table(rows: Sequence[Average], *variants: str) -> str:
-    """Return a table of the BD metrics of our codec and of its variants against the other systems."""
+    """Return a table of the BD-rates of our codec and of its variants against the other systems."""
     figures = {ours: {c.baseline: c for c in compare(rows, ours)} for ours in (OURS, *variants)}
     heads = [f"{ours}: {figure}" for ours in figures for figure in HEADS]
     lines = []
@@ -96,11 +112,29 @@ def _comparison_cells(found: Comparison | None) -> tuple[str, ...]:
     """Return the cells under `HEADS`; empty where a variant is compared with itself."""
     if found is None:
         return ("",) * len(HEADS)
-    return number(found.bd_rate, 1), number(found.bd_psnr), number(found.bd_rate_st_lpips, 1)
+    return number(found.bd_rate, 1), number(found.bd_rate_st_lpips, 1)
+
+
+def equal_bytes_table(found: Sequence[Measurement], systems: Sequence[str], *variants: str) -> str:
+    """Return a table of our gain, and that of our variants, over each of these systems at SIZES_KIB."""
+    heads = [f"{ours} at {kib:g} KiB" for ours in (OURS, *variants) for kib in SIZES_KIB]
+    lines = []
+    for baseline in dict.fromkeys(systems):
+        gains = [gain_at(found, baseline, kib, ours) for ours in (OURS, *variants) for kib in SIZES_KIB]
+        if baseline not in (OURS, *variants) and any(gains):
+            lines.append((baseline, *map(_gain_cell, gains)))
+    return table(("against", *heads), lines)
+
+
+def _gain_cell(gain: Gain | None) -> str:
+    if gain is None:
+        return "-"
+    count = "" if gain.pairs == gain.measured else f", {gain.pairs} of {gain.measured}"
+    return f"{gain.db:+.2f} ({gain.low:+.2f} to {gain.high:+.2f}{count})"
 
 
 def _averages(rows: Sequence[Average]) -> str:
-    """Return a table of all measures, with LPIPS where it was measured."""
+    """Return a table of all measures, and one sentence where the weights of LPIPS (VGG16) are missing."""
     measures: dict[str, tuple[Callable[[Average], float | None], int]] = {
         "KiB": (lambda row: row.kib, 2),
         "PSNR": (lambda row: row.psnr, 2),
@@ -108,11 +142,12 @@ def _averages(rows: Sequence[Average]) -> str:
         "MS-SSIM": (lambda row: row.ms_ssim, 3),
         "FLIP": (lambda row: row.flip, 3),
         "ST-LPIPS": (lambda row: row.st_lpips, 3),
+        "LPIPS": (lambda row: row.lpips, 3),
+        "LPIPS (AlexNet)": (lambda row: row.lpips_alex, 3),
     }
-    if any(row.lpips is not None for row in rows):
-        measures["LPIPS"] = (lambda row: row.lpips, 3)
     cells = [(row.system, row.setting, *(number(of(row), n) for of, n in measures.values())) for row in rows]
-    return table(("system", "setting", *measures), cells)
+    text = table(("system", "setting", *measures), cells)
+    return text if any(row.lpips is not None for row in rows) else f"{text}\n\n{NO_LPIPS}"
 
 
 def _by_views(found: Sequence[Measurement]) -> str:

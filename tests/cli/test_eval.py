@@ -1,0 +1,47 @@
+"""`fecosplat eval` refuses before it measures, and names what failed after what did not."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fecocodec.evaluation import run
+from tests.chunk_files import write_wall_chunks
+from tests.cli.conftest import CommandLine
+from tests.example_scenes import MODEL
+
+
+def test_results_are_printed_and_failures_named(fecosplat: CommandLine, random_weights: Path, tmp_path: Path) -> None:
+    root, index = write_wall_chunks(tmp_path / "chunks", num_scenes=1), tmp_path / "index.json"
+    index.write_text(json.dumps({name: {"context": [0, 2], "target": [1]} for name in ("wall0", "gone")}))
+    model = random_weights / MODEL
+    arguments = ["eval", root, "--index", index, "-o", tmp_path / "out", "--model", model, "--size", "96x64"]
+    result = fecosplat(*arguments, "--lambdas", "1e-2", "--json")
+    assert result.code == 1
+    (average,) = json.loads(result.out)["averages"]
+    assert average["system"] == "fecosplat" and average["entries"] == 1 and average["kib"] > 0
+    assert "gone, fecosplat, lambda 0.01:" in result.err and "1 measurements failed" in result.err
+
+
+def test_missing_weights_of_a_metric_are_one_sentence(
+    fecosplat: CommandLine, random_weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "is_lpips_there", lambda trunk: trunk != "vgg16")
+    root, index = write_wall_chunks(tmp_path / "chunks", num_scenes=1), tmp_path / "index.json"
+    index.write_text(json.dumps({"wall0": {"context": [0, 2], "target": [1]}}))
+    result = fecosplat(
+        *("eval", root, "--index", index, "-o", tmp_path / "out", "--model", random_weights / MODEL),
+        *("--size", "96x64", "--lambdas", "1e-2", "--no-strips"),
+    )
+    assert result.code == 0 and "ST-LPIPS  LPIPS  LPIPS (AlexNet)" in result.out
+    assert "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only" in result.err
+
+
+def test_bad_lists_are_refused(fecosplat: CommandLine, tmp_path: Path) -> None:
+    arguments = ["eval", tmp_path, "--index", tmp_path / "index.json", "-o", tmp_path / "out"]
+    assert fecosplat(*arguments, "--lambdas", "small").code == 2
+    outside = fecosplat(*arguments, "--lambdas", "1.0")
+    assert outside.code == 1 and "lambda is 1.0, outside the range" in outside.err
+    missing = fecosplat(*arguments)
+    assert missing.code == 1 and "index.json: there is no such file" in missing.err
+    assert not (tmp_path / "out").exists()
