@@ -64,20 +64,10 @@ def decode(
     max_pixels: int = DEFAULT_MAX_PIXELS,
     on_progress: OnProgress = ignore_progress,
 ) -> Decoded:
-    """Decode a `.fcs` stream.
+    """Decode a `.fcs` stream with torch; arguments and errors as for `decoding.decode`, which chooses the receiver.
 
-    stages: "all" decodes the whole stream and rejects a damaged one. 1 or 2 decodes that many stages; the rest of the
-    stream may be damaged or missing. "intact" decodes the stages before the first damage, which `Decoded.damage` then
-    describes.
-    sh_degree: 1 for view-dependent colours (spherical harmonics of degree 1), 0 for constant colours.
-    background: parameters of the layer that fills what no context view shows; None for no layer.
-    merging: parameters for merging similar neighbouring Gaussians; None keeps all Gaussians.
-    device: torch device of the networks. model: folder of the model; None for the shipped model with the model id of
-    the stream. max_pixels: limit on the pixels of all views, to which time and memory are proportional.
-    on_progress: called with the current task and the fraction done in [0, 1].
-
-    Raises BitstreamError for a stream that breaks a rule of the format; InputError if the stream has fewer stages or
-    more pixels, or sh_degree is not supported; ModelError if the weights of the model are not found.
+    background: parameters of the layer that fills what no context view shows; None for no layer. merging: parameters
+    for merging similar neighbouring Gaussians; None keeps all. device: torch device of the networks.
     """
     part = read_stages(data, stages)
     check_pixels(part.stream.header, max_pixels)

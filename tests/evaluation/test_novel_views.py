@@ -15,14 +15,15 @@ from fecocodec.receiver.decode import decode
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.encode import encode_with
+from fecocodec.sender.optimisation_config import FAST
 from tests.example_scenes import MODEL, example_views
 
 
 def test_a_score_is_that_of_the_bytes(random_weights: Path) -> None:
     codec, views = load_codec(random_weights / MODEL, "cpu"), example_views(3)
     lambda_q = quantise_lambda(1e-3)
-    found = score(codec_system(codec, 1e-3), "scene/label", views, 2)
-    data = encode_with(codec, views.select([0, 1]), lambda_q, 2)
+    found = score(codec_system(codec, 1e-3, effort="fast"), "scene/label", views, 2)
+    data = encode_with(codec, views.select([0, 1]), lambda_q, 2, FAST)
     gaussians = decode(data, model=random_weights / MODEL).gaussians
     assert found.num_bytes == len(data)
     assert found.num_gaussians == gaussians.count
@@ -57,7 +58,7 @@ def test_pixels_under_masks_do_not_count(random_weights: Path) -> None:
     ignored[:, :40] = True
     masked = replace(views, ignored=ignored)
     spoiled = replace(masked, images=torch.where(ignored[:, None], 1.0 - views.images, views.images))
-    system = systems.codec_system(load_codec(random_weights / MODEL, "cpu"), 1e-3)
+    system = systems.codec_system(load_codec(random_weights / MODEL, "cpu"), 1e-3, effort="fast")
     found = [score(system, "scene", of, 2) for of in (masked, spoiled)]
     assert found[0].num_bytes == found[1].num_bytes
     assert found[0].target_psnr == found[1].target_psnr and found[0].context_psnr == found[1].context_psnr
