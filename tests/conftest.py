@@ -17,7 +17,12 @@ os.environ.setdefault("GOMP_SPINCOUNT", "0")  # read when torch is loaded
 LIBRARY = Path(__file__).resolve().parent.parent / "fecocodec"
 USES_NUMBA = re.compile(r"^(import numba|from numba import|from fecocodec\.kernels\.compilation import)", re.MULTILINE)
 # Files whose tests take longest. They run first, so that no process of `make test` waits for another one at the end.
-LONG_FILES = {"test_shipped_weights.py", "test_decoding_anywhere.py", "test_several_processes.py", "test_round_trip.py"}
+LONG_FILES = {
+    "test_shipped_weights.py",
+    "test_round_trip.py",
+    "test_latent_optimisation.py",
+    "test_decoding_anywhere.py",
+}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

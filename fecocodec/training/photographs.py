@@ -14,6 +14,7 @@ from fecocodec.camera_files.posed_photographs import require_numbers, require_us
 from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.errors import InputError
 from fecocodec.geometry.frustum_overlap import frustum_overlap
+from fecocodec.photographs.framing import framed_intrinsics
 from fecocodec.photographs.image_headers import read_image_size
 from fecocodec.photographs.images import read_image
 from fecocodec.photographs.lens import Lens
@@ -142,7 +143,8 @@ def read_posed_scene(folder: Path) -> PosedScene:
     extrinsics = np.stack([photograph.camera_to_world for photograph in photographs])
     covisibility = _read_covisibility(path, len(photographs))
     if covisibility is None:
-        covisibility = frustum_overlap(extrinsics, _normalised(lens, len(photographs)), scene.near, scene.far)
+        intrinsics = np.tile(framed_intrinsics(lens, (height, width)), (len(photographs), 1, 1))
+        covisibility = frustum_overlap(extrinsics, intrinsics, scene.near, scene.far)
     return PosedScene(
         name=folder.name,
         paths=tuple(photograph.path for photograph in photographs),
@@ -152,15 +154,6 @@ def read_posed_scene(folder: Path) -> PosedScene:
         far=scene.far,
         covisibility=np.minimum(covisibility, covisibility.T),
     )
-
-
-def _normalised(lens: Lens, num_frames: int) -> Float[np.ndarray, "frame 3 3"]:
-    matrix = [
-        [lens.fx / lens.width, 0.0, lens.cx / lens.width],
-        [0.0, lens.fy / lens.height, lens.cy / lens.height],
-        [0.0, 0.0, 1.0],
-    ]
-    return np.tile(np.array(matrix), (num_frames, 1, 1))
 
 
 def _read_covisibility(path: Path, num_frames: int) -> Float[np.ndarray, "frame frame"] | None:
