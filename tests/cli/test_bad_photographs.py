@@ -196,13 +196,13 @@ def test_hidden_files_are_no_photographs(tmp_path: Path) -> None:
 def test_large_photographs_are_said_to_be_scaled_before_they_are_read(fecosplat, scene: Path, tmp_path: Path) -> None:
     for image in scene.glob("*.png"):
         with Image.open(image) as photograph:
-            photograph.resize((2304, 1536)).save(image)
-    editing(lambda cameras: cameras.update(w=2304, h=1536, fl_x=2304.0, fl_y=2304.0))(scene)
+            photograph.resize((1152, 768)).save(image)
+    editing(lambda cameras: cameras.update(w=1152, h=768, fl_x=1152.0, fl_y=1152.0))(scene)
     cut_an_image(scene)
     output = tmp_path / "wall.fcs"
     result = fecosplat("encode", scene, "-o", output)
     assert result.code == 1 and not output.exists()
     remark, error = result.err.splitlines()
-    assert remark == "note: photographs of 2304x1536 are coded at 1024x683; no side may exceed 1024 pixels."
+    assert remark == "note: photographs of 1152x768 are coded at 1024x683; no side may exceed 1024 pixels."
     assert "view_2.png" in error
     assert "note:" not in fecosplat("encode", scene, "-o", output, "--size", "96x64").err
