@@ -142,7 +142,7 @@ def descend(
 def _gradient(search: Search, values: Values, number: int) -> Values:
     """Return the gradient of D. number: of the step."""
     values = values.detach().requires_grad_()
-    of_scene, _ = search.references.share(number).distortion(search.gaussians(values), distortion)
+    of_scene, _ = search.references.taught(number).distortion(search.gaussians(values), distortion)
     (gradient,) = torch.autograd.grad(of_scene, values)
     return gradient
 

@@ -19,7 +19,6 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 
 Pictures = Float[Tensor, "picture 3 h w"]
 MAX_GUIDES_AT_ONCE = 8  # in one step; more take turns. Four of eight lose 0.3 dB with four coded views
-MAX_AT_ONCE = 8  # photographs in a step of detail; more take turns, which costs nothing at equal bytes
 PerPicture = Callable[[Pictures, Pictures], Float[Tensor, " picture"]]  # (renderings, photographs) -> D of each
 
 
@@ -61,16 +60,7 @@ class References:
         shares = -(-num_guides // MAX_GUIDES_AT_ONCE)
         if shares <= 1:
             return self
-        return self._select(
-            [*range(self.num_context), *range(self.num_context + number % shares, len(self.images), shares)]
-        )
-
-    def share(self, number: int) -> "References":
-        """Return the share of all photographs, coded ones and guides, that a step of detail sees in turn `number`."""
-        shares = -(-len(self.images) // MAX_AT_ONCE)
-        return self if shares <= 1 else self._select(list(range(number % shares, len(self.images), shares)))
-
-    def _select(self, views: list[int]) -> "References":
+        views = [*range(self.num_context), *range(self.num_context + number % shares, len(self.images), shares)]
         transparency, ignored = (None if x is None else x[views] for x in (self.transparency, self.ignored))
         cameras, images = self.cameras.select(views), self.images[views]
         return replace(self, cameras=cameras, images=images, transparency=transparency, ignored=ignored)
