@@ -40,7 +40,7 @@ from fecocodec.poses.pycolmap_steps import (
 )
 from fecocodec.poses.turned_camera import Points, only_turned
 from fecocodec.poses.two_photographs import reconstruct_pair
-from fecocodec.poses.weak_links import least_explained
+from fecocodec.poses.weak_links import cut_weak_links, least_explained
 
 LEAST_ANGLE = 1.0  # degrees, median angle between the rays of a point; with less, depth is not determined
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.
@@ -115,6 +115,7 @@ def _estimates(
     """
     is_fixed = any(group.is_fixed for group in groups)
     count = sum(len(group.names) for group in groups)
+    num_matches = sum(len(first) for first, _ in points.values())
     attempts = _ATTEMPTS if count <= _ALL_ATTEMPTS_UP_TO else (_ATTEMPTS[0], _ATTEMPTS[-1])
 
     def estimate(number: int) -> list[Estimate]:
@@ -124,18 +125,24 @@ def _estimates(
         if not is_fixed:
             set_focal_lengths(pycolmap, own, [_STARTS[number] * group.focal_px for group in groups])
         tried = attempts[-1:] if number or earlier else attempts
-        model = map_photographs(pycolmap, own, folder, place, tried, points, count, is_focal_fixed=is_fixed)
+        model = map_photographs(pycolmap, own, folder, place, tried, num_matches, count, is_focal_fixed=is_fixed)
         if model is None:
             return []
         model = refine(pycolmap, model, count, is_focal_fixed=is_fixed)
+        if cut_weak_links(model, points):
+            model = refine(pycolmap, model, count, is_focal_fixed=is_fixed)
         return [Estimate(cameras_of(model), model)]
 
     # pycolmap maps without Python's lock.
     with ThreadPoolExecutor(1 if num_threads == 1 else 2) as threads:
         estimates = [*earlier, *chain(*threads.map(estimate, range(2)))]
-    if is_fixed or count == 2 or (count > _ALL_STARTS_UP_TO and _is_confirmed(estimates, points, count)):
-        return estimates
-    return [*estimates, *estimate(2)]
+    last = 1
+    if not (is_fixed or count == 2 or (count > _ALL_STARTS_UP_TO and _is_confirmed(estimates, points, count))):
+        last = 2
+        estimates += estimate(last)
+    if not is_fixed:  # guided matches, if they follow, are verified with it
+        set_focal_lengths(pycolmap, database, [_STARTS[last] * group.focal_px for group in groups])
+    return estimates
 
 
 def _is_confirmed(estimates: list[Estimate], points: MatchedPoints, count: int) -> bool:

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 
 from fecocodec.errors import InputError, installation
-from fecocodec.poses.estimate_choice import MatchedPoints
-from fecocodec.poses.weak_links import cut_weak_links
 
 SEED = 0
 RADIAL_FROM = 6  # photographs; fewer do not determine the lens distortion
@@ -34,29 +32,25 @@ def map_photographs(
     folder: Path,
     workspace: Path,
     attempts: tuple[tuple[float, int, int], ...],
-    points: MatchedPoints,
+    num_matches: int,
     count: int,
     *,
     is_focal_fixed: bool = False,
 ) -> Any:
     """Return the reconstruction with the most photographs, then with the most explained matches; None without one.
 
-    Weakly joined parts are cut off before. points: verified matches of all pairs. count: of photographs.
-    is_focal_fixed: whether the initial focal lengths are kept.
+    num_matches: verified ones of all pairs. count: of photographs. is_focal_fixed: whether the initial focal lengths
+    are kept.
     """
     pycolmap.set_random_seed(SEED)  # of this thread
     best, most = None, (0, 0.0)
-    num_matches = sum(len(first) for first, _ in points.values())
     for number, attempt in enumerate(attempts):
         output = workspace / str(number)
         output.mkdir(parents=True)
         options = _mapping_options(pycolmap, attempt, count, is_focal_fixed)
         for model in pycolmap.incremental_mapping(database, folder, output, options).values():
-            if not (is_focal_fixed or _is_plausible(model)) or model.num_reg_images() < most[0]:
-                continue
-            cut_weak_links(model, points)
             extent = model.num_reg_images(), _explained_share(model, num_matches)
-            if extent > most:
+            if (is_focal_fixed or _is_plausible(model)) and extent > most:
                 best, most = model, extent
         if most[0] == count and most[1] >= _ENOUGH_EXPLAINED:
             break

@@ -22,12 +22,17 @@ Counts = Float[np.ndarray, "camera camera"]
 Part = Bool[np.ndarray, " camera"]
 
 
-def cut_weak_links(model: Any, points: MatchedPoints) -> None:
-    """Deregister the smaller parts of a reconstruction that its matches do not join to the largest."""
+def cut_weak_links(model: Any, points: MatchedPoints) -> bool:
+    """Deregister the smaller parts of a reconstruction that its matches do not join to the largest.
+
+    Returns whether there are any. Cameras before the last bundle adjustment explain too few matches to tell.
+    """
     kept = joined_names(cameras_of(model), points)
-    for image in [model.image(image_id) for image_id in model.reg_image_ids()]:
+    images = [model.image(image_id) for image_id in model.reg_image_ids()]
+    for image in images:
         if image.name not in kept:
             model.deregister_frame(image.frame_id)
+    return len(kept) < len(images)
 
 
 def joined_names(cameras: tuple[EstimatedCamera, ...], points: MatchedPoints) -> frozenset[str]:

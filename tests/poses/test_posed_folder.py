@@ -395,9 +395,8 @@ def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monke
     steps = {"incremental_mapping": lambda *_arguments: next(models), "set_random_seed": lambda _seed: None}
     mapper = type("Mapper", (), {name: staticmethod(step) for name, step in steps.items()})
     monkeypatch.setattr(pycolmap_steps, "_mapping_options", lambda *_arguments: None)
-    monkeypatch.setattr(pycolmap_steps, "cut_weak_links", lambda *_arguments: None)
-    attempts, points = ((8.0, 60, 24),) * 4, {("a", "b"): (np.zeros((100, 2)), np.zeros((100, 2)))}
-    best = pycolmap_steps.map_photographs(mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, points, 4)
+    attempts = ((8.0, 60, 24),) * 4
+    best = pycolmap_steps.map_photographs(mapper, tmp_path / "d.db", tmp_path, tmp_path / "maps", attempts, 100, 4)
     assert len(best.points3D) == 66
     assert len(list(models)) == 1
 

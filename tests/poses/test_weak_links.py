@@ -83,5 +83,7 @@ def test_photographs_that_are_cut_off_lose_their_cameras(monkeypatch):
 
     monkeypatch.setattr("fecocodec.poses.weak_links.cameras_of", lambda model: CAMERAS)
     model = Model()
-    cut_weak_links(model, matches_of({"ab": 200, "bc": 150, "cd": 90, "de": 90, "ef": 20}, {"df": 18}))
+    assert not cut_weak_links(model, matches_of(CHAIN | {"cd": 90}, {}))
+    assert model.registered == dict(enumerate(NAMES))
+    assert cut_weak_links(model, matches_of({"ab": 200, "bc": 150, "cd": 90, "de": 90, "ef": 20}, {"df": 18}))
     assert model.registered == dict(enumerate("abcde"))
