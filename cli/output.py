@@ -57,6 +57,7 @@ _OPTIONS = {
     **{name: f"--{name.replace('_', '-')}" for name in ("perceptual", "perceptual_weight", "optimised_share")},
     'stages="intact"': "decode --partial",
     "stages=1": "--stages 1",
+    "spz_version=3": "--spz-version 3",
     "views=all": "--views all",
     "workers=1": "--workers 1",
 }

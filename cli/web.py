@@ -17,6 +17,7 @@ from .terminal import printable
     epilog="""\b
 Examples:
   fecosplat web site/
+  fecosplat web /var/www/splats
   cp scene.fcs site/
   python -m http.server --directory site""",
 )

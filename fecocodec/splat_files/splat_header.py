@@ -53,7 +53,7 @@ def _count_of_ply(path: Path, data: bytes) -> int:
 def _count_of_spz(path: Path, data: bytes) -> int:
     """Return the number of Gaussians of an SPZ file of version 1 to 3, which is compressed with gzip as a whole."""
     if data[:4] == struct.pack("<I", _SPZ_MAGIC):
-        raise InputError(f"{path}: the page reads SPZ up to version 3; write it again with --spz-version 3.")
+        raise InputError(f"{path}: the page reads SPZ up to version 3; write it again with `spz_version=3`.")
     try:
         header = zlib.decompressobj(zlib.MAX_WBITS | 16).decompress(data, _SPZ_HEADER_BYTES)
         magic, _, count = struct.unpack("<3I", header)

@@ -49,7 +49,9 @@ NO_SPACE = "writing failed (No space left on device); check free space and permi
 @pytest.mark.usefixtures("networks")
 def test_full_disk_when_encoding(fecosplat, photographs: Path, output: Path, full_disk) -> None:
     full_disk(0, ".fcs")
-    result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", "0,1", "--effort", "fast")
+    result = fecosplat(
+        "encode", photographs, "-o", output / "a.fcs", "--views", "0,1", "--effort", "fast", "--stages", "1"
+    )
     assert_refused(result, output, f"{output / 'a.fcs'}: {NO_SPACE}")
 
 

@@ -94,7 +94,7 @@ def test_warnings_come_before_the_work(
     def stop(*_arguments: object, **_options: object) -> bytes:
         raise InputError("the encoder was started.")
 
-    monkeypatch.setattr("fecocodec.codec.encode_folder.encode", stop)
+    monkeypatch.setattr("fecocodec.codec.encode_views.encode", stop)
     result = fecosplat(
         "encode", photographs, "-o", output / "a.fcs", "--views", "0", "--size", "64x96", "--guides", "none"
     )

@@ -14,6 +14,13 @@ def model(random_weights: Path) -> Path:
     return random_weights / MODEL
 
 
+@pytest.fixture(scope="module")
+def wall(photographs: Path, model: Path) -> bytes:
+    """A stream of one stage: with untrained networks, the second does harm, and `encode` leaves it out."""
+    views = fecocodec.read_views(photographs, views=(0, 1))
+    return fecocodec.encode(views, effort="fast", model=model, num_stages=1)
+
+
 def test_files_of_own_weights_go_there_and_back(
     fecosplat, photographs: Path, model: Path, wall: bytes, tmp_path: Path
 ) -> None:

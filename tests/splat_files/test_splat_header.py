@@ -50,7 +50,7 @@ def test_our_files_are_counted(name: str, tmp_path: Path) -> None:
         ("a.spz", spz(7, 3, 10), NO_SPZ),
         ("a.spz", spz(0x5053474E), NO_SPZ),
         ("a.spz", spz(0x5053474E, 3, 0), "the file holds no Gaussians; give one that does."),
-        ("a.spz", b"NGSP\4\0\0\0", "the page reads SPZ up to version 3; write it again with --spz-version 3."),
+        ("a.spz", b"NGSP\4\0\0\0", "the page reads SPZ up to version 3; write it again with `spz_version=3`."),
     ],
 )
 def test_a_file_without_gaussians_is_one_sentence(name: str, data: bytes, message: str) -> None:
