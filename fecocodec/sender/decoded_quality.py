@@ -67,7 +67,7 @@ def measure_others(
 def measure_left_out(
     data: bytes, views: Views, *, device: str = "cpu", model: Path | str | None = None
 ) -> LeftOutQuality | None:
-    """Decode a stream once for each view without the Gaussians of this view, and return the quality of this view.
+    """Decode a stream without the Gaussians of one view after another, and return the quality of these views.
 
     At most MAX_LEFT_OUT views are measured. Pixels count where the Gaussians of the other views are nearly opaque, so
     what the background layer fills does not.
@@ -82,7 +82,7 @@ def measure_left_out(
         hidden = levels.copy()
         hidden[view] = len(FACTOR_OF_LEVEL) - 1
         decoded = decode_with(receiver, write_stream(replace(stream, fading=pack_levels(hidden))), background=None)
-        rendered = render(decoded.gaussians, decoded.cameras.select([view]), views.image_size)
+        rendered = render(decoded.gaussians, decoded.cameras.select([view]), views.image_size, _background(views))
         is_unseen = rendered.alpha < OPAQUE
         if views.ignored is not None:
             is_unseen |= views.ignored[[view]]
@@ -108,8 +108,12 @@ def decoded_quality(receiver: Receiver, data: bytes, views: Views, stages: Stage
     return _quality(decoded.gaussians, decoded.cameras, views)
 
 
+def _background(views: Views) -> tuple[float, float, float]:
+    """Return what is behind the Gaussians, sRGB: transparent photographs are white where they are transparent."""
+    return BLACK if views.alpha is None else WHITE
+
+
 def _quality(gaussians: Gaussians, cameras: Cameras, views: Views) -> DecodedQuality:
-    background = BLACK if views.alpha is None else WHITE
-    rendered = render(gaussians, cameras, views.image_size, background).color
+    rendered = render(gaussians, cameras, views.image_size, _background(views)).color
     quality = psnr(rendered.clamp(0, 1), views.images.to(rendered), views.ignored).clamp(max=LARGEST_PSNR)
     return DecodedQuality(tuple(quality.tolist()))

@@ -32,8 +32,9 @@ class DecodedQuality:
 
 @dataclass(frozen=True)
 class LeftOutQuality:
-    """Quality of coded views, each rendered without its own Gaussians. psnr, in dB: mean over the views that others
-    show in part, of the pixels that these show. share: of all pixels, that others show.
+    """Quality of coded views, each rendered without its own Gaussians.
+
+    psnr: in dB, of the pixels that other views show; mean over the views that have such pixels. share: of these pixels.
     """
 
     psnr: float

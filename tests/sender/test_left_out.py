@@ -3,6 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+import torch
+
 from fecocodec import encode, measure_decoded, read_views
 from fecocodec.sender.decoded_quality import measure_left_out
 
@@ -18,6 +20,16 @@ def test_views_predict_each_other_unless_their_cameras_are_wrong() -> None:
     swapped = replace(views, cameras=views.cameras.select([1, 0]))
     wrong = measure_left_out(encode(swapped, effort="fast"), swapped)
     assert wrong is not None and wrong.psnr < left_out.psnr - 3.0
+
+
+def test_cut_outs_are_measured_on_white() -> None:
+    views = read_views(EXAMPLE, size=(96, 128))
+    alpha = torch.zeros(2, 96, 128)
+    alpha[:, 24:72, 32:96] = 1.0
+    cut_out = replace(views, images=views.images * alpha[:, None] + 1.0 - alpha[:, None], alpha=alpha)
+    data = encode(cut_out, effort="fast")
+    on_white, on_black = measure_left_out(data, cut_out), measure_left_out(data, replace(cut_out, alpha=None))
+    assert on_white is not None and on_black is not None and on_white.psnr > on_black.psnr + 0.1
 
 
 def test_one_view_is_shown_by_no_other() -> None:
