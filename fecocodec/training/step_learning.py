@@ -2,9 +2,8 @@
 
 The latents after a step are the first latents plus all steps so far. So the gradient of the loss by these latents is
 also the gradient by each of these steps, if the reaction of later steps to earlier ones is neglected. The next step
-needs most of this gradient anyway, so training costs little more than encoding. The loss also contains target views,
-which encoding does not see, and may contain ST-LPIPS, which would be slow in encoding: the network learns steps that
-improve them, too.
+needs most of it anyway, so training costs little more than encoding. The loss also contains target views, and may
+contain ST-LPIPS: the network learns steps that improve what encoding does not see.
 
 The analysis transform learns to give what the steps end at, as far as it can be told without them.
 """
@@ -33,6 +32,7 @@ from fecocodec.sender.latent_optimisation import (
     step_size,
 )
 from fecocodec.sender.optimisation_config import OptimisationConfig, steps_of_first
+from fecocodec.sender.scene import Guides
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import Optimise, StageInputs
 from fecocodec.sender.step_network import StepNetwork
@@ -46,14 +46,6 @@ OTHER_STEPS, OTHER_SHARE = (2, 9), 0.3  # numbers of steps other than those of e
 
 Parts = dict[str, float]
 """Parts of the loss: the loss, D of the context views, D of the target views, the logarithm of the bits."""
-
-
-@dataclass(frozen=True)
-class Targets:
-    """Views of one scene beside its context views, in their frame."""
-
-    images: Float[Tensor, "view 3 h w"]
-    cameras: Cameras
 
 
 @dataclass(frozen=True)
@@ -94,15 +86,15 @@ class StepLearner:
 
         The optimised latents pass no gradient to the sender. If they did, g_a would learn to rely on the steps: files
         without steps became 25% larger, and those with steps no better (docs/what_we_learned.md). It learns by
-        `analysis_loss` instead. report:
-        called for each stage of each scene with the change of `Parts` by its steps; names end in the stage's number.
+        `analysis_loss` instead. report: called for each stage of each scene with the change of `Parts` by its steps;
+        names end in the stage's number.
         """
         pixels = encoder.num_pixels // len(batch.images)
         numbers = [self._draw_num_steps(pixels, int(lambda_q)) for lambda_q in batch.lambda_q]
 
         def optimise(y: Tensor, features: Tensor, inputs: StageInputs, _progress: Progress) -> Tensor:
             found = [
-                self._optimise_scene(encoder, batch, scene, numbers[scene], y, features, inputs, report)
+                self._optimise_scene(encoder, batch, scene, numbers[scene], (y, features, inputs), report)
                 for scene in range(len(batch.images))
             ]
             optimised = torch.cat(found)
@@ -137,23 +129,21 @@ class StepLearner:
         batch: Batch,
         scene: int,
         num_steps: int,
-        y: Tensor,
-        features: Tensor,
-        inputs: StageInputs,
+        given: tuple[Tensor, Tensor, StageInputs],
         report: Callable[[dict[str, float]], None],
     ) -> Latent:
-        """Return the latents of one scene of the batch after the steps."""
+        """Return the latents of one scene of the batch after the steps. given: y, F_k and what the stage has."""
+        y, features, inputs = given
         items = slice(scene * encoder.num_views, (scene + 1) * encoder.num_views)
         alone = SceneEncoder(encoder.codec, encoder.images[scene : scene + 1], encoder.cameras.scene(scene).as_batch())
         own = _inputs_of(inputs, items)
         others = list(range(batch.num_context, batch.images.shape[1]))
-        targets = Targets(batch.images[scene, others], batch.cameras.select(others).scene(scene))
+        targets = Guides(batch.images[scene, others], batch.cameras.select(others).scene(scene))
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)
         evaluate = partial(_evaluate, alone, self.config, own, targets)
-        given = features[items].detach(), own.state, own.condition
-        first_length = step_size(own.condition)
+        seen, first_length = (features[items].detach(), own.state, own.condition), step_size(own.condition)
         found, before, after = learn(
-            self.network, evaluate, y[items], steps, first_length, given, self.perceptual_weight
+            self.network, evaluate, y[items], steps, first_length, seen, self.perceptual_weight
         )
         report({f"{name}{inputs.stage}": after[name] - before[name] for name in after})
         return found
@@ -231,9 +221,9 @@ def _gradients(y: Latent, *values: Float[Tensor, ""]) -> list[Latent]:
 
 @torch.enable_grad()
 def _evaluate(
-    encoder: SceneEncoder, config: OptimisationConfig, inputs: StageInputs, targets: Targets, y: Latent
+    encoder: SceneEncoder, config: OptimisationConfig, inputs: StageInputs, targets: Guides, y: Latent
 ) -> Evaluated:
-    """Evaluate latents of a stage of a scene."""
+    """Evaluate latents of a stage of a scene. targets: views beside the context views, in their frame."""
     y = y.detach().requires_grad_()
     estimated = estimate_bits(encoder.codec)(y, inputs)
     gaussians = gaussians_of(encoder, inputs, estimated.y_hat)
