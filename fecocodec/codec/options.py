@@ -60,7 +60,7 @@ class EncodingOptions:
         if self.sharpness != 0.0 and self.effort == "fast":
             raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
         if isinstance(self.guides, str):
-            raise OptionError(f"`guides` is the text '{self.guides}'; give a tuple of names, or () for no guides.")
+            raise OptionError(f"`guides` is the text '{self.guides}'; give a tuple of names, or () for none.")
         if isinstance(self.views, All) and (self.guides or self.num_checks):
             raise OptionError("`views=all` codes every photograph; leave out `guides` and `checks`, or choose `views`.")
 
