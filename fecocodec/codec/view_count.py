@@ -1,53 +1,39 @@
-"""How many photographs are coded: more of them as long as they gain more than finer coding of fewer would.
+"""How many photographs are coded: as many as it takes to show what all of them show.
 
-Each number is judged by a pass without optimisation at a small size: D over all photographs, coded or not, and the
-bytes of the file.
+Bytes grow with the number of coded views, and quality with the share of each photograph that the coded ones show.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import replace
 from itertools import compress
-from statistics import mean
 
+import numpy as np
 import torch
+from jaxtyping import Float
 
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.captures.chosen_photographs import framed
 from fecocodec.captures.scene_folder import read_others, with_depth_bounds
 from fecocodec.checkpoint import model_folder
 from fecocodec.codec.options import EncodingOptions
-from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
+from fecocodec.geometry.cameras import Cameras, depth_from_relative_disparity
+from fecocodec.geometry.frustum_overlap import covisibility_estimate
 from fecocodec.geometry.views import Views
 from fecocodec.limits import MIN_SIDE
-from fecocodec.receiver.decode import decode_with
-from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import load_codec
-from fecocodec.sender.detail_steps import distortion
-from fecocodec.sender.distortion import LogDistortion
-from fecocodec.sender.encode import encoder_of, write_scene
-from fecocodec.sender.lambda_roles import price_of_rate
-from fecocodec.sender.optimisation_config import FAST
-from fecocodec.sender.scene import Scene, prepare_scene
+from fecocodec.sender.encode import encoder_of
+from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.view_overlap import LEAST_CONFIRMED, view_overlap
 
-COUNTS = (2, 3, 4, 6, 8, 12, 16)  # of coded views that are judged
-JUDGED_PIXELS = 128 * 128  # of each photograph, about
-# Of what coded views gain by finer coding, new views gain about this share (validation scenes: a quarter to a half).
-SHARE_OF_NEW_VIEWS = 0.5
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A pass over a number of coded views. distortion: mean D over all photographs. bits_per_pixel: of coded views."""
-
-    count: int
-    distortion: float
-    num_bytes: int
-    bits_per_pixel: float
+MATCHED_PIXELS = 128 * 128  # of each photograph, about, to find depth and photographs of another scene
+LEAST_CONSISTENCY = 0.5  # of matched depth that counts
+SHARE_OF_BOUNDS = (0.1, 0.9)  # of this depth that is nearer than the bounds of what photographs show
+# Gain of the shown share that is worth twice the views. Doubling the bytes by lambda gives new views about 0.6 dB, at
+# any lambda; on training captures, a share of 0.05 gave about as much (docs/what_we_learned.md, Guides).
+GAIN_OF_DOUBLING = 0.03
 
 
 @torch.inference_mode(False)
@@ -61,68 +47,50 @@ def coded_views(
 ) -> list[int]:
     """Return which photographs are coded. Candidates that no other photograph confirms are not.
 
-    on_note: called with a sentence that says why not more. order: indices of candidates in the order in which they
+    on_note: called with a sentence that says what they show. order: indices of candidates in the order in which they
     would be coded. others: photographs that can guide, too.
     Raises InputError for cameras that a stream cannot represent, ModelError if weights cannot be loaded.
     """
     views, indices = _read_small(scene, options, order, sorted({*order, *others}))
-    codec, lambda_q = load_codec(model_folder(options.model), options.device), quantise_lambda(options.lmbda)
-
-    @cache
-    def matched(coded: tuple[int, ...]) -> tuple[SceneEncoder, Scene]:
-        rest = [view for view in range(len(indices)) if view not in coded]
-        guides = views.select(rest) if rest and options.guides != () else None
-        small = prepare_scene(views.select(list(coded)), codec.device, guides)
-        return encoder_of(codec, small), small
-
-    candidates = tuple(indices.index(index) for index in order if index in indices)
-    is_confirmed = _are_confirmed(matched(candidates)[0])
-    candidates = tuple(compress(candidates, is_confirmed)) or candidates
-
-    def judge(count: int) -> Judged:
-        encoder, small = matched(candidates[:count])
-        data = write_scene(encoder, small, lambda_q, options.num_stages, FAST)
-        gaussians = decode_with(codec.receiver, data).gaussians.to(codec.device)
-        cameras = views.cameras.to(codec.device)
-        rendered = render(gaussians, cameras, views.image_size).color.clamp(0, 1).cpu()
-        loss = float(distortion(views.outside_masks(rendered), views.images).mean())
-        return Judged(count, loss, len(data), 8 * len(data) / encoder.num_pixels)
-
-    best, more = best_count(judge, len(candidates), lambda_q)
-    if more is not None:
-        on_note(_why_not(best, more))
-    return [indices[view] for view in candidates[: best.count]]
-
-
-def best_count(judge: Callable[[int], Judged], most: int, lambda_q: int) -> tuple[Judged, Judged | None]:
-    """Return the best number of coded views, at most `most`, and the next larger one that was judged, if any.
-
-    2, 4, 8 and 16 are judged, then those beside the best of these.
-
-    Along a curve of rate and distortion, D of coded views falls by price * R for each e-fold of R, the mean bits of a
-    pixel. More views must gain as much as finer coding does at new views: D + share * price * R * log(bytes) is least.
-    """
-    counts = sorted({count for count in COUNTS if count < most} | {most})
-    judged = [judge(count) for count in counts if count in (most, *COUNTS[::2])]
-    worth = SHARE_OF_NEW_VIEWS * price_of_rate(lambda_q) * mean(one.bits_per_pixel for one in judged)
-
-    def best() -> Judged:
-        return min(judged, key=lambda one: one.distortion + worth * math.log(one.num_bytes))
-
-    place = counts.index(best().count)
-    known = {one.count for one in judged}
-    judged += [judge(count) for count in counts[max(0, place - 1) : place + 2] if count not in known]
-    larger = [one for one in judged if one.count > best().count]
-    return best(), min(larger, key=lambda one: one.count, default=None)
-
-
-def _why_not(best: Judged, more: Judged) -> str:
-    """Return a sentence that says what more coded views would give."""
-    gain = (best.distortion - more.distortion) / LogDistortion.log_weight * 10 / math.log(10)
-    return (
-        f"{best.count} photographs are coded; {more.count} would take {more.num_bytes / best.num_bytes:.1f} times the "
-        f"bytes for {gain:+.1f} dB over all photographs (estimated without optimisation)."
+    candidates = [indices.index(index) for index in order if index in indices]
+    rest = [view for view in range(len(indices)) if view not in candidates]
+    codec = load_codec(model_folder(options.model), options.device)
+    encoder = encoder_of(
+        codec, prepare_scene(views.select(candidates), codec.device, views.select(rest) if rest else None)
     )
+    candidates = list(compress(candidates, _are_confirmed(encoder))) or candidates
+    shares = shown_shares(_with_matched_depth(views.cameras, encoder), candidates)
+    count = best_count(shares)
+    on_note(f"{count} photographs are coded; on average they show {shares[count - 1]:.0%} of each photograph.")
+    return [indices[view] for view in candidates[:count]]
+
+
+def shown_shares(cameras: Cameras, candidates: list[int]) -> Float[np.ndarray, " candidate"]:
+    """Return what the first candidate, the first two, and so on, show of the views: mean of the largest overlaps.
+
+    cameras: of all views of a scene, with bounds of its depth.
+    """
+    bounds = float(cameras.near), float(cameras.far)
+    overlap = covisibility_estimate(cameras.extrinsics.double().numpy(), cameras.intrinsics.double().numpy(), *bounds)
+    shares: Float[np.ndarray, " candidate"] = np.maximum.accumulate(overlap[:, candidates], axis=1).mean(axis=0)
+    return shares
+
+
+def best_count(shares: Float[np.ndarray, " candidate"]) -> int:
+    """Return the number of coded views, two or more if there are as many, after which more views gain too little."""
+    counts = range(min(2, len(shares)), len(shares) + 1)
+    return max(counts, key=lambda count: shares[count - 1] - GAIN_OF_DOUBLING * math.log2(count))
+
+
+def _with_matched_depth(cameras: Cameras, encoder: SceneEncoder) -> Cameras:
+    """Return the cameras with bounds that hold most of the depth that matching confirms, if it confirms any."""
+    matched, own = encoder.matching.depth, encoder.cameras.scene(0)
+    depth = depth_from_relative_disparity(matched.relative_disparity[None, :, 0], own.as_batch())[0]
+    confirmed = depth[matched.consistency[:, 0] > LEAST_CONSISTENCY].cpu()
+    if not len(confirmed):
+        return cameras
+    near, far = cameras.near * torch.quantile(confirmed, torch.tensor(SHARE_OF_BOUNDS))
+    return replace(cameras, near=near, far=far)
 
 
 def _are_confirmed(encoder: SceneEncoder) -> list[bool]:
@@ -136,12 +104,12 @@ def _are_confirmed(encoder: SceneEncoder) -> list[bool]:
 def _read_small(
     scene: PosedPhotographs, options: EncodingOptions, order: list[int], indices: list[int]
 ) -> tuple[Views, list[int]]:
-    """Return photographs at about JUDGED_PIXELS each, on white, and their indices, without those that cannot be read.
+    """Return photographs at about MATCHED_PIXELS each, on white, and their indices, without those that cannot be read.
 
     All have the shape of the candidates, `order`.
     """
     height, width = framed(scene, [scene.photographs[index] for index in order], options.size, []).image_size
-    scale = min(1.0, (JUDGED_PIXELS / (height * width)) ** 0.5)
+    scale = min(1.0, (MATCHED_PIXELS / (height * width)) ** 0.5)
     size = (max(MIN_SIDE, round(height * scale)), max(MIN_SIDE, round(width * scale)))
     chosen = framed(scene, [scene.photographs[index] for index in indices], size, [])
     views = read_others(chosen, background="white", masks=options.masks, on_left_out=lambda _sentence: None)

@@ -1,55 +1,43 @@
-"""How many photographs are coded, by rate and distortion."""
+"""How many photographs are coded: as many as show what all show."""
 
 import math
-from collections.abc import Callable
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from fecocodec import EncodingOptions, encode_folder
-from fecocodec.codec.view_count import Judged, best_count
-from fecocodec.container import quantise_lambda
+from fecocodec.codec.view_count import best_count, shown_shares
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph, waves
 from fecocodec.geometry.views import Views
 from tests.example_scenes import write_views
 
 OPTIONS = EncodingOptions(effort="fast", num_stages=1, num_checks=0)
-AT_1E_3 = quantise_lambda(1e-3)
 
 
 def room(centres: list[tuple[float, float, float]]) -> Views:
     return photograph(Room(painted), torch.stack([look(centre) for centre in centres]), (96, 128))
 
 
-def judge(gain_db: float) -> Callable[[int], Judged]:
-    """A scene in which each doubling of the coded views gains so many dB, at half a bit a pixel."""
-    return lambda count: Judged(count, -0.0023026 * gain_db * math.log2(count), 2_000 * count, 0.5)
+@pytest.mark.parametrize(("gain", "count"), [(0.0, 2), (0.029, 2), (0.031, 16), (0.1, 16)])
+def test_doubling_the_views_must_gain_three_hundredths_of_what_is_shown(gain: float, count: int) -> None:
+    assert best_count(np.array([gain * math.log2(views) for views in range(1, 17)])) == count
 
 
-@pytest.mark.parametrize(("gain_db", "count"), [(0.0, 2), (0.3, 2), (0.5, 16), (2.0, 16)])
-def test_more_views_must_gain_as_much_as_finer_coding(gain_db: float, count: int) -> None:
-    """At half a bit a pixel and lambda 1e-3, a doubling of the bytes has to gain 0.4 dB."""
-    assert best_count(judge(gain_db), 16, AT_1E_3)[0].count == count
+def test_views_stop_where_they_show_no_more() -> None:
+    assert best_count(np.array([0.3, 0.5, 0.7, 0.8, 0.9, 0.904, 0.908, 0.91])) == 5
+    assert best_count(np.array([0.7])) == 1
 
 
-def test_smaller_files_have_fewer_views() -> None:
-    assert [best_count(judge(0.4), 16, quantise_lambda(lmbda))[0].count for lmbda in (1e-2, 1e-4)] == [2, 16]
-
-
-def test_numbers_beside_the_best_are_judged() -> None:
-    seen = []
-
-    def saturating(count: int) -> Judged:
-        seen.append(count)
-        return Judged(count, -0.02 * min(count, 6), 2_000 * count, 0.5)
-
-    best, more = best_count(saturating, 16, AT_1E_3)
-    assert best.count == 6 and more is not None and more.count == 8
-    assert seen == [2, 4, 8, 16, 6, 12]
-    assert best_count(saturating, 5, AT_1E_3) == (saturating(5), None)
-    assert best_count(saturating, 1, AT_1E_3) == (saturating(1), None)
+def test_coded_views_show_themselves_and_their_neighbours() -> None:
+    beside, apart = look((0.05, 0.0, -1.5)), look((9.0, 0.0, -1.5))
+    poses = torch.stack([look((0.0, 0.0, -1.5)), beside, apart])
+    cameras = photograph(Room(painted), poses, (64, 96)).cameras
+    shares = shown_shares(cameras, [0, 2, 1])
+    assert 0.6 < shares[0] < 0.7 and 0.9 < shares[1] < 1.0 and shares[2] == 1.0
 
 
 def test_a_wall_takes_fewer_views_than_a_walk(tmp_path: Path) -> None:
@@ -58,7 +46,9 @@ def test_a_wall_takes_fewer_views_than_a_walk(tmp_path: Path) -> None:
     wall, walk = (encode_folder(tmp_path / name, OPTIONS) for name in ("wall", "walk"))
     assert len(wall.names) == 2 < len(walk.names)
     assert len(wall.guides.names) + wall.num_unused == 6
-    assert any(note.startswith("2 photographs are coded; 3 would take 1.") for note in wall.notes)
+    assert any(
+        re.match(r"2 photographs are coded; on average they show 100% of each photograph\.", note) for note in wall.notes
+    )
 
 
 def test_a_photograph_of_another_scene_is_not_coded(tmp_path: Path) -> None:
