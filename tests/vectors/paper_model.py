@@ -33,16 +33,19 @@ CONFIG = ReceiverConfig(
 )
 
 
-def make_paper_model() -> bytes:
-    """Return a weights file whose Gaussians vary with the symbols. The stored file is normative, not this function."""
+def make_paper_model(config: ReceiverConfig = CONFIG) -> bytes:
+    """Return a weights file whose Gaussians vary with the symbols. The stored file is normative, not this function.
+
+    Configurations with the same entropy model have the same integers, and so decode the same symbols.
+    """
     torch.manual_seed(20261128)
-    receiver, random = Receiver(CONFIG), Random(20261128)
+    receiver, random = Receiver(config), Random(20261128)
     floats = {name: value for name, value in receiver.state_dict().items() if not name.startswith(PRIOR)}
     for name in ("predictor.head.2.weight", "predictor.depth_head.weight", "embedding.mlp.0.weight"):
         floats[name] = 8.0 * floats[name]
     integers = export_integers(receiver.prior)
     made = {PRIOR + name: random_like(name, integers[name], random) for name in sorted(integers)}
-    return serialise_weights(floats | made, {"receiver": stored_fields(CONFIG)})
+    return serialise_weights(floats | made, {"receiver": stored_fields(config)})
 
 
 @cache
