@@ -9,7 +9,7 @@ from fecocodec.errors import InputError
 
 from .common_options import add_common_options
 from .options import FILE_PATH, device_option, threads_option
-from .output import say, warn
+from .output import in_options, say, warn
 from .paths import require_input, require_output_folder
 from .train_options import check_values, configuration_options, data_options, overridden, seed_option
 from .train_verbs import detail, entropy, steps
@@ -146,7 +146,7 @@ def command(
             say(f"networks: {totals(trainer.receiver, trainer.sender)}")
         if trainer.step == 0 and is_first():
             for sentence in remarks_on_start(configuration, num_processes(), (*extractor, *filter(None, [start]))):
-                warn(f"warning: {sentence}")
+                warn(f"warning: {in_options(sentence)}")
         for source in extractor if trainer.step == 0 else ():
             report = trainer.start_extractor_from(source)
             say("\n".join((f"extractor, from {source}: {report}", *report.table())))

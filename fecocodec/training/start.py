@@ -27,12 +27,12 @@ def remarks_on_start(configuration: Configuration, num_processes: int, weights: 
     if not weights and configuration.sender.extractor == "depthsplat-small":
         remarks.append(
             "the extractor starts from random weights, the paper's from those of DepthSplat; give its file, or those "
-            "of DINOv2 and GMFlow, by --extractor-weights."
+            "of DINOv2 and GMFlow, by `extractor_weights`."
         )
     batch = configuration.shapes.num_scenes * num_processes
     if batch != PAPER_BATCH:
         remarks.append(
             f"a step has {batch} scene{'s' * (batch > 1)}, the paper's {PAPER_BATCH}; start {PAPER_BATCH} processes by "
-            "torchrun, or set the scenes of each by --scenes."
+            "torchrun, or set the scenes of each by `num_scenes`."
         )
     return tuple(remarks)

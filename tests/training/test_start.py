@@ -13,7 +13,7 @@ from fecocodec.training.start import remarks_on_start, totals
 
 RANDOM = (
     "the extractor starts from random weights, the paper's from those of DepthSplat; give its file, or those of DINOv2 "
-    "and GMFlow, by --extractor-weights."
+    "and GMFlow, by `extractor_weights`."
 )
 FILE = Path("depthsplat.pth")
 
