@@ -22,7 +22,7 @@ from pathlib import Path
 import torch
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SENDER_FILE, SHIPPED
-from fecocodec.config import SenderConfig
+from fecocodec.config import PAPER, ReceiverConfig, SenderConfig
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, write_panels
@@ -118,6 +118,11 @@ def small_version(name: str, arguments: argparse.Namespace) -> Configuration:
             paper.schedule, num_steps=arguments.steps, learning_rate=arguments.learning_rate, warm_up=WARM_UP
         ),
         precision="float32",
+        receiver=ReceiverConfig(
+            method=PAPER,
+            gaussians_per_side=paper.receiver.gaussians_per_side,
+            num_stages=paper.receiver.num_stages,
+        ),  # with the widths of the model from which the variants start
         sender=SenderConfig(ablation=paper.sender.ablation),
         frozen=("extractor",),
         kept_batches=arguments.keep,

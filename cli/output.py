@@ -53,6 +53,8 @@ _OPTIONS = {
     "max_pixels": "--max-pixels",
     "view_shares": "--views",
     "frozen": "--freeze",
+    "extractor_weights": "--extractor-weights",
+    "num_scenes": "--scenes",
     "disparity_weight": "--depth-weight",
     **{name: f"--{name.replace('_', '-')}" for name in ("perceptual", "perceptual_weight", "optimised_share")},
     'stages="intact"': "decode --partial",

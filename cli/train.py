@@ -9,7 +9,7 @@ from fecocodec.errors import InputError
 
 from .common_options import add_common_options
 from .options import FILE_PATH, device_option, threads_option
-from .output import say
+from .output import in_options, say, warn
 from .paths import require_input, require_output_folder
 from .train_options import check_values, configuration_options, data_options, overridden, seed_option
 from .train_verbs import detail, entropy, steps
@@ -82,9 +82,9 @@ Examples:
 @seed_option
 @click.option("--from", "start", type=FILE_PATH, help="Initialise with the weights of the model in this folder.")
 @click.option(
-    "--extractor-weights", "extractor", type=FILE_PATH,
-    help="Initialise the extractor from a model folder, or from a DepthSplat, Depth Anything V2, DINOv2 or UniMatch "
-    "file.",
+    "--extractor-weights", "extractor", type=FILE_PATH, multiple=True,
+    help="Initialise the extractor from a model folder, or from a DepthSplat, Depth Anything V2, DINOv2, UniMatch or "
+    "GMFlow file. Repeat the option for files of several parts.",
 )  # fmt: skip
 @click.option(
     "--export", "model", type=FILE_PATH, help="Write the weights and graphs of the finished model to this folder."
@@ -103,7 +103,7 @@ def command(
     max_minutes: float | None,
     seed: int,
     start: Path | None,
-    extractor: Path | None,
+    extractor: tuple[Path, ...],
     model: Path | None,
     device: str,
     **overrides: Any,
@@ -114,7 +114,7 @@ def command(
     Start several processes with torchrun, as in the last example, for data-parallel training. Verbs train one part of
     a finished model.
     """
-    _check_paths(folder, (photographs, textures, validation, start, extractor))  # before torch is loaded
+    _check_paths(folder, (photographs, textures, validation, start, *extractor))  # before torch is loaded
     check_values(overrides)
 
     from fecocodec.rendering.cuda import require_rendering_device
@@ -122,9 +122,10 @@ def command(
     from fecocodec.training.graphs.export import export_receiver
     from fecocodec.training.loop import train
     from fecocodec.training.model_weights import export_model
-    from fecocodec.training.processes import is_first, joined_processes
+    from fecocodec.training.processes import is_first, joined_processes, num_processes
     from fecocodec.training.run_files import LOG_COLUMNS
     from fecocodec.training.sources import open_sources
+    from fecocodec.training.start import remarks_on_start, totals
     from fecocodec.training.trainer import Trainer
 
     require_rendering_device(device)
@@ -141,15 +142,20 @@ def command(
             trainer.resume(trainer.checkpoint)
         elif start is not None:
             trainer.start_from(start)
-        if extractor is not None and trainer.step == 0:
-            say(f"extractor: {trainer.start_extractor_from(extractor)}")
+        if is_first():
+            say(f"networks: {totals(trainer.receiver, trainer.sender)}")
+        if trainer.step == 0 and is_first():
+            for sentence in remarks_on_start(configuration, num_processes(), (*extractor, *filter(None, [start]))):
+                warn(f"warning: {in_options(sentence)}")
+        for source in extractor if trainer.step == 0 else ():
+            report = trainer.start_extractor_from(source)
+            say("\n".join((f"extractor, from {source}: {report}", *report.table())))
         for row in train(trainer):
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if model is not None and is_first():
             _require_finished(trainer.step, configuration.schedule.num_steps, model)
             export_model(trainer.checkpoint, model, configuration, start)
-            if not configuration.is_paper:  # torch decodes the paper's method
-                export_receiver(model)
+            export_receiver(model)
 
 
 def _check_paths(folder: Path, inputs: tuple[Path | None, ...]) -> None:

@@ -20,10 +20,10 @@ NO_CONTEXT, NO_FEEDBACK = "no-context", "no-feedback"  # ablations of the sender
 class Method:
     """What a method does beside the paper's two stages; the defaults are this codec's own.
 
-    has_rules: opacities, colours and layers follow `splatting.emission`; graphs can be exported for it. has_steps:
-    latents and detail are optimised, views are faded. has_symbol_choice: symbols are chosen by rate and distortion, not
-    rounded. stage_1_offset: of the quantised lambda of stage 1 of two, in units of the header (EXCESS_UNIT steps each).
-    has_depth_feedback: E_fb gets depth errors, and differences of pictures in place of pictures.
+    has_rules: opacities, colours and layers follow `splatting.emission`. has_steps: latents and detail are optimised,
+    views are faded. has_symbol_choice: symbols are chosen by rate and distortion, not rounded. stage_1_offset: of the
+    quantised lambda of stage 1 of two, in units of the header (EXCESS_UNIT steps each). has_depth_feedback: E_fb gets
+    depth errors, and differences of pictures in place of pictures.
     has_conditioned_adapter: the adapter of a third-party extractor depends on lambda. gaussians_per_side: of a cell of
     the 1/4 grid, as allowed.
     """
@@ -85,12 +85,24 @@ class ReceiverConfig:
     gaussians_per_side: int = field(default=PER_CELL, metadata=OPTIONAL)  # of a cell of the 1/4 grid: 1, 2 or 4
     lambda_range: tuple[float, float] = field(default=(1e-5, 1e-2), metadata=OPTIONAL)  # that the model was trained for
     num_stages: int = field(default=2, metadata=OPTIONAL)  # likewise; streams hold at most two
+    prior_channels: int = field(default=64, metadata=OPTIONAL)  # inner width of the entropy model
     detail_planes: int = field(default=0, metadata=OPTIONAL)  # numbers of the detail layer for a block; 0 for no layer
 
     @property
     def kind(self) -> Method:
         """Return what the method does. Raises KeyError for a method that does not exist, see `Receiver`."""
         return METHODS[self.method]
+
+
+CODEC_CHANNELS = 128  # of the main blocks of g_a and g_s (paper, codec configuration)
+# z has as many channels as y (paper: the entropy model operates on 32). P has the rest of the published 3.45 M.
+PAPER_RECEIVER = ReceiverConfig(
+    hyper_channels=32,
+    synthesis_channels=CODEC_CHANNELS,
+    synthesis_depth=3,
+    predictor_channels=(184, 264),
+    method=PAPER,
+)
 
 
 @dataclass(frozen=True)
@@ -137,6 +149,9 @@ class PaperSenderConfig(CodecConfig):
     extractor: ClassVar[str] = "depthsplat-small"
     geometry: str = "public"
     matching_scale: int = 1
+
+
+PAPER_SENDER = PaperSenderConfig(analysis_channels=CODEC_CHANNELS)
 
 
 @dataclass(frozen=True)

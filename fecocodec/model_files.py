@@ -2,21 +2,25 @@
 
 import errno
 import hashlib
+import json
 import os
 import stat
+from dataclasses import dataclass
 from pathlib import Path
 
+from fecocodec.config import COMPACT, METHODS, Method
 from fecocodec.errors import ModelError
+from fecocodec.grid import PER_CELL
 
 SHIPPED = Path(__file__).parent / "weights"
 DEFAULT_MODEL = "compact-6"
 RECEIVER_FILE, SENDER_FILE = "receiver.safetensors", "sender.safetensors"
 GRAPHS_FOLDER = "graphs"  # in a model's folder
-GRAPH_NAMES = (
+NETWORK_GRAPHS = (
     *("hyper", "features_1", "features_2", "pass_1", "pass_2", "step_1", "step_2", "step_3"),
     *("update", "points", "attend", "attributes"),
-    *("confirm", "free_space", "duplicates", "slope", "harmonics", "background", "hide", "occluded", "behind"),
 )
+RULE_GRAPHS = ("confirm", "free_space", "duplicates", "slope", "harmonics", "background", "hide", "occluded", "behind")
 MODEL_ID_BYTES = 8
 MAX_WEIGHTS_BYTES = 1 << 30  # the paper's networks take 75 MB in fp16
 
@@ -24,6 +28,32 @@ MAX_WEIGHTS_BYTES = 1 << 30  # the paper's networks take 75 MB in fp16
 def model_id_of(data: bytes) -> bytes:
     """Return the model id of the bytes of a receiver's weights file."""
     return hashlib.sha256(data).digest()[:MODEL_ID_BYTES]
+
+
+@dataclass(frozen=True)
+class ReceiverKind:
+    """What a receiver without torch must know of a model. gaussians_per_side: of a cell of the 1/4 grid."""
+
+    method: Method
+    gaussians_per_side: int
+
+    @property
+    def graph_names(self) -> tuple[str, ...]:
+        """Names of all graphs of the model."""
+        return NETWORK_GRAPHS + (RULE_GRAPHS if self.method.has_rules else ())
+
+
+def receiver_kind(data: bytes) -> ReceiverKind:
+    """Return the kind of the receiver in the bytes of a weights file, from its metadata (see `serialise_weights`).
+
+    Raises ModelError if they are not those of a weights file, or of a method that this version does not know.
+    """
+    try:
+        header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+        fields = json.loads(header["__metadata__"]["config"]).get("receiver", {})
+        return ReceiverKind(METHODS[fields.get("method", COMPACT)], fields.get("gaussians_per_side", PER_CELL))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ModelError("the weights of the receiver are of another version; install that version.") from error
 
 
 def read_bytes(path: Path) -> bytes:
@@ -76,10 +106,16 @@ def find_receiver(model_id: bytes, model: Path | None = None) -> Path:
     )
 
 
+def is_shipped(model_id: bytes) -> bool:
+    """Return whether a receiver with this model id ships; thresholds of warnings were measured with those."""
+    return any(model_id_of(read_bytes(path)) == model_id for path in SHIPPED.glob(f"*/{RECEIVER_FILE}"))
+
+
 def has_graphs(folder: Path, model_id: bytes) -> bool:
     """Return whether a model's folder has all graphs of the receiver with this model id.
 
     An interrupted export leaves some of them missing, or of earlier weights: each graph holds the id of its own.
     """
-    paths = [folder / GRAPHS_FOLDER / f"{name}.onnx" for name in GRAPH_NAMES]
+    names = receiver_kind(read_bytes(folder / RECEIVER_FILE)).graph_names
+    paths = [folder / GRAPHS_FOLDER / f"{name}.onnx" for name in names]
     return all(path.is_file() and model_id.hex().encode("ascii") in path.read_bytes() for path in paths)

@@ -12,7 +12,7 @@ import torch
 import fecocodec
 from fecocodec import decoding
 from fecocodec.errors import InputError, ModelError
-from fecocodec.model_files import GRAPH_NAMES, GRAPHS_FOLDER, SHIPPED
+from fecocodec.model_files import GRAPHS_FOLDER, NETWORK_GRAPHS, RULE_GRAPHS, SHIPPED
 from fecocodec.receiver import decode as torch_decode
 from fecocodec.runtime import decode as runtime_decode
 from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
@@ -69,7 +69,7 @@ def test_graphs_of_earlier_weights_are_not_run(model: Path, receivers: list[str]
     assert receivers == ["torch"]
 
 
-@pytest.mark.parametrize("name", GRAPH_NAMES)
+@pytest.mark.parametrize("name", NETWORK_GRAPHS + RULE_GRAPHS)
 def test_every_graph_counts(model: Path, name: str) -> None:
     model_id = fecocodec.container.read_header(SCENE.read_bytes()).header.model_id
     assert decoding.has_graphs(model, model_id)

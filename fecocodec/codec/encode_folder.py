@@ -17,7 +17,9 @@ from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import Roles, choose_roles
 from fecocodec.codec.scene_source import scene_source
+from fecocodec.container import read_header
 from fecocodec.input_file import StrPath
+from fecocodec.model_files import is_shipped
 from fecocodec.photographs.framing import within_limit
 from fecocodec.photographs.video_frames import is_video
 from fecocodec.progress import OnProgress, ignore_progress
@@ -132,7 +134,7 @@ def encode_folder(
             messages.warn(*new_view_warnings(of_checks, checks.names))
         elif poor := quality_warnings(quality[-1], views.names):
             messages.warn(*poor)
-        elif left_out is not None:
+        elif left_out is not None and is_shipped(read_header(data).header.model_id):
             messages.warn(*left_out_warnings(left_out))
     return EncodingReport(
         data,

@@ -131,7 +131,8 @@ def decode(
     on_progress("predicting Gaussians", 0.8)
     cameras = unpack(stream.cameras)
     is_filled = is_filled_behind(header.num_views, stream.coverage is not None)
-    gaussians = emit(graphs, last, cameras, visibility_of(stream), config, is_filled)
+    visibility = visibility_of(stream, graphs.kind.gaussians_per_side)
+    gaussians = emit(graphs, last, cameras, visibility, config, is_filled)
     return Decoded(gaussians, cameras, (header.height, header.width), last.stage, part.damage or damage)
 
 

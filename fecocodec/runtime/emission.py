@@ -16,7 +16,10 @@ LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 
 @dataclass(frozen=True)
 class EmissionConfig:
-    """Options of the emitted Gaussians: degree of the harmonics (0 or 1), background layer, merging (None: none)."""
+    """Options of the emitted Gaussians: degree of the harmonics (0 or 1), background layer, merging (None: none).
+
+    The paper's method has harmonics of degree 0 and no background layer, whatever the options say.
+    """
 
     sh_degree: int
     has_background: bool
@@ -34,16 +37,17 @@ def emit(
     """Return the Gaussians of a state in the world frame and unit of length of `cameras`.
 
     cameras: of the context views, as stored in the stream. visibility: factors in [0, 1] of the opacities of the
-    Gaussians of the 1/2 grids, ordered (view, row, column); None for 1. The background layer comes last.
+    Gaussians of the grids, ordered (view, row, column); None for 1. The background layer comes last.
     is_filled: whether the background layer has a part behind near surfaces, see `is_filled_behind`.
     """
     normalised, frame = normalise(cameras)
+    has_rules = graphs.kind.method.has_rules
     prediction = predict(graphs, last, normalised)
     if visibility is not None:
         visible = prediction.opacities * visibility.reshape(prediction.opacities.shape)
         prediction = replace(prediction, opacities=visible)
     gaussians = plain = prediction.gaussians()
-    if config.sh_degree == 1 and cameras.num_views > 1:
+    if has_rules and config.sh_degree == 1 and cameras.num_views > 1:
         gaussians = replace(plain, harmonics=fitted_harmonics(graphs, prediction, normalised))
     is_emitted = (plain.opacities >= LEAST_OPACITY) & np.isfinite(plain.means).all(axis=1)
     if config.merging is None:
@@ -53,7 +57,7 @@ def emit(
         emitted = GaussianArrays(
             *merged_fields(gaussians.fields(), is_emitted, prediction.grid, *poses, config.merging)
         )
-    if config.has_background:
+    if has_rules and config.has_background:
         opacities = prediction.opacities * is_emitted.reshape(prediction.opacities.shape)
         for part in (_outside, _occluded) if is_filled else (_outside,):
             emitted = _append(emitted, part(graphs, replace(prediction, opacities=opacities), normalised))

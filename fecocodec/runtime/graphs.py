@@ -18,7 +18,7 @@ import onnxruntime
 from jaxtyping import Shaped, UInt8
 
 from fecocodec.errors import ModelError
-from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, read_bytes
+from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, read_bytes, receiver_kind
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -32,6 +32,7 @@ class Graphs:
     def __init__(self, weights: bytes, folder: Path, model_id: bytes, num_threads: int) -> None:
         """weights: content of the receiver's weights file, to which the graphs refer. num_threads: 0 for all cores."""
         self._weights, self._folder, self._model_id = weights, folder, model_id.hex()
+        self.kind = receiver_kind(weights)
         self.num_threads = num_threads or _num_cores()
         self._sessions: dict[str, onnxruntime.InferenceSession] = {}
         self._loading = Lock()

@@ -30,7 +30,7 @@ class LastState:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted Gaussians in the normalised frame, on the 1/2 grids of their views. colours: sRGB."""
+    """Predicted Gaussians in the normalised frame, on grids of their views, usually the 1/2 grids. colours: sRGB."""
 
     positions: Float32[np.ndarray, "view 3 h2 w2"]
     colours: Float32[np.ndarray, "view 3 h2 w2"]
@@ -55,16 +55,20 @@ class Prediction:
 
 def predict(graphs: Graphs, last: LastState, cameras: SceneCameras) -> Prediction:
     """Return the Gaussians of a state. cameras: normalised."""
-    positions, scales, rotations, opacities, colours, surfaces = _attributes(graphs, last, cameras)
-    of_views = {"positions": positions, "colours": colours, "surface": surfaces} | poses_of(cameras)
-    violation = _free_space_violation(graphs, of_views)
-    opacities = np.minimum(opacities * (1 - violation), np.float32(1))  # the sigmoid of onnxruntime can be 1 + 2^-23
-    opacities = opacities * _kept_share(graphs, of_views, opacities)
-    return Prediction(positions, colours, opacities, scales, rotations)
+    positions, scales, rotations, opacities, colours, *surfaces = _attributes(graphs, last, cameras)
+    if graphs.kind.method.has_rules:
+        of_views = {"positions": positions, "colours": colours, "surface": surfaces[0]} | poses_of(cameras)
+        opacities = opacities * (1 - _free_space_violation(graphs, of_views))
+        opacities = np.minimum(opacities, np.float32(1))  # the sigmoid of onnxruntime can be 1 + 2^-23
+        opacities = opacities * _kept_share(graphs, of_views, opacities)
+    return Prediction(positions, colours, np.minimum(opacities, np.float32(1)), scales, rotations)
 
 
 def _attributes(graphs: Graphs, last: LastState, cameras: SceneCameras) -> list[np.ndarray]:
-    """Return the outputs of the graph `attributes`: attributes before the free-space check, and surfaces of views."""
+    """Return the outputs of the graph `attributes`: attributes before the free-space check, and surfaces of views.
+
+    Models of a method without rules have no surfaces.
+    """
     poses, far = poses_of(cameras), {"far": np.asarray(cameras.far, np.float32)}
     rate: dict[str, Any] = {"lambda_q": last.lambda_q, "stage": last.stage}
     views, _, height, width = last.state.shape

@@ -4,10 +4,11 @@ Their weights file (see `serialise_sender`) contains the adapter, the other netw
 of the extractor that they were trained with. It does not contain the weights of the extractor.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 from fecocodec.checkpoint import config_of, load_into, read_weights
-from fecocodec.config import AdaptedSenderConfig, ReceiverConfig
+from fecocodec.config import CODEC_CHANNELS, PAPER, AdaptedSenderConfig, ReceiverConfig
 from fecocodec.errors import ModelError
 from fecocodec.sender.codec import require_receiver
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, ConditionedAdapter, LargeExtractor
@@ -18,9 +19,15 @@ def adapted_sender(extractor: LargeExtractor, receiver: ReceiverConfig) -> Sende
     """Return an untrained sender with this extractor, for a receiver with this configuration.
 
     Call `adopt_codec` before training to start from a trained codec. With the method "paper", the blocks of the adapter
-    are conditioned on lambda.
+    are conditioned on lambda, and g_a has the paper's width.
     """
-    config = AdaptedSenderConfig(fingerprint=extractor.fingerprint(), extractor_channels=extractor.num_channels())
+    width = CODEC_CHANNELS if receiver.method == PAPER else AdaptedSenderConfig.analysis_channels
+    return _built(AdaptedSenderConfig(width), extractor, receiver)
+
+
+def _built(config: AdaptedSenderConfig, extractor: LargeExtractor, receiver: ReceiverConfig) -> Sender:
+    """Return an untrained sender with these widths and this extractor."""
+    config = replace(config, fingerprint=extractor.fingerprint(), extractor_channels=extractor.num_channels())
     adapter = ConditionedAdapter if receiver.kind.has_conditioned_adapter else AdaptedExtractor
     return Sender(config, receiver, adapter(extractor, receiver.state_channels))
 
@@ -37,7 +44,7 @@ def load_adapted_sender(path: Path, extractor: LargeExtractor, receiver: Receive
         raise ModelError(
             f"{path}: was trained with the extractor {config.fingerprint}, not {extractor.fingerprint()}; load that."
         )
-    sender = adapted_sender(extractor, receiver)
+    sender = _built(config, extractor, receiver)
     load_into(sender, weights.tensors, path)
     return sender.eval().requires_grad_(False)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import nn
 
-from fecocodec.config import COMPACT_SENDER, PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig
+from fecocodec.config import COMPACT_SENDER, PAPER_RECEIVER, PAPER_SENDER, CodecConfig, ReceiverConfig
 from fecocodec.errors import InputError
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
@@ -29,7 +29,7 @@ PUBLISHED = {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6}  # the paper's Table 1
 SHIPPED_DETAIL_PLANES = 64
 _PROFILES: dict[str, tuple[CodecConfig, ReceiverConfig]] = {
     "compact": (replace(COMPACT_SENDER, has_sharp_steps=True), ReceiverConfig(detail_planes=SHIPPED_DETAIL_PLANES)),
-    "paper": (PaperSenderConfig(), ReceiverConfig(method=PAPER)),
+    "paper": (PAPER_SENDER, PAPER_RECEIVER),
 }
 
 

@@ -8,7 +8,8 @@ LEAST_LOSS = 0.1  # of the mean PSNR, in dB, for which a file of one stage is wr
 # the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/what_we_learned.md).
 LEAST_PSNR = 22.0
 # Mean PSNR in dB of views from the others' Gaussians, below which `left_out_warnings` calls new views poor. On training
-# captures, the six entries of 15 below it had new views of 11 to 16 dB (docs/what_we_learned.md).
+# captures, the six entries of 15 below it had new views of 11 to 16 dB (docs/what_we_learned.md). Not known of other
+# models than the shipped one.
 LEAST_LEFT_OUT_PSNR = 17.0
 LEAST_NEW_PSNR = 20.0  # dB, mean of photographs that were not used, below which `new_view_warnings` calls them poor
 

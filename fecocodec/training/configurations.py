@@ -7,8 +7,11 @@ from types import MappingProxyType
 from typing import Literal
 
 from fecocodec.config import (
+    CODEC_CHANNELS,
     COMPACT_SENDER,
     PAPER,
+    PAPER_RECEIVER,
+    PAPER_SENDER,
     AdaptedSenderConfig,
     CodecConfig,
     PaperSenderConfig,
@@ -131,8 +134,8 @@ _PAPER_RE10K = Configuration(
     shapes=BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=4, sizes=((256, 256),)),
     schedule=_PAPER_SCHEDULE,
     precision="bfloat16",
-    receiver=ReceiverConfig(method=PAPER),
-    sender=PaperSenderConfig(),
+    receiver=PAPER_RECEIVER,
+    sender=PAPER_SENDER,
     distortion=PerceptualDistortion(),
     alone_every=0,
     optimiser=_PAPER_OPTIMISER,
@@ -142,18 +145,21 @@ _PAPER_DL3DV = replace(
     _PAPER_RE10K,
     shapes=BatchShapes(num_scenes=1, view_shares=((8, 1.0),), num_target=4, sizes=((256, 448),)),
     lambda_range=_NARROW_LAMBDAS,
-    receiver=ReceiverConfig(method=PAPER, lambda_range=_NARROW_LAMBDAS),
-    sender=PaperSenderConfig(matching_scale=2),
+    receiver=replace(PAPER_RECEIVER, lambda_range=_NARROW_LAMBDAS),
+    sender=replace(PAPER_SENDER, matching_scale=2),
     protocol=DL3DV,
 )
 _ABLATION_STEPS = 100_000  # of every variant (paper, ablation study)
 
 
 def _ablation(**changes: object) -> Configuration:
-    """Return `paper-re10k` with 100,000 steps and other fields of the receiver, or with `sender`."""
+    """Return `paper-re10k` with 100,000 steps and other fields of the receiver, or with `sender`.
+
+    Widths stay, so the number of parameters changes a little with the number of Gaussians.
+    """
     schedule = replace(_PAPER_SCHEDULE, num_steps=_ABLATION_STEPS)
     sender = changes.pop("sender", _PAPER_RE10K.sender)
-    receiver = ReceiverConfig(method=PAPER, **changes)  # type: ignore[arg-type]
+    receiver = replace(PAPER_RECEIVER, **changes)  # type: ignore[arg-type]
     return replace(_PAPER_RE10K, schedule=schedule, receiver=receiver, sender=sender)  # type: ignore[arg-type]
 
 
@@ -184,10 +190,12 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
         # The paper's larger variant: a frozen extractor through the adapter (`sender/extractors/adapter.py`). `Trainer`
         # takes its network; the rest starts from the model of paper-dl3dv.
         "paper-dl3dv-large": replace(
-            _PAPER_DL3DV, schedule=replace(_PAPER_SCHEDULE, num_steps=150_000), sender=AdaptedSenderConfig()
+            _PAPER_DL3DV,
+            schedule=replace(_PAPER_SCHEDULE, num_steps=150_000),
+            sender=AdaptedSenderConfig(CODEC_CHANNELS),
         ),
-        "ablate-no-context": _ablation(sender=PaperSenderConfig(ablation="no-context")),
-        "ablate-no-feedback": _ablation(sender=PaperSenderConfig(ablation="no-feedback")),
+        "ablate-no-context": _ablation(sender=replace(PAPER_SENDER, ablation="no-context")),
+        "ablate-no-feedback": _ablation(sender=replace(PAPER_SENDER, ablation="no-feedback")),
         "ablate-gaussians-quarter": _ablation(gaussians_per_side=1),
         "ablate-gaussians-half": _ablation(gaussians_per_side=2),
         "ablate-gaussians-full": _ablation(gaussians_per_side=4),

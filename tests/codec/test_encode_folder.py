@@ -16,6 +16,7 @@ from fecocodec.codec.messages import of_input
 from fecocodec.container import inspect
 from fecocodec.errors import OptionError, StrictError
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
+from fecocodec.model_files import is_shipped
 from tests.example_scenes import MODEL, write_scene, write_views
 
 
@@ -64,6 +65,20 @@ def test_a_second_stage_that_does_harm_is_left_out(folder: Path, options: Encodi
 
 def test_a_file_that_is_not_measured_has_no_quality(folder: Path, options: EncodingOptions) -> None:
     assert encode_folder(folder, replace(options, is_measured=False)).quality == ()
+
+
+def test_poor_new_views_are_foretold_for_shipped_models_alone(
+    folder: Path, options: EncodingOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The threshold was measured with their networks."""
+    module = "fecocodec.codec.encode_folder"
+    monkeypatch.setattr(f"{module}.quality_warnings", lambda *_arguments: ())
+    monkeypatch.setattr("fecocodec.sender.view_quality.LEAST_LEFT_OUT_PSNR", 100.0)
+    assert not any("new views will be poor" in sentence for sentence in encode_folder(folder, options).warnings)
+    monkeypatch.setattr(f"{module}.is_shipped", lambda _model_id: True)
+    assert any("new views will be poor" in sentence for sentence in encode_folder(folder, options).warnings)
+    shipped = fecocodec.container.read_header(fecocodec.encode(fecocodec.read_views(folder), effort="fast"))
+    assert is_shipped(shipped.header.model_id) and not is_shipped(bytes(8))
 
 
 def test_strict_raises_the_first_warning_and_measures(folder: Path, options: EncodingOptions) -> None:

@@ -26,11 +26,22 @@ from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.splatting.emission import Emission
 from tests.vectors.chosen_symbols import cells_covered, levels_of
 from tests.vectors.gaussian_difference import beyond, difference, without_rendering
-from tests.vectors.gaussian_samples import table
+from tests.vectors.gaussian_samples import PAPER_STREAM, table
+from tests.vectors.paper_model import PAPER_MODEL
 from tests.vectors.tiny_model import VECTORS
 
 SCENE = (VECTORS / "valid" / "scene-compact-6.fcs").read_bytes()
 MODEL_ID = read_stream(SCENE).header.model_id
+
+
+def test_the_papers_method_agrees_with_torch_in_all_measures() -> None:
+    """Both emit what the predictor gives: constant colours, and no layer."""
+    data = (VECTORS / PAPER_STREAM).read_bytes()
+    assert decoding.has_graphs(PAPER_MODEL, read_stream(data).header.model_id)
+    found, expected = decode(data, model=PAPER_MODEL), decode_with_torch(data, model=PAPER_MODEL)
+    assert 1500 < found.gaussians.count <= 2 * 32 * 48 and found.gaussians.harmonics.shape[1] == 1
+    worst = difference(data, table(expected.gaussians), table(as_tensors(found.gaussians)))
+    assert beyond(worst, "full") == [], worst
 
 
 def as_tensors(gaussians: GaussianArrays) -> Gaussians:

@@ -12,8 +12,9 @@ import pytest
 from fecocodec import decoding
 from fecocodec.decoding import decode
 from fecocodec.errors import ModelError
-from fecocodec.model_files import GRAPH_NAMES, GRAPHS_FOLDER, RECEIVER_FILE, SHIPPED, model_id_of
+from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SHIPPED, model_id_of, receiver_kind
 from fecocodec.runtime.view_groups import CELLS_AT_ONCE, groups_of_views
+from tests.vectors.paper_model import PAPER_MODEL
 from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
 from tests.vectors.tiny_model import TINY_MODEL, VECTORS
 
@@ -26,11 +27,26 @@ COMMAND = "python -m fecocodec.training.graphs"
 def test_every_shipped_model_has_all_graphs_of_its_weights() -> None:
     assert MODELS
     for folder in MODELS:
-        require_graphs(folder / GRAPHS_FOLDER, set(GRAPH_NAMES), (folder / RECEIVER_FILE).read_bytes())
+        weights = (folder / RECEIVER_FILE).read_bytes()
+        require_graphs(folder / GRAPHS_FOLDER, set(receiver_kind(weights).graph_names), weights)
+    assert len(receiver_kind(weights).graph_names) == 21
 
 
 def test_the_model_of_the_vectors_has_all_graphs_of_its_weights() -> None:
     require_graphs(TINY_GRAPHS, PRIOR, TINY_MODEL.read_bytes())
+
+
+def test_the_model_of_the_papers_method_has_the_graphs_of_its_networks_alone() -> None:
+    weights = (PAPER_MODEL / RECEIVER_FILE).read_bytes()
+    names = PRIOR | {"update", "points", "attend", "attributes"}
+    assert set(receiver_kind(weights).graph_names) == names
+    require_graphs(PAPER_MODEL / GRAPHS_FOLDER, names, weights)
+
+
+def test_weights_of_another_version_have_no_kind() -> None:
+    for header in (b'{"__metadata__": {"config": "{}"}', b"{}"):
+        with pytest.raises(ModelError, match=r"^the weights of the receiver are of another version; install that"):
+            receiver_kind(len(header).to_bytes(8, "little") + header)
 
 
 def require_graphs(folder: Path, names: set[str], weights: bytes) -> None:

@@ -13,6 +13,7 @@ from fecocodec.errors import BitstreamError, ModelError
 from fecocodec.model_files import find_receiver
 from fecocodec.runtime.decode import StageLatents, decode_stage
 from fecocodec.runtime.graphs import Graphs, graphs_of
+from tests.vectors.paper_model import PAPER_MODEL, paper_model_id
 from tests.vectors.symbols import fingerprint
 from tests.vectors.tiny_graphs import tiny_graphs
 from tests.vectors.tiny_model import VECTORS, tiny_model_id
@@ -23,7 +24,8 @@ EXPECTED = json.loads((VECTORS / "expected.json").read_text())
 def graphs_for(model_id: bytes, num_threads: int) -> Graphs:
     if model_id == tiny_model_id():
         return tiny_graphs(num_threads)
-    return graphs_of(find_receiver(model_id).parent, model_id, num_threads)
+    folder = PAPER_MODEL if model_id == paper_model_id() else find_receiver(model_id).parent
+    return graphs_of(folder, model_id, num_threads)
 
 
 def decode_symbols(stream: Stream, num_threads: int) -> list[StageLatents]:

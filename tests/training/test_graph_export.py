@@ -5,6 +5,7 @@ The exported form of bilinear sampling is `grid_sample`, at borders and for posi
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import onnx
@@ -13,10 +14,20 @@ import torch
 import torch.nn.functional as F
 from onnx import TensorProto, helper
 
+from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
+from fecocodec.container import read_stream, write_stream
+from fecocodec.decoding import decode
+from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.receiver.decode import decode as decode_with_torch
 from fecocodec.training.graphs.canonical import make_canonical
 from fecocodec.training.graphs.exported_forms import BILINEAR, BORDER, sampled
 from fecocodec.training.graphs.specification import GraphInput
+from tests.vectors.chosen_symbols import cells_covered, levels_of
+from tests.vectors.gaussian_difference import beyond, difference
+from tests.vectors.gaussian_samples import PAPER_STREAM, table
+from tests.vectors.paper_model import CONFIG, make_paper_model
 from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
+from tests.vectors.tiny_model import VECTORS
 
 INPUTS = {"x": GraphInput("2*rows", torch.float32), "y": GraphInput("2*rows", torch.float32)}
 
@@ -68,6 +79,26 @@ def test_an_export_equals_the_shipped_graphs(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-m", "tests.vectors.tiny_graphs", str(tmp_path)], check=True)
     shipped = {path.name: path.read_bytes() for path in TINY_GRAPHS.iterdir()}
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == shipped, "run `make graphs`"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("per_side", [1, 4])
+def test_graphs_of_other_resolutions_agree_with_torch(per_side: int, tmp_path: Path) -> None:
+    """The paper's ablation of Gaussian resolution; with faded blocks and cells that are not covered."""
+    weights = make_paper_model(replace(CONFIG, gaussians_per_side=per_side))
+    (tmp_path / RECEIVER_FILE).write_bytes(weights)
+    subprocess.run([sys.executable, "-m", "fecocodec.training.graphs", str(tmp_path)], check=True)
+    stream = read_stream((VECTORS / PAPER_STREAM).read_bytes())
+    header = replace(stream.header, model_id=model_id_of(weights))
+    changes = {"coverage": cells_covered(header, 2), "fading": levels_of(header)}
+    for changed in ({}, changes):
+        data = write_stream(replace(stream, header=header, **changed))
+        found = decode(data, model=tmp_path).gaussians
+        expected = decode_with_torch(data, model=tmp_path).gaussians
+        tensors = Gaussians(*(torch.from_numpy(field) for field in found.fields()))
+        worst = difference(data, table(expected), table(tensors))
+        assert beyond(worst, "full") == [], worst
 
 
 def test_samples_are_those_of_grid_sample() -> None:

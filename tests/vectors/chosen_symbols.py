@@ -15,8 +15,8 @@ from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import load_tables
 from fecocodec.geometry.coding_grid import grid_size
 from tests.container.example_streams import TURNED, float32, pose
-from tests.vectors.symbols import detail_tables_of
-from tests.vectors.tiny_model import tiny_model_id, tiny_prior
+from tests.vectors.symbols import detail_tables_of, prior_of
+from tests.vectors.tiny_model import tiny_model_id
 
 Choice = Callable[[Random, int], int]
 """(generator, table index) -> symbol."""
@@ -83,9 +83,10 @@ def cameras_of(num_views: int, shares_lens: bool = True) -> PackedCameras:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Parameters of a stream of the tiny model. covers: one covered cell in this many; None for no coverage section.
+    """Parameters of a stream. covers: one covered cell in this many; None for no coverage section.
 
     fades: whether there is a fading section. detail_step: None for no detail section.
+    model_id: None for the tiny model.
     """
 
     height: int = 72
@@ -100,22 +101,24 @@ class Recipe:
     metadata: Metadata | None = None
     excess: int = 0
     seed: int = 1
+    model_id: bytes | None = None
 
 
 def stream_of_recipe(recipe: Recipe) -> Stream:
     """Return the stream of a recipe, with the digests of its symbols."""
     num_views, grid = recipe.cameras.num_views, grid_size(recipe.height, recipe.width)
     size = (num_views, grid[0] // 32, grid[1] // 32)
+    model_id = recipe.model_id or tiny_model_id()
     payloads: list[bytes] = []
     coded: list[CodedLatents] = []
     for stage in range(1, recipe.num_stages + 1):
         writer = ChosenWriter(recipe.choose, 100 * recipe.seed + stage)
         context = coded[0].y_hat if coded else None
         lambda_q = recipe.lambda_q + (2 * recipe.excess if stage == 1 else 0)
-        coded.append(code_latents(tiny_prior(), writer, lambda_q, stage, context, size, None))
+        coded.append(code_latents(prior_of(model_id), writer, lambda_q, stage, context, size, None))
         payloads.append(writer.finish())
     header = Header(
-        *(tiny_model_id(), num_views, recipe.height, recipe.width, recipe.lambda_q),
+        *(model_id, num_views, recipe.height, recipe.width, recipe.lambda_q),
         symbol_digests=tuple(latents.digest() for latents in coded),
         first_stage_excess=recipe.excess,
     )

@@ -1,29 +1,48 @@
-"""Gaussians of a released model's scene, as reference values for the tolerant part of conformance."""
+"""Gaussians of some streams, as reference values for the tolerant part of conformance."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import pad
 
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.container import read_stream
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import decode
+from tests.vectors.paper_model import PAPER_MODEL
 
+PAPER_STREAM = "valid/paper.fcs"  # of the model in vectors/paper
 EVERY = 16
 FIELDS = 23  # mean, scales, rotation, opacity, harmonics up to degree 1
 
 
 def table(gaussians: Gaussians) -> Float[Tensor, "n 23"]:
-    """Return one row per Gaussian: x y z, scales, quaternion wxyz, opacity, harmonics (coefficient, then rgb)."""
+    """Return one row per Gaussian: x y z, scales, quaternion wxyz, opacity, harmonics (coefficient, then rgb).
+
+    Missing harmonics of degree 1 are 0.
+    """
+    missing = 4 - gaussians.harmonics.shape[1]
+    gaussians = replace(gaussians, harmonics=pad(gaussians.harmonics, (0, 0, 0, missing)))
     fields = (field.reshape(gaussians.count, -1) for field in gaussians.fields())
     return torch.cat(tuple(fields), dim=1)
 
 
-def scene_samples(data: bytes) -> bytes:
+def has_samples(name: str) -> bool:
+    """Return whether a vector has reference Gaussians: scenes of released models, and that of the paper's method."""
+    return name.startswith("valid/scene-") or name == PAPER_STREAM
+
+
+def model_of(name: str) -> Path | None:
+    """Return the folder of the model of a vector that has reference Gaussians; None for the released ones."""
+    return PAPER_MODEL if name == PAPER_STREAM else None
+
+
+def scene_samples(data: bytes, model: Path | None = None) -> bytes:
     """Return every sixteenth Gaussian of the stream, as rows of little-endian float32."""
-    rows = table(decode(data, background=None).gaussians)[::EVERY].contiguous()
+    rows = table(decode(data, background=None, model=model).gaussians)[::EVERY].contiguous()
     return rows.numpy().astype("<f4").tobytes()
 
 

@@ -14,6 +14,7 @@ from tests.vectors.chosen_symbols import (
     stream_of_recipe,
     zero,
 )
+from tests.vectors.paper_model import paper_model_id
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,10 @@ VALID: dict[str, tuple[Recipe, str]] = {
     "detail-of-one-stage": (
         Recipe(64, 128, cameras=THREE, num_stages=1, choose=sparse, detail_step=37, seed=17),
         "one that expects detail after B2 only, or adds up magnitudes across borders of rows and views",
+    ),
+    "paper": (
+        Recipe(64, 96, seed=42, model_id=paper_model_id()),
+        "one that applies the rules of FORMAT.md, section 9.1, to a model of the paper's method",
     ),
 }
 

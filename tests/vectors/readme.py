@@ -4,9 +4,10 @@ from typing import Any
 
 _HEAD = """# Test vectors
 
-Made by `make vectors`; do not edit. All but `valid/scene-*.fcs` use the entropy model and the detail in
-`tiny.safetensors` (ENTROPY.md, section 6.1): numbers that were drawn once and never change. `expected.json` says what
-a reader must find:
+Made by `make vectors`; do not edit. `valid/scene-*.fcs` are scenes of released models, and `valid/paper.fcs` has the
+whole model in `paper/`, of the method `paper`. All others use the entropy model and the detail in `tiny.safetensors`
+(ENTROPY.md, section 6.1). The numbers of both were drawn once and never change. `expected.json` says what a reader
+must find:
 
 | field | meaning |
 |---|---|
@@ -20,8 +21,8 @@ a reader must find:
 | `rule` | of a faulty stream: that of FORMAT.md, section 12, or ENTROPY.md, section 9 |
 | `says` | what the product's message contains |
 
-Fingerprints of values are the first 16 hexadecimal digits of their SHA-256. `valid/scene-*.f32` holds every sixteenth
-Gaussian of a released model's scene, which other machines must come close to (FORMAT.md, section 15).
+Fingerprints of values are the first 16 hexadecimal digits of their SHA-256. `valid/*.f32` hold every sixteenth
+Gaussian of their stream, which other machines must come close to (FORMAT.md, section 15).
 """
 
 

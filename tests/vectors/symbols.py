@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from fecocodec.coding.priors import LatentPrior
 from fecocodec.container import PackedCameras, Stream
 from fecocodec.errors import BitstreamError
 from fecocodec.receiver.load import load_receiver
+from tests.vectors.paper_model import PAPER_MODEL, paper_model_id
 from tests.vectors.tiny_model import TINY_MODEL, tiny_model_id, tiny_prior
 
 
@@ -35,13 +37,17 @@ def prior_of(model_id: bytes) -> LatentPrior:
     """Return the entropy model with this id. Raises ModelError if there is none."""
     if model_id == tiny_model_id():
         return tiny_prior()
-    return load_receiver(find_receiver(model_id))[0].prior
+    return load_receiver(_receiver_file(model_id))[0].prior
 
 
 @cache
 def weights_of(model_id: bytes) -> bytes:
     """Return the weights file of the model with this id. Raises ModelError if there is none."""
-    return (TINY_MODEL if model_id == tiny_model_id() else find_receiver(model_id)).read_bytes()
+    return (TINY_MODEL if model_id == tiny_model_id() else _receiver_file(model_id)).read_bytes()
+
+
+def _receiver_file(model_id: bytes) -> Path:
+    return find_receiver(model_id, PAPER_MODEL if model_id == paper_model_id() else None)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Gaussians of the scenes of released models agree with the stored reference values (FORMAT.md, section 15)."""
+"""Gaussians of scenes and of the paper's method agree with the stored reference values (FORMAT.md, section 15)."""
 
 import pytest
 import torch
@@ -7,16 +7,17 @@ from fecocodec.coding.camera_packing import unpack
 from fecocodec.container import read_stream
 from fecocodec.receiver.decode import decode
 from tests.vectors.gaussian_difference import Difference, beyond, matched, tolerance, without_rendering
-from tests.vectors.gaussian_samples import EVERY, like_samples, read_samples, table
+from tests.vectors.gaussian_samples import EVERY, PAPER_STREAM, like_samples, model_of, read_samples, table
 from tests.vectors.tiny_model import VECTORS
 
 SCENES = sorted(VECTORS.glob("valid/scene-*.fcs"))
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [*SCENES, VECTORS / PAPER_STREAM], ids=lambda path: path.stem)
 def test_the_reference_is_met(path) -> None:
-    data = path.read_bytes()
-    reference, found = read_samples(path.with_suffix(".f32")), table(decode(data, background=None).gaussians)
+    data, model = path.read_bytes(), model_of(path.relative_to(VECTORS).as_posix())
+    reference = read_samples(path.with_suffix(".f32"))
+    found = table(decode(data, background=None, model=model).gaussians)
     assert len(reference) == pytest.approx(len(found) / EVERY, abs=2)
     difference = without_rendering(data, reference, like_samples(found, reference))
     assert beyond(difference, "full") == []

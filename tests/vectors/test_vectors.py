@@ -101,7 +101,7 @@ def test_making_the_vectors_again_changes_nothing() -> None:
     """Recipes, model and files are consistent; a change of the written bytes fails here."""
     made = make_all((VECTORS.parents[1] / "CHANGELOG.md").read_text())
     here = {path.relative_to(VECTORS).as_posix(): path.read_bytes() for path in VECTORS.rglob("*") if path.is_file()}
-    here.pop(TINY_MODEL.name)
+    here = {name: data for name, data in here.items() if not name.endswith((".safetensors", ".onnx"))}
     assert changes_of(made, here) == {}
 
 

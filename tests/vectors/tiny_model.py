@@ -28,7 +28,7 @@ def make_tiny_model() -> bytes:
     """Return a weights file with widely varying table indices. The stored file is normative, not this function."""
     random = Random(20261121)
     integers = export_integers(empty_prior())
-    made = {f"prior.{name}": _random_like(name, integers[name], random) for name in sorted(integers)}
+    made = {f"prior.{name}": random_like(name, integers[name], random) for name in sorted(integers)}
     made["detail.tables"] = _random_tables(random)
     made["detail.basis"] = _random_basis(random)
     return serialise_weights(made, {"prior": [LATENT_CHANNELS, HYPER_CHANNELS, WIDTH]})
@@ -55,7 +55,7 @@ def tiny_model_id() -> bytes:
     return model_id_of(TINY_MODEL.read_bytes())
 
 
-def _random_like(name: str, like: Tensor, random: Random) -> Tensor:
+def random_like(name: str, like: Tensor, random: Random) -> Tensor:
     """Draw sums of four uniform values, an approximate Gaussian that is the same in every Python version."""
     is_output = "leave" in name or "hyper_prior" in name
     if name.endswith("weight"):

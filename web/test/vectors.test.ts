@@ -10,6 +10,7 @@ const read = (...path: string[]) => new Uint8Array(readFileSync(join(...path)));
 const expected = JSON.parse(readFileSync(join(VECTORS, "expected.json"), "utf8")) as Expected;
 const decoding = decodingOf(read(ROOT, "fecocodec", "entropy", "symbol_tables.bin"), [
   read(VECTORS, "tiny.safetensors"),
+  read(VECTORS, "paper", "receiver.safetensors"),
   read(ROOT, "fecocodec", "weights", "compact-6", "receiver.safetensors"),
 ]);
 

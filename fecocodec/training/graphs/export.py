@@ -15,7 +15,6 @@ from onnxscript import optimizer
 
 from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
-from fecocodec.errors import ModelError
 from fecocodec.receiver.load import load_receiver
 from fecocodec.training.graphs.canonical import link_weights, make_canonical
 from fecocodec.training.graphs.exported_forms import sampled, with_exact_layers, with_exported_blocks
@@ -31,13 +30,10 @@ GRAPHS = "graphs"  # folder of the graphs, beside the weights
 def export_receiver(folder: Path) -> None:
     """Export all graphs of the receiver in a model's folder to its subfolder `graphs`.
 
-    Raises ModelError if the weights cannot be read or have the paper's method, OutputError if the folder cannot be
-    written.
+    Raises ModelError if the weights cannot be read, OutputError if the folder cannot be written.
     """
     path = folder / RECEIVER_FILE
     receiver, _ = load_receiver(path)
-    if not receiver.config.kind.has_rules:
-        raise ModelError(f"{path}: graphs are exported for the method 'compact' alone; decode this model with torch.")
     graphs = network_graphs(with_exported_blocks(receiver)) | prior_graphs(with_exact_layers(receiver.prior))
     write_graphs(graphs, path.read_bytes(), folder / GRAPHS)
 

@@ -38,9 +38,11 @@ _PAIR_INPUTS |= {"surface_there": _floats("4 8*rows 8*columns"), "share": _float
 
 
 def network_graphs(receiver: Receiver) -> dict[str, Graph]:
-    """Return the graphs by name."""
-    of_views = _state_graphs(receiver) | _attribute_graphs(receiver) | _pair_graphs(receiver.config)
-    return of_views | _harmonics_graph(receiver.config) | _background_graphs()
+    """Return the graphs by name, `model_files.ReceiverKind.graph_names` without those of the entropy model."""
+    of_views = _state_graphs(receiver) | _attribute_graphs(receiver)
+    if not receiver.config.kind.has_rules:
+        return of_views
+    return of_views | _pair_graphs(receiver.config) | _harmonics_graph(receiver.config) | _background_graphs()
 
 
 def _state_graphs(receiver: Receiver) -> dict[str, Graph]:
@@ -74,10 +76,11 @@ def _attribute_graphs(receiver: Receiver) -> dict[str, Graph]:
     }
     if config.detail_planes:
         attributes["detail"] = _floats(f"views {config.detail_planes} 4*rows 4*columns")
-    outputs = ("positions", "scales", "rotations", "opacities", "colours", "surfaces")
+    outputs = ["positions", "scales", "rotations", "opacities", "colours"]
+    outputs += ["surfaces"] if config.kind.has_rules else []
     return {
         "attend": Graph(prediction.AttendGraph(receiver), attend, ("attended",)),
-        "attributes": Graph(prediction.AttributesGraph(receiver), attributes, outputs),
+        "attributes": Graph(prediction.AttributesGraph(receiver), attributes, tuple(outputs)),
     }
 
 

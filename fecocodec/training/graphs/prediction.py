@@ -136,7 +136,7 @@ class AttendGraph(nn.Module):
 class AttributesGraph(nn.Module):
     """Features, residual of attention, cameras -> attributes before the free-space check, and surfaces of the views.
 
-    The last input are the numbers of the detail layer, if the model has one.
+    The last input are the numbers of the detail layer, if the model has one. Without rules there are no surfaces.
     """
 
     def __init__(self, receiver: Receiver) -> None:
@@ -158,9 +158,11 @@ class AttributesGraph(nn.Module):
         added = None if detail is None else self.receiver.detail_basis(detail)
         found = self.receiver.predictor.at_head(features, residual, relative[None], cameras, added).attributes
         positions, colours = (x.permute(0, 1, 4, 2, 3).contiguous() for x in (found.means, found.colour))
-        surfaces = surfaces_of(found.depth, colours, found.opacity)
         scales, rotations = (x[0].flatten(0, 2) for x in (found.scales, found.rotations))
-        return positions[0], scales, rotations, found.opacity[0], colours[0], surfaces[0]
+        attributes = positions[0], scales, rotations, found.opacity[0], colours[0]
+        if not self.receiver.config.kind.has_rules:
+            return attributes
+        return *attributes, surfaces_of(found.depth, colours, found.opacity)[0]
 
 
 class HarmonicsGraph(nn.Module):

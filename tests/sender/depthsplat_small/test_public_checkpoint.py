@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
+import torch.nn.functional as F
 from public_network import SHAPES, made_up_weights
 from torch import Tensor
 
@@ -67,6 +68,30 @@ def test_unimatch_initialises_cnn_and_transformer(
     part = {name: value for name, value in weights.items() if name.split(".")[0] in ("backbone", "transformer")}
     report = load_public_weights(extractor, saved(tmp_path / "gmdepth.pth", {"model": part}))
     assert set(report.used) == set(part) and report.unused == () and len(report.missing) == len(SHAPES) - len(part)
+
+
+def test_the_last_convolution_of_a_cnn_of_two_scales_becomes_part_of_the_one_before_it(
+    extractor: DepthSplatSmall, weights: dict[str, Tensor], tmp_path: Path
+) -> None:
+    """On constant features, 1x1 and 3x3 convolution are their product; both parts of the table are named."""
+    part = {name: value for name, value in weights.items() if name.split(".")[0] in ("backbone", "transformer")}
+    trident = torch.randn(128, 128, 3, 3, generator=torch.Generator().manual_seed(0)) / 30
+    others = {"backbone.trident_conv.weight": trident, "upsampler.0.bias": torch.zeros(256)}
+    report = load_public_weights(extractor, saved(tmp_path / "gmflow.pth", part | others))
+    assert set(report.used) == set(part) and report.unused == ("upsampler.0.bias",)
+    constant = torch.linspace(-1, 1, 128).view(1, 128, 1, 1).expand(1, 128, 5, 5)
+    before = F.conv2d(constant, weights["backbone.conv2.weight"], weights["backbone.conv2.bias"])
+    expected = F.conv2d(before, trident)[..., :1, :1]
+    torch.testing.assert_close(extractor.backbone.conv2(constant)[..., :1, :1], expected, atol=1e-4, rtol=1e-4)
+    assert [row.split() for row in report.table()] == [
+        ["part", "used", "unused", "missing"],
+        ["backbone", "19", "0", "0"],
+        ["pretrained", "0", "0", "174"],
+        ["regressor", "0", "0", "138"],
+        ["regressor_residual", "0", "0", "2"],
+        ["transformer", "96", "0", "0"],
+        ["upsampler", "0", "1", "0"],
+    ]
 
 
 def test_official_checkpoints_need_the_public_geometry_and_initialisations_do_not(

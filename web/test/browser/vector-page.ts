@@ -19,6 +19,7 @@ async function check(): Promise<string[]> {
   const expected = JSON.parse(new TextDecoder().decode(await read("/vectors/expected.json"))) as Expected;
   const decoding = decodingOf(await read("/entropy/symbol_tables.bin"), [
     await read("/vectors/tiny.safetensors"),
+    await read("/vectors/paper/receiver.safetensors"),
     await read("/weights/compact-6/receiver.safetensors"),
   ]);
   const failures: string[] = [];

@@ -1,11 +1,16 @@
-"""Load public weights into the extractor by name: DepthSplat, Depth Anything V2, DINOv2 and UniMatch checkpoints.
+"""Load public weights into the extractor by name: DepthSplat, Depth Anything V2, DINOv2, UniMatch and GMFlow.
 
 A checkpoint is a dict of tensors, or contains one as "state_dict" or "model". Keys of official DepthSplat checkpoints
-begin with `encoder.depth_predictor.`. Depth Anything V2 (`pretrained.*`) and UniMatch (`backbone.*`, `transformer.*`)
-initialise only a part of the extractor, as DINOv2 does (`blocks.*`, ViT-S/14, with the names of Transformers or of
-DINOv2), in a `.safetensors` file too.
+begin with `encoder.depth_predictor.`. Depth Anything V2 (`pretrained.*`), UniMatch and GMFlow (`backbone.*`,
+`transformer.*`) initialise only a part of the extractor, as DINOv2 does (`blocks.*`, ViT-S/14, with the names of
+Transformers or of DINOv2), in `.safetensors` files too.
+
+Networks of two scales end their CNN with a 3x3 convolution for each (`backbone.trident_conv`), on which the transformer
+was trained. This CNN has none, so its last 1x1 convolution becomes their product, with the taps of the 3x3 one added
+up. Without it, matching is worse than from random weights (docs/paper_profile.md).
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +26,7 @@ OFFICIAL_PREFIX = "encoder.depth_predictor."
 # Part of the name of the one published small checkpoint that saw DL3DV. Its features have 1/8 resolution.
 _COARSE_NAME = "re10kdl3dv-448x768"
 _NESTED = ("state_dict", "model")
+_LAST, _TRIDENT = "backbone.conv2", "backbone.trident_conv.weight"
 _DINO_STARTS = (
     "blocks.", "norm.", "patch_embed", "class_token", "cls_token", "position_embedding", "pos_embed",
 )  # fmt: skip
@@ -44,6 +50,16 @@ class LoadReport:
     missing: tuple[str, ...]
     warning: str = ""
 
+    def table(self) -> tuple[str, ...]:
+        """Return a row per part of the extractor and of the file: tensors used, unused (in the file) and missing."""
+        names = (self.used, self.unused, self.missing)
+        counts = [Counter(name.removeprefix(OFFICIAL_PREFIX).split(".")[0] for name in of) for of in names]
+        used, unused, missing = counts
+        rows = [
+            f"{part:20}{used[part]:>6}{unused[part]:>8}{missing[part]:>9}" for part in sorted(used | unused | missing)
+        ]
+        return (f"{'part':20}{'used':>6}{'unused':>8}{'missing':>9}", *rows)
+
     def __str__(self) -> str:
         parts = sorted({name.split(".")[0] for name in self.missing})
         missing = f"{len(self.missing)} missing ({', '.join(parts)})" if parts else "0 missing"
@@ -57,7 +73,7 @@ def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
     Raises ModelError if the file cannot be read, if a tensor has another shape, or if no name matches. For an official
     DepthSplat checkpoint, also if a tensor is missing, or if the extractor does not have the "public" geometry.
     """
-    stored = _read(path)
+    stored = _with_folded_trident(_read(path))
     is_official = any(name.startswith(OFFICIAL_PREFIX) for name in stored)
     if is_official and extractor.geometry != "public":
         raise ModelError(
@@ -80,6 +96,17 @@ def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
     extractor.load_state_dict({name: stored[renamed[name]] for name in used}, strict=False)
     taken = {renamed[name] for name in used}
     return LoadReport(tuple(used), tuple(name for name in stored if name not in taken), missing, _warning(path))
+
+
+def _with_folded_trident(stored: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Return the tensors with the last convolution of a CNN of two scales as a part of the one before it."""
+    weight, bias, trident = (stored.get(name) for name in (f"{_LAST}.weight", f"{_LAST}.bias", _TRIDENT))
+    if trident is None or weight is None or bias is None:
+        return stored
+    summed = trident.float().sum(dim=(2, 3))
+    folded = {f"{_LAST}.weight": (summed @ weight.float().flatten(1))[..., None, None]}
+    folded[f"{_LAST}.bias"] = summed @ bias.float()
+    return {name: value for name, value in stored.items() if name != _TRIDENT} | folded
 
 
 def _warning(path: Path) -> str:

@@ -54,13 +54,14 @@ def public_positions(
 ) -> Float[Tensor, "point candidate 2"]:
     """Compute the positions as the public code does; its checkpoints were trained with them.
 
-    They differ from `exact_positions` in two ways: the intrinsics of the view are also used for the source, and pixel i
-    is at position i instead of i + 0.5.
+    They differ from `exact_positions` in one way: pixel i is at position i instead of i + 0.5. The public code projects
+    with the intrinsics of the view; here they are the source's own, which is the same for the equal intrinsics of its
+    data sets, and right for others.
     """
     corner = pixel_rays(cameras.select([view]), height, width)[0]
     focal = cameras.intrinsics[view].diagonal()[:2] * cameras.intrinsics.new_tensor([width, height])
     shifted = corner - torch.cat((0.5 / focal, focal.new_zeros(1)))
-    uv = _projected(cameras, view, source, shifted.flatten(0, 1), depths, cameras.intrinsics[view])
+    uv = _projected(cameras, view, source, shifted.flatten(0, 1), depths, cameras.intrinsics[source])
     return uv + 0.5 / uv.new_tensor([width, height])
 
 

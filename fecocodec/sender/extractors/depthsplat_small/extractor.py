@@ -35,7 +35,6 @@ from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.scene import Guides
 
 SIDE_MULTIPLE = 16  # pixels
-_LENS_TOLERANCE = 2e-3  # largest difference of normalised intrinsics between views with the public geometry
 _POSITIONS: dict[str, Positions] = {"public": public_positions, "exact": exact_positions}
 _MASKS_OF_SOURCES = {"public": public_masks_of_sources, "exact": masks_of_sources}
 
@@ -126,10 +125,8 @@ class DepthSplatSmall(nn.Module):
     ) -> Evidence:
         """Run the three branches and build the cost volume, without guides and masks.
 
-        Raises InputError if a side is not a multiple of 16, or if intrinsics differ with the public geometry.
+        Raises InputError if a side is not a multiple of 16.
         """
-        if self.geometry == "public":
-            _require_equal_intrinsics(cameras)
         if images.shape[-2] % SIDE_MULTIPLE or images.shape[-1] % SIDE_MULTIPLE:
             raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of 16.")
         views = images.shape[1]
@@ -182,13 +179,3 @@ def _resize(x: Float[Tensor, "item channel _ _"], size: tuple[int, int]) -> Floa
 
 def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
     return rearrange(x, "b v c h w -> (b v) c h w")
-
-
-def _require_equal_intrinsics(cameras: Cameras) -> None:
-    """The public geometry projects into all views with the intrinsics of one, so they must be equal."""
-    spread = cameras.intrinsics.amax(dim=1) - cameras.intrinsics.amin(dim=1)
-    if float(spread.max()) > _LENS_TOLERANCE:
-        raise InputError(
-            "the views have different intrinsics, which an extractor with public geometry cannot match; "
-            "crop all views alike, or use geometry 'exact'."
-        )

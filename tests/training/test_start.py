@@ -1,0 +1,53 @@
+"""What differs from the paper's start is said: random weights of the extractor, and another batch."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from fecocodec.receiver.model import Receiver
+from fecocodec.sender.model import Sender
+from fecocodec.training.configurations import configuration_named
+from fecocodec.training.start import remarks_on_start, totals
+
+RANDOM = (
+    "the extractor starts from random weights, the paper's from those of DepthSplat; give its file, or those of DINOv2 "
+    "and GMFlow, by `extractor_weights`."
+)
+FILE = Path("depthsplat.pth")
+
+
+def test_the_papers_start_has_no_remark() -> None:
+    assert remarks_on_start(configuration_named("paper-re10k"), 4, [FILE]) == ()
+    assert remarks_on_start(configuration_named("compact"), 1, []) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "at_receiver", "in_all"),
+    [
+        ("paper-re10k", 3_460_029, 37_313_085),
+        ("ablate-no-feedback", 3_460_029, 37_313_085),
+        ("ablate-gaussians-quarter", 3_454_611, 37_307_667),
+        ("ablate-gaussians-full", 3_481_701, 37_334_757),
+    ],
+)
+def test_ablations_keep_the_widths_and_print_their_totals(name: str, at_receiver: int, in_all: int) -> None:
+    configuration = configuration_named(name)
+    with torch.device("meta"):
+        receiver, sender = Receiver(configuration.receiver), Sender(configuration.sender, configuration.receiver)
+    assert totals(receiver, sender) == f"{at_receiver:,} parameters at the receiver, {in_all:,} in all"
+
+
+@pytest.mark.parametrize("name", ["paper-re10k", "paper-dl3dv", "ablate-no-feedback"])
+def test_random_weights_of_the_extractor_are_said(name: str) -> None:
+    assert remarks_on_start(configuration_named(name), 4, []) == (RANDOM,)
+
+
+def test_another_batch_is_said() -> None:
+    configuration = configuration_named("paper-re10k")
+    for scenes, processes, words in ((1, 1, "1 scene,"), (2, 1, "2 scenes,"), (4, 2, "8 scenes,")):
+        found = replace(configuration, shapes=replace(configuration.shapes, num_scenes=scenes))
+        (remark,) = remarks_on_start(found, processes, [FILE])
+        assert remark.startswith(f"a step has {words} the paper's 4; start 4 processes by torchrun, or set the scenes")
+    assert remarks_on_start(replace(configuration, shapes=replace(configuration.shapes, num_scenes=4)), 1, [FILE]) == ()
