@@ -34,6 +34,10 @@ QUALITY_LADDERS: dict[str, tuple[float, ...]] = {
 }
 
 
+JPEG_XL_DISTANCES = (0.1, 25.0)  # the finest that is searched, and the coarsest that there is
+_NUM_HALVINGS = 10
+
+
 def encode_image(image: Float[Tensor, "3 height width"], codec: str, quality: float) -> bytes:
     """Encode one image. image: sRGB in [0, 1]. codec: a key of QUALITY_LADDERS.
 
@@ -99,6 +103,21 @@ def unpack_images(files: tuple[bytes, ...], image_codec: str, context: Views) ->
         images=torch.stack([decode_image(image, image_codec) for image in images]),
         cameras=unpack(unpack_cameras(cameras, len(images), "compressed photographs")),
     )
+
+
+def reconstruct_at(codec: Codec, image_codec: str, num_bytes: int, views: Views, num_context: int) -> Reconstruction:
+    """Return the reconstruction of the quality whose size is nearest to `num_bytes`, cameras included.
+
+    image_codec: JPEG XL, whose quality is continuous.
+    """
+    context, (fine, coarse) = views.select(list(range(num_context))), JPEG_XL_DISTANCES
+    found: list[tuple[int, float]] = []
+    for _ in range(_NUM_HALVINGS):
+        distance = (fine * coarse) ** 0.5
+        size = sum(map(len, pack_images(context, image_codec, distance)))
+        found.append((abs(size - num_bytes), distance))
+        fine, coarse = (distance, coarse) if size > num_bytes else (fine, distance)
+    return _reconstruct(codec, image_codec, min(found)[1], FAST, views, num_context)
 
 
 def _reconstruct(
