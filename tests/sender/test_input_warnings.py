@@ -60,11 +60,21 @@ def test_bounds_that_miss_the_scene_or_are_far_too_wide() -> None:
 
     assert warnings(0.5, 10.0) == warnings(2.0, 3.0) == ()
     for near, far in ((20.0, 200.0), (0.01, 0.1), (0.05, 49.0)):
-        (warning,) = warnings(near, far)
+        warning = warnings(near, far)[-1]
         assert warning.startswith(
             f"near and far are {near:.3g} and {far:.3g}, but matching finds the scene at depths of "
         )
         assert warning.endswith("give `near` and `far` in the unit of the camera positions, or leave both out.")
+
+
+def test_pixels_that_are_not_square() -> None:
+    squeezed = photograph(Room(painted), sideways(), (64, 64)).select([0, 1])
+    squeezed = replace(squeezed, images=squeezed.images.repeat_interleave(2, dim=2))
+    (warning,) = check_input(squeezed)
+    assert warning.startswith(
+        "the pixels are 2.0 times as long as wide or the reverse, by the focal lengths, so detail"
+    )
+    assert warning.endswith("correct `fl_x` and `fl_y`, or choose a `size` of the photographs' own shape.")
 
 
 def test_a_camera_that_is_turned() -> None:

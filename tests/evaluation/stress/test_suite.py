@@ -63,6 +63,10 @@ def test_losses_are_bounded() -> None:
     behind = "0.60 dB below JPEG XL at equal bytes, at most 0.5 may be"
     assert Rule(3.0).complaint(found, reference, -0.6) == behind
     assert Rule(3.0, most_behind=1.0).complaint(found, reference, -0.6) == ""
+    assert Rule(2.5, "will be poor").complaint(found, reference, 0.0) == ""
+    silent = "3.00 dB are lost without a warning, at most 2.5 may be"
+    assert Rule(2.5, "too far").complaint(found, reference, 0.0) == silent
+    assert str(Rule(2.5, "too far")) == "warned or at most 2.5 dB"
     assert Rule(2.5).complaint(replace(found, psnr=float("nan")), reference, None).startswith("nan dB are lost")
 
 
