@@ -12,7 +12,7 @@ from tests.example_scenes import MODEL
 
 
 def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
-    yield Verdict("wall: reference", "at most 0 dB", 20.0, 0.0, 3.5, 0.4, 3.4, 0, ""), 0.5
+    yield Verdict("wall: reference", "≤0", 20.0, 0.0, 3.5, 0.4, 3.4, 0, ""), 0.5
     yield Verdict("wall: black", "warned", 40.0, -20.0, 1.5, 0.4, 1.6, 0, 'no warning says "black"'), 1.0
 
 

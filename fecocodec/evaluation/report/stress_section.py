@@ -8,30 +8,45 @@ from fecocodec.evaluation.stress.suite import BASELINE, GENERATIONS, Verdict
 TITLE = "Where methods fail"
 TEXT = """\
 {held} of {all} cases satisfy their rule. *lost*: loss of PSNR at target views against the reference version of the
-scene, in dB; it is negative where the case is easier, such as a dark image. *ahead*: PSNR above that of context views
-as {baseline} of about the same bytes (*{baseline} KiB*), with our networks at the receiver. All values must be finite,
-and the PLY file can be written. Further rules:
+scene, in dB; negative where the case is easier. *ahead*: PSNR above that of context views as {baseline} of about the
+same bytes, with our networks at the receiver. Values of several scenes are separated by slashes. Rules:
 
-- *at most N dB*: the loss; for {generations} generations, against the first;
-- *warned*: the sender's warnings have the one that belongs to the case; *or at most N dB*: if more is lost;
+- *≤N*: at most N dB are lost; for {generations} generations, against the first;
+- *warned*: the warning that belongs to the case comes; *warned or ≤N*: if more is lost;
 - *refused*: an error explains why the input cannot be encoded;
 - *same bytes*: the payloads equal those of the reference;
-- *ahead* is -0.5 dB or more, except where [limits.md](limits.md#quality) says more.
+- all values are finite, and *ahead* is -0.5 or more, except where [limits.md](limits.md#quality) says more.
 """
-HEAD = ("case", "rule", "PSNR", "lost", "KiB", "ahead", f"{BASELINE} KiB", "warnings")
+HEAD = ("case", "rule", "PSNR", "lost", "ahead", "KiB", "warnings")
+ROOM = "room"
 
 
 def stress_section(verdicts: Sequence[Verdict]) -> Section:
-    """Return the section, with one row per case."""
+    """Return the section, with one row per case of the photographs and of the room."""
     if not verdicts:
         return Section(TITLE, "Not measured for this report; `fecosplat stress` does.")
-    by_scene: dict[str, list[tuple[str, ...]]] = {}
-    for verdict in verdicts:
-        scene, _, case = verdict.case.partition(": ")
-        rule = f"{verdict.rule}, broken: {verdict.complaint}" if verdict.complaint else verdict.rule
-        numbers = map(number, (verdict.psnr, verdict.lost, verdict.kib, verdict.ahead, verdict.baseline_kib))
-        by_scene.setdefault(scene, []).append((case, rule, *numbers, f"{verdict.warnings}"))
     held = sum(verdict.is_passed for verdict in verdicts)
     text = TEXT.format(held=held, all=len(verdicts), baseline=BASELINE, generations=GENERATIONS)
-    text += "".join(f"\n`{scene}`:\n\n{table(HEAD, rows)}\n" for scene, rows in by_scene.items())
+    of_room = [verdict for verdict in verdicts if _scene(verdict) == ROOM]
+    for group in ([verdict for verdict in verdicts if _scene(verdict) != ROOM], of_room):
+        cases: dict[str, list[Verdict]] = {}
+        for verdict in group:
+            cases.setdefault(verdict.case.partition(": ")[2], []).append(verdict)
+        scenes = ", ".join(f"`{scene}`" for scene in dict.fromkeys(map(_scene, group)))
+        if cases:
+            text += f"\n{scenes}:\n\n{table(HEAD, [_row(case, found) for case, found in cases.items()])}\n"
     return Section(TITLE, text)
+
+
+def _scene(verdict: Verdict) -> str:
+    return verdict.case.partition(": ")[0]
+
+
+def _row(case: str, found: Sequence[Verdict]) -> tuple[str, ...]:
+    """Return the row of one case. found: its verdicts, one per scene."""
+    broken = [f"broken: {_scene(verdict)}: {verdict.complaint}" for verdict in found if verdict.complaint]
+    values = [(v.psnr, v.lost, v.ahead, v.kib) for v in found]
+    numbers = (
+        "-" if set(of_scenes) == {None} else "/".join(map(number, of_scenes)) for of_scenes in zip(*values, strict=True)
+    )
+    return (case, ", ".join([found[0].rule, *broken]), *numbers, "/".join(f"{v.warnings}" for v in found))

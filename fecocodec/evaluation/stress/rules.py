@@ -36,7 +36,7 @@ class Rule:
     def __str__(self) -> str:
         if self.is_refused:
             return "refused"
-        limit = "" if self.most_lost is None else f"at most {self.most_lost:g} dB"
+        limit = "" if self.most_lost is None else f"≤{self.most_lost:g}"
         parts = filter(None, ("warned" * bool(self.warning), limit, "same bytes" * self.has_same_bytes))
         return (" or " if self.warning else ", ").join(parts) or "finite"
 

@@ -66,7 +66,7 @@ def test_losses_are_bounded() -> None:
     assert Rule(2.5, "will be poor").complaint(found, reference, 0.0) == ""
     silent = "3.00 dB are lost without a warning, at most 2.5 may be"
     assert Rule(2.5, "too far").complaint(found, reference, 0.0) == silent
-    assert str(Rule(2.5, "too far")) == "warned or at most 2.5 dB"
+    assert str(Rule(2.5, "too far")) == "warned or ≤2.5"
     assert Rule(2.5).complaint(replace(found, psnr=float("nan")), reference, None).startswith("nan dB are lost")
 
 
