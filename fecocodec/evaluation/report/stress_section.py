@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from fecocodec.evaluation.report.section import Section, number, table
-from fecocodec.evaluation.stress.suite import BASELINE, GENERATIONS, Verdict
+from fecocodec.evaluation.stress.suite import GENERATIONS, Verdict
+from fecocodec.evaluation.systems.image_compression import JPEG_XL
 
 TITLE = "Where methods fail"
 TEXT = """\
@@ -26,7 +27,7 @@ def stress_section(verdicts: Sequence[Verdict]) -> Section:
     if not verdicts:
         return Section(TITLE, "Not measured for this report; `fecosplat stress` does.")
     held = sum(verdict.is_passed for verdict in verdicts)
-    text = TEXT.format(held=held, all=len(verdicts), baseline=BASELINE, generations=GENERATIONS)
+    text = TEXT.format(held=held, all=len(verdicts), baseline=JPEG_XL, generations=GENERATIONS)
     of_room = [verdict for verdict in verdicts if _scene(verdict) == ROOM]
     for group in ([verdict for verdict in verdicts if _scene(verdict) != ROOM], of_room):
         cases: dict[str, list[Verdict]] = {}

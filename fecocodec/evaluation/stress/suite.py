@@ -28,7 +28,6 @@ from fecocodec.sender.view_quality import left_out_warnings, quality_warnings
 from fecocodec.splat_files.ply import write_ply
 
 STRESS_LAMBDA = 1e-3
-BASELINE = "JPEG XL"
 GENERATIONS = 5
 RULE_OF_GENERATIONS = Rule(most_lost=4.0)
 
@@ -75,7 +74,7 @@ class StressSuite:
             was_refused = case.rule.is_refused and isinstance(error, InputError)
             complaint = "" if was_refused else f"{type(error).__name__}: {error}"
             return Verdict(case.name, str(case.rule), None, None, None, None, None, 0, complaint)
-        baseline = reconstruct_at(self._codec, BASELINE, len(found.data), trial.views, trial.num_context)
+        baseline = reconstruct_at(self._codec, len(found.data), trial.views, trial.num_context)
         ahead = found.psnr - _psnr_of_targets(baseline.images, trial)
         return Verdict(
             case=case.name,

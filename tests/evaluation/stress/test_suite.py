@@ -11,6 +11,7 @@ from fecocodec.evaluation.stress.box_room import Room, blank, painted, photograp
 from fecocodec.evaluation.stress.cases import StressCase, Trial, cases_of, format_cases_of, room_cases
 from fecocodec.evaluation.stress.rules import Coded, Rule
 from fecocodec.evaluation.stress.suite import StressSuite, run_suite
+from fecocodec.evaluation.systems.image_compression import JPEG_XL, jpeg_xl_distance, pack_images
 from fecocodec.sender.codec import load_codec
 from tests.example_scenes import MODEL
 
@@ -50,6 +51,13 @@ def test_a_broken_rule_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
     darker = case(pair, "black")
     other = suite.judge(replace(darker, rule=Rule(has_same_bytes=True)))
     assert other.complaint == "the payloads differ from those of the reference"
+
+
+@pytest.mark.parametrize("num_bytes", [2000, 6000])
+def test_photographs_of_the_baseline_have_equal_bytes(num_bytes: int) -> None:
+    views = photograph(Room(painted), sideways(), (96, 96)).select([0, 1])
+    size = sum(map(len, pack_images(views, JPEG_XL, jpeg_xl_distance(views, num_bytes))))
+    assert size == pytest.approx(num_bytes, rel=0.03)
 
 
 def test_losses_are_bounded() -> None:
