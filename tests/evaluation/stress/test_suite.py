@@ -82,7 +82,7 @@ def test_every_case_has_a_rule_that_can_fail(pair: Trial) -> None:
     cases = (*cases_of(pair, SCENE), *format_cases_of(pair, SCENE), *room_cases())
     assert [found.name for found in cases if str(found.rule) == "finite"] == []
     silent = [found.rule.most_lost for found in cases if not found.rule.warning]
-    assert max(most for most in silent if most is not None) < 7.0
+    assert max(most for most in silent if most is not None) < 9.0
 
 
 def test_a_refusal_where_none_belongs_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
