@@ -5,7 +5,7 @@ evenly in log depth from 0.05 to 500 baselines. Only depths that are consistent 
 """
 
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
@@ -30,7 +30,23 @@ _MIN_CONTRAST = 0.01  # standard deviation inside the window, of a range of 1
 _NEIGHBOURHOOD = 5  # pixels, side of the square in which similar depths are counted
 _MIN_LIKE_NEIGHBOURS = 9
 _ESTIMATE_MARGIN = 1.3  # widens the estimate further, because surfaces visible in only one view are not matched
-_LOG_STEP = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (_NUM_DEPTHS - 1)
+
+
+@dataclass(frozen=True)
+class AgreedDepths:
+    """Depths of the first view of a pair where both views are consistent, in scene units; share: of its pixels.
+
+    pair: indices of the views; empty if all cameras are at one position.
+    """
+
+    pair: list[int]
+    depths: Float[Tensor, " n"]
+    share: float
+
+    @property
+    def bounds(self) -> tuple[float, float] | None:
+        """(near, far) of these depths in scene units, None for too few."""
+        return bounds_of_depths(self.depths.numpy())
 
 
 def bounds_of_visible_points(points: Float[Tensor, "n 3"], cameras: Cameras) -> tuple[float, float]:
@@ -54,11 +70,11 @@ def estimate_depth_range(views: Views, guides: Views | None = None) -> tuple[flo
     num_views = len(views.images)
     if guides is not None:
         views = joined([views, guides])
-    pairs = _pairs(views.cameras) if guides is None else _nearest_pairs(views.cameras, num_views)
+    pairs = closest_pairs(views.cameras) if guides is None else _nearest_pairs(views.cameras, num_views)
     if not pairs:
         return DEFAULT_RANGE
-    grey = _small_grey(views.images)
-    depths = torch.cat([_agreed_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
+    grey = small_grey(views.images)
+    depths = torch.cat([consistent_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
     distances = _distances(views.cameras)
     baseline = min(distances[pair].item() for pair in pairs)
     bounds = bounds_of_depths(depths.numpy())
@@ -67,17 +83,18 @@ def estimate_depth_range(views: Views, guides: Views | None = None) -> tuple[flo
     return bounds[0] / _ESTIMATE_MARGIN, bounds[1] * _ESTIMATE_MARGIN
 
 
-def share_of_agreed_depths(views: Views) -> float:
-    """Return the share of pixels with a consistent depth between the closest pair of views, in [0, 1].
+def agreed_depths(views: Views) -> AgreedDepths:
+    """Return the consistent depths of the closest pair of views; none if all cameras are at one position.
 
-    It measures how well images and poses fit together. Returns 0 if all cameras are at one position.
+    Their share measures how well images and poses fit together. near and far of the cameras are ignored.
     """
-    pairs = _pairs(views.cameras)
+    pairs = closest_pairs(views.cameras)
     if not pairs:
-        return 0.0
+        return AgreedDepths([], torch.zeros(0), 0.0)
     pair = list(pairs[0])
-    grey = _small_grey(views.images[pair])
-    return len(_agreed_depths(grey, views.cameras.select(pair))) / grey[0].numel()
+    grey = small_grey(views.images[pair])
+    depths = consistent_depths(grey, views.cameras.select(pair))
+    return AgreedDepths(pair, depths, len(depths) / grey[0].numel())
 
 
 def _distances(cameras: Cameras) -> Float[Tensor, "view view"]:
@@ -86,7 +103,7 @@ def _distances(cameras: Cameras) -> Float[Tensor, "view view"]:
     return distances
 
 
-def _pairs(cameras: Cameras) -> list[tuple[int, int]]:
+def closest_pairs(cameras: Cameras) -> list[tuple[int, int]]:
     """Return the pairs of views with the shortest baselines, at most _MAX_PAIRS.
 
     Pairs whose optical axes differ by less than 60 degrees are preferred; cameras at one position form no pair.
@@ -110,54 +127,60 @@ def _nearest_pairs(cameras: Cameras, num_views: int) -> list[tuple[int, int]]:
     return [(view, other) for view, (distance, other) in pairs if distance < torch.inf]
 
 
-def _small_grey(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 1 small_height small_width"]:
-    scale = min(1.0, _LONG_SIDE / max(images.shape[-2:]))
+def small_grey(
+    images: Float[Tensor, "view 3 height width"], long_side: int = _LONG_SIDE
+) -> Float[Tensor, "view 1 small_height small_width"]:
+    """Return the means over the colours, reduced to `long_side` pixels."""
+    scale = min(1.0, long_side / max(images.shape[-2:]))
     grey = images.mean(dim=1, keepdim=True)
     size = [max(1, round(side * scale)) for side in images.shape[-2:]]
     return F.interpolate(grey, size, mode="bilinear", antialias=True, align_corners=False)
 
 
-def _agreed_depths(grey: Float[Tensor, "2 1 height width"], cameras: Cameras) -> Float[Tensor, " n"]:
+def consistent_depths(
+    grey: Float[Tensor, "2 1 height width"], cameras: Cameras, num_depths: int = _NUM_DEPTHS
+) -> Float[Tensor, " n"]:
     """Return depths in the first of two views, at pixels where the depths of both views are consistent."""
-    there, seen_there = _sweep(grey, cameras)
-    back, seen_back = _sweep(grey.flip(0), cameras.select([1, 0]))
+    log_step = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (num_depths - 1)
+    there, seen_there = _sweep(grey, cameras, num_depths)
+    back, seen_back = _sweep(grey.flip(0), cameras.select([1, 0]), num_depths)
     uv, depth_in_second = _project_into_second(there[None], cameras)
     grid = 2 * uv - 1
     found = F.grid_sample(back.log()[None, None], grid, mode="nearest", align_corners=False)[0, 0]
     found_is_good = F.grid_sample(seen_back.float()[None, None], grid, mode="nearest", align_corners=False)[0, 0] > 0.5
-    agrees = (found - depth_in_second[0].clamp_min(1e-12).log()).abs() < 1.5 * _LOG_STEP
+    agrees = (found - depth_in_second[0].clamp_min(1e-12).log()).abs() < 1.5 * log_step
     good = seen_there & found_is_good & agrees & (depth_in_second[0] > 0)
-    return there[good & _has_like_neighbours(there.log(), good)]
+    return there[good & _has_like_neighbours(there.log(), good, log_step)]
 
 
 def _has_like_neighbours(
-    log_depths: Float[Tensor, "height width"], good: Bool[Tensor, "height width"]
+    log_depths: Float[Tensor, "height width"], good: Bool[Tensor, "height width"], log_step: float
 ) -> Bool[Tensor, "height width"]:
     """Return which pixels have enough good neighbours at a similar depth; wrong matches are usually isolated."""
     around = F.unfold(log_depths[None, None], _NEIGHBOURHOOD, padding=_NEIGHBOURHOOD // 2)[0]
     good_around = F.unfold(good.to(around.dtype)[None, None], _NEIGHBOURHOOD, padding=_NEIGHBOURHOOD // 2)[0] > 0.5
-    alike = good_around & ((around - log_depths.flatten()).abs() < 3 * _LOG_STEP)
+    alike = good_around & ((around - log_depths.flatten()).abs() < 3 * log_step)
     return (alike.sum(dim=0) >= _MIN_LIKE_NEIGHBOURS).view_as(good)
 
 
 def _sweep(
-    grey: Float[Tensor, "2 1 height width"], cameras: Cameras
+    grey: Float[Tensor, "2 1 height width"], cameras: Cameras, num_depths: int
 ) -> tuple[Float[Tensor, "height width"], Bool[Tensor, "height width"]]:
     """Return the best depth of each pixel of the first view, and whether its match is good and unambiguous."""
     height, width = grey.shape[-2:]
     baseline = _distances(cameras)[0, 1]
-    steps = torch.linspace(0, 1, _NUM_DEPTHS, dtype=torch.float64, device=grey.device)
+    steps = torch.linspace(0, 1, num_depths, dtype=torch.float64, device=grey.device)
     depths = (baseline * _SWEEP[0] * (_SWEEP[1] / _SWEEP[0]) ** steps).to(grey.dtype)
     uv, depth_in_second = _project_into_second(depths[:, None, None].expand(-1, height, width), cameras)
-    warped = F.grid_sample(grey[1:].expand(_NUM_DEPTHS, -1, -1, -1), 2 * uv - 1, align_corners=False)
+    warped = F.grid_sample(grey[1:].expand(num_depths, -1, -1, -1), 2 * uv - 1, align_corners=False)
     correlation, contrast = _correlation(grey[:1], warped)
     visible = (depth_in_second > 0) & ((uv > 0) & (uv < 1)).all(dim=-1)
     correlation = correlation[:, 0].masked_fill(~visible, -1.0)
     best, index = correlation.max(dim=0)
-    is_near_best = (torch.arange(_NUM_DEPTHS, device=grey.device)[:, None, None] - index).abs() <= 4
+    is_near_best = (torch.arange(num_depths, device=grey.device)[:, None, None] - index).abs() <= 4
     runner_up = correlation.masked_fill(is_near_best, -1.0).amax(dim=0)
     is_clear = (best > _MIN_CORRELATION) & (best - runner_up > _MIN_LEAD) & (contrast[0, 0] > _MIN_CONTRAST)
-    return depths[index], is_clear & (index > 0) & (index < _NUM_DEPTHS - 1)
+    return depths[index], is_clear & (index > 0) & (index < num_depths - 1)
 
 
 def _project_into_second(

@@ -63,7 +63,6 @@ def measure_others(
     return tuple(None if views is None else _quality(gaussians, views.cameras, views) for views in groups)
 
 
-@torch.no_grad()
 def measure_left_out(
     data: bytes, views: Views, *, device: str = "cpu", model: Path | str | None = None
 ) -> LeftOutQuality | None:
@@ -73,7 +72,13 @@ def measure_left_out(
     what the background layer fills does not.
     Arguments and errors as for `measure_decoded`. None if no view shows what another one does.
     """
-    receiver, stream = load_codec(model_folder(model), device).receiver, read_stream(data)
+    return left_out_quality(load_codec(model_folder(model), device).receiver, data, views)
+
+
+@torch.no_grad()
+def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQuality | None:
+    """Return what `measure_left_out` does, with a loaded receiver."""
+    stream = read_stream(data)
     levels = np.zeros(FADING_BLOCKS.shape(stream.header), np.uint8)
     if stream.fading is not None:
         levels = unpack_levels(stream.fading, stream.header)

@@ -8,13 +8,15 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.coding_grid import grid_size
-from fecocodec.geometry.depth_range import share_of_agreed_depths
+from fecocodec.geometry.depth_range import AgreedDepths, agreed_depths
+from fecocodec.geometry.turned_pair import best_turn
 from fecocodec.geometry.views import Views
 from fecocodec.sender.optimisation_config import OptimisationConfig, config_of_effort
 
 LEAST_PARALLAX_DEGREES = 0.5  # between the viewing rays of a typical point: about two pixels of a 256-pixel image
 LEAST_OVERLAP = 0.2  # fraction of the sample points of a view that another view sees
 LARGEST_DEPTH_RATIO = 1000.0  # far / near
+LARGEST_PIXEL_RATIO = 1.5  # between the sides of a pixel
 LARGEST_EXPOSURE_RATIO = 1.5  # between the mean sRGB values of two views
 DARKEST, BRIGHTEST = 0.04, 0.96  # mean sRGB value of all views
 # The axes are reported as reversed if, with y and z negated, the fraction of pixels with a consistent depth is at least
@@ -22,6 +24,13 @@ DARKEST, BRIGHTEST = 0.04, 0.96  # mean sRGB value of all views
 # reached a fraction of 0.15 after negation, or a gain of 2.2.
 LEAST_AGREEMENT = 0.15
 LEAST_GAIN = 6.0
+# far / near as given, over that of the depths in which the closest pair of views agrees, where these are LEAST_MATCHED
+# of the pixels or more.
+LARGEST_WIDTH = 30.0
+LEAST_MATCHED = 0.05
+# A camera counts as wrong if a turn of it raises the share of consistent depths LEAST_TURN_GAIN times, to LEAST_MATCHED
+# or more. Pairs that agree in ENOUGH_MATCHED of the pixels are not searched.
+LEAST_TURN_GAIN, ENOUGH_MATCHED = 2.5, 0.15
 # Mean distance of the channels from their mean, over mean brightness. Grey views are below the first, views in colour
 # above the second: 511 photographs of 86 captures have 0.010 to 0.45.
 LARGEST_GREY, LEAST_COLOUR = 0.003, 0.009
@@ -39,7 +48,7 @@ def check_input(
         *_warnings_about_cameras(views, guides),
         *_warnings_about_images(views.images),
         *_warnings_about_kinds(views),
-        *_warnings_about_axes(views),
+        *_warnings_about_depths(views),
         *_warnings_about_size(views, config_of_effort(effort)),
     )
 
@@ -62,6 +71,13 @@ def _warnings_about_cameras(views: Views, guides: Views | None) -> list[str]:
     if ratio > LARGEST_DEPTH_RATIO:
         warnings.append(
             f"far is {ratio:.0f} times near, so depth will be coarse; give tighter bounds by `near` and `far`."
+        )
+    (height, width), focal = views.image_size, views.cameras.intrinsics
+    stretch = focal[:, 0, 0] * width / (focal[:, 1, 1] * height)
+    if (ratio := float(torch.maximum(stretch, 1.0 / stretch).max())) > LARGEST_PIXEL_RATIO:
+        warnings.append(
+            f"the pixels are {ratio:.1f} times as long as wide or the reverse, by the focal lengths, so detail is lost "
+            "along one side; correct `fl_x` and `fl_y`, or choose a `size` of the photographs' own shape."
         )
     if cameras.num_views == 1:
         return [
@@ -122,16 +138,51 @@ def _names(names: tuple[str, ...], is_odd: Bool[Tensor, " view"], is_usual: Bool
     return f"{', '.join(odd)} {'is' if len(odd) == 1 else 'are'}"
 
 
-def _warnings_about_axes(views: Views) -> list[str]:
+def _warnings_about_depths(views: Views) -> list[str]:
+    """Compare the bounds of depth and the camera axes with depths that need neither bounds nor networks."""
+    found = agreed_depths(views)
+    wrong_axes = _warnings_about_axes(views, found.share)
+    return [*_warnings_about_bounds(views.cameras, found), *(wrong_axes or _warnings_about_turns(views, found))]
+
+
+def _warnings_about_turns(views: Views, found: AgreedDepths) -> list[str]:
+    """Detect poses that are wrong by degrees, in the closest pair of views."""
+    if not found.pair or found.share >= ENOUGH_MATCHED:
+        return []
+    turn = best_turn(views.select(found.pair))
+    if turn.turned < max(LEAST_MATCHED, LEAST_TURN_GAIN * turn.given):
+        return []
+    first, second = (views.names[view] for view in found.pair)
+    return [
+        f"{first} and {second} fit each other much better with a camera turned by about {turn.degrees:.0f} degrees, so "
+        "new views will be poor; check their poses, or leave the cameras out so that they are estimated."
+    ]
+
+
+def _warnings_about_bounds(cameras: Cameras, found: AgreedDepths) -> list[str]:
+    bounds = found.bounds
+    if bounds is None or found.share < LEAST_MATCHED:
+        return []
+    (near, far), given = bounds, (float(cameras.near), float(cameras.far))
+    if given[0] <= far and given[1] >= near and given[1] / given[0] <= LARGEST_WIDTH * far / near:
+        return []
+    return [
+        f"near and far are {given[0]:.3g} and {given[1]:.3g}, but matching finds the scene at depths of {near:.3g} to "
+        f"{far:.3g}, so depth will be wrong or coarse; give `near` and `far` in the unit of the camera positions, or "
+        "leave both out."
+    ]
+
+
+def _warnings_about_axes(views: Views, given: float) -> list[str]:
     """Detect OpenGL axes given as OpenCV axes, or the reverse: they differ in the signs of y and z.
 
-    Cameras side by side that look in the same direction are consistent either way and give no warning.
+    Cameras side by side that look in the same direction are consistent either way and give no warning. given: share of
+    pixels with a consistent depth, with the axes as given.
     """
-    given = share_of_agreed_depths(views)
     if LEAST_GAIN * given >= 1.0:
         return []
     reversed_axes = views.cameras.extrinsics * torch.tensor([1.0, -1.0, -1.0, 1.0])
-    turned = share_of_agreed_depths(replace(views, cameras=replace(views.cameras, extrinsics=reversed_axes)))
+    turned = agreed_depths(replace(views, cameras=replace(views.cameras, extrinsics=reversed_axes))).share
     if turned < max(LEAST_AGREEMENT, LEAST_GAIN * given):
         return []
     return [

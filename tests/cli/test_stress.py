@@ -12,8 +12,8 @@ from tests.example_scenes import MODEL
 
 
 def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
-    yield Verdict("wall: reference", "finite", 20.0, 0.0, 21.0, 0.0, 3.5, 0, ""), 0.5
-    yield Verdict("wall: black", "warned", 40.0, -20.0, 40.0, -19.0, 1.5, 0, "the sender gave no warning"), 1.0
+    yield Verdict("wall: reference", "≤0", 20.0, 0.0, 3.5, 0.4, 3.4, 0, ""), 0.5
+    yield Verdict("wall: black", "warned", 40.0, -20.0, 1.5, 0.4, 1.6, 0, 'no warning says "black"'), 1.0
 
 
 def test_the_table_is_written_and_broken_rules_are_named(
@@ -25,7 +25,7 @@ def test_the_table_is_written_and_broken_rules_are_named(
     index.write_text("{}")
     result = fecosplat("stress", tmp_path, "--index", index, "-o", output, "--model", model)
     assert result.code == 1 and "1 of 2 cases hold" in result.err
-    assert "wall: black: the sender gave no warning" in result.err
+    assert 'wall: black: no warning says "black"' in result.err
     header, *rows = (output / "stress.tsv").read_text().splitlines()
     assert header.startswith("case\trule\tpsnr\tlost") and len(rows) == 2
 

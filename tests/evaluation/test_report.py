@@ -77,7 +77,7 @@ def studies() -> Studies:
     steps = {"encode": {"start": 0.01, "coding stage 1": 0.03}, "decode": {"predicting": 0.02}}
     loads = tuple(Load(2, side, 2 * side**2, side**2 / 1e5, side / 1e4, 100.0, side**2) for side in (64, 128))
     needs = (Need(0, 1.0, 1.0, 0.1), Need(24, 9.0, 8.0, 0.2))
-    verdicts = (Verdict("wall: reference", "finite", 20.0, 0.0, 21.0, 0.0, 3.5, 0, "a Gaussian is not finite"),)
+    verdicts = (Verdict("wall: reference", "≤0", 20.0, 0.0, 3.5, 0.4, 3.4, 0, "a Gaussian is not finite"),)
     pairs = [m for m in rate if m.system == "fecosplat"]
     complexity = {entry: 4.0 * 2**at for at, entry in enumerate(ENTRIES)}
     return Studies(tuple(rate), tuple(speed), tuple(pairs), complexity, (), steps, loads, needs, verdicts)
@@ -94,7 +94,7 @@ def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: py
     assert pictures == {f"report/{path.name}" for path in (plan.output / "report").glob("*.png")}
     assert len(pictures) == 9 and sum((plan.output / path).stat().st_size for path in pictures) < 1_500_000
     assert "Weights `compact` (0123)" in text and "torch" in text and "0 of 1 cases satisfy their rule" in text
-    assert "`wall`:" in text and "| reference | finite, broken: a Gaussian is not finite | 20.00 |" in text
+    assert "`wall`:" in text and "| reference | ≤0, broken: wall: a Gaussian is not finite | 20.00 |" in text
     assert "| fecosplat: BD-rate by ST-LPIPS, % |" in text
     assert text.count("| against | fecosplat at 4 KiB |") == 2
     assert re.search(r"\| JPEG XL \| -50\.0 \| -50\.0 \|", text), (

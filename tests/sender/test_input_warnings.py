@@ -1,11 +1,13 @@
 """Views that will reconstruct badly get a warning, others do not."""
 
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 
 from fecocodec.evaluation.stress.box_room import Room, back_to_back, look, painted, photograph, sideways, turning
+from fecocodec.geometry.turned_pair import best_turn
 from fecocodec.geometry.views import Views
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, OptimisationConfig
@@ -46,6 +48,55 @@ def test_cameras_in_the_axes_of_another_convention() -> None:
     reversed_axes = views.cameras.extrinsics @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0]))
     turned = replace(views, cameras=replace(views.cameras, extrinsics=reversed_axes))
     assert any("y and z axes reversed" in warning for warning in check_input(turned))
+
+
+def test_bounds_that_miss_the_scene_or_are_far_too_wide() -> None:
+    views = context_of(sideways())
+
+    def warnings(near: float, far: float) -> tuple[str, ...]:
+        return check_input(
+            replace(views, cameras=replace(views.cameras, near=torch.tensor(near), far=torch.tensor(far)))
+        )
+
+    assert warnings(0.5, 10.0) == warnings(2.0, 3.0) == ()
+    for near, far in ((20.0, 200.0), (0.01, 0.1), (0.05, 49.0)):
+        warning = warnings(near, far)[-1]
+        assert warning.startswith(
+            f"near and far are {near:.3g} and {far:.3g}, but matching finds the scene at depths of "
+        )
+        assert warning.endswith("give `near` and `far` in the unit of the camera positions, or leave both out.")
+
+
+def test_pixels_that_are_not_square() -> None:
+    squeezed = photograph(Room(painted), sideways(), (64, 64)).select([0, 1])
+    squeezed = replace(squeezed, images=squeezed.images.repeat_interleave(2, dim=2))
+    (warning,) = check_input(squeezed)
+    assert warning.startswith(
+        "the pixels are 2.0 times as long as wide or the reverse, by the focal lengths, so detail"
+    )
+    assert warning.endswith("correct `fl_x` and `fl_y`, or choose a `size` of the photographs' own shape.")
+
+
+def test_a_camera_that_is_turned() -> None:
+    views = context_of(sideways())
+    assert best_turn(views).degrees == 0.0
+    extrinsics = views.cameras.extrinsics.clone()
+    extrinsics[1] = extrinsics[1] @ turned(6.0)
+    wrong = replace(views, cameras=replace(views.cameras, extrinsics=extrinsics))
+    found = best_turn(wrong)
+    assert found.degrees == pytest.approx(6.0, abs=0.5) and found.turned > 4.0 * found.given
+    (warning,) = check_input(wrong)
+    assert warning.startswith(
+        "view 0 and view 1 fit each other much better with a camera turned by about 6 degrees, so"
+    )
+
+
+def turned(degrees: float) -> torch.Tensor:
+    """Return a turn about the x axis, which is nearly the baseline, as a 4x4 matrix."""
+    turn = torch.eye(4)
+    sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    turn[1:3, 1:3] = torch.tensor([[cosine, -sine], [sine, cosine]])
+    return turn
 
 
 def test_views_of_other_kinds_than_the_rest() -> None:

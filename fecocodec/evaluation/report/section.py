@@ -57,7 +57,7 @@ class ReportPlan:
     speed_entries: int = 3
     complexity_entries: int | None = None
     entries_of_more_views: int = 4
-    stress_scenes: int = 1
+    stress_scenes: int = 3
     lambdas: tuple[float, ...] = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5)
     few_lambdas: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
     sides: tuple[int, ...] = (64, 128, 256, 512, 1024)

@@ -113,7 +113,7 @@ def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
     rate, speed, photographs, more_views = _measurements(plan, codec, label, on_study)
     complexity = _complexity(plan, {measurement.entry for measurement in photographs if not measurement.error})
     on_study("stress cases")
-    verdicts = _verdicts(plan, codec, ResultFile(plan.work / "stress.jsonl", label))
+    verdicts = _verdicts(plan, codec, ResultFile(plan.work / "stress_cases.jsonl", label))
     return Studies(rate, speed, photographs, complexity, more_views, steps, loads, needs, verdicts)
 
 

@@ -1,6 +1,6 @@
 """The stress cases: how each is derived from a reference scene, and the rule that its result must satisfy."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -21,9 +21,10 @@ from fecocodec.evaluation.stress.box_room import (
     turning,
     with_far_view,
 )
+from fecocodec.evaluation.stress.rules import Rule
 from fecocodec.geometry.views import Views
 
-ROOM_SIZE = (192, 192)
+CASE_SIZE = (192, 192)  # (height, width) of the photographs and of the room, in pixels
 
 
 @dataclass(frozen=True)
@@ -36,111 +37,139 @@ class Trial:
 
 @dataclass(frozen=True)
 class StressCase:
-    """One stress case. trial: creates its trial. reference: creates the reference trial of the same scene.
-
-    rule: pass criterion. "finite": all Gaussians and images are finite, and the PLY can be written. "refused": the
-    sender raises InputError. The other rules require "finite" and in addition: "warned", at least one input warning;
-    "same picture", PSNR within 0.05 dB of the reference; "same bytes", also equal payloads; "same quality", PSNR within
-    0.5 dB of the reference.
-    """
+    """One stress case. trial: creates its trial. reference: creates the reference trial of the same scene."""
 
     name: str
     trial: Callable[[], Trial]
     reference: Callable[[], Trial]
-    rule: str = "finite"
+    rule: Rule
+
+
+Made = tuple[str, Callable[[], Views], Rule]
+REFUSED = Rule(is_refused=True)
+APART, UNIT, POOR = "almost at one position", "near and far are", "poor"
+
+
+def _lost(most: float) -> Rule:
+    return Rule(most_lost=most)
+
+
+def _warned(sentence: str) -> Rule:
+    return Rule(warning=sentence)
 
 
 def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
-    """Return the cases derived from two context views with target views. name: scene name, prefix of the case names."""
+    """Return the cases derived from two context views with target views: what is wrong with photographs or cameras.
+
+    name: scene name, prefix of the case names.
+    """
     views, two = pair.views, pair.num_context
-    made: list[tuple[str, Callable[[], Views], str]] = [
-        ("night with noise", lambda: perturbations.exposed(views, _all(views, 0.02), noise=0.03), "finite"),
-        ("black", lambda: perturbations.exposed(views, _all(views, 1e-5)), "warned"),
-        ("overexposed", lambda: perturbations.exposed(views, _all(views, 4.0)), "finite"),
-        ("exposure differs 4:1", lambda: _exposed(views, (2, 2, 2), (0.5, 0.5, 0.5)), "warned"),
-        ("white balance differs", lambda: _exposed(views, (1.3, 1, 0.8), (0.8, 1, 1.3)), "finite"),
-        ("motion blur of 9 pixels", lambda: perturbations.blurred(views, 9, two), "finite"),
-        ("noise of 5%", lambda: perturbations.exposed(views, _all(views, 1.0), noise=0.05), "finite"),
-        ("poses turned by 0.1 degrees", lambda: perturbations.turned(views, 0.1, two), "finite"),
-        ("poses turned by 1 degree", lambda: perturbations.turned(views, 1.0, two), "finite"),
-        ("poses turned by 5 degrees", lambda: perturbations.turned(views, 5.0, two), "finite"),
-        ("poses moved by 1% of baseline", lambda: perturbations.moved(views, 0.01, two), "finite"),
-        ("poses moved by 20% of baseline", lambda: perturbations.moved(views, 0.2, two), "finite"),
-        ("baseline said to be 1%", lambda: perturbations.closer_together(views, 0.01, two), "warned"),
-        ("baseline said to be 10 times", lambda: perturbations.closer_together(views, 10.0, two), "finite"),
-        ("focal length 20% wrong", lambda: perturbations.with_focal(views, 1.2), "finite"),
-        ("OpenGL axes", lambda: perturbations.with_axes(views, (1.0, -1.0, -1.0)), "finite"),
-        ("mirrored axes", lambda: perturbations.with_axes(views, (-1.0, 1.0, 1.0)), "refused"),
-        ("depth bounds 10 times too wide", lambda: perturbations.with_bounds(views, 0.1, 10.0), "finite"),
-        ("depth bounds 1000 times too wide", lambda: perturbations.with_bounds(views, 1e-3, 1e3), "refused"),
-        ("depth bounds beyond the scene", lambda: perturbations.with_bounds(views, 20.0, 20.0), "finite"),
-        ("depth bounds before the scene", lambda: perturbations.with_bounds(views, 0.02, 0.02), "finite"),
-        ("near beyond far", lambda: perturbations.with_bounds(views, 1000.0, 1.0), "refused"),
-        ("unit of length 1024 times smaller", lambda: perturbations.in_other_units(views, 1024.0), "same bytes"),
-        ("unit of length 1000 times smaller", lambda: perturbations.in_other_units(views, 1000.0), "same picture"),
-        ("unit of length 1000 times larger", lambda: perturbations.in_other_units(views, 1e-3), "same picture"),
-        ("order of views swapped", lambda: views.select([1, 0, *range(2, len(views.images))]), "same quality"),
-        ("64x64 pixels", lambda: perturbations.resized(views, 64, 64), "finite"),
-        ("odd size 251x187", lambda: perturbations.resized(views, 187, 251), "finite"),
-        ("512x512 pixels", lambda: perturbations.resized(views, 512, 512), "finite"),
-        ("64x512 pixels", lambda: perturbations.resized(views, 512, 64), "finite"),
+    made: list[Made] = [
+        ("reference", lambda: views, _lost(0.0)),
+        ("night with noise", lambda: perturbations.exposed(views, _all(views, 0.02), noise=0.03), _lost(0.0)),
+        ("black", lambda: perturbations.exposed(views, _all(views, 1e-5)), _warned("almost black")),
+        ("overexposed", lambda: perturbations.exposed(views, _all(views, 4.0)), _lost(6.0)),
+        (
+            "exposure differs 4:1",
+            lambda: _exposed(views, (2, 2, 2), (0.5, 0.5, 0.5)),
+            Rule(warning="differ much in", most_behind=1.5),
+        ),
+        ("white balance differs", lambda: _exposed(views, (1.3, 1, 0.8), (0.8, 1, 1.3)), _lost(2.5)),
+        ("motion blur of 9 pixels", lambda: perturbations.blurred(views, 9, two), _lost(3.5)),
+        ("noise of 5%", lambda: perturbations.exposed(views, _all(views, 1.0), noise=0.05), _lost(6.5)),
+        ("poses turned by 0.1 degrees", lambda: perturbations.turned(views, 0.1, two), _lost(0.5)),
+        ("poses turned by 1 degree", lambda: perturbations.turned(views, 1.0, two), _lost(8.5)),
+        ("poses turned by 5 degrees", lambda: perturbations.turned(views, 5.0, two), Rule(7.0, POOR)),
+        ("poses moved by 1% of baseline", lambda: perturbations.moved(views, 0.01, two), _lost(2.5)),
+        ("poses moved by 20% of baseline", lambda: perturbations.moved(views, 0.2, two), Rule(11.5, POOR)),
+        ("baseline said to be 1%", lambda: perturbations.closer_together(views, 0.01, two), _warned(APART)),
+        ("baseline said to be 10 times", lambda: perturbations.closer_together(views, 10.0, two), _warned(UNIT)),
+        ("focal length 20% wrong", lambda: perturbations.with_focal(views, 1.2), _lost(6.0)),
+        (
+            "OpenGL axes",
+            lambda: perturbations.with_axes(views, (1.0, -1.0, -1.0)),
+            _warned("axes reversed|hardly confirm|is confirmed by another view"),
+        ),
+        ("mirrored axes", lambda: perturbations.with_axes(views, (-1.0, 1.0, 1.0)), REFUSED),
+        ("depth bounds 10 times too wide", lambda: perturbations.with_bounds(views, 0.1, 10.0), _warned(UNIT)),
+        ("depth bounds 1000 times too wide", lambda: perturbations.with_bounds(views, 1e-3, 1e3), REFUSED),
+        (
+            "depth bounds beyond the scene",
+            lambda: perturbations.with_bounds(views, 20.0, 20.0),
+            Rule(warning=UNIT, most_behind=1.5),
+        ),
+        ("depth bounds before the scene", lambda: perturbations.with_bounds(views, 0.02, 0.02), _warned(UNIT)),
+        ("near beyond far", lambda: perturbations.with_bounds(views, 1000.0, 1.0), REFUSED),
     ]
-    reference = StressCase(f"{name}: reference", lambda: pair, lambda: pair)
-    others = [
-        StressCase(f"{name}: {label}", lambda make=make: Trial(make(), two), lambda: pair, rule)  # type: ignore[misc]
-        for label, make, rule in made
+    return _cases(made, pair, name)
+
+
+def format_cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
+    """Return the cases of the same photographs at other sizes, in other units, in another order or number."""
+    views, two = pair.views, pair.num_context
+    made: list[Made] = [
+        (
+            "unit of length 1024 times smaller",
+            lambda: perturbations.in_other_units(views, 1024.0),
+            Rule(0.05, has_same_bytes=True),
+        ),
+        ("unit of length 1000 times larger", lambda: perturbations.in_other_units(views, 1e-3), _lost(0.05)),
+        ("order of views swapped", lambda: views.select([1, 0, *range(2, len(views.images))]), _lost(0.5)),
+        ("64x64 pixels", lambda: perturbations.resized(views, 64, 64), _lost(3.0)),
+        ("odd size 251x187", lambda: perturbations.resized(views, 187, 251), _lost(1.0)),
+        ("384x384 pixels", lambda: perturbations.resized(views, 384, 384), _lost(1.0)),
+        ("64x512 pixels", lambda: perturbations.resized(views, 512, 64), _warned("pixels are")),
     ]
     doubled = views.select([0, 0, 1, 1, *range(2, len(views.images))])
     single = views.select([0, *range(2, len(views.images))])
     return (
-        reference,
-        *others,
-        StressCase(f"{name}: every view twice", lambda: Trial(doubled, 4), lambda: pair),
-        StressCase(f"{name}: one view", lambda: Trial(single, 1), lambda: pair, "warned"),
+        *_cases(made, pair, name),
+        StressCase(f"{name}: every view twice", lambda: Trial(doubled, 2 * two), lambda: pair, _lost(4.0)),
+        StressCase(f"{name}: one view", lambda: Trial(single, 1), lambda: pair, _warned("one view has no parallax")),
+    )
+
+
+def _cases(made: Sequence[Made], pair: Trial, name: str) -> tuple[StressCase, ...]:
+    return tuple(
+        StressCase(f"{name}: {label}", lambda make=make: Trial(make(), pair.num_context), lambda: pair, rule)  # type: ignore[misc]
+        for label, make, rule in made
     )
 
 
 def room_cases() -> tuple[StressCase, ...]:
     """Return the cases in a synthetic room. Their reference is the fully textured room, seen by parallel cameras."""
-    plain = Room(painted)
-    surfaces = {
-        "no texture": Room(blank),
-        "repetitive texture": Room(chequered),
-        "mirror": Room(painted, reflection=0.9, transparency=0.0),
-        "glass": Room(painted, reflection=0.3, transparency=0.6),
-        "thin bars": Room(painted, transparency=0.0, has_bars=True),
-    }
-    paths = {
-        "tiny baseline": (sideways(0.002), "warned"),
-        "huge baseline": (sideways(2.6), "finite"),
-        "forward motion": (forwards(), "finite"),
-        "pure rotation": (turning(), "warned"),
-        "opposite views": (facing(), "finite"),
-        "no overlap": (back_to_back(), "warned"),
-        "orbit of 8 views": (orbit(8), "finite"),
-        "far view beside a pair": (with_far_view(), "finite"),
+    room, straight = Room(painted), sideways()
+    made = {
+        "reference": (room, straight, _lost(0.0)),
+        "no texture": (Room(blank), straight, _lost(-10.0)),
+        "repetitive texture": (Room(chequered), straight, _warned(POOR)),
+        "mirror": (Room(painted, reflection=0.9, transparency=0.0), straight, Rule(warning=POOR, most_behind=1.5)),
+        "glass": (Room(painted, reflection=0.3, transparency=0.6), straight, _lost(2.0)),
+        "thin bars": (Room(painted, transparency=0.0, has_bars=True), straight, _warned(POOR)),
+        "tiny baseline": (room, sideways(0.002), _warned(APART)),
+        "huge baseline": (room, sideways(2.6), Rule(warning="hardly overlap", most_behind=2.5)),
+        "forward motion": (room, forwards(), Rule(warning="hardly overlap", most_behind=3.5)),
+        "pure rotation": (room, turning(), _warned(APART)),
+        "opposite views": (room, facing(), _warned("is confirmed by another view")),
+        "no overlap": (room, back_to_back(), _warned("hardly overlap")),
+        "orbit of 8 views": (room, orbit(8), _lost(0.0)),
+        "far view beside a pair": (room, with_far_view(), _warned("of view 2 is confirmed by another view")),
+        "3 views": (room, along_a_line(3), _lost(-2.0)),
+        "8 views": (room, along_a_line(8), _lost(-4.0)),
+        "16 views": (room, along_a_line(16), _lost(-4.0)),
     }
 
     def trial(room: Room, poses: torch.Tensor) -> Trial:
-        return Trial(photograph(room, poses, ROOM_SIZE), len(poses) - 1)
+        return Trial(photograph(room, poses, CASE_SIZE), len(poses) - 1)
 
-    def reference() -> Trial:
-        return trial(plain, sideways())
-
-    return (
-        StressCase("room: reference", reference, reference),
-        *(
-            StressCase(f"room: {label}", lambda room=room: trial(room, sideways()), reference)  # type: ignore[misc]
-            for label, room in surfaces.items()
-        ),
-        *(
-            StressCase(f"room: {label}", lambda poses=poses: trial(plain, poses), reference, rule)  # type: ignore[misc]
-            for label, (poses, rule) in paths.items()
-        ),
-        *(
-            StressCase(f"room: {count} views", lambda count=count: trial(plain, along_a_line(count)), reference, rule)  # type: ignore[misc]
-            for count, rule in ((1, "warned"), (3, "finite"), (8, "finite"), (16, "finite"))
-        ),
+    return tuple(
+        StressCase(
+            f"room: {label}",
+            lambda room=room, poses=poses: trial(room, poses),  # type: ignore[misc]
+            lambda: trial(Room(painted), straight),
+            rule,
+        )
+        for label, (room, poses, rule) in made.items()
     )
 
 

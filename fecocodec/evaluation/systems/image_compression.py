@@ -34,6 +34,11 @@ QUALITY_LADDERS: dict[str, tuple[float, ...]] = {
 }
 
 
+JPEG_XL = "JPEG XL"
+JPEG_XL_DISTANCES = (0.1, 25.0)  # the finest that is searched, and the coarsest that there is
+_NUM_HALVINGS = 10
+
+
 def encode_image(image: Float[Tensor, "3 height width"], codec: str, quality: float) -> bytes:
     """Encode one image. image: sRGB in [0, 1]. codec: a key of QUALITY_LADDERS.
 
@@ -99,6 +104,24 @@ def unpack_images(files: tuple[bytes, ...], image_codec: str, context: Views) ->
         images=torch.stack([decode_image(image, image_codec) for image in images]),
         cameras=unpack(unpack_cameras(cameras, len(images), "compressed photographs")),
     )
+
+
+def reconstruct_at(codec: Codec, num_bytes: int, views: Views, num_context: int) -> Reconstruction:
+    """Return the reconstruction from JPEG XL whose size, cameras included, is nearest to `num_bytes`."""
+    distance = jpeg_xl_distance(views.select(list(range(num_context))), num_bytes)
+    return _reconstruct(codec, JPEG_XL, distance, FAST, views, num_context)
+
+
+def jpeg_xl_distance(context: Views, num_bytes: int) -> float:
+    """Return the Butteraugli distance at which the files of `pack_images` have nearly `num_bytes` in all."""
+    fine, coarse = JPEG_XL_DISTANCES
+    found: list[tuple[int, float]] = []
+    for _ in range(_NUM_HALVINGS):
+        distance = (fine * coarse) ** 0.5
+        size = sum(map(len, pack_images(context, JPEG_XL, distance)))
+        found.append((abs(size - num_bytes), distance))
+        fine, coarse = (distance, coarse) if size > num_bytes else (fine, distance)
+    return min(found)[1]
 
 
 def _reconstruct(

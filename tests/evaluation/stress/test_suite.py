@@ -1,5 +1,6 @@
 """The stability suite: rules hold where they should, and a broken rule is a complaint."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,8 +8,10 @@ import torch
 
 from fecocodec.evaluation.stress import suite as stress
 from fecocodec.evaluation.stress.box_room import Room, blank, painted, photograph, sideways, waves
-from fecocodec.evaluation.stress.cases import StressCase, Trial, cases_of, room_cases
+from fecocodec.evaluation.stress.cases import StressCase, Trial, cases_of, format_cases_of, room_cases
+from fecocodec.evaluation.stress.rules import Coded, Rule
 from fecocodec.evaluation.stress.suite import StressSuite, run_suite
+from fecocodec.evaluation.systems.image_compression import JPEG_XL, jpeg_xl_distance, pack_images
 from fecocodec.sender.codec import load_codec
 from tests.example_scenes import MODEL
 
@@ -26,7 +29,8 @@ def pair() -> Trial:
 
 
 def case(pair: Trial, name: str) -> StressCase:
-    (found,) = (case for case in cases_of(pair, SCENE) if case.name == f"{SCENE}: {name}")
+    cases = (*cases_of(pair, SCENE), *format_cases_of(pair, SCENE))
+    (found,) = (case for case in cases if case.name == f"{SCENE}: {name}")
     return found
 
 
@@ -40,33 +44,67 @@ def test_these_hold_even_untrained(suite: StressSuite, pair: Trial, name: str) -
 
 def test_a_broken_rule_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
     units = case(pair, "unit of length 1024 times smaller")
-    not_refused = suite.judge(StressCase(units.name, units.trial, units.reference, "refused"))
+    not_refused = suite.judge(replace(units, rule=Rule(is_refused=True)))
     assert not_refused.complaint == "it was not refused" and not not_refused.is_passed
-    silent = suite.judge(StressCase(units.name, units.trial, units.reference, "warned"))
-    assert silent.complaint == "the sender gave no warning"
+    silent = suite.judge(replace(units, rule=Rule(warning="is upside down")))
+    assert silent.complaint == 'no warning says "is upside down"' and silent.rule == "warned"
     darker = case(pair, "black")
-    other = suite.judge(StressCase(darker.name, darker.trial, darker.reference, "same bytes"))
+    other = suite.judge(replace(darker, rule=Rule(has_same_bytes=True)))
     assert other.complaint == "the payloads differ from those of the reference"
+
+
+@pytest.mark.parametrize("num_bytes", [2000, 6000])
+def test_photographs_of_the_baseline_have_equal_bytes(num_bytes: int) -> None:
+    views = photograph(Room(painted), sideways(), (96, 96)).select([0, 1])
+    size = sum(map(len, pack_images(views, JPEG_XL, jpeg_xl_distance(views, num_bytes))))
+    assert size == pytest.approx(num_bytes, rel=0.03)
+
+
+def test_losses_are_bounded() -> None:
+    reference, found = Coded(b"", 25.0, ()), Coded(b"", 22.0, ("new views will be poor: this and that.",))
+    assert (
+        Rule(3.0).complaint(found, reference, -0.5)
+        == Rule(warning="will be poor").complaint(found, reference, 2.0)
+        == ""
+    )
+    assert Rule(2.5).complaint(found, reference, 0.0) == "3.00 dB are lost, at most 2.5 may be"
+    behind = "0.60 dB below JPEG XL at equal bytes, at most 0.5 may be"
+    assert Rule(3.0).complaint(found, reference, -0.6) == behind
+    assert Rule(3.0, most_behind=1.0).complaint(found, reference, -0.6) == ""
+    assert Rule(2.5, "will be poor").complaint(found, reference, 0.0) == ""
+    silent = "3.00 dB are lost without a warning, at most 2.5 may be"
+    assert Rule(2.5, "too far").complaint(found, reference, 0.0) == silent
+    assert str(Rule(2.5, "too far")) == "warned or ≤2.5"
+    assert Rule(2.5).complaint(replace(found, psnr=float("nan")), reference, None).startswith("nan dB are lost")
+
+
+def test_every_case_has_a_rule_that_can_fail(pair: Trial) -> None:
+    cases = (*cases_of(pair, SCENE), *format_cases_of(pair, SCENE), *room_cases())
+    assert [found.name for found in cases if str(found.rule) == "finite"] == []
+    silent = [found.rule.most_lost for found in cases if not found.rule.warning]
+    assert max(most for most in silent if most is not None) < 9.0
 
 
 def test_a_refusal_where_none_belongs_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
     axes = case(pair, "mirrored axes")
-    verdict = suite.judge(StressCase(axes.name, axes.trial, axes.reference, "finite"))
+    verdict = suite.judge(replace(axes, rule=Rule()))
     assert verdict.psnr is None and verdict.complaint.startswith("InputError:")
 
 
 def test_generations_are_judged(suite: StressSuite, pair: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stress, "GENERATIONS", 2)
-    monkeypatch.setattr(stress, "LARGEST_GENERATION_LOSS_DB", -99.0)
+    monkeypatch.setattr(stress, "RULE_OF_GENERATIONS", Rule(most_lost=-99.0))
     verdict = suite.judge_generations(SCENE, pair)
-    assert verdict.case == "wall: 2 generations" and "dB lost in 2 generations" in verdict.complaint
+    assert verdict.case == "wall: 2 generations" and verdict.complaint.endswith("dB are lost, at most -99 may be")
 
 
 def test_known_verdicts_are_given_back(random_weights: Path, suite: StressSuite, pair: Trial) -> None:
-    names = [found.name for found in (*cases_of(pair, SCENE), *room_cases())] + [suite.name_of_generations(SCENE)]
+    of_both = [found.name for scene in (SCENE, "floor") for found in cases_of(pair, scene)]
+    names = [*of_both, *(found.name for found in (*format_cases_of(pair, SCENE), *room_cases()))]
+    names.append(suite.name_of_generations(SCENE))
     known = {name: stress.Verdict(name, "finite", None, None, None, None, None, 0, "") for name in names}
     codec = load_codec(random_weights / MODEL, "cpu")
-    found = list(run_suite(codec, {SCENE: pair}, 1e-3, known))
+    found = list(run_suite(codec, {SCENE: pair, "floor": pair}, 1e-3, known))
     assert [verdict for verdict, _ in found] == list(known.values()) and found[-1][1] == 1.0
 
 
