@@ -82,7 +82,7 @@ def coded_views(
     def judge(count: int) -> Judged:
         encoder, small = matched(candidates[:count])
         data = write_scene(encoder, small, lambda_q, options.num_stages, FAST)
-        gaussians = decode_with(codec.receiver, data).gaussians.to(codec.device)
+        gaussians = decode_with(codec.receiver, data, merging=None).gaussians.to(codec.device)
         cameras = views.cameras.to(codec.device)
         rendered = render(gaussians, cameras, views.image_size).color.clamp(0, 1).cpu()
         loss = float(distortion(views.outside_masks(rendered), views.images).mean())

@@ -23,7 +23,7 @@ def table(gaussians: Gaussians) -> Float[Tensor, "n 23"]:
 
 def scene_samples(data: bytes) -> bytes:
     """Return every sixteenth Gaussian of the stream, as rows of little-endian float32."""
-    rows = table(decode(data, background=None).gaussians)[::EVERY].contiguous()
+    rows = table(decode(data, background=None, merging=None).gaussians)[::EVERY].contiguous()
     return rows.numpy().astype("<f4").tobytes()
 
 
