@@ -70,7 +70,7 @@ def _join(
     config: MergingConfig,
 ) -> None:
     """Join the pair of least cost of each cell, up to three times, while the cost is at most the bound."""
-    contrasts = np.float32(config.contrast_weight / 4.0) * np.einsum("mc->c", surface.contrasts[cells])
+    contrasts = np.float32(config.contrast_weight / 4.0) * np.einsum("mc->c", surface.contrasts.take(cells))
     for _ in range(_JOINS):
         costs = _pair_costs(surface, contrasts, cells, config.depth_weight)
         best = costs.argmin(axis=0)
@@ -87,7 +87,8 @@ def _pair_costs(
     The cost is pi / 2 * w1 w2 / (w1 + w2) * (|colour difference|^2 + weighted contrast)
     * (1 + weighted difference of log distances), where w are the weights.
     """
-    weights, colours, logs = surface.weights[cells], surface.colours[:, cells], surface.logs[cells]
+    weights, logs = surface.weights.take(cells), surface.logs.take(cells)
+    colours = surface.colours.take(cells, axis=1)
     costs = np.empty((len(_PAIRS), cells.shape[1]), np.float32)
     for cost, (i, j) in zip(costs, _PAIRS, strict=True):
         difference = colours[:, i] - colours[:, j]

@@ -58,11 +58,10 @@ def _merged_view(
         mixture, surface = _prepared(fields, is_present, grid, eye, cells_per_steradian)
     heads = group(surface, grid, config)
     found, replacements = merged_groups(mixture, heads)
-    survives = is_present & (heads == np.arange(len(heads)))
-    rows = np.cumsum(survives)[found] - 1
-    kept = tuple(field[survives] for field in fields)
+    survivors = np.flatnonzero(is_present & (heads == np.arange(len(heads))))
+    kept = tuple(field.take(survivors, axis=0) for field in fields)
     for field, values in zip(kept, replacements, strict=True):
-        field[rows] = values
+        field[np.searchsorted(survivors, found)] = values
     return kept
 
 
@@ -91,8 +90,9 @@ def _own_colours(
     harmonics: Float32[np.ndarray, "n d_sh 3"], rays: Float32[np.ndarray, "n 3"]
 ) -> Float32[np.ndarray, "3 n"]:
     """Return colours along the rays, without clamping, for harmonics of degree 0 or 1."""
-    colours = 0.5 + SH_DEGREE_0 * harmonics[:, 0].T
-    if harmonics.shape[1] == 1:
-        return colours
-    x, y, z = (SH_DEGREE_1 * rays / np.sqrt(np.einsum("ni,ni->n", rays, rays)[:, None] + _TINY)).T
-    return colours - y * harmonics[:, 1].T + z * harmonics[:, 2].T - x * harmonics[:, 3].T
+    basis = np.full(harmonics.shape[:2], SH_DEGREE_0, np.float32)
+    if harmonics.shape[1] > 1:
+        directions = SH_DEGREE_1 * rays / np.sqrt(np.einsum("ni,ni->n", rays, rays) + _TINY)[:, None]
+        basis[:, 1:] = directions[:, [1, 2, 0]] * np.array([-1.0, 1.0, -1.0], np.float32)
+    colours: np.ndarray = 0.5 + np.einsum("nd,ndc->cn", basis, harmonics)
+    return colours

@@ -74,8 +74,8 @@ def merged_groups(mixture: Mixture, heads: Int64[np.ndarray, " n"]) -> tuple[Int
     def summed(values: Shaped[np.ndarray, "member *shape"]) -> Shaped[np.ndarray, "group *shape"]:
         return np.add.reduceat(values, starts, axis=0) if len(starts) else values
 
-    means, scales, rotations, _, harmonics = (field[members] for field in mixture.fields)
-    weights = mixture.weights[members]
+    means, scales, rotations, _, harmonics = (field.take(members, axis=0) for field in mixture.fields)
+    weights = mixture.weights.take(members)
     share = weights / np.repeat(summed(weights), sizes)
     centres = summed(share[:, None] * means)
     rays = centres - mixture.eye
