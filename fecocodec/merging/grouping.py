@@ -1,8 +1,9 @@
 """Group alike neighbouring Gaussians of a view's grid. NumPy only.
 
-In each cell of 2x2 Gaussians the pair with the least cost is joined, repeatedly, while the cost is at most a bound. A
-second pass does the same in cells that are shifted by one Gaussian. The cost is that of Ward, "Hierarchical Grouping to
-Optimize an Objective Function", 1963.
+In each cell of 2x2 Gaussians the pair with the least cost is joined, repeatedly, while the cost is at most a bound. The
+same is then done in cells that are shifted by one Gaussian, with the Gaussians that stand for their members; those that
+were joined there are not joined again. The cost is that of Ward, "Hierarchical Grouping to Optimize an Objective
+Function", 1963.
 """
 
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ class MergingConfig:
 
     largest_cost: float = 4e-4
     contrast_weight: float = 0.5
-    depth_weight: float = 15.0
+    depth_weight: float = 40.0
 
 
 DEFAULT_MERGING = MergingConfig()
@@ -49,18 +50,23 @@ class Surface:
 
 
 def group(surface: Surface, grid: tuple[int, int], config: MergingConfig) -> Int64[np.ndarray, " n"]:
-    """Return the index of the Gaussian that stands for each; its own if it is in no group. grid: rows, columns, even.
+    """Return the index of the Gaussian that stands for each, of up to 16. grid: rows and columns, even.
 
     The member that weighs most stands for a group.
     """
-    heads = np.arange(len(surface.weights))
-    places = heads.copy().reshape(grid)
-    for offset in (0, 1):
-        inside = places[offset : grid[0] - offset, offset : grid[1] - offset]
-        _join(surface, heads, rearrange(inside, "(h dy) (w dx) -> (dy dx) (h w)", dy=2, dx=2), config)
-    for _ in range(_JOINS):  # a chain has at most 2 * _JOINS links, and each round halves it
-        heads = heads[heads]
+    places = np.arange(len(surface.weights)).reshape(grid)
+    heads = places.ravel().copy()
+    heads = _join(surface, heads, _cells(places).reshape(4, -1), config)
+    around = _cells(places[1:-1, 1:-1])
+    for row, column in ((0, 0), (1, 1), (0, 1), (1, 0)):  # no two of these cells touch the same cell of the first pass
+        former = heads[around[:, row::2, column::2].reshape(4, -1)]
+        heads = _join(surface, heads, former, config)
+        surface.weights[heads[former[heads[former] != former]]] = 0.0
     return heads
+
+
+def _cells(places: Int64[np.ndarray, "row column"]) -> Int64[np.ndarray, "4 row2 column2"]:
+    return rearrange(places, "(h dy) (w dx) -> (dy dx) h w", dy=2, dx=2)
 
 
 def _join(
@@ -68,8 +74,11 @@ def _join(
     heads: Int64[np.ndarray, " n"],
     cells: Int64[np.ndarray, "4 cell"],
     config: MergingConfig,
-) -> None:
-    """Join the pair of least cost of each cell, up to three times, while the cost is at most the bound."""
+) -> Int64[np.ndarray, " n"]:
+    """Join the pair of least cost of each cell, up to three times, while the cost is at most the bound.
+
+    Returns the new heads. cells: of heads, each in one cell at most.
+    """
     contrasts = np.float32(config.contrast_weight / 4.0) * np.einsum("mc->c", surface.contrasts.take(cells))
     for _ in range(_JOINS):
         costs = _pair_costs(surface, contrasts, cells, config.depth_weight)
@@ -77,6 +86,9 @@ def _join(
         cheap = np.flatnonzero(costs.min(axis=0) <= config.largest_cost)
         cells, contrasts = cells[:, cheap], contrasts[cheap]
         _join_pairs(surface, heads, *np.take_along_axis(cells, _PAIRS[best[cheap]].T, axis=0))
+    for _ in range(2):  # of a chain of up to four links, each round halves the length
+        heads = heads[heads]
+    return heads
 
 
 def _pair_costs(

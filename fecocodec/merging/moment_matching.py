@@ -19,7 +19,7 @@ _OPACITIES = np.linspace(0.0, 1.0, _STEPS + 1)
 _DILOGARITHMS = np.sum([_OPACITIES**k / k**2 for k in range(1, 1001)], axis=0)  # within 1e-3 at 1, its slowest place
 _VALUES = _DILOGARITHMS.astype(np.float32)
 _DIFFERENCES = np.diff(_VALUES, append=_VALUES[-1:])
-LARGEST_OPACITY = 0.9
+LARGEST_OPACITY = 0.8
 _LARGEST_MASS = np.float32(np.interp(LARGEST_OPACITY, _OPACITIES, _DILOGARITHMS))  # per projected area
 _TINY = np.float32(1e-30)
 
