@@ -99,15 +99,13 @@ def _pair_costs(
     The cost is pi / 2 * w1 w2 / (w1 + w2) * (|colour difference|^2 + weighted contrast)
     * (1 + weighted difference of log distances), where w are the weights.
     """
-    weights, logs = surface.weights.take(cells), surface.logs.take(cells)
-    colours = surface.colours.take(cells, axis=1)
-    costs = np.empty((len(_PAIRS), cells.shape[1]), np.float32)
-    for cost, (i, j) in zip(costs, _PAIRS, strict=True):
-        difference = colours[:, i] - colours[:, j]
-        product, total = weights[i] * weights[j], np.maximum(weights[i] + weights[j], _TINY)
-        change = np.einsum("cn,cn->n", difference, difference) * np.float32(1.0 / 3.0) + contrasts
-        apart = 1.0 + np.float32(depth_weight) * np.abs(logs[i] - logs[j])
-        cost[:] = np.where(product > 0.0, np.float32(0.5 * np.pi) * product / total * change * apart, np.inf)
+    first, second = cells[_PAIRS[:, 0]], cells[_PAIRS[:, 1]]
+    weights, others = surface.weights.take(first), surface.weights.take(second)
+    product, total = weights * others, np.maximum(weights + others, _TINY)
+    difference = surface.colours.take(first, axis=1) - surface.colours.take(second, axis=1)
+    change = np.einsum("cpn,cpn->pn", difference, difference) * np.float32(1.0 / 3.0) + contrasts
+    apart = 1.0 + np.float32(depth_weight) * np.abs(surface.logs.take(first) - surface.logs.take(second))
+    costs: np.ndarray = np.where(product > 0.0, np.float32(0.5 * np.pi) * product / total * change * apart, np.inf)
     return costs
 
 
