@@ -43,7 +43,7 @@ def main(folder: Path, name: str, number_type: str, device: str) -> None:
     with half:
         for path in streams:
             # Raises if the digest of the symbols does not match, so only floating-point differences remain.
-            rows = table(decode(path.read_bytes(), device=device, background=None).gaussians)
+            rows = table(decode(path.read_bytes(), device=device, background=None, merging=None).gaussians)
             np.save(folder / f"of {name}" / f"{path.stem}.npy", rows.float().numpy())
     facts |= {"streams": len(streams), "seconds": time.perf_counter() - started}
     print(json.dumps(facts), flush=True)

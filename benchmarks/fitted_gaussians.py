@@ -98,7 +98,7 @@ def main() -> None:
         begin = perf_counter()
         data = encode_with(codec, context, quantise_lambda(arguments.lmbda), guides=guides)
         encoded = perf_counter() - begin
-        decoded = decode_with(codec.receiver, data).gaussians
+        decoded = decode_with(codec.receiver, data, merging=None).gaussians
         seen = context if guides is None else joined([context, guides])
         for steps in (0, *arguments.steps):
             begin = perf_counter()

@@ -19,7 +19,7 @@ from .options import FILE_PATH
     epilog="""\b
 Examples:
   fecosplat batch decode coded/ -o splats/
-  fecosplat batch decode coded/ -o splats/ --format spz --merge
+  fecosplat batch decode coded/ -o splats/ --format spz --no-merge
   fecosplat batch decode coded/ -o splats/ --shard 3/16 --threads 1""",
 )
 @click.argument("source", metavar="ROOT|MANIFEST", type=FILE_PATH)

@@ -43,11 +43,12 @@ _OPTIONS = (
         "1.  [default: all]",
     ),
     click.option(
-        "--merge",
+        "--merge/--no-merge",
         "is_merged",
-        is_flag=True,
-        help="Merge neighbouring Gaussians of similar colour on flat surfaces: about 20% fewer Gaussians for a loss of "
-        "a few hundredths of a dB.",
+        default=True,
+        show_default=True,
+        help="Merge neighbouring Gaussians of similar colour: a quarter fewer Gaussians, half on blank walls, for a "
+        "loss of a few hundredths of a dB. Without it, each stands for 2x2 pixels of its view.",
     ),
     click.option(
         "--sh-degree",

@@ -7,7 +7,7 @@ from fecocodec.container import Stages, check_pixels, read_stages
 from fecocodec.errors import InputError
 from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE
-from fecocodec.merging.merge import MergingConfig
+from fecocodec.merging.grouping import DEFAULT_MERGING
 from fecocodec.model_files import find_receiver, has_graphs
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.runtime.scene import Decoded as Decoded
@@ -19,7 +19,7 @@ def decode(
     stages: Stages = "all",
     sh_degree: int = MAX_SH_DEGREE,
     has_background: bool = True,
-    is_merged: bool = False,
+    is_merged: bool = True,
     device: str = "cpu",
     num_threads: int = 0,
     model: Path | str | None = None,
@@ -33,7 +33,7 @@ def decode(
     describes.
     sh_degree: 1 for view-dependent colours (spherical harmonics of degree 1), 0 for constant colours.
     has_background: whether to add the layer that fills what no context view shows.
-    is_merged: whether to merge neighbouring Gaussians of similar colour on flat surfaces.
+    is_merged: whether to merge neighbouring Gaussians of similar colour; without it they stay on their grid.
     device: "cpu", "cuda" or "cuda:N". On "cpu", onnxruntime computes. Torch computes on other devices and, where it is
     installed, for models without all graphs (`model_files.has_graphs`). Both agree within FORMAT.md, section 15.
     num_threads: of onnxruntime; 0 for all cores. model: folder of the model; None for the shipped model with the model
@@ -50,7 +50,7 @@ def decode(
     if sh_degree not in range(MAX_SH_DEGREE + 1):
         raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}.")
     folder = find_receiver(header.model_id, None if model is None else Path(model)).parent
-    merging = MergingConfig() if is_merged else None
+    merging = DEFAULT_MERGING if is_merged else None
     if device == "cpu" and (has_graphs(folder, header.model_id) or find_spec("torch") is None):
         from fecocodec.runtime.decode import decode as decode_with_graphs
         from fecocodec.runtime.emission import EmissionConfig

@@ -41,7 +41,7 @@ data = encode(example_views(2, 96, 64), lmbda=1e-4, effort="fast", num_stages=1,
 print("written", flush=True)
 sys.stdin.readline()
 streams = {path.stem: path.read_bytes() for path in Path(folder).glob("*.fcs")}
-options = {"model": Path(weights, model), "background": None}
+options = {"model": Path(weights, model), "background": None, "merging": None}
 decoded = {of: decode(data, **options).gaussians.fields() for of, data in streams.items()}
 torch.save(decoded, Path(folder) / f"{name}.pt")
 """
@@ -70,7 +70,7 @@ def decoded(random_weights: Path, tmp_path_factory: pytest.TempPathFactory) -> d
         assert child.returncode == 0
     found = {name: torch.load(folder / f"{name}.pt") for name in MACHINES}
     streams = {path.stem: path.read_bytes() for path in folder.glob("*.fcs")}
-    options = {"model": random_weights / MODEL, "background": None}
+    options = {"model": random_weights / MODEL, "background": None, "merging": None}
     found[HERE] = {writer: decode(data, **options).gaussians.fields() for writer, data in streams.items()}
     return {name: {writer: Gaussians(*fields) for writer, fields in by.items()} for name, by in found.items()}
 

@@ -32,7 +32,7 @@ import json, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from fecocodec.receiver.decode import decode
-gaussians = decode(Path(sys.argv[2]).read_bytes(), model=Path(sys.argv[3]), background=None).gaussians
+gaussians = decode(Path(sys.argv[2]).read_bytes(), model=Path(sys.argv[3]), background=None, merging=None).gaussians
 print(json.dumps([gaussians.count, sorted(name for name in sys.modules if name.startswith("fecocodec."))]))
 """
 
@@ -69,7 +69,7 @@ def test_every_visible_cell_becomes_a_gaussian(
     views = example_views(num_views, height, width)
     data = encode(views, lmbda=lmbda, effort="fast", model=random_weights / MODEL)
     unfaded = write_stream(replace(read_stream(data), fading=None))
-    decoded = decode(unfaded, model=random_weights / MODEL, background=None)
+    decoded = decode(unfaded, model=random_weights / MODEL, background=None, merging=None)
     gaussians = decoded.gaussians
     grid_height, grid_width = grid_size(height, width)
     num_cells = num_views * grid_height * grid_width // 4
@@ -97,7 +97,7 @@ def test_gaussians_lie_in_the_world_near_the_pixels_they_stand_for(
     data: bytes, views: Views, random_weights: Path
 ) -> None:
     cameras, size = views.cameras, 32
-    decoded = decode(data, model=random_weights / MODEL, background=None)
+    decoded = decode(data, model=random_weights / MODEL, background=None, merging=None)
     means = decoded.gaussians.means.view(2, size, size, 3)
     row, column = torch.meshgrid(torch.arange(size) + 0.5, torch.arange(size) + 0.5, indexing="ij")
     for view in range(2):
@@ -138,7 +138,9 @@ def test_one_stage_of_two_is_what_a_file_cut_after_it_gives(data: bytes, random_
 
 
 def test_colours_may_be_had_that_are_the_same_from_everywhere(data: bytes, random_weights: Path) -> None:
-    leaning, plain = (decode(data, sh_degree=degree, model=random_weights / MODEL).gaussians for degree in (1, 0))
+    leaning, plain = (
+        decode(data, sh_degree=degree, merging=None, model=random_weights / MODEL).gaussians for degree in (1, 0)
+    )
     assert (leaning.harmonics.shape[1], plain.harmonics.shape[1]) == (4, 1)
     assert leaning.harmonics[:, 1:].abs().max() > 0
     assert_equal(replace(leaning, harmonics=plain.harmonics), plain)
@@ -189,12 +191,17 @@ def test_decoded_gaussians_can_be_refined(data: bytes, random_weights: Path) -> 
 
 
 def test_gaussians_of_cells_that_are_not_covered_are_dropped(data: bytes, random_weights: Path) -> None:
-    stream, everything = read_stream(data), decode(data, model=random_weights / MODEL, background=None).gaussians
+    stream, everything = (
+        read_stream(data),
+        decode(data, model=random_weights / MODEL, background=None, merging=None).gaussians,
+    )
     cells = torch.rand(2, 16, 16, generator=torch.Generator().manual_seed(0)) < 0.3
     covered = write_stream(replace(stream, coverage=cells_to_bits(cells)))
     assert read_prefix(covered, 1).coverage == cells_to_bits(cells)
     kept = cells.repeat_interleave(2, dim=1).repeat_interleave(2, dim=2).flatten()
-    assert_equal(decode(covered, model=random_weights / MODEL, background=None).gaussians, everything.keep(kept))
+    assert_equal(
+        decode(covered, model=random_weights / MODEL, background=None, merging=None).gaussians, everything.keep(kept)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -210,8 +217,8 @@ def test_no_gaussians_are_emitted_for_transparent_cells(transparent: Views, rand
     without_coverage = write_stream(replace(read_stream(coded), coverage=None))
     is_emitted = torch.zeros(2, 32, 32, dtype=torch.bool)
     is_emitted[:, :, 18:], is_emitted[1, 2:4, 2:4] = True, True  # two Gaussians a cell of four pixels, each way
-    everything = decode(without_coverage, model=random_weights / MODEL, background=None).gaussians
-    received = decode(coded, model=random_weights / MODEL, background=None).gaussians
+    everything = decode(without_coverage, model=random_weights / MODEL, background=None, merging=None).gaussians
+    received = decode(coded, model=random_weights / MODEL, background=None, merging=None).gaussians
     assert_equal(received, everything.keep(is_emitted.flatten()))
 
 
@@ -227,7 +234,7 @@ def test_no_background_layer_continues_a_transparent_border(
             for background in (None, DEFAULT_BACKGROUND)
         )
         assert (filled.count > plain.count) == has_layer
-        whole_layer = decode(data, model=random_weights / MODEL).gaussians.count - 2 * 32 * 32
+        whole_layer = decode(data, model=random_weights / MODEL, merging=None).gaussians.count - 2 * 32 * 32
         assert filled.count - plain.count < whole_layer
 
 

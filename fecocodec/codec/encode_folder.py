@@ -122,7 +122,8 @@ def encode_folder(
 
         measure = partial(measure_decoded, views=views, device=options.device, model=options.model)
         quality = measure(data)
-        if is_lowered_by_stage_2(quality) and options.target is None:
+        is_lowered = is_lowered_by_stage_2(quality) and is_lowered_by_stage_2(measure(data, is_merged=False))
+        if is_lowered and options.target is None:
             alone = encode_views(views, guides, checks, replace(options, num_stages=1), Messages(path), on_progress)
             if (of_one := measure(alone))[-1].psnr > quality[-1].psnr:
                 messages.note(stage_2_note(quality))

@@ -28,12 +28,13 @@ from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_sc
 from fecocodec.grid import LATENTS
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE
+from fecocodec.merging.grouping import DEFAULT_MERGING, MergingConfig
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.state import State
 from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
-from fecocodec.splatting.emission import Emission, MergingConfig, emit
+from fecocodec.splatting.emission import Emission, emit
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def decode(
     stages: Stages = "all",
     sh_degree: int = MAX_SH_DEGREE,
     background: BackgroundConfig | None = DEFAULT_BACKGROUND,
-    merging: MergingConfig | None = None,
+    merging: MergingConfig | None = DEFAULT_MERGING,
     device: str = "cpu",
     model: Path | str | None = None,
     max_pixels: int = DEFAULT_MAX_PIXELS,
@@ -67,7 +68,7 @@ def decode(
     """Decode a `.fcs` stream with torch; arguments and errors as for `decoding.decode`, which chooses the receiver.
 
     background: parameters of the layer that fills what no context view shows; None for no layer. merging: parameters
-    for merging similar neighbouring Gaussians; None keeps all. device: torch device of the networks.
+    for merging similar neighbouring Gaussians; None keeps all on their grid. device: torch device of the networks.
     """
     part = read_stages(data, stages)
     check_pixels(part.stream.header, max_pixels)
@@ -82,7 +83,7 @@ def decode_with(
     stages: Stages = "all",
     sh_degree: int = MAX_SH_DEGREE,
     background: BackgroundConfig | None = DEFAULT_BACKGROUND,
-    merging: MergingConfig | None = None,
+    merging: MergingConfig | None = DEFAULT_MERGING,
     on_progress: OnProgress = ignore_progress,
 ) -> Decoded:
     """Decode with a loaded receiver; arguments and errors as for `decode`.

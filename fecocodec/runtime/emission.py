@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float32
 
 from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
-from fecocodec.merging.merge import MergingConfig, merged_fields
+from fecocodec.merging.grouping import MergingConfig
+from fecocodec.merging.merge import merged_fields
 from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.prediction import LastState, Prediction, fitted_harmonics, poses_of, predict
 from fecocodec.runtime.scene import normalise

@@ -14,6 +14,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
+from fecocodec.merging.grouping import DEFAULT_MERGING
 from fecocodec.receiver.decode import decode_with
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.metrics import psnr
@@ -28,13 +29,13 @@ LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite
 
 
 def measure_decoded(
-    data: bytes, views: Views, *, device: str = "cpu", model: Path | str | None = None
+    data: bytes, views: Views, *, device: str = "cpu", model: Path | str | None = None, is_merged: bool = True
 ) -> tuple[DecodedQuality, ...]:
     """Decode a stream that was encoded from `views`, in this order, and return their quality after each stage.
 
     The detail layer counts as a part of the last stage.
-    device, model: as for `encode`. Raises BitstreamError for an invalid stream, ModelError if weights cannot be loaded,
-    InputError for another number of views than the stream has.
+    device, model: as for `encode`. is_merged: as for `decode`. Raises BitstreamError for an invalid stream, ModelError
+    if weights cannot be loaded, InputError for another number of views than the stream has.
     """
     stream = read_stream(data)
     if len(views.images) != stream.header.num_views:
@@ -44,7 +45,7 @@ def measure_decoded(
         )
     receiver = load_codec(model_folder(model), device).receiver
     parts: list[Stages] = [*range(1, len(stream.payloads)), "all"]
-    return tuple(decoded_quality(receiver, data, views, part) for part in parts)
+    return tuple(decoded_quality(receiver, data, views, part, is_merged) for part in parts)
 
 
 @torch.no_grad()
@@ -104,12 +105,15 @@ def new_view_quality(receiver: Receiver, data: bytes, views: Views) -> DecodedQu
 
 
 @torch.no_grad()
-def decoded_quality(receiver: Receiver, data: bytes, views: Views, stages: Stages = "all") -> DecodedQuality:
+def decoded_quality(
+    receiver: Receiver, data: bytes, views: Views, stages: Stages = "all", is_merged: bool = True
+) -> DecodedQuality:
     """Decode `stages`, as for `decode`, with a loaded receiver, and return the quality of the context views.
 
     Transparent photographs are white where they are transparent, and so is the background of their renderings.
     """
-    decoded = decode_with(receiver, data, stages=stages)
+    merging = DEFAULT_MERGING if is_merged else None
+    decoded = decode_with(receiver, data, stages=stages, merging=merging)
     return _quality(decoded.gaussians, decoded.cameras, views)
 
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.merging.merge import MergingConfig as MergingConfig
+from fecocodec.merging.grouping import MergingConfig
 from fecocodec.merging.merge import merged_fields
 from fecocodec.splatting.attributes import Attributes
 from fecocodec.splatting.background import BackgroundConfig, append, background_layer
@@ -63,7 +63,8 @@ class Emission:
     compensate depth errors. is_culled: remove Gaussians that renderers skip; the sender keeps them, because its
     gradients and masks need all Gaussians in their order. background: layer outside all images, None for no layer; the
     sender leaves it out, because no context view shows it. is_filled: add the layer behind near surfaces, see
-    `is_filled_behind`. merging: merge similar neighbours of culled Gaussians, on the CPU; None for no merging.
+    `is_filled_behind`. merging: merge similar neighbours of culled Gaussians, on the CPU; None for no
+    merging. Only models with rules have layers and merging.
     """
 
     visibility: Float[Tensor, " n"] | None = None
@@ -94,7 +95,7 @@ def emit(prediction: Prediction, cameras: Cameras, config: ReceiverConfig, emiss
     if emission.is_culled:
         is_drawn = (opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
         opacities = opacities * is_drawn
-        if emission.merging is None:
+        if emission.merging is None or not config.kind.has_rules:
             emitted = gaussians.keep(is_drawn)
         else:
             emitted = merged(gaussians, is_drawn, grid, of_scene, emission.merging)

@@ -41,7 +41,7 @@ def test_decode_writes_every_format(ending: str, tmp_path: Path) -> None:
     assert output.stat().st_size > 10_000 and (tmp_path / "cameras.json").stat().st_size > 100
 
 
-@pytest.mark.parametrize("options", [["--stages", "1"], ["--partial"], ["--sh-degree", "0"], ["--merge"]])
+@pytest.mark.parametrize("options", [["--stages", "1"], ["--partial"], ["--sh-degree", "0"], ["--no-merge"]])
 def test_decode_takes_its_options(options: list[str], tmp_path: Path) -> None:
     result = fecosplat("decode", SCENE, "-o", tmp_path / "scene.ply", *options)
     assert result.returncode == 0, result.stderr

@@ -64,7 +64,7 @@ def test_feedback_and_objective_show_what_is_decoded(codec: Codec, count: int, i
 
     def decoded(sh_degree: int) -> Gaussians:
         """What `decode` emits, in the normalised frame: Gaussians of the views, layers outside and behind."""
-        emitted = decode_with(codec.receiver, data, sh_degree=sh_degree).gaussians
+        emitted = decode_with(codec.receiver, data, sh_degree=sh_degree, merging=None).gaussians
         means = ((emitted.means.double() - frame.origin) / frame.scale).float()
         return replace(emitted, means=means, scales=emitted.scales / frame.scale)
 
@@ -94,7 +94,8 @@ def test_the_feedback_shows_what_is_decoded() -> None:
     last = write_stages(encoder, quantise_lambda(1e-3), 2, FAST)[-1]
     seen = encoder.render(last).scenes[0].color
     decoded, plain = (
-        decode(encode(views, lmbda=1e-3, effort="fast"), **options) for options in ({}, {"background": None})
+        decode(encode(views, lmbda=1e-3, effort="fast"), merging=None, **options)
+        for options in ({}, {"background": None})
     )
     shown, without = (render(scene.gaussians, decoded.cameras, (SIDE, SIDE)).color for scene in (decoded, plain))
     assert float(psnr(seen, shown).mean()) > 60.0

@@ -93,13 +93,13 @@ def test_streams_have_one_lambda_rounded_latents_and_no_optimisation(codec: Code
 
 
 def test_decoded_gaussians_are_those_of_the_predictor(codec: Codec) -> None:
-    """No background layer, no free-space check, no fitted directions; the compact method has all three."""
+    """No layers, no free-space check, no fitted directions, no merging; the compact method has all four."""
     data = encode_with(codec, example_views(2), LAMBDA_Q)
     found = decode_with(codec.receiver, data).gaussians
     assert found.count == 2 * 32 * 32 and found.harmonics.shape[1] == 1
     usual = Receiver(ReceiverConfig())
     usual.load_state_dict(codec.receiver.state_dict())
-    others = decode_with(usual.eval(), data).gaussians
+    others = decode_with(usual.eval(), data, merging=None).gaussians
     assert others.count > found.count and others.harmonics.shape[1] == 4
     assert float(others.opacities[: found.count].sum()) < float(found.opacities.sum())
 

@@ -42,7 +42,7 @@ def model_of(name: str) -> Path | None:
 
 def scene_samples(data: bytes, model: Path | None = None) -> bytes:
     """Return every sixteenth Gaussian of the stream, as rows of little-endian float32."""
-    rows = table(decode(data, background=None, model=model).gaussians)[::EVERY].contiguous()
+    rows = table(decode(data, background=None, merging=None, model=model).gaussians)[::EVERY].contiguous()
     return rows.numpy().astype("<f4").tobytes()
 
 

@@ -17,7 +17,7 @@ SCENES = sorted(VECTORS.glob("valid/scene-*.fcs"))
 def test_the_reference_is_met(path) -> None:
     data, model = path.read_bytes(), model_of(path.relative_to(VECTORS).as_posix())
     reference = read_samples(path.with_suffix(".f32"))
-    found = table(decode(data, background=None, model=model).gaussians)
+    found = table(decode(data, background=None, merging=None, model=model).gaussians)
     assert len(reference) == pytest.approx(len(found) / EVERY, abs=2)
     difference = without_rendering(data, reference, like_samples(found, reference))
     assert beyond(difference, "full") == []

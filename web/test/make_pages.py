@@ -15,7 +15,7 @@ STREAM = VECTORS / "valid/scene-compact-6.fcs"
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
-    decoded = decode(STREAM.read_bytes())
+    decoded = decode(STREAM.read_bytes(), is_merged=False)
     (folder / "scene.html").write_bytes(decoded_file(decoded, Path("scene.html")).data)
     for kind in ("ply", "spz"):
         path = Path(f"scene.{kind}")

@@ -19,6 +19,7 @@ from fecocodec.evaluation.summary import OURS
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
+from fecocodec.merging.grouping import DEFAULT_MERGING
 from fecocodec.receiver.decode import decode_with, reconstruct
 from fecocodec.receiver.state import State
 from fecocodec.rendering.rasterizer import render
@@ -101,7 +102,9 @@ def _reconstruct_all_stages(codec: Codec, lambda_q: int, views: Views, num_conte
     num_bytes, last = sum(len(stage.coded.payload) for stage in stages), stages[-1]
     encoded = perf_counter()
     state, cameras = State(last.state, last.inputs.condition), unpack(scene.packed)
-    emission = Emission(is_culled=True, background=DEFAULT_BACKGROUND, is_filled=encoder.is_filled)
+    emission = Emission(
+        is_culled=True, background=DEFAULT_BACKGROUND, is_filled=encoder.is_filled, merging=DEFAULT_MERGING
+    )
     gaussians = reconstruct(codec.receiver, state, cameras, emission)
     return rendered(gaussians, views, num_bytes, encoded - begin, perf_counter() - encoded, codec.device)
 

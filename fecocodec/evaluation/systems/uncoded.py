@@ -6,6 +6,7 @@ from torch import Tensor
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
+from fecocodec.merging.grouping import DEFAULT_MERGING
 from fecocodec.receiver.decode import reconstruct
 from fecocodec.receiver.state import State
 from fecocodec.sender.codec import Codec
@@ -32,7 +33,9 @@ def uncoded_gaussians(codec: Codec, views: Views, config: OptimisationConfig) ->
     improve = Improvements(optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q))
     last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, improve)[-1]
     state, cameras = State(last.state, last.inputs.condition), unpack(scene.packed)
-    emission = Emission(is_culled=True, background=DEFAULT_BACKGROUND, is_filled=encoder.is_filled)
+    emission = Emission(
+        is_culled=True, background=DEFAULT_BACKGROUND, is_filled=encoder.is_filled, merging=DEFAULT_MERGING
+    )
     return reconstruct(codec.receiver, state, cameras, emission)
 
 
