@@ -20,6 +20,10 @@ DEFAULT_RANGE = (1.0, 100.0)  # in scene units if there is no baseline, in basel
 
 
 _MAX_PAIRS = 4
+_MAX_COMPARED = 12  # views whose depth is estimated
+# By baseline, of the cameras with which views are compared. With the nearest alone, 27% of 56 estimates on training
+# captures were wrong by more than a factor of 2.8, with these 10%.
+_RANKS = (0, 1, 2)
 _LONG_SIDE = 96  # pixels of the small images
 _WINDOW = 7  # pixels, side of the correlation window
 _SWEEP = (0.05, 500.0)  # baselines
@@ -70,17 +74,16 @@ def estimate_depth_range(views: Views, guides: Views | None = None) -> tuple[flo
     num_views = len(views.images)
     if guides is not None:
         views = joined([views, guides])
-    pairs = closest_pairs(views.cameras) if guides is None else _nearest_pairs(views.cameras, num_views)
-    if not pairs:
-        return DEFAULT_RANGE
-    grey = small_grey(views.images)
-    depths = torch.cat([consistent_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
-    distances = _distances(views.cameras)
-    baseline = min(distances[pair].item() for pair in pairs)
-    bounds = bounds_of_depths(depths.numpy())
-    if bounds is None:
-        return DEFAULT_RANGE[0] * baseline, DEFAULT_RANGE[1] * baseline
-    return bounds[0] / _ESTIMATE_MARGIN, bounds[1] * _ESTIMATE_MARGIN
+    grey, baselines = small_grey(views.images), _baselines(views.cameras)
+    for ranks in (_RANKS, (-1,)):  # the farthest camera where those beside a view are at its own position
+        pairs = _pairs_of(baselines[:num_views], ranks)
+        if not pairs:
+            return DEFAULT_RANGE
+        depths = torch.cat([consistent_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
+        if bounds := bounds_of_depths(depths.numpy()):
+            return bounds[0] / _ESTIMATE_MARGIN, bounds[1] * _ESTIMATE_MARGIN
+    baseline = float(baselines.min())
+    return DEFAULT_RANGE[0] * baseline, DEFAULT_RANGE[1] * baseline
 
 
 def agreed_depths(views: Views) -> AgreedDepths:
@@ -117,14 +120,29 @@ def closest_pairs(cameras: Cameras) -> list[tuple[int, int]]:
     return sorted(facing, key=lambda pair: distances[pair].item())[:_MAX_PAIRS]
 
 
-def _nearest_pairs(cameras: Cameras, num_views: int) -> list[tuple[int, int]]:
-    """Return a pair of each of the first `num_views` views with the nearest camera that looks its way."""
+def _baselines(cameras: Cameras) -> Float[Tensor, "view view"]:
+    """Return the distances of cameras that look the same way, within 60 degrees; infinite for others.
+
+    It is infinite for cameras at one position, too. If no two look the same way, all others count.
+    """
     distances, forward = _distances(cameras), cameras.extrinsics[:, :3, 2]
     is_apart = distances > 1e-4 * distances.max()
-    distances[~is_apart | (forward @ forward.T <= 0.5)] = torch.inf
-    nearest = distances[:num_views].min(dim=1)
-    pairs = enumerate(zip(nearest.values.tolist(), nearest.indices.tolist(), strict=True))
-    return [(view, other) for view, (distance, other) in pairs if distance < torch.inf]
+    is_facing = is_apart & (forward @ forward.T > 0.5)
+    return torch.where(is_facing if bool(is_facing.any()) else is_apart, distances, torch.inf)
+
+
+def _pairs_of(baselines: Float[Tensor, "view other"], ranks: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Return pairs of up to _MAX_COMPARED views with another camera each, the one of the next rank by its baseline.
+
+    Views are in turn compared with cameras of different ranks, because the nearest one can be too near.
+    """
+    pairs, count = [], len(baselines)
+    for number, view in enumerate(torch.linspace(0, count - 1, min(count, _MAX_COMPARED)).round().long().tolist()):
+        others = baselines[view].argsort()[: int(baselines[view].isfinite().sum())].tolist()
+        if others:
+            rank = ranks[number % len(ranks)]
+            pairs.append((view, others[min(rank, len(others) - 1)]))
+    return pairs
 
 
 def small_grey(
