@@ -141,6 +141,13 @@ def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:
     assert "fecosplat, effort fast" in names and "one thread" not in names
 
 
+def test_systems_of_other_sizes_are_not_compared_at_one(studies: Studies) -> None:
+    huge = [replace(m, system="PLY", num_bytes=1000 * m.num_bytes) for m in studies.rate]
+    charts = speed_section([*studies.rate, *huge], studies.speed, studies.steps, 64).charts
+    named = [{series.name for series in chart.series} for chart in charts]
+    assert "PLY" not in named[0] | named[1] and "PLY" in named[2] & named[3]
+
+
 def test_growth(studies: Studies) -> None:
     assert exponent([1.0, 2.0, 4.0], [3.0, 12.0, 48.0]) == pytest.approx(2.0)
     assert exponent([2.0], [1.0]) is None

@@ -13,7 +13,8 @@ from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
 TEXT = """\
 Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU, without rendering. PSNR and time
 of each curve are those at {kib:.1f} KiB, interpolated over the logarithm of the file size. A curve that does not cover
-this size is shown at its nearest end, which its tooltip states. Variants of our codec:
+this size is shown at its nearest end, which its tooltip states, and left out if that is not within a factor of two.
+Variants of our codec:
 
 - *effort fast*; *one thread*;
 - *bfloat16*: convolutions and attention at both ends; no option of the commands;
@@ -89,6 +90,8 @@ def _equal_rate(rows: Sequence[Average], kib: float, end: str, seconds: Seconds)
             for values in ([row.psnr for row in own], [seconds(row) for row in own])
         )
         nearest = min(max(kib, own[0].kib), own[-1].kib)
+        if not kib / 2 <= nearest <= 2 * kib:
+            continue
         note = f"at {nearest:.1f} KiB" + ("" if nearest == kib else ", the nearest it has")
         series.append(Series(name, (Mark(max(cost, 1e-4), psnr, note),), is_line=False))
     front = pareto_front(mark for one in series for mark in one.marks)
