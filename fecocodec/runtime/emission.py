@@ -19,7 +19,7 @@ LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 class EmissionConfig:
     """Options of the emitted Gaussians: degree of the harmonics (0 or 1), background layer, merging (None: none).
 
-    The paper's method has harmonics of degree 0 and no background layer, whatever the options say.
+    The paper's method has harmonics of degree 0, no background layer and no merging, whatever the options say.
     """
 
     sh_degree: int
@@ -51,7 +51,7 @@ def emit(
     if has_rules and config.sh_degree == 1 and cameras.num_views > 1:
         gaussians = replace(plain, harmonics=fitted_harmonics(graphs, prediction, normalised))
     is_emitted = (plain.opacities >= LEAST_OPACITY) & np.isfinite(plain.means).all(axis=1)
-    if config.merging is None:
+    if config.merging is None or not has_rules:
         emitted = gaussians.keep(is_emitted)
     else:
         poses = (normalised.extrinsics, normalised.intrinsics)
