@@ -18,9 +18,7 @@ from fecocodec.geometry.views import Views
 
 _LONG_SIDE, _NUM_DEPTHS = 48, 64  # coarse, for speed
 _STEPS = ((-6.0, -3.0, 3.0, 6.0), (-2.0, 2.0))  # degrees; about both axes, then again from the best
-_LARGEST_FORWARD = (
-    0.9  # cosine between baseline and optical axis, above which the x axis takes the place of the baseline
-)
+_LARGEST_FORWARD = 0.9  # cosine of baseline and optical axis; above it, the x axis takes the place of the baseline
 
 
 @dataclass(frozen=True)
