@@ -94,7 +94,7 @@ def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: py
     assert pictures == {f"report/{path.name}" for path in (plan.output / "report").glob("*.png")}
     assert len(pictures) == 9 and sum((plan.output / path).stat().st_size for path in pictures) < 1_500_000
     assert "Weights `compact` (0123)" in text and "torch" in text and "0 of 1 cases satisfy their rule" in text
-    assert "`wall`:" in text and "| reference | ≤0, broken: wall: a Gaussian is not finite | 20.00 |" in text
+    assert "`wall`:" in text and "| reference | ≤0, **broken** by wall | 20.00 |" in text
     assert "| fecosplat: BD-rate by ST-LPIPS, % |" in text
     assert text.count("| against | fecosplat at 4 KiB |") == 2
     assert re.search(r"\| JPEG XL \| -50\.0 \| -50\.0 \|", text), (

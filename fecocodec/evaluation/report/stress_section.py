@@ -45,7 +45,7 @@ def _scene(verdict: Verdict) -> str:
 
 def _row(case: str, found: Sequence[Verdict]) -> tuple[str, ...]:
     """Return the row of one case. found: its verdicts, one per scene."""
-    broken = [f"broken: {_scene(verdict)}: {verdict.complaint}" for verdict in found if verdict.complaint]
+    broken = [f"**broken** by {_scene(verdict)}" for verdict in found if verdict.complaint]
     values = [(v.psnr, v.lost, v.ahead, v.kib) for v in found]
     numbers = (
         "-" if set(of_scenes) == {None} else "/".join(map(number, of_scenes)) for of_scenes in zip(*values, strict=True)
