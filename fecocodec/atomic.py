@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 
 from fecocodec.errors import OutputError
 
@@ -47,13 +46,16 @@ def require_writable(path: Path, *, overwrite: bool) -> None:
     """
     _require_file_path(path, overwrite=overwrite)
     folder = _nearest_existing(path.resolve())  # through a symbolic link, as `_written` does
+    trial = folder / f".{secrets.token_urlsafe(9)}.part"  # permissions alone do not tell
     try:
-        with NamedTemporaryFile(dir=folder, prefix=".", suffix=".part"):  # permissions alone do not tell
-            pass
+        trial.touch(exist_ok=False)
     except OSError as error:
         raise OutputError(
             f"{path}: no file can be made in {folder} ({error.strerror}); choose another output path."
         ) from error
+    finally:  # also after a signal between the making of the file and the end of the call
+        with suppress(OSError):
+            trial.unlink(missing_ok=True)
 
 
 def _require_file_path(path: Path, *, overwrite: bool) -> None:
