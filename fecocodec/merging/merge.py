@@ -16,6 +16,7 @@ from fecocodec.merging.symmetric_matrices import from_axes
 
 _TINY = np.float32(1e-30)
 _LEAST_WEIGHT = np.float32(1e-12)  # of a Gaussian that is present, however hidden
+_LARGEST_WEIGHT = np.float32(1e15)  # of those that are grouped; products of two are finite
 
 
 def merged_fields(
@@ -83,7 +84,8 @@ def _prepared(
     visible = transmittance(masses.reshape(grid), logs.reshape(grid)).reshape(-1)
     weights = masses * visible + _LEAST_WEIGHT * is_present
     contrasts = local_contrast(colours.reshape(3, *grid)).reshape(-1)
-    return Mixture(fields, eye, masses, weights, cells_per_steradian), Surface(weights.copy(), colours, logs, contrasts)
+    grouped = np.where(weights <= _LARGEST_WEIGHT, weights, zero)
+    return Mixture(fields, eye, masses, weights, cells_per_steradian), Surface(grouped, colours, logs, contrasts)
 
 
 def _own_colours(

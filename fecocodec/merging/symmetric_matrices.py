@@ -62,7 +62,7 @@ def _rotate(
     pq, pr, qr = ((min(a, b), max(a, b)) for a, b in ((p, q), (p, axis), (q, axis)))
     pp, qq, off = entries[p, p], entries[q, q], entries[pq]
     apart, twice = np.abs(pp - qq), np.where(pp < qq, -2.0, 2.0).astype(np.float32) * off
-    tangent = twice / (apart + np.sqrt(apart * apart + twice * twice) + _TINY)
+    tangent = twice / (apart + np.hypot(apart, twice) + _TINY)
     cos = 1.0 / np.sqrt(1.0 + tangent * tangent)
     sin = tangent * cos
     shift = off * tangent

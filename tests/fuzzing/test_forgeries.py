@@ -20,6 +20,7 @@ def latents() -> list[CodedLatents]:
     return [code_random_latents(random, receiver, model_id) for _ in range(6)]
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_forgeries_are_decoded(latents: list[CodedLatents]) -> None:
     random = Random(4)
     counts = []
