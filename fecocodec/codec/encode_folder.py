@@ -118,19 +118,20 @@ def encode_folder(
     quality: tuple[DecodedQuality, ...] = ()
     of_guides = of_checks = left_out = None
     if options.is_measured or options.is_strict:
-        from fecocodec.sender.decoded_quality import measure_decoded, measure_left_out, measure_others
+        from fecocodec.sender.decoded_quality import measure_left_out, measure_with_others
 
-        measure = partial(measure_decoded, views=views, device=options.device, model=options.model)
-        quality = measure(data)
-        is_lowered = is_lowered_by_stage_2(quality) and is_lowered_by_stage_2(measure(data, is_merged=False))
+        on_progress("measuring quality", 1.0)
+        device, model = options.device, options.model
+        measure = partial(measure_with_others, views=views, others=(guides, checks), device=device, model=model)
+        quality, (of_guides, of_checks) = measure(data)
+        is_lowered = is_lowered_by_stage_2(quality) and is_lowered_by_stage_2(measure(data, is_merged=False)[0])
         if is_lowered and options.target is None:
             alone = encode_views(views, guides, checks, replace(options, num_stages=1), Messages(path), on_progress)
-            if (of_one := measure(alone))[-1].psnr > quality[-1].psnr:
+            if (of_one := measure(alone))[0][-1].psnr > quality[-1].psnr:
                 messages.note(stage_2_note(quality))
-                data, quality = alone, of_one
-        of_guides, of_checks = measure_others(data, guides, checks, device=options.device, model=options.model)
+                data, (quality, (of_guides, of_checks)) = alone, of_one
         if checks is None or len(checks.names) == 1:
-            left_out = measure_left_out(data, views, device=options.device, model=options.model)
+            left_out = measure_left_out(data, views, device=device, model=model)
         if checks is not None and of_checks is not None:
             messages.warn(*new_view_warnings(of_checks, checks.names))
         elif poor := quality_warnings(quality[-1], views.names):

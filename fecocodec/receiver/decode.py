@@ -11,6 +11,7 @@ from fecocodec.coding.camera_packing import unpack
 from fecocodec.coding.detail import detail_values
 from fecocodec.coding.payload import decode_latents
 from fecocodec.coding.visibility import is_filled_behind, visibility_of
+from fecocodec.config import ReceiverConfig
 from fecocodec.container import (
     Detail,
     Header,
@@ -34,7 +35,7 @@ from fecocodec.receiver.load import load_receiver
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.state import State
 from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
-from fecocodec.splatting.emission import Emission, emit
+from fecocodec.splatting.emission import Emission, Prediction, emit
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,8 @@ def decode(
     part = read_stages(data, stages)
     check_pixels(part.stream.header, max_pixels)
     receiver = receiver_of(part.stream.header.model_id, None if model is None else Path(model).absolute(), device)
-    return _decode_part(receiver, part, stages, _emission(sh_degree, background, merging), on_progress)
+    emission = emission_of(sh_degree, background, merging)
+    return _predicted(receiver, part, stages, on_progress).decoded(emission)
 
 
 def decode_with(
@@ -90,8 +92,8 @@ def decode_with(
 
     The caller must ensure that the receiver has the model id of the stream.
     """
-    emission = _emission(sh_degree, background, merging)
-    return _decode_part(receiver, read_stages(data, stages), stages, emission, on_progress)
+    part, emission = read_stages(data, stages), emission_of(sh_degree, background, merging)
+    return _predicted(receiver, part, stages, on_progress).decoded(emission)
 
 
 @lru_cache(maxsize=2)
@@ -106,25 +108,46 @@ def receiver_of(model_id: bytes, model: Path | None, device: str) -> Receiver:
     return receiver
 
 
-def _decode_part(
-    receiver: Receiver, part: IntactPart, stages: Stages, emission: Emission, on_progress: OnProgress
-) -> Decoded:
-    """Decode the stages, then predict the Gaussians once, from the last state."""
-    stream, header, damage = part.stream, part.stream.header, part.damage
-    cameras = unpack(stream.cameras)
-    with torch.inference_mode():
-        state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
-        if stream.detail is not None and num_stages == header.num_stages:
-            state, symbol_damage = _with_detail(receiver, header, stream.detail, state, stages)
-        on_progress("predicting Gaussians", 0.8)
-        visibility = visibility_of(stream, receiver.config.gaussians_per_side)
+@dataclass(frozen=True)
+class PredictedScene:
+    """A stream after the networks, from which Gaussians are emitted. stages, damage: as in `Decoded`."""
+
+    stream: Stream
+    cameras: Cameras
+    prediction: Prediction
+    config: ReceiverConfig
+    stages: int
+    damage: str | None
+
+    def decoded(self, emission: Emission) -> Decoded:
+        """Return what a decoder emits, with the coverage and fading of the stream."""
+        header = self.stream.header
+        visibility = visibility_of(self.stream, self.config.gaussians_per_side)
         factors = None if visibility is None else torch.from_numpy(visibility)
-        is_filled = is_filled_behind(header.num_views, stream.coverage is not None)
+        is_filled = is_filled_behind(header.num_views, self.stream.coverage is not None)
         emission = replace(emission, visibility=factors, is_filled=emission.background is not None and is_filled)
-        gaussians = reconstruct(receiver, state, cameras, emission)
-    # Clone outside inference mode, so that a caller can compute gradients of the tensors.
-    gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
-    return Decoded(gaussians, cameras, (header.height, header.width), num_stages, damage or symbol_damage)
+        with torch.inference_mode():
+            gaussians = _emitted(self.prediction, self.cameras, self.config, emission)
+        # Clone outside inference mode, so that a caller can compute gradients of the tensors.
+        gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
+        return Decoded(gaussians, self.cameras, (header.height, header.width), self.stages, self.damage)
+
+
+def predict_with(receiver: Receiver, data: bytes, stages: Stages = "all") -> PredictedScene:
+    """Run the networks of a loaded receiver on a stream; arguments and errors as for `decode_with`."""
+    return _predicted(receiver, read_stages(data, stages), stages, ignore_progress)
+
+
+@torch.inference_mode()
+def _predicted(receiver: Receiver, part: IntactPart, stages: Stages, on_progress: OnProgress) -> PredictedScene:
+    stream, header = part.stream, part.stream.header
+    cameras = unpack(stream.cameras)
+    state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
+    if stream.detail is not None and num_stages == header.num_stages:
+        state, symbol_damage = _with_detail(receiver, header, stream.detail, state, stages)
+    on_progress("predicting Gaussians", 0.8)
+    prediction = _prediction(receiver, state, cameras)
+    return PredictedScene(stream, cameras, prediction, receiver.config, num_stages, part.damage or symbol_damage)
 
 
 def reconstruct(receiver: Receiver, state: State, cameras: Cameras, emission: Emission) -> Gaussians:
@@ -132,15 +155,28 @@ def reconstruct(receiver: Receiver, state: State, cameras: Cameras, emission: Em
 
     cameras: of the context views, as stored in the stream.
     """
+    return _emitted(_prediction(receiver, state, cameras), cameras, receiver.config, emission)
+
+
+def _prediction(receiver: Receiver, state: State, cameras: Cameras) -> Prediction:
+    of_scene = normalise_scene(cameras)[0].to(state.state.device).as_batch()
+    return receiver.predict(state.state, of_scene, state.condition, state.detail)
+
+
+def _emitted(prediction: Prediction, cameras: Cameras, config: ReceiverConfig, emission: Emission) -> Gaussians:
     normalised, frame = normalise_scene(cameras)
-    of_scene, device = normalised.to(state.state.device).as_batch(), state.state.device
-    prediction = receiver.predict(state.state, of_scene, state.condition, state.detail)
+    device = prediction.relative_disparity.device
     if emission.visibility is not None:
         emission = replace(emission, visibility=emission.visibility.to(device))
-    return denormalise_gaussians(emit(prediction, of_scene, receiver.config, emission).to("cpu"), frame)
+    emitted = emit(prediction, normalised.to(device).as_batch(), config, emission)
+    return denormalise_gaussians(emitted.to("cpu"), frame)
 
 
-def _emission(sh_degree: int, background: BackgroundConfig | None, merging: MergingConfig | None) -> Emission:
+def emission_of(
+    sh_degree: int = MAX_SH_DEGREE,
+    background: BackgroundConfig | None = DEFAULT_BACKGROUND,
+    merging: MergingConfig | None = DEFAULT_MERGING,
+) -> Emission:
     """Return what a decoder emits. Raises InputError for a degree of the harmonics that is not supported."""
     if sh_degree not in range(MAX_SH_DEGREE + 1):
         raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}.")

@@ -1,5 +1,6 @@
 """Quality of the context views as decoded: decode the stream, render at its cameras, compare with the photographs."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
@@ -9,13 +10,13 @@ import torch
 
 from fecocodec.checkpoint import model_folder
 from fecocodec.coding.visibility import FACTOR_OF_LEVEL, pack_levels, unpack_levels
-from fecocodec.container import FADING_BLOCKS, Stages, read_stream, write_stream
+from fecocodec.container import FADING_BLOCKS, read_stream
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.merging.grouping import DEFAULT_MERGING
-from fecocodec.receiver.decode import decode_with
+from fecocodec.receiver.decode import decode_with, emission_of, predict_with
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
@@ -23,7 +24,7 @@ from fecocodec.sender.codec import load_codec
 from fecocodec.sender.coverage import BLACK, WHITE
 from fecocodec.sender.view_quality import DecodedQuality, LeftOutQuality
 
-MAX_LEFT_OUT = 8  # views; each takes a decoding
+MAX_LEFT_OUT = 8  # views; each takes an emission
 OPAQUE, LEAST_SHOWN = 0.5, 0.05  # alpha of pixels that other views show; share of a view that they must show
 LARGEST_PSNR = 100.0  # dB; that of equal images would be infinite
 
@@ -37,31 +38,36 @@ def measure_decoded(
     device, model: as for `encode`. is_merged: as for `decode`. Raises BitstreamError for an invalid stream, ModelError
     if weights cannot be loaded, InputError for another number of views than the stream has.
     """
+    return measure_with_others(data, views, (), device=device, model=model, is_merged=is_merged)[0]
+
+
+@torch.no_grad()
+def measure_with_others(
+    data: bytes,
+    views: Views,
+    others: Sequence[Views | None],
+    *,
+    device: str = "cpu",
+    model: Path | str | None = None,
+    is_merged: bool = True,
+) -> tuple[tuple[DecodedQuality, ...], tuple[DecodedQuality | None, ...]]:
+    """Return what `measure_decoded` does, and the quality of photographs that are not in the stream.
+
+    others: groups of photographs, with cameras in the frame of the encoded views; None for no photographs, of which the
+    quality is None. Other arguments and errors as for `measure_decoded`.
+    """
     stream = read_stream(data)
     if len(views.images) != stream.header.num_views:
         raise InputError(
             f"the stream holds {stream.header.num_views} views, but {len(views.images)} are given to compare it with; "
             "give the views that it was encoded from, in their order."
         )
-    receiver = load_codec(model_folder(model), device).receiver
-    parts: list[Stages] = [*range(1, len(stream.payloads)), "all"]
-    return tuple(decoded_quality(receiver, data, views, part, is_merged) for part in parts)
-
-
-@torch.no_grad()
-def measure_others(
-    data: bytes, *groups: Views | None, device: str = "cpu", model: Path | str | None = None
-) -> tuple[DecodedQuality | None, ...]:
-    """Decode a stream and return the quality of groups of photographs that are not in it, at their own cameras.
-
-    groups: with cameras in the frame of the encoded views; None for no photographs, of which the quality is None.
-    device, model, errors: as for `measure_decoded`.
-    """
-    if not any(groups):
-        return (None,) * len(groups)
-    receiver = load_codec(model_folder(model), device).receiver
-    gaussians = decode_with(receiver, data).gaussians
-    return tuple(None if views is None else _quality(gaussians, views.cameras, views) for views in groups)
+    receiver, merging = load_codec(model_folder(model), device).receiver, DEFAULT_MERGING if is_merged else None
+    earlier = (decode_with(receiver, data, stages=part, merging=merging) for part in range(1, len(stream.payloads)))
+    of_earlier = tuple(_quality(decoded.gaussians, decoded.cameras, views) for decoded in earlier)
+    decoded = decode_with(receiver, data, merging=merging)
+    of_others = tuple(None if group is None else _quality(decoded.gaussians, group.cameras, group) for group in others)
+    return (*of_earlier, _quality(decoded.gaussians, decoded.cameras, views)), of_others
 
 
 def measure_left_out(
@@ -79,7 +85,8 @@ def measure_left_out(
 @torch.no_grad()
 def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQuality | None:
     """Return what `measure_left_out` does, with a loaded receiver."""
-    stream = read_stream(data)
+    predicted = predict_with(receiver, data)
+    stream, emission = predicted.stream, emission_of(background=None)
     levels = np.zeros(FADING_BLOCKS.shape(stream.header), np.uint8)
     if stream.fading is not None:
         levels = unpack_levels(stream.fading, stream.header)
@@ -87,7 +94,7 @@ def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQu
     for view in range(0, len(levels), -(-len(levels) // MAX_LEFT_OUT)):
         hidden = levels.copy()
         hidden[view] = len(FACTOR_OF_LEVEL) - 1
-        decoded = decode_with(receiver, write_stream(replace(stream, fading=pack_levels(hidden))), background=None)
+        decoded = replace(predicted, stream=replace(stream, fading=pack_levels(hidden))).decoded(emission)
         rendered = render(decoded.gaussians, decoded.cameras.select([view]), views.image_size, _background(views))
         is_unseen = rendered.alpha < OPAQUE
         if views.ignored is not None:
@@ -105,15 +112,12 @@ def new_view_quality(receiver: Receiver, data: bytes, views: Views) -> DecodedQu
 
 
 @torch.no_grad()
-def decoded_quality(
-    receiver: Receiver, data: bytes, views: Views, stages: Stages = "all", is_merged: bool = True
-) -> DecodedQuality:
-    """Decode `stages`, as for `decode`, with a loaded receiver, and return the quality of the context views.
+def decoded_quality(receiver: Receiver, data: bytes, views: Views) -> DecodedQuality:
+    """Decode with a loaded receiver, and return the quality of the context views.
 
     Transparent photographs are white where they are transparent, and so is the background of their renderings.
     """
-    merging = DEFAULT_MERGING if is_merged else None
-    decoded = decode_with(receiver, data, stages=stages, merging=merging)
+    decoded = decode_with(receiver, data)
     return _quality(decoded.gaussians, decoded.cameras, views)
 
 
