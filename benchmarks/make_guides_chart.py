@@ -21,6 +21,8 @@ from fecocodec.codec.roles import choose_roles
 from fecocodec.evaluation.novel_views import evaluate
 from fecocodec.evaluation.report.charts import Chart, Mark, Series, write_panels
 from fecocodec.evaluation.systems.codec import codec_system, guided_system
+from fecocodec.geometry.views import joined
+from fecocodec.limits import MAX_VIEWS
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.codec import load_codec
 
@@ -43,8 +45,9 @@ def views_of(folder: Path, num_coded: int) -> tuple[Views, list[str], Views]:
 
 
 def views(folder: Path, names: list[str]) -> Views:
-    """Read photographs of a scene."""
-    return read_views(folder, views=tuple(names), size=SIZE)
+    """Read photographs of a scene, however many."""
+    parts = (names[first : first + MAX_VIEWS] for first in range(0, len(names), MAX_VIEWS))
+    return joined([read_views(folder, views=tuple(part), size=SIZE) for part in parts])
 
 
 def mark(x: float, data: bytes, targets: Views) -> Mark:

@@ -26,13 +26,15 @@ Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], de
 
 @dataclass(frozen=True)
 class _Projected:
-    """Splats of one camera and the order, front to back, in which they are composited.
+    """The visible splats of one camera and the order, front to back, in which they are composited.
 
-    whole: lists that cover the image; None if they have not been made, or if several are needed.
+    gaussian_of_splat: indices of their Gaussians, ascending. whole: lists that cover the image; None if they have not
+    been made, or if several are needed.
     """
 
     pinhole: Pinhole
     splats: np.ndarray
+    gaussian_of_splat: Int32[np.ndarray, " visible"]
     order: Int32[np.ndarray, " visible"]
     whole: TileLists | None = None
 
@@ -100,10 +102,12 @@ def _array(tensor: Float[Tensor, "*shape"]) -> Float32[np.ndarray, "*shape"]:
 
 def _project(pinhole: Pinhole, fields: Sequence[np.ndarray]) -> _Projected:
     means, scales, rotations, opacities, harmonics = fields
-    splats = np.empty(len(means), SPLAT)
-    run_in_ranges(project, len(means), pinhole, means, scales, rotations, opacities, splats)
-    run_in_ranges(shade, len(means), pinhole.eye, means, harmonics, splats)
-    return _Projected(pinhole, splats, front_to_back(splats))
+    splats, indices = np.empty(len(means), SPLAT), np.full(len(means), -1, np.int32)
+    run_in_ranges(project, len(means), pinhole, means, scales, rotations, opacities, splats, indices)
+    is_visible = indices >= 0
+    splats, indices = splats[is_visible], indices[is_visible]
+    run_in_ranges(shade, len(splats), pinhole.eye, means, harmonics, indices, splats)
+    return _Projected(pinhole, splats, indices, front_to_back(splats))
 
 
 def _composite(projected: _Projected, background: Float32[np.ndarray, "3"], images: Images) -> TileLists | None:
@@ -116,7 +120,9 @@ def _composite(projected: _Projected, background: Float32[np.ndarray, "3"], imag
     return whole
 
 
-def _composite_backward(projected: _Projected, images: Images, d_images: Images) -> Float32[np.ndarray, "n fields"]:
+def _composite_backward(
+    projected: _Projected, images: Images, d_images: Images
+) -> Float32[np.ndarray, "visible fields"]:
     splats = projected.splats
     gradients = np.zeros((len(splats), len(DIFFERENTIABLE_FIELDS)), np.float32)
     for tiles in projected.lists(images[-1].shape):
@@ -130,12 +136,13 @@ def _composite_backward(projected: _Projected, images: Images, d_images: Images)
 def _project_backward(
     projected: _Projected,
     fields: Sequence[np.ndarray],
-    splat_gradients: Float32[np.ndarray, "n fields"],
+    splat_gradients: Float32[np.ndarray, "visible fields"],
     gradients: Sequence[np.ndarray],
 ) -> None:
     """Add the gradients from one view to those of means, scales, rotations, opacities and harmonics."""
     means, scales, rotations, _, harmonics = fields
     d_means, *d_shapes, d_harmonics = gradients
-    pinhole, seen = projected.pinhole, (projected.splats, splat_gradients)
-    run_in_ranges(project_backward, len(means), pinhole, means, scales, rotations, *seen, d_means, *d_shapes)
-    run_in_ranges(shade_backward, len(means), pinhole.eye, means, harmonics, *seen, d_means, d_harmonics)
+    pinhole, splats, indices = projected.pinhole, projected.splats, projected.gaussian_of_splat
+    geometry, colours = (means, scales, rotations, indices), (means, harmonics, indices, splats)
+    run_in_ranges(project_backward, len(splats), pinhole, *geometry, splat_gradients, d_means, *d_shapes)
+    run_in_ranges(shade_backward, len(splats), pinhole.eye, *colours, splat_gradients, d_means, d_harmonics)

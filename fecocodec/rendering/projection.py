@@ -23,35 +23,53 @@ from fecocodec.rendering.splats import ALPHA_MIN
 
 _DILATION_PX2 = 0.3  # added to both variances: a splat is never much narrower than a pixel
 _FIELD_MARGIN = 0.3  # J is evaluated at most this fraction of half the field of view outside the image
+_BALL_MARGIN = 1.01  # rotations are orthogonal up to rounding
 _LARGEST_PX, _FARTHEST = 1e9, 1e30  # beyond these, float32 arithmetic on splats could overflow
 
 
 @compiled
-def project(start, stop, pinhole, means, scales, rotations, opacities, splats):
-    """Write geometry and opacity of splats[start:stop]; an invisible Gaussian gets radius 0."""
+def project(start, stop, pinhole, means, scales, rotations, opacities, splats, gaussian_of_splat):
+    """Write geometry and opacity of the visible Gaussians in [start, stop), and their indices, from `start` on."""
+    place = start
     for i in range(start, stop):
-        splats[i].radius_x = 0.0
-        splats[i].radius_y = 0.0
         point = add(apply(pinhole.rotation, (means[i, 0], means[i, 1], means[i, 2])), pinhole.translation)
         opacity = float(opacities[i])
         if not (pinhole.near <= point[2] < _FARTHEST and ALPHA_MIN < opacity < math.inf):
             continue
-        unit, _ = normalised(*quaternion(rotations, i))
-        (row_x, row_y), _, _ = projected_axes(pinhole, point, unit, (scales[i, 0], scales[i, 1], scales[i, 2]))
-        xx, xy, yy, determinant = dilated_covariance(row_x, row_y)
         cutoff = math.log(opacity / ALPHA_MIN)
-        radius_x, radius_y = math.sqrt(2.0 * cutoff * xx), math.sqrt(2.0 * cutoff * yy)
         x = pinhole.focal_x * point[0] / point[2] + pinhole.centre_x
         y = pinhole.focal_y * point[1] / point[2] + pinhole.centre_y
+        scale = (scales[i, 0], scales[i, 1], scales[i, 2])
+        if _is_outside(pinhole, point, scale, cutoff, x, y):
+            continue
+        unit, _ = normalised(*quaternion(rotations, i))
+        (row_x, row_y), _, _ = projected_axes(pinhole, point, unit, scale)
+        xx, xy, yy, determinant = dilated_covariance(row_x, row_y)
+        radius_x, radius_y = math.sqrt(2.0 * cutoff * xx), math.sqrt(2.0 * cutoff * yy)
         is_on_image = -radius_x < x < pinhole.width + radius_x and -radius_y < y < pinhole.height + radius_y
         # Comparisons with NaN are false, so a NaN anywhere makes the Gaussian invisible.
         if not (is_on_image and determinant > 0.0 and radius_x < _LARGEST_PX and radius_y < _LARGEST_PX):
             continue
-        splat = splats[i]
+        splat = splats[place]
         splat.x, splat.y, splat.depth = x, y, point[2]
         splat.conic_xx, splat.conic_xy, splat.conic_yy = yy / determinant, -xy / determinant, xx / determinant
         splat.opacity, splat.cutoff = opacity, cutoff
         splat.radius_x, splat.radius_y = radius_x, radius_y
+        gaussian_of_splat[place] = i
+        place += 1
+
+
+@compiled
+def _is_outside(pinhole, point, scale, cutoff, x, y):
+    """Return True if a ball with the Gaussian's largest scale is outside the image; this needs no rotation."""
+    largest = max(abs(scale[0]), abs(scale[1]), abs(scale[2]))
+    xx, xz, yy, yz = _jacobian(pinhole, point)
+    square = _BALL_MARGIN * float(largest) * float(largest)
+    radius_x = math.sqrt(2.0 * cutoff * (square * (xx * xx + xz * xz) + _DILATION_PX2))
+    radius_y = math.sqrt(2.0 * cutoff * (square * (yy * yy + yz * yz) + _DILATION_PX2))
+    return (
+        x < -radius_x or x > pinhole.width + radius_x or y < -radius_y or y > pinhole.height + radius_y
+    )  # false for NaN
 
 
 @compiled
@@ -112,19 +130,29 @@ def projected_axes(pinhole, point, unit, scale):
 
 @compiled
 def project_backward(
-    start, stop, pinhole, means, scales, rotations, splats, gradients, d_means, d_scales, d_rotations, d_opacities
+    start,
+    stop,
+    pinhole,
+    means,
+    scales,
+    rotations,
+    gaussian_of_splat,
+    gradients,
+    d_means,
+    d_scales,
+    d_rotations,
+    d_opacities,
 ):
     """Add to d_* the gradients that come from the splats (columns DIFFERENTIABLE_FIELDS, without colours)."""
-    for i in range(start, stop):
-        if splats[i].radius_x == 0.0:
-            continue
-        d_x, d_y, d_depth = gradients[i, 0], gradients[i, 1], gradients[i, 9]
-        d_opacities[i] += gradients[i, 5]
+    for splat in range(start, stop):
+        i = gaussian_of_splat[splat]
+        d_x, d_y, d_depth = gradients[splat, 0], gradients[splat, 1], gradients[splat, 9]
+        d_opacities[i] += gradients[splat, 5]
         point = add(apply(pinhole.rotation, (means[i, 0], means[i, 1], means[i, 2])), pinhole.translation)
         scale = (scales[i, 0], scales[i, 1], scales[i, 2])
         unit, length = normalised(*quaternion(rotations, i))
         (row_x, row_y), axes, jacobian = projected_axes(pinhole, point, unit, scale)
-        d_row_x, d_row_y = _conic_backward(row_x, row_y, gradients[i, 2], gradients[i, 3], gradients[i, 4])
+        d_row_x, d_row_y = _conic_backward(row_x, row_y, gradients[splat, 2], gradients[splat, 3], gradients[splat, 4])
         d_point = _point_backward(pinhole, point, jacobian, axes, scale, d_row_x, d_row_y, d_x, d_y, d_depth)
         d_mean = apply_transposed(pinhole.rotation, d_point)
         d_scale, d_rotation = _axes_backward(pinhole, unit, length, axes, jacobian, scale, d_row_x, d_row_y)

@@ -23,15 +23,14 @@ _C3 = (0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.373176332590
 
 
 @compiled
-def shade(start, stop, eye, means, harmonics, splats):
-    """Write the colours, at least 0, of the visible splats in [start, stop); hide splats whose colour is not finite.
+def shade(start, stop, eye, means, harmonics, gaussian_of_splat, splats):
+    """Write the colours, at least 0, of the splats in [start, stop); those whose colour is not finite get radius 0.
 
     eye: camera centre in the world frame.
     """
     basis = np.empty(MAX_COEFFICIENTS)
-    for i in range(start, stop):
-        if splats[i].radius_x == 0.0:
-            continue
+    for splat in range(start, stop):
+        i = gaussian_of_splat[splat]
         direction, _ = _direction(eye, means, i)
         _evaluate(direction, harmonics.shape[1], basis)
         red, green, blue = 0.5, 0.5, 0.5
@@ -40,22 +39,23 @@ def shade(start, stop, eye, means, harmonics, splats):
             green += basis[k] * harmonics[i, k, 1]
             blue += basis[k] * harmonics[i, k, 2]
         if not abs(red) + abs(green) + abs(blue) < _BRIGHTEST:  # also true for NaN
-            splats[i].radius_x = 0.0
+            splats[splat].radius_x = 0.0
             continue
-        splats[i].red, splats[i].green, splats[i].blue = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
+        splats[splat].red, splats[splat].green, splats[splat].blue = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
 
 
 @compiled
-def shade_backward(start, stop, eye, means, harmonics, splats, gradients, d_means, d_harmonics):
+def shade_backward(start, stop, eye, means, harmonics, gaussian_of_splat, splats, gradients, d_means, d_harmonics):
     """Add to d_means and d_harmonics the gradients from the colour columns of the splats' gradients."""
     basis = np.empty(MAX_COEFFICIENTS)
     slopes = np.empty((MAX_COEFFICIENTS, 3))
-    for i in range(start, stop):
-        if splats[i].radius_x == 0.0:
+    for splat in range(start, stop):
+        if splats[splat].radius_x == 0.0:
             continue
-        d_red = gradients[i, 6] if splats[i].red > 0.0 else 0.0
-        d_green = gradients[i, 7] if splats[i].green > 0.0 else 0.0
-        d_blue = gradients[i, 8] if splats[i].blue > 0.0 else 0.0
+        i = gaussian_of_splat[splat]
+        d_red = gradients[splat, 6] if splats[splat].red > 0.0 else 0.0
+        d_green = gradients[splat, 7] if splats[splat].green > 0.0 else 0.0
+        d_blue = gradients[splat, 8] if splats[splat].blue > 0.0 else 0.0
         direction, distance = _direction(eye, means, i)
         _evaluate(direction, harmonics.shape[1], basis)
         _differentiate(direction, harmonics.shape[1], slopes)
