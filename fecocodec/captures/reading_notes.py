@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names
-from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SIDE
-from fecocodec.photographs.framing import kept_share
+from fecocodec.limits import MAX_SIDE
+from fecocodec.photographs.framing import kept_share, most_pixels
 from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright
 from fecocodec.photographs.lens import Lens
 
@@ -146,7 +146,8 @@ def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:
         return None
     reason = f"no side may exceed {MAX_SIDE} pixels"
     if max(size) < min(MAX_SIDE, max(width, height)):
-        reason = f"the {len(pinholes)} coded views have at most {DEFAULT_MAX_PIXELS:,} pixels together"
+        count = len(pinholes)
+        reason = f"{count} coded views have at most {most_pixels(count):,} pixels together unless `size` is given"
     return f"photographs of {width}x{height} are coded at {size[1]}x{size[0]}; {reason}."
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from fecocodec.errors import InputError
 from fecocodec.grid import grid_side
-from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SIDE, MIN_SIDE
+from fecocodec.limits import DEFAULT_MAX_PIXELS, FEW_VIEWS, MANY_VIEWS_MAX_PIXELS, MAX_SIDE, MIN_SIDE
 from fecocodec.photographs.lens import Lens
 
 MIN_KEPT_AREA = 0.5  # share of each photograph's area that an automatic crop must keep
@@ -40,11 +40,17 @@ def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
     return height, width
 
 
+def most_pixels(count: int) -> int:
+    """Return how many pixels `count` coded views have together unless the user sets a size."""
+    return DEFAULT_MAX_PIXELS if count <= FEW_VIEWS else MANY_VIEWS_MAX_PIXELS
+
+
 def within_limit(size: tuple[int, int], count: int) -> tuple[int, int]:
-    """Return (height, width) of `count` views, scaled down so that all of them together fit what `decode` accepts."""
+    """Return (height, width) of `count` views, scaled down to `most_pixels` together."""
     height, width = size
-    scale = min(1.0, (DEFAULT_MAX_PIXELS / (count * height * width)) ** 0.5)
-    while count * grid_side(round(height * scale)) * grid_side(round(width * scale)) > DEFAULT_MAX_PIXELS:
+    limit = most_pixels(count)
+    scale = min(1.0, (limit / (count * height * width)) ** 0.5)
+    while count * grid_side(round(height * scale)) * grid_side(round(width * scale)) > limit:
         scale *= 0.99
     return max(MIN_SIDE, round(height * scale)), max(MIN_SIDE, round(width * scale))
 

@@ -5,7 +5,7 @@ import torch
 
 from fecocodec.errors import InputError
 from fecocodec.grid import grid_side
-from fecocodec.limits import DEFAULT_MAX_PIXELS
+from fecocodec.limits import MANY_VIEWS_MAX_PIXELS
 from fecocodec.photographs.framing import common_size, within_limit
 from fecocodec.photographs.lens import Lens
 from fecocodec.photographs.resampling import crop_and_resize
@@ -37,12 +37,12 @@ def test_a_message_has_the_size_of_the_photographs() -> None:
 
 
 @pytest.mark.parametrize(("size", "count"), [((768, 1024), 6), ((768, 1024), 16), ((1024, 64), 16), ((577, 1024), 8)])
-def test_many_views_are_scaled_down_to_what_decode_accepts(size: tuple[int, int], count: int) -> None:
+def test_many_views_are_scaled_down_to_a_moderate_size(size: tuple[int, int], count: int) -> None:
     height, width = within_limit(size, count)
-    assert count * grid_side(height) * grid_side(width) <= DEFAULT_MAX_PIXELS
-    assert height * width > 0.8 * min(size[0] * size[1], DEFAULT_MAX_PIXELS / count)
+    assert count * grid_side(height) * grid_side(width) <= MANY_VIEWS_MAX_PIXELS
+    assert height * width > 0.8 * min(size[0] * size[1], MANY_VIEWS_MAX_PIXELS / count)
     assert abs(height / width - size[0] / size[1]) < 0.01 * size[0] / size[1]
 
 
 def test_few_views_keep_their_size() -> None:
-    assert within_limit((768, 1024), 5) == (768, 1024)
+    assert within_limit((768, 1024), 4) == (768, 1024)
