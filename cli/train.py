@@ -7,7 +7,7 @@ import click
 
 from fecocodec.errors import InputError
 
-from .common_options import add_common_options
+from .command_line import add_common_options
 from .options import FILE_PATH, device_option, threads_option
 from .output import in_options, say, warn
 from .paths import require_input, require_output_folder

@@ -7,8 +7,7 @@ import click
 from fecocodec.atomic import write_folder_atomically
 
 from .options import FILE_PATH
-from .output import say
-from .terminal import printable
+from .output import printable, say
 
 
 @click.command(

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import pytest
 from fecosplat_cli import view
-from fecosplat_cli.page_server import PageServer
+from fecosplat_cli.view import PageServer
 
 from fecocodec.splat_files import html_page, web_page
 from fecocodec.splat_files.gaussian_files import write_gaussians
