@@ -19,9 +19,9 @@ from .output import Verbosity, in_options, print_json, printable, say, verbosity
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from fecocodec.batch.outcome import Outcome
     from fecocodec.batch.run import Engine
     from fecocodec.batch.scene_task import Work
+    from fecocodec.batch.sidecar import Outcome
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def entropy(
     """
     _check(model, out, (photographs, textures), overrides)
 
-    from fecocodec.receiver.load import serialise_receiver
+    from fecocodec.receiver.model import serialise_receiver
     from fecocodec.training.train_entropy import ENTROPY, train_entropy_model
 
     configuration = overridden(ENTROPY, overrides)
@@ -163,7 +163,7 @@ def detail(
     """
     _check(model, out, (photographs, index), {})
 
-    from fecocodec.receiver.load import serialise_receiver
+    from fecocodec.receiver.model import serialise_receiver
     from fecocodec.rendering.cuda import require_rendering_device
     from fecocodec.sender.codec import load_codec
     from fecocodec.training.train_detail import coded_scenes, fit_detail

@@ -178,7 +178,7 @@ def _decoding_page(scene: Path, model: Path | None) -> tuple[dict[str, bytes], s
     with error_context(scene):
         read_header(data)
 
-    from fecocodec.splat_files.web_page import decoding_page
+    from fecocodec.splat_files.html_page import decoding_page
 
     name = re.sub(r"[?#%\\]", "_", scene.name)  # which have a meaning in addresses
     return {name: data, **decoding_page()}, f"?file={quote(name)}"

@@ -27,7 +27,7 @@ def command(folder: Path) -> None:
     The page decodes a .fcs file of the same server, so a scene is sent as kilobytes: put scene.fcs into the folder and
     open .../?file=scene.fcs. It loads nothing from other hosts.
     """
-    from fecocodec.splat_files.web_page import decoding_page
+    from fecocodec.splat_files.html_page import decoding_page
 
     contents = decoding_page()
     with write_folder_atomically(folder) as temporary:

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import FecoError
-from fecocodec.evaluation.entries import EntryReader, without_guides
 from fecocodec.evaluation.extras import require_extra
 from fecocodec.evaluation.machine import forget_peak, peak_mib
+from fecocodec.evaluation.novel_views import EntryReader, without_guides
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views

@@ -8,8 +8,7 @@ The frame is that of the uncompressed PLY.
 import numpy as np
 from jaxtyping import Float, UInt32
 
-from fecocodec.splat_files.gaussian_arrays import OutputScene, without_largest
-from fecocodec.splat_files.kd_order import kd_order
+from fecocodec.splat_files.gaussian_arrays import OutputScene, kd_order, without_largest
 
 CHUNK = 256
 HARMONICS_RANGE = 4.0  # harmonics above degree 0 are clipped to +-4

@@ -14,8 +14,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from fecocodec.camera_files.chunk_scene import VIDEO_BOUNDS, ChunkScene
-from fecocodec.camera_files.chunks import ChunkFolder
+from fecocodec.camera_files.chunks import VIDEO_BOUNDS, ChunkFolder, ChunkScene
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import Lens
 from fecocodec.training.samples import CROP_SPREAD, Sample, augment, mirrored

@@ -13,10 +13,9 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.perceptual import st_lpips
-from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.model import Sender
-from fecocodec.sender.stages import StageInputs
+from fecocodec.sender.stages import EstimatedLatent, StageInputs
 from fecocodec.training.batch import Batch, BatchShape, MatchedDisparity
 from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of, perceptual_distance
 from fecocodec.training.sources import Sources, draw_batch

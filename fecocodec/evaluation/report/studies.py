@@ -13,9 +13,9 @@ from fecocodec.atomic import make_folder
 from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError, OutputError
-from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.machine import StepClock
+from fecocodec.evaluation.novel_views import open_scenes
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.report.complexity_section import Need, measure_need, photograph_kib
 from fecocodec.evaluation.report.scaling_section import LAMBDA, Load, measure_load
