@@ -14,8 +14,8 @@ from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SENDER_FILE, rea
 
 from .options import FILE_PATH, device_option, threads_option
 from .output import say
-from .paths import require_input, require_model, require_output_folder
-from .train_options import check_values, configuration_options, data_options, overridden, seed_option
+from .paths import require_model, require_output_folder
+from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
 
 if TYPE_CHECKING:
     from fecocodec.sender.codec import Codec
@@ -180,10 +180,7 @@ def _check(model: Path, out: Path, inputs: tuple[Path | None, ...], overrides: d
     require_output_folder(out)
     if any((out / name).exists() for name in (RECEIVER_FILE, SENDER_FILE)):
         raise OutputError(f"{out}: this folder holds a model already; choose another output path.")
-    for path in inputs:
-        if path is not None:
-            require_input(path, "there is no such file or folder; check the path.")
-    check_values(overrides)
+    check_inputs(inputs, overrides)
 
 
 @contextmanager
