@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from fecocodec.geometry.harmonics import SH_DEGREE_0, SH_DEGREE_1
+from fecocodec.geometry.gaussian_arrays import SH_DEGREE_0, SH_DEGREE_1
 from fecocodec.merging.grouping import MergingConfig, Surface, group
 from fecocodec.merging.moment_matching import Fields, Mixture, dilogarithm, from_axes, merged_groups, projected_areas
 

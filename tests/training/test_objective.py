@@ -13,7 +13,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.perceptual import st_lpips
-from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.extractors.protocol import MatchedDepth
 from fecocodec.sender.model import Sender
 from fecocodec.sender.stages import EstimatedLatent, StageInputs
 from fecocodec.training.batch import Batch, BatchShape, MatchedDisparity
