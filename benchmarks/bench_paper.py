@@ -21,9 +21,8 @@ from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIP
 from fecocodec.config import PaperSenderConfig
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.machine import peak_mib
-from fecocodec.receiver.load import load_receiver
-from fecocodec.sender.adapted import adopt_codec
-from fecocodec.sender.codec import Codec, load_sender
+from fecocodec.receiver.model import load_receiver
+from fecocodec.sender.codec import Codec, adopt_codec, load_sender
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene import prepare_scene

@@ -17,7 +17,7 @@ from torch import Tensor
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.entries import open_scenes, without_guides
+from fecocodec.evaluation.novel_views import open_scenes, without_guides
 from fecocodec.evaluation.systems.gaussian_compression import decode_gaussians, encode_gaussians
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views, joined

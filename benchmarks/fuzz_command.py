@@ -33,7 +33,7 @@ from fecocodec import encode, read_ply  # noqa: E402
 from fecocodec.checkpoint import RECEIVER_FILE, model_folder  # noqa: E402
 from fecocodec.container import read_prefix  # noqa: E402
 from fecocodec.errors import FecoError  # noqa: E402
-from fecocodec.receiver.load import load_receiver  # noqa: E402
+from fecocodec.receiver.model import load_receiver  # noqa: E402
 from tests.example_scenes import example_views  # noqa: E402
 from tests.fuzzing.forgeries import CodedLatents, code_random_latents, forged_stream  # noqa: E402
 from tests.fuzzing.mutations import VECTORS, random_mutant  # noqa: E402

@@ -10,12 +10,11 @@ from pathlib import Path
 from fecocodec.atomic import make_folder
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
-from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
+from fecocodec.evaluation.novel_views import open_scenes
 from fecocodec.evaluation.records import RecordFile
-from fecocodec.evaluation.report.charts import Chart, write_png
 from fecocodec.evaluation.report.rate_section import comparison_table, curves_of, equal_bytes_table
-from fecocodec.evaluation.report.section import ReportPlan
+from fecocodec.evaluation.report.section import Chart, ReportPlan, write_png
 from fecocodec.evaluation.run import measure_all
 from fecocodec.evaluation.summary import as_tsv, averages
 from fecocodec.evaluation.systems.groups import systems_of

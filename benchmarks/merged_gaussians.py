@@ -16,8 +16,7 @@ import torch
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.container import quantise_lambda
 from fecocodec.decoding import decode
-from fecocodec.evaluation.entries import open_scenes, without_guides
-from fecocodec.evaluation.novel_views import render_views
+from fecocodec.evaluation.novel_views import open_scenes, render_views, without_guides
 from fecocodec.evaluation.stress.box_room import Room, blank, painted, photograph, sideways
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views

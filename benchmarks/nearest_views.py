@@ -16,8 +16,7 @@ from statistics import mean
 import numpy as np
 
 from fecocodec.captures.evaluation_index import IndexEntry
-from fecocodec.evaluation.entries import open_scenes, without_guides
-from fecocodec.evaluation.novel_views import Score, score
+from fecocodec.evaluation.novel_views import Score, open_scenes, score, without_guides
 from fecocodec.evaluation.systems.codec import guided_system
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.sender.codec import load_codec

@@ -25,8 +25,7 @@ from fecocodec.checkpoint import DEFAULT_MODEL, SENDER_FILE, SHIPPED
 from fecocodec.config import PAPER, ReceiverConfig, SenderConfig
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
-from fecocodec.evaluation.report.charts import Chart, Mark, Series, write_panels
-from fecocodec.evaluation.report.section import number, table
+from fecocodec.evaluation.report.section import Chart, Mark, Series, number, table, write_panels
 from fecocodec.evaluation.summary import Average
 from fecocodec.training.batch import BatchShapes
 from fecocodec.training.batch_source import KeptBatches

@@ -30,8 +30,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, model_folder  # noqa: E402
 from fecocodec.coding.payload import encode_latents  # noqa: E402
 from fecocodec.container import Header, PackedCameras, Stream, write_stream  # noqa: E402
 from fecocodec.container.camera_validation import MAX_FOCAL, MIN_DEPTH_RATIO, MIN_FOCAL  # noqa: E402
-from fecocodec.receiver.load import load_receiver  # noqa: E402
-from fecocodec.receiver.model import Receiver  # noqa: E402
+from fecocodec.receiver.model import Receiver, load_receiver  # noqa: E402
 
 CORES, MOST_SECONDS, MOST_GIB = 2, 10.0, 1.5  # bounds for files of at most LARGEST_FILE bytes
 LARGEST_FILE = 64 << 10

@@ -2,7 +2,7 @@
 
 import click
 
-from .lazy_group import LazyGroup
+from .command_line import LazyGroup
 
 
 @click.group(

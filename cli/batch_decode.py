@@ -8,7 +8,7 @@ import click
 
 from fecocodec.splat_files.output_formats import ENDINGS, PLY
 
-from .batch_options import BatchOptions, batch_options
+from .batch_options import BatchOptions, batch_options, run_and_report
 from .decode_options import decode_here, decoding_options, require_page
 from .options import FILE_PATH
 
@@ -51,8 +51,6 @@ def command(
     scenes = coded_scenes(source)
 
     from fecocodec.batch.decode_scene import DecodeScene
-
-    from .batch_report import run_and_report
 
     model = decoding["model"]
     decoding["model"] = None if model is None else model.absolute()  # workers may run in another folder

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from .batch_options import BatchOptions, batch_options
+from .batch_options import BatchOptions, batch_options, run_and_report
 from .encode_options import encoding_options, options_of, usage_errors
 from .options import FILE_PATH
 
@@ -41,8 +41,6 @@ def command(source: Path, batch: BatchOptions, is_measured: bool, **values: Any)
     scenes = scene_folders(source, output=batch.output)
 
     from fecocodec.batch.encode_scene import EncodeScene
-
-    from .batch_report import run_and_report
 
     work = EncodeScene(options)
     if batch.scheduler is None:  # its workers may have other devices and files

@@ -14,10 +14,9 @@ from fecocodec.splat_files.output_formats import ENDINGS, FORMATS
 
 from .decode_options import decode_here, decoding_options, require_page
 from .options import FILE_PATH, STDIN, STREAM_PATH, json_option
-from .output import print_json, say, warn, write_stdout
+from .output import print_json, printable, say, warn, write_stdout
 from .paths import STDOUT, require_ending, require_model
 from .progress import progress_bar
-from .terminal import printable
 
 if TYPE_CHECKING:
     from fecocodec import Decoded

@@ -149,40 +149,30 @@ def command(
 def _print_report(report: "Report") -> None:
     from fecocodec.evaluation.summary import NO_LPIPS
 
-    head = (
-        "system",
-        "setting",
-        "entries",
-        "KiB",
-        "bpp",
-        "PSNR",
-        "SSIM",
-        "FLIP",
-        "ST-LPIPS",
-        "LPIPS",
-        "LPIPS (AlexNet)",
-        "Gaussians",
-        "encode s",
-        "decode s",
-    )
+    def optional(value: float | None) -> str:
+        return "" if value is None else f"{value:.3f}"
+
     rows = [
-        (
-            row.system,
-            row.setting,
-            f"{row.entries}",
-            f"{row.kib:.2f}",
-            f"{row.bits_per_pixel:.3f}",
-            f"{row.psnr:.2f}",
-            f"{row.ssim:.3f}",
-            f"{row.flip:.3f}" if row.flip is not None else "",
-            *("" if value is None else f"{value:.3f}" for value in (row.st_lpips, row.lpips, row.lpips_alex)),
-            f"{row.gaussians:.0f}",
-            f"{row.encode_seconds:.3f}",
-            f"{row.decode_seconds:.3f}",
-        )
+        {
+            "system": row.system,
+            "setting": row.setting,
+            "entries": f"{row.entries}",
+            "KiB": f"{row.kib:.2f}",
+            "bpp": f"{row.bits_per_pixel:.3f}",
+            "PSNR": f"{row.psnr:.2f}",
+            "SSIM": f"{row.ssim:.3f}",
+            "FLIP": optional(row.flip),
+            "ST-LPIPS": optional(row.st_lpips),
+            "LPIPS": optional(row.lpips),
+            "LPIPS (AlexNet)": optional(row.lpips_alex),
+            "Gaussians": f"{row.gaussians:.0f}",
+            "encode s": f"{row.encode_seconds:.3f}",
+            "decode s": f"{row.decode_seconds:.3f}",
+        }
         for row in report.averages
     ]
-    print_columns([head, *rows])
+    if rows:
+        print_columns([tuple(rows[0]), *(tuple(row.values()) for row in rows)])
     if all(row.lpips is None for row in report.averages):
         say(NO_LPIPS)
     for found in report.comparisons:

@@ -1,5 +1,6 @@
 """`fecosplat info`: describe the contents of a .fcs file, or count the parameters of the networks."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -9,8 +10,7 @@ from fecocodec.container.metadata import Metadata
 from fecocodec.errors import BitstreamError, error_context
 
 from .options import METADATA, STREAM_PATH, json_option
-from .output import print_columns, print_fields, print_json
-from .terminal import printable
+from .output import print_columns, print_fields, print_json, printable
 
 _CONTENTS = {
     "cameras": "of the coded views",
@@ -49,9 +49,7 @@ def command(stream: Path | None, profile: str | None, as_json: bool) -> None:
     A damaged file is described as far as possible; the exit code is then 1.
     """
     if profile is not None and stream is None:
-        from .model_table import print_parameters
-
-        return print_parameters(profile, as_json)
+        return _print_parameters(profile, as_json)
     if profile is not None or stream is None:
         raise click.UsageError("Give either a .fcs file or --parameters.")
     data = read_stream_file(stream)
@@ -149,3 +147,21 @@ def _lambda(header: Header, *, has_detail: bool) -> str:
 def decoding_gib(header: Header) -> float:
     """Return the estimated peak memory of decoding, in GiB."""
     return GIB_OF_PROGRAM + GIB_PER_MEGAPIXEL * header.num_pixels / 2**20
+
+
+def _print_parameters(profile: str, as_json: bool) -> None:
+    """Print the parameters of each module, then the totals of `decode` and `encode`, beside those of the paper."""
+    from fecocodec.sender.parameters import PUBLISHED, parameter_table
+
+    table = parameter_table(profile)
+    published = PUBLISHED if profile == "paper" else {}
+    if as_json:
+        of_paper = ({"published": published[row.module]} if row.module in published else {} for row in table)
+        print_json([asdict(row) | more for row, more in zip(table, of_paper, strict=True)])
+        return
+    lines = [("module", "side", "parameters", "paper's Table 1")]
+    for row in table:
+        total = published.get(row.module)
+        beside = "" if total is None else f"{total / 1e6:.2f} M ({100 * (row.parameters / total - 1):+.2f}%)"
+        lines.append((row.module, row.side, f"{row.parameters:,}", beside))
+    print_columns(lines if published else [line[:3] for line in lines])

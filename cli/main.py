@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from fecocodec.errors import installation
 
-from .signals import EndingSignals
+from .process import EndingSignals, prepare_process
 
 COMMANDS = ("encode", "decode", "info", "render", "view", "web", "train", "eval", "stress", "batch", "doctor")
 INTERRUPTED = 130
@@ -26,8 +26,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     from .command_line import command_line
     from .config_file import with_file
-    from .output import in_options, warn
-    from .terminal import printable
+    from .output import in_options, printable, warn
 
     try:
         code = command_line.main(arguments, prog_name="fecosplat", standalone_mode=False)
@@ -61,8 +60,6 @@ def main() -> NoReturn:
     """Run the console script. Signal handlers are installed before any large import."""
     with EndingSignals() as signals:
         try:
-            from .process import prepare_process
-
             prepare_process()
             code = run()
         except BaseException:

@@ -134,3 +134,8 @@ def _stdout_errors() -> Iterator[None]:
 
 def _aligned(cell: str, width: int) -> str:
     return cell.rjust(width) if cell.replace(",", "").isdecimal() else cell.ljust(width)
+
+
+def printable(text: str) -> str:
+    """Escape control characters, line breaks and text-direction marks, for example as `\\x1b`."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)

@@ -1,5 +1,6 @@
 """`fecosplat train`: train all networks on synthetic scenes and on photographs, or by a verb one part of a model."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -7,17 +8,20 @@ import click
 
 from fecocodec.errors import InputError
 
-from .common_options import add_common_options
+from .command_line import add_common_options
 from .options import FILE_PATH, device_option, threads_option
 from .output import in_options, say, warn
-from .paths import require_input, require_output_folder
-from .train_options import check_values, configuration_options, data_options, overridden, seed_option
+from .paths import require_output_folder
+from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
 from .train_verbs import detail, entropy, steps
 
 if TYPE_CHECKING:
+    from torch import nn
+
     from fecocodec.training.configurations import Configuration
 
 DEFAULT_MINUTES = 60.0
+PAPER_BATCH = 4  # scenes a step in all processes (paper, implementation details)
 
 
 class WithVerbs(click.Command):
@@ -114,8 +118,8 @@ def command(
     Start several processes with torchrun, as in the last example, for data-parallel training. Verbs train one part of
     a finished model.
     """
-    _check_paths(folder, (photographs, textures, validation, start, *extractor))  # before torch is loaded
-    check_values(overrides)
+    require_output_folder(folder)
+    check_inputs((photographs, textures, validation, start, *extractor), overrides)  # before torch is loaded
 
     from fecocodec.rendering.cuda import require_rendering_device
     from fecocodec.training.configurations import RunSettings, configuration_named
@@ -125,7 +129,6 @@ def command(
     from fecocodec.training.processes import is_first, joined_processes, num_processes
     from fecocodec.training.run_files import LOG_COLUMNS
     from fecocodec.training.sources import open_sources
-    from fecocodec.training.start import remarks_on_start, totals
     from fecocodec.training.trainer import Trainer
 
     require_rendering_device(device)
@@ -158,14 +161,6 @@ def command(
             export_receiver(model)
 
 
-def _check_paths(folder: Path, inputs: tuple[Path | None, ...]) -> None:
-    """Raise OutputError if the run cannot be written to `folder`, InputError for an input that does not exist."""
-    require_output_folder(folder)
-    for path in inputs:
-        if path is not None:
-            require_input(path, "there is no such file or folder; check the path.")
-
-
 def _check_options(configuration: "Configuration", num_workers: int) -> None:
     if configuration.sender.extractor == "adapted":
         raise InputError(
@@ -185,3 +180,31 @@ def _require_finished(step: int, num_steps: int, model: Path) -> None:
             f"{model}: nothing was exported, because the run stopped after {step} of {num_steps} steps; "
             f"run the same command again, or export these weights with --steps {step}."
         )
+
+
+def totals(receiver: "nn.Module", sender: "nn.Module") -> str:
+    """Return the numbers of parameters that the paper's Table 1 gives."""
+    of_receiver, of_sender = (sum(p.numel() for p in network.parameters()) for network in (receiver, sender))
+    return f"{of_receiver:,} parameters at the receiver, {of_receiver + of_sender:,} in all"
+
+
+def remarks_on_start(configuration: "Configuration", num_processes: int, weights: Sequence[Path]) -> tuple[str, ...]:
+    """Return a sentence for each difference from the paper's start; none for other methods.
+
+    weights: sources of initial weights of the extractor, empty for random ones.
+    """
+    if not configuration.is_paper:
+        return ()
+    remarks = []
+    if not weights and configuration.sender.extractor == "depthsplat-small":
+        remarks.append(
+            "the extractor starts from random weights, the paper's from those of DepthSplat; give its file, or those "
+            "of DINOv2 and GMFlow, by `extractor_weights`."
+        )
+    batch = configuration.shapes.num_scenes * num_processes
+    if batch != PAPER_BATCH:
+        remarks.append(
+            f"a step has {batch} scene{'s' * (batch > 1)}, the paper's {PAPER_BATCH}; start {PAPER_BATCH} processes by "
+            "torchrun, or set the scenes of each by `num_scenes`."
+        )
+    return tuple(remarks)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,6 +12,7 @@ from fecocodec.container import quantise_lambda
 from fecocodec.training.batch_limits import check_sizes, check_view_shares
 
 from .options import FILE_PATH, parse_size
+from .paths import require_input
 
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
@@ -132,8 +134,11 @@ def seed_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)
 
 
-def check_values(overrides: dict[str, Any]) -> None:
-    """Raise InputError for values that no configuration can take. Torch is not loaded."""
+def check_inputs(paths: tuple[Path | None, ...], overrides: dict[str, Any]) -> None:
+    """Raise InputError for a path that does not exist, or values that no configuration takes. Torch is not loaded."""
+    for path in paths:
+        if path is not None:
+            require_input(path, "there is no such file or folder; check the path.")
     check_view_shares(overrides.get("view_shares") or ())
     check_sizes(overrides.get("sizes") or ())
     for lmbda in overrides.get("lambda_range") or ():

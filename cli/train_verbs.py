@@ -14,8 +14,8 @@ from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SENDER_FILE, rea
 
 from .options import FILE_PATH, device_option, threads_option
 from .output import say
-from .paths import require_input, require_model, require_output_folder
-from .train_options import check_values, configuration_options, data_options, overridden, seed_option
+from .paths import require_model, require_output_folder
+from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
 
 if TYPE_CHECKING:
     from fecocodec.sender.codec import Codec
@@ -74,7 +74,7 @@ def entropy(
     """
     _check(model, out, (photographs, textures), overrides)
 
-    from fecocodec.receiver.load import serialise_receiver
+    from fecocodec.receiver.model import serialise_receiver
     from fecocodec.training.train_entropy import ENTROPY, train_entropy_model
 
     configuration = overridden(ENTROPY, overrides)
@@ -163,7 +163,7 @@ def detail(
     """
     _check(model, out, (photographs, index), {})
 
-    from fecocodec.receiver.load import serialise_receiver
+    from fecocodec.receiver.model import serialise_receiver
     from fecocodec.rendering.cuda import require_rendering_device
     from fecocodec.sender.codec import load_codec
     from fecocodec.training.train_detail import coded_scenes, fit_detail
@@ -180,10 +180,7 @@ def _check(model: Path, out: Path, inputs: tuple[Path | None, ...], overrides: d
     require_output_folder(out)
     if any((out / name).exists() for name in (RECEIVER_FILE, SENDER_FILE)):
         raise OutputError(f"{out}: this folder holds a model already; choose another output path.")
-    for path in inputs:
-        if path is not None:
-            require_input(path, "there is no such file or folder; check the path.")
-    check_values(overrides)
+    check_inputs(inputs, overrides)
 
 
 @contextmanager

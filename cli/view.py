@@ -2,21 +2,88 @@
 
 import re
 import webbrowser
+from collections.abc import Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote, unquote, urlsplit
 
 import click
 
 from fecocodec.container import read_header, read_stream_file
-from fecocodec.errors import error_context
+from fecocodec.errors import OutputError, error_context
 
 from .decode_options import decode_here, require_page
 from .options import STREAM_PATH, max_pixels_option, model_option, threads_option
-from .output import say
-from .page_server import LOCAL, PageServer
+from .output import printable, say
 from .paths import require_model
 from .progress import progress_bar
-from .terminal import printable
+
+LOCAL = "127.0.0.1"
+_TYPES = {
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "txt": "text/plain; charset=utf-8",
+    "json": "application/json",
+    "wasm": "application/wasm",
+}
+
+
+class PageServer(ThreadingHTTPServer):
+    """Serves the given contents by path, and nothing else. port: 0 for a free one.
+
+    By default it serves programs of this machine. host: the address to listen at, for other machines.
+    Raises OutputError if nobody can listen there.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, contents: Mapping[str, bytes], host: str = LOCAL, port: int = 0) -> None:
+        try:
+            super().__init__((host, port), _Handler)
+        except (OSError, UnicodeError) as error:
+            reason = getattr(error, "strerror", None) or "no such address"
+            raise OutputError(f"{host}:{port}: cannot be listened at ({reason}); choose another one.") from error
+        self.contents = contents
+        self.host = host
+
+    @property
+    def url(self) -> str:
+        return f"http://{self.host}:{self.server_port}"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: PageServer
+    server_version, sys_version = "fecosplat", ""
+
+    def do_GET(self) -> None:
+        self._answer(has_body=True)
+
+    def do_HEAD(self) -> None:
+        self._answer(has_body=False)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Keep the terminal free of a line per request."""
+
+    def _answer(self, *, has_body: bool) -> None:
+        """Answer. On this machine alone, another host name is that of a site whose name was pointed here."""
+        path = unquote(urlsplit(self.path).path).removeprefix("/") or "index.html"
+        content = self.server.contents.get(path)
+        names = [f"{name}:{self.server.server_port}" for name in (LOCAL, "localhost")]
+        if self.server.host in (LOCAL, "localhost") and self.headers.get("Host") not in names:
+            return self.send_error(HTTPStatus.FORBIDDEN)
+        if content is None:
+            return self.send_error(HTTPStatus.NOT_FOUND)
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", _TYPES.get(path.rpartition(".")[2], "application/octet-stream"))
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Cache-Control", "no-cache")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.end_headers()
+        if has_body:
+            self.wfile.write(content)
+
 
 OF_GAUSSIANS = (".ply", ".spz")
 
@@ -111,7 +178,7 @@ def _decoding_page(scene: Path, model: Path | None) -> tuple[dict[str, bytes], s
     with error_context(scene):
         read_header(data)
 
-    from fecocodec.splat_files.web_page import decoding_page
+    from fecocodec.splat_files.html_page import decoding_page
 
     name = re.sub(r"[?#%\\]", "_", scene.name)  # which have a meaning in addresses
     return {name: data, **decoding_page()}, f"?file={quote(name)}"

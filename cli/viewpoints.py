@@ -8,8 +8,7 @@ from fecocodec.captures.view_selection import Selection
 from fecocodec.container import read_header
 from fecocodec.errors import error_context
 
-from .output import in_options, say
-from .terminal import printable
+from .output import in_options, printable, say
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Decoded, Gaussians

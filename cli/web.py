@@ -7,8 +7,7 @@ import click
 from fecocodec.atomic import write_folder_atomically
 
 from .options import FILE_PATH
-from .output import say
-from .terminal import printable
+from .output import printable, say
 
 
 @click.command(
@@ -28,7 +27,7 @@ def command(folder: Path) -> None:
     The page decodes a .fcs file of the same server, so a scene is sent as kilobytes: put scene.fcs into the folder and
     open .../?file=scene.fcs. It loads nothing from other hosts.
     """
-    from fecocodec.splat_files.web_page import decoding_page
+    from fecocodec.splat_files.html_page import decoding_page
 
     contents = decoding_page()
     with write_folder_atomically(folder) as temporary:

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.sender.adapted import adapted_sender
+from fecocodec.sender.codec import adapted_sender
 from fecocodec.training.configurations import RunSettings, configuration_named
 from fecocodec.training.loop import train
 from fecocodec.training.model_weights import export_networks

@@ -12,8 +12,7 @@ from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
 from fecocodec.photographs.images import write_image
-from fecocodec.receiver.load import serialise_receiver
-from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.model import Receiver, serialise_receiver
 from fecocodec.sender.codec import serialise_sender
 from fecocodec.sender.model import Sender
 

@@ -11,7 +11,7 @@ from safetensors.torch import load, save
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, find_receiver, read_weights, serialise_weights
 from fecocodec.config import ReceiverConfig
 from fecocodec.errors import ModelError
-from fecocodec.receiver.load import load_receiver, serialise_receiver
+from fecocodec.receiver.model import load_receiver, serialise_receiver
 from fecocodec.sender.codec import load_codec, load_sender
 from tests.example_scenes import MODEL
 

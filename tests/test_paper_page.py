@@ -16,10 +16,8 @@ from click import Context
 from fecosplat_cli.command_line import command_line
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
-from fecocodec.receiver.load import serialise_receiver
-from fecocodec.receiver.model import Receiver
-from fecocodec.sender.adapted import adapted_sender
-from fecocodec.sender.codec import serialise_sender
+from fecocodec.receiver.model import Receiver, serialise_receiver
+from fecocodec.sender.codec import adapted_sender, serialise_sender
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
 from fecocodec.training import configurations

@@ -16,9 +16,9 @@ import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from fecocodec import __version__
-from fecocodec.batch.outcome import Outcome
 from fecocodec.batch.scene_task import SceneTask
 from fecocodec.batch.scenes import BatchScene
+from fecocodec.batch.sidecar import Outcome
 from fecocodec.errors import InputError
 
 SECONDS_TO_ANSWER = 10

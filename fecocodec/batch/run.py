@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from fecocodec.atomic import make_folder, write_atomically
-from fecocodec.batch.outcome import Outcome, as_tsv
 from fecocodec.batch.scene_task import SceneTask, Work
 from fecocodec.batch.scenes import BatchScene
+from fecocodec.batch.sidecar import Outcome, as_tsv
 from fecocodec.errors import InputError, installation
 from fecocodec.input_file import StrPath
 

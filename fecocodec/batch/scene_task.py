@@ -12,9 +12,18 @@ from typing import Any, Protocol, runtime_checkable
 
 from fecocodec import __version__
 from fecocodec.atomic import write_atomically
-from fecocodec.batch.outcome import Outcome, outcome_of
 from fecocodec.batch.scenes import BatchScene
-from fecocodec.batch.sidecar import ForeignFileError, Inputs, Record, Status, as_stored, read_sidecar, write_sidecar
+from fecocodec.batch.sidecar import (
+    ForeignFileError,
+    Inputs,
+    Outcome,
+    Record,
+    Status,
+    as_stored,
+    outcome_of,
+    read_sidecar,
+    write_sidecar,
+)
 from fecocodec.errors import FecoError, InputError, OutputError
 
 _CHUNK = 1 << 20

@@ -57,8 +57,4 @@ def _photograph(camera: object, image: Path, place: str) -> PosedPhotograph:
         raise InputError(f"{place}: no positive focal length; give fx and fy in pixels.")
     size = round(float(width)), round(float(height))
     lens = Lens(*size, float(fx), float(fy), float(width) / 2, float(height) / 2)
-    return PosedPhotograph(image, place, pose, partial(_scaled, lens, place), declared_size=size)
-
-
-def _scaled(lens: Lens, place: str, width: int, height: int) -> Lens:
-    return lens.scaled_to(width, height, place)
+    return PosedPhotograph(image, place, pose, partial(lens.scaled_to, place=place), declared_size=size)

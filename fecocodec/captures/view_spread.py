@@ -1,4 +1,6 @@
-"""Choose overlapping views of a capture from its cameras: as far apart as a minimum overlap allows."""
+"""Choose views of a capture by the overlap of their cameras: far apart with a minimum overlap, a few that cover all."""
+
+from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +15,7 @@ from fecocodec.photographs.framing import framed_intrinsics
 MAX_AUTO_VIEWS = 8
 # Chosen on 91 training captures: with 8 views, 83% share a measured covisibility of half or more with a neighbour.
 LEAST_OVERLAP = 0.75
-_LEAST_AUTO_OVERLAP = 0.3  # `auto_views` omits views with less overlap
+NEIGHBOUR_OVERLAP = 0.3  # photographs with less are no neighbours; `auto_views` omits them
 _OVERLAP_TIE = 0.03  # smaller differences of overlap count as ties
 LEAST_BASELINE = 0.02  # relative to depth; closer cameras have too little parallax
 _DEFAULT_DEPTHS = (3.0, 100.0)  # default near and far, in units of the distance between neighbouring cameras
@@ -40,7 +42,7 @@ def auto_views(scene: PosedPhotographs) -> tuple[int, ...]:
 
 def overlapping_views(scene: PosedPhotographs, most: int) -> list[int]:
     """Return at most `most` views of the middle of a capture, each of which overlaps with those before it."""
-    return _grown(scene, min(most, len(scene.photographs)), _LEAST_AUTO_OVERLAP)
+    return _grown(scene, min(most, len(scene.photographs)), NEIGHBOUR_OVERLAP)
 
 
 def require_count(count: int, available: int) -> None:
@@ -116,3 +118,50 @@ def _typical_intrinsics(scene: PosedPhotographs) -> Float[np.ndarray, "3 3"]:
             continue
         return framed_intrinsics(pinhole, (pinhole.height, pinhole.width))
     raise refused or InputError(f"{scene.cameras_path}: no photographs; give the folder that holds them.")
+
+
+DUPLICATE_OVERLAP = 0.9  # of photographs from one position
+
+Overlap = Float[np.ndarray, "view view"]  # estimated covisibility, in [0, 1]
+
+
+def k_centres(overlap: Overlap, chosen: list[int], candidates: list[int], count: int) -> list[int]:
+    """Return up to `count` candidates, each the one that overlaps least with those chosen before (greedy k-centre).
+
+    chosen: views from which the choice starts; without any, it starts with the candidate of largest total overlap.
+    """
+    chosen, rest, found = list(chosen), list(candidates), list[int]()
+    while rest and len(found) < count:
+        if chosen:
+            best = int(overlap[np.ix_(rest, chosen)].max(axis=1).argmin())
+        else:
+            best = int(overlap[np.ix_(rest, rest)].sum(axis=1).argmax())
+        found.append(rest.pop(best))
+        chosen.append(found[-1])
+    return found
+
+
+def within_reach(overlap: Overlap, indices: Iterable[int], of: list[int]) -> list[int]:
+    """Return which photographs overlap enough with one of others."""
+    return [index for index in indices if overlap[index, of].max(initial=0.0) >= NEIGHBOUR_OVERLAP]
+
+
+def with_neighbours(overlap: Overlap, indices: list[int]) -> list[int]:
+    """Return which photographs overlap enough with another of them."""
+    of_others = overlap - np.diag(np.diagonal(overlap))
+    return within_reach(of_others, indices, indices)
+
+
+def spread_over(overlap: Overlap, candidates: list[int], count: int) -> list[int]:
+    """Return photographs spread over the poses: the most central one of each of `count` neighbourhoods."""
+    centres = k_centres(overlap, [], candidates, count)
+    if not centres:
+        return []
+    nearest = overlap[np.ix_(candidates, centres)].argmax(axis=1)
+    groups = [[index for index, own in zip(candidates, nearest, strict=True) if own == group] for group in set(nearest)]
+    return sorted(group[int(overlap[np.ix_(group, group)].sum(axis=1).argmax())] for group in groups)
+
+
+def is_duplicate(overlap: Float[np.ndarray, " view"], baseline: Float[np.ndarray, " view"]) -> bool:
+    """Return whether a photograph shows what a coded one shows, from the same position."""
+    return bool(((baseline < LEAST_BASELINE) & (overlap >= DUPLICATE_OVERLAP)).any())

@@ -103,8 +103,7 @@ def encode_folder(
             messages.omit(sentence)
         chosen = _framed(scene, roles, options, messages)
 
-        from fecocodec.codec.encode_views import encode_views
-        from fecocodec.codec.photographs import read_photographs
+        from fecocodec.codec.encode_views import encode_views, read_photographs
         from fecocodec.sender.optimisation_config import config_of_effort
 
         config_of_effort(options.effort, options.sharpness)  # raises for one that there is not

@@ -13,15 +13,20 @@ import numpy as np
 
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, require_usable, stored_lens
-from fecocodec.captures.coverage import Overlap, is_duplicate, k_centres, spread_over, with_neighbours, within_reach
 from fecocodec.captures.reading_notes import passed_over_notes
 from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
 from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.captures.view_spread import (
+    Overlap,
+    is_duplicate,
+    k_centres,
     overlapping_views,
     overlaps_and_baselines,
     require_count,
+    spread_over,
     spread_views,
+    with_neighbours,
+    within_reach,
 )
 from fecocodec.errors import InputError, error_context
 from fecocodec.limits import MAX_VIEWS

@@ -10,8 +10,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from fecocodec.errors import InputError
-from fecocodec.evaluation.report.charts import Chart, Mark, Series
-from fecocodec.evaluation.report.section import number, table
+from fecocodec.evaluation.report.section import Chart, Mark, Series, number, table
 from fecocodec.evaluation.summary import OURS, Average
 from fecocodec.input_file import require_regular_file
 from fecocodec.sender.codec import Codec

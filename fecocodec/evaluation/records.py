@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from fecocodec.errors import InputError, OutputError
 
@@ -70,13 +71,7 @@ class RecordFile:
     def add(self, measurement: Measurement) -> None:
         """Store a measurement and append it to the file. Raises OutputError if writing fails."""
         self.measurements[measurement.key] = measurement
-        try:
-            with self.path.open("a") as file:
-                file.write(json.dumps(asdict(measurement)) + "\n")
-        except OSError as error:
-            raise OutputError(
-                f"{self.path}: writing failed ({error.strerror}); check free space and permissions."
-            ) from error
+        append_row(self.path, asdict(measurement))
 
     def select(self, wanted: Callable[[Measurement], bool]) -> tuple[Measurement, ...]:
         """Return the measurements without an error for which `wanted` is true, in the order of measurement."""
@@ -84,12 +79,25 @@ class RecordFile:
 
 
 def _read(path: Path) -> tuple[Measurement, ...]:
-    """Read the measurements of a file. An incomplete last line, left by an interruption, is removed from the file."""
     try:
-        data = path.read_bytes()
-        whole = data[: data.rfind(b"\n") + 1]
-        if len(whole) < len(data):
-            path.write_bytes(whole)
-        return tuple(Measurement(**json.loads(line)) for line in whole.decode().splitlines())
+        return tuple(Measurement(**row) for row in read_rows(path))
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"{path}: not measurements of this version ({error}); give another output folder.") from error
+
+
+def read_rows(path: Path) -> list[Any]:
+    """Read a JSON Lines file. An incomplete last line, left by an interruption, is removed from the file."""
+    data = path.read_bytes()
+    whole = data[: data.rfind(b"\n") + 1]
+    if len(whole) < len(data):
+        path.write_bytes(whole)
+    return [json.loads(line) for line in whole.decode().splitlines()]
+
+
+def append_row(path: Path, row: dict[str, Any]) -> None:
+    """Append a row to a JSON Lines file. Raises OutputError if writing fails."""
+    try:
+        with path.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+    except OSError as error:
+        raise OutputError(f"{path}: writing failed ({error.strerror}); check free space and permissions.") from error

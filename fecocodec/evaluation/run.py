@@ -1,7 +1,7 @@
 """Measure every entry with every system in several metrics, record the results, and optionally draw strips."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import torch
 from einops import rearrange
@@ -10,9 +10,9 @@ from torch import Tensor
 
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import FecoError
-from fecocodec.evaluation.entries import EntryReader, without_guides
 from fecocodec.evaluation.extras import require_extra
 from fecocodec.evaluation.machine import forget_peak, peak_mib
+from fecocodec.evaluation.novel_views import EntryReader, without_guides
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
@@ -21,36 +21,19 @@ from fecocodec.rendering.metrics import MS_SSIM_LEAST_SIDE, ms_ssim, psnr, ssim
 from fecocodec.rendering.perceptual import ST_LPIPS_LEAST_SIDE, st_lpips
 
 
-@dataclass(frozen=True)
-class Quality:
-    """Means over images. psnr in dB; ssim and ms_ssim are 1, the others 0 for identical images.
-
-    ms_ssim: None if a side is shorter than 176 pixels. st_lpips: with AlexNet, None if a side is shorter than 21
-    pixels. lpips, lpips_alex: with VGG16 and with AlexNet, None if a side is shorter than 16 and 31 pixels, or if the
-    weights are not installed.
-    """
-
-    psnr: float
-    ssim: float
-    ms_ssim: float | None
-    flip: float
-    st_lpips: float | None
-    lpips: float | None
-    lpips_alex: float | None
-
-
 @torch.no_grad()
 def measure_quality(
     images: Float[Tensor, "image 3 height width"],
     targets: Float[Tensor, "image 3 height width"],
     ignored: Bool[Tensor, "image height width"] | None = None,
-) -> Quality:
-    """Measure the quality of images. images, targets: sRGB in [0, 1].
+) -> dict[str, Any]:
+    """Return the fields of a `Measurement` that are means over images. images, targets: sRGB in [0, 1].
 
-    ignored: pixels that do not count in PSNR, and are equal in both; None if all count.
-    Raises InputError if a package of the `eval` extra is missing.
+    psnr in dB; ssim and ms_ssim are 1, the others 0 for identical images. ms_ssim, and the LPIPS kinds: None if a side
+    is too short, or if the weights are not installed. ignored: pixels that do not count in PSNR, and are equal in both;
+    None if all count. Raises InputError if a package of the `eval` extra is missing.
     """
-    return Quality(
+    return dict(
         psnr=float(psnr(images, targets, ignored).mean()),
         ssim=float(ssim(images, targets).mean()),
         ms_ssim=float(ms_ssim(images, targets).mean()) if min(images.shape[-2:]) >= MS_SSIM_LEAST_SIDE else None,
@@ -134,13 +117,7 @@ def _measure(entry: IndexEntry, system: System, read: Views, model: str, draw: D
         num_bytes=result.num_bytes,
         bits_per_pixel=8 * result.num_bytes / (num_context * height * width),
         num_gaussians=result.gaussians.count if result.gaussians else 0,
-        psnr=target.psnr,
-        ssim=target.ssim,
-        ms_ssim=target.ms_ssim,
-        flip=target.flip,
-        st_lpips=target.st_lpips,
-        lpips=target.lpips,
-        lpips_alex=target.lpips_alex,
+        **target,
         context_psnr=float(of_context.clamp_max(99.0).mean()),
         encode_seconds=result.encode_seconds,
         decode_seconds=result.decode_seconds,

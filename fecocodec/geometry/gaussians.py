@@ -6,9 +6,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from fecocodec.geometry.gaussian_arrays import SH_DEGREE_0 as SH_DEGREE_0
+from fecocodec.geometry.gaussian_arrays import SH_DEGREE_1 as SH_DEGREE_1
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
-from fecocodec.geometry.harmonics import SH_DEGREE_0 as SH_DEGREE_0
-from fecocodec.geometry.harmonics import SH_DEGREE_1 as SH_DEGREE_1
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,14 @@ from typing import Any
 import numpy as np
 
 from fecocodec.photographs.image_headers import read_image_size
-from fecocodec.poses.estimate_choice import Estimate, MatchedPoints, best_estimate, least_difference
+from fecocodec.poses.estimate_choice import (
+    Estimate,
+    MatchedPoints,
+    best_estimate,
+    cut_weak_links,
+    least_difference,
+    least_explained,
+)
 from fecocodec.poses.estimated_cameras import ImageGroup, Reconstruction, cameras_of, median_angle
 from fecocodec.poses.likely_pairs import Pair, likely_pairs, pairs_to_match_again
 from fecocodec.poses.pose_warnings import is_agreement
@@ -40,7 +47,6 @@ from fecocodec.poses.pycolmap_steps import (
 )
 from fecocodec.poses.turned_camera import Points, only_turned
 from fecocodec.poses.two_photographs import reconstruct_pair
-from fecocodec.poses.weak_links import cut_weak_links, least_explained
 
 LEAST_ANGLE = 1.0  # degrees, median angle between the rays of a point; with less, depth is not determined
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.

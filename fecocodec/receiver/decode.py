@@ -31,8 +31,7 @@ from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE
 from fecocodec.merging.grouping import DEFAULT_MERGING, MergingConfig
 from fecocodec.progress import OnProgress, ignore_progress
-from fecocodec.receiver.load import load_receiver
-from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.model import Receiver, load_receiver
 from fecocodec.receiver.state import State
 from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
 from fecocodec.splatting.emission import Emission, Prediction, emit

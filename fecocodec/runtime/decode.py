@@ -23,10 +23,9 @@ from fecocodec.errors import BitstreamError
 from fecocodec.grid import FEATURES, HYPERLATENTS
 from fecocodec.progress import OnProgress
 from fecocodec.runtime.emission import EmissionConfig, emit
-from fecocodec.runtime.graphs import Graphs
+from fecocodec.runtime.graphs import Graphs, run_by_views
 from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import Decoded, unpack
-from fecocodec.runtime.view_groups import run_by_views
 
 ONE_Q8 = 256
 

@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Int32
 
-from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
-from fecocodec.geometry.harmonics import SH_DEGREE_0
-from fecocodec.runtime.graphs import Graphs
+from fecocodec.geometry.gaussian_arrays import SH_DEGREE_0, GaussianArrays, SceneCameras
+from fecocodec.runtime.graphs import Arrays, Graphs, run_by_views, run_over_others, run_over_pairs
 from fecocodec.runtime.neighbours import nearest_neighbours
-from fecocodec.runtime.view_groups import Arrays, run_by_views, run_over_others, run_over_pairs
 
 POINTS_AT_ONCE = 4096  # points per block of attention, so that gathered keys and values take little memory
 

@@ -19,12 +19,11 @@ from fecocodec.sender.detail_steps import find_detail
 from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, fader, fading_of
 from fecocodec.sender.guide_check import check_guides, confirmed_guides, reason_of
 from fecocodec.sender.lambda_roles import lambda_of_latents
-from fecocodec.sender.latent_coding import WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, Stage
+from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, Stage, WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.view_checks import check_views
 from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 

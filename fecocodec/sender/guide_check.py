@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, depth_from_relative_disparity, pixel_rays
-from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.extractors.protocol import MatchedDepth
 from fecocodec.sender.scene import Guides
 
 # Chosen on guides of validation scenes as they are, of other scenes, with turned cameras, and with another exposure.

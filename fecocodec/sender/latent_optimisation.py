@@ -19,11 +19,10 @@ from fecocodec.layers.blocks import RateCondition, direct_gradients
 from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.lambda_roles import price_of_rate
-from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.optimisation_config import OptimisationConfig, steps_of_first
 from fecocodec.sender.references import References
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import LatentCoder, Optimise, StageInputs
+from fecocodec.sender.stages import EstimatedLatent, LatentCoder, Optimise, StageInputs
 
 Latent = Float[Tensor, "view latent h8 w8"]
 # RMS of the first step, in quantisation steps and in units of y / gain. The larger of the two is used: the first limits

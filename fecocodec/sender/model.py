@@ -1,5 +1,6 @@
 """Networks of the sender. Encoding also needs the networks of the receiver, for S1 and G1."""
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -7,13 +8,45 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.config import NO_CONTEXT, NO_FEEDBACK, CodecConfig, ReceiverConfig
+from fecocodec.config import (
+    NO_CONTEXT,
+    NO_FEEDBACK,
+    AdaptedSenderConfig,
+    CodecConfig,
+    PaperSenderConfig,
+    ReceiverConfig,
+    SenderConfig,
+)
 from fecocodec.errors import ModelError
 from fecocodec.layers.blocks import Block2d, BlockChain, PointwiseConv2d, RateCondition, downsample
 from fecocodec.sender.extractors.adapter import AdaptedExtractor
-from fecocodec.sender.extractors.table import EXTRACTORS
+from fecocodec.sender.extractors.compact import CompactExtractor
+from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.feedback import FeedbackExtractor, PictureFeedbackExtractor
 from fecocodec.sender.step_network import StepNetwork
+
+Build = Callable[[Any, int], nn.Module]  # (configuration, channels of F1) -> an `Extractor`
+
+
+def _depthsplat_small(config: PaperSenderConfig, channels: int) -> nn.Module:
+    return DepthSplatSmall(config.geometry, config.matching_scale)
+
+
+def _adapted(config: AdaptedSenderConfig, channels: int) -> nn.Module:
+    raise ModelError(f"extractor {config.extractor}: its own network is needed too; use `load_adapted_sender`.")
+
+
+EXTRACTORS: dict[type[CodecConfig], Build] = {
+    SenderConfig: CompactExtractor,
+    PaperSenderConfig: _depthsplat_small,
+    AdaptedSenderConfig: _adapted,
+}
+
+
+def config_named(name: object) -> CodecConfig | None:
+    """Return the default configuration of the sender with the extractor of this name; None if there is none."""
+    return next((kind() for kind in EXTRACTORS if kind.extractor == name), None)
+
 
 LARGEST_LATENT = 2.0**15  # far above trained latents; bounds the symbols of unusual inputs
 

@@ -21,10 +21,9 @@ from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.coverage import BLACK, WHITE, CutOut, cut_out_of
-from fecocodec.sender.extractors.protocol import Matching
+from fecocodec.sender.extractors.protocol import Matching, depth_feedback
 from fecocodec.sender.fading import Fading, fading_of_masks
 from fecocodec.sender.lambda_roles import stage_lambdas
-from fecocodec.sender.matched_depth import depth_feedback
 from fecocodec.sender.scene import Guides, Scene
 from fecocodec.sender.stages import (
     NO_IMPROVEMENTS,

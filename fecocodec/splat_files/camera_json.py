@@ -4,14 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fecocodec.atomic import write_atomically
 from fecocodec.input_file import StrPath
-from fecocodec.splat_files.gaussian_arrays import CameraArrays
+from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, CameraArrays
 
 REFERENCE_NAME = "cameras.json"  # a file of this name has the layout of the 3DGS reference
-_OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def write_camera_json(path: StrPath, cameras: CameraArrays, names: list[str], *, overwrite: bool = False) -> None:
@@ -38,7 +35,7 @@ def _nerfstudio_layout(cameras: CameraArrays, names: list[str]) -> dict[str, Any
             "fl_y": float(intrinsics[1, 1] * height),
             "cx": float(intrinsics[0, 2] * width),
             "cy": float(intrinsics[1, 2] * height),
-            "transform_matrix": (pose @ _OPENGL_TO_OPENCV).tolist(),
+            "transform_matrix": (pose @ RDF_TO_RUB).tolist(),
         }
         for name, pose, intrinsics in zip(names, cameras.extrinsics, cameras.intrinsics, strict=True)
     ]

@@ -8,13 +8,12 @@ The frame is that of the uncompressed PLY.
 import numpy as np
 from jaxtyping import Float, UInt32
 
-from fecocodec.splat_files.gaussian_arrays import OutputScene, without_largest
-from fecocodec.splat_files.kd_order import kd_order
+from fecocodec.geometry.gaussian_arrays import SH_DEGREE_0
+from fecocodec.splat_files.gaussian_arrays import OutputScene, kd_order, without_largest
 
 CHUNK = 256
 HARMONICS_RANGE = 4.0  # harmonics above degree 0 are clipped to +-4
 _MAX_LOG_SCALE = 20.0
-_SH_DEGREE_0 = 0.28209479177387814
 _BOUNDS = [
     f"{end}_{axis}"
     for axes in (("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b"))
@@ -27,7 +26,7 @@ _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 def file_bytes(scene: OutputScene) -> bytes:
     """Return the bytes of the file. The Gaussians are reordered such that the bounds of a chunk are tight."""
     gaussians = scene.gaussians.ordered(kd_order(scene.gaussians.means, CHUNK))
-    colour = 0.5 + _SH_DEGREE_0 * gaussians.harmonics[:, 0]
+    colour = 0.5 + SH_DEGREE_0 * gaussians.harmonics[:, 0]
     log_scales = gaussians.log_scales.clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     bounds, (position, scale, rgb) = _normalised([gaussians.means, log_scales, colour])
     vertices = np.stack(

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from fecocodec.geometry.gaussian_arrays import SH_DEGREE_0
 from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, CameraArrays, OutputGaussians, OutputScene
 
 _EXTENSION = "KHR_gaussian_splatting"
 _FLOAT, _UNSIGNED_BYTE, _ARRAY_BUFFER, _POINTS = 5126, 5121, 34962, 0
 _KIND_OF_WIDTH = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
-_SH_DEGREE_0 = 0.28209479177387814
 
 
 def file_bytes(scene: OutputScene) -> bytes:
@@ -56,7 +56,7 @@ def _attributes(gaussians: OutputGaussians) -> dict[str, np.ndarray]:
         for degree in range(gaussians.sh_degree + 1)
         for index in range(2 * degree + 1)
     }
-    colour = 0.5 + _SH_DEGREE_0 * gaussians.harmonics[:, 0]  # for viewers that show points
+    colour = 0.5 + SH_DEGREE_0 * gaussians.harmonics[:, 0]  # for viewers that show points
     rgba = np.concatenate((colour, gaussians.opacities[:, None]), axis=1)
     rotations = gaussians.rotations / np.linalg.norm(gaussians.rotations, axis=1, keepdims=True)
     floats = {

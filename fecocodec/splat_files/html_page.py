@@ -1,6 +1,6 @@
-"""Write decoded Gaussians as one self-contained HTML page that opens from disk.
+"""The pages of the viewer: one of decoded Gaussians that opens from disk, and one that decodes `.fcs` files.
 
-The page holds the viewer program (1.0 MB) and the Gaussians as SPZ version 3: 1.5 MB in all for 16,446 Gaussians.
+The first holds the viewer program (1.0 MB) and the Gaussians as SPZ version 3: 1.5 MB in all for 16,446 Gaussians.
 Decoder and model alone would take 10 MB after gzip compression, and seconds to decode. The package has the page
 without a scene, which `make web` builds from `web/`.
 """
@@ -8,14 +8,15 @@ without a scene, which `make web` builds from `web/`.
 import base64
 import json
 import re
+import struct
+import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fecocodec.errors import OutputError
+from fecocodec.errors import InputError, OutputError
 from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputScene
-from fecocodec.splat_files.splat_header import read_splat_header
 from fecocodec.splat_files.spz import spz_bytes
 
 FOLDER = Path(__file__).parents[1] / "web"
@@ -77,3 +78,74 @@ def _cameras(cameras: CameraArrays) -> dict[str, object]:
         for pose, k in zip(cameras.extrinsics, cameras.intrinsics, strict=True)
     ]
     return {"near": cameras.near, "far": cameras.far, "views": views}
+
+
+KINDS = (".ply", ".spz")
+MAX_BYTES = 384 << 20  # as base64, a longer file would not fit in a string of a browser
+_MAX_HEADER_BYTES = 1 << 16
+_SPZ_HEADER_BYTES = 12
+_SPZ_MAGIC = 0x5053474E
+_NEEDED = ({"x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"}, {"packed_position", "packed_scale"})
+
+
+class SplatHeader(NamedTuple):
+    """The kind of a file, an entry of KINDS, and the number of its Gaussians."""
+
+    kind: str
+    num_gaussians: int
+
+
+def read_splat_header(path: Path, data: bytes) -> SplatHeader:
+    """Return what a file holds. Raises InputError if these are no Gaussians, or the viewer page cannot read them."""
+    kind = path.suffix.lower()
+    count = _count_of_spz(path, data) if kind == ".spz" else _count_of_ply(path, data)
+    if count == 0:
+        raise InputError(f"{path}: the file holds no Gaussians; give one that does.")
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{path}: the page shows files of at most {MAX_BYTES >> 20} MiB; compress it, as .spz.")
+    return SplatHeader(kind, count)
+
+
+def _count_of_ply(path: Path, data: bytes) -> int:
+    """Return the number of Gaussians of a binary PLY, in the layout of 3DGS or of PlayCanvas."""
+    head, found, _ = data[:_MAX_HEADER_BYTES].partition(b"end_header\n")
+    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
+    counts = [words[2] for words in lines if words[:2] == ["element", "vertex"] and len(words) == 3]
+    names = {words[-1] for words in lines if words[:1] == ["property"]}
+    is_binary = ["format", "binary_little_endian", "1.0"] in lines
+    if lines[:1] != [["ply"]] or not found or not is_binary or len(counts) != 1 or not counts[0].isdecimal():
+        raise InputError(f"{path}: this is no binary PLY file; give a .ply file of 3D Gaussians.")
+    if not any(needed <= names for needed in _NEEDED):
+        raise InputError(
+            f"{path}: its points have no scales, rotations and opacities, so they are no Gaussians; give a .ply file "
+            "of 3D Gaussians."
+        )
+    return int(counts[0])
+
+
+def _count_of_spz(path: Path, data: bytes) -> int:
+    """Return the number of Gaussians of an SPZ file of version 1 to 3, which is compressed with gzip as a whole."""
+    if data[:4] == struct.pack("<I", _SPZ_MAGIC):
+        raise InputError(f"{path}: the page reads SPZ up to version 3; write it again with `spz_version=3`.")
+    try:
+        header = zlib.decompressobj(zlib.MAX_WBITS | 16).decompress(data, _SPZ_HEADER_BYTES)
+        magic, _, count = struct.unpack("<3I", header)
+    except (zlib.error, struct.error) as error:
+        raise InputError(f"{path}: this is no SPZ file; give an .spz file of 3D Gaussians.") from error
+    if magic != _SPZ_MAGIC:
+        raise InputError(f"{path}: this is no SPZ file; give an .spz file of 3D Gaussians.")
+    return int(count)
+
+
+START = "index.html"
+
+
+def decoding_page(folder: Path = FOLDER) -> dict[str, bytes]:
+    """Return the contents of the page's files by their path in its folder. Raises OutputError if it was not built."""
+    if not (folder / START).is_file():
+        raise OutputError(
+            f"{folder / START}: the page that decodes in the browser was not built; run `make web` in the clone (needs "
+            "Node.js 20)."
+        )
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != SCENE_PAGE)
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}

@@ -11,14 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
-from torch import Tensor
+from jaxtyping import Float
 
-from fecocodec.camera_files.chunk_scene import VIDEO_BOUNDS, ChunkScene
-from fecocodec.camera_files.chunks import ChunkFolder
+from fecocodec.camera_files.chunks import VIDEO_BOUNDS, ChunkFolder, ChunkScene
 from fecocodec.errors import InputError
-from fecocodec.photographs.lens import Lens
-from fecocodec.training.samples import CROP_SPREAD, Sample, augment, mirrored
+from fecocodec.training.samples import CROP_SPREAD, Captured, Sample, augment, mirrored
 
 
 @dataclass(frozen=True)
@@ -138,7 +135,7 @@ class ChunkScenes:
         if self._protocol is None:
             gaps = VIDEO_GAPS if scene.bounds == VIDEO_BOUNDS else DL3DV_GAPS
             frames = choose_stretch(rng, len(scene), gaps, num_context, num_target)
-            return augment(rng, _capture(scene, frames), frames, num_context, size, self._spread)
+            return augment(rng, _captured(scene, frames), num_context, size, self._spread)
         gaps, centres = self._protocol.gaps_at(self._step), scene.extrinsics[:, :3, 3]
         frames = choose_farthest_frames(rng, centres, gaps, num_context, num_target)
         _require_equal_lenses(scene, frames)
@@ -165,41 +162,15 @@ def choose_stretch(
     return [*rng.permutation(context).tolist(), *targets.tolist()]
 
 
-@dataclass(frozen=True)
-class _ChunkCapture:
-    """A `Capture` with only some frames decoded."""
-
-    scene: ChunkScene
-    lens: Lens
-    images: dict[int, UInt8[Tensor, "3 _ _"]]
-
-    @property
-    def extrinsics(self) -> Float[np.ndarray, "frame 4 4"]:
-        return self.scene.extrinsics
-
-    @property
-    def near(self) -> float:
-        return self.scene.bounds[0]
-
-    @property
-    def far(self) -> float:
-        return self.scene.bounds[1]
-
-    def frame_name(self, frame: int) -> str:
-        return f"{self.scene.name}:{frame}"
-
-    def image(self, frame: int) -> UInt8[Tensor, "3 height width"]:
-        return self.images[frame]
-
-
-def _capture(scene: ChunkScene, frames: list[int]) -> _ChunkCapture:
+def _captured(scene: ChunkScene, frames: list[int]) -> Captured:
     """Decode these frames of a scene. Raises InputError if they differ in size or lens."""
     images = {frame: (scene.image(frame) * 255).round().to(torch.uint8) for frame in sorted(set(frames))}
     sizes = {image.shape[1:] for image in images.values()}
     _require_equal_lenses(scene, frames)
     if len(sizes) > 1:
         raise InputError(f"{scene.place}: its frames differ in size or lens; leave this scene out of the index.")
-    return _ChunkCapture(scene, scene.lens(frames[0], *sizes.pop()), images)
+    names, lens = tuple(f"{scene.name}:{frame}" for frame in frames), scene.lens(frames[0], *sizes.pop())
+    return Captured([images[frame] for frame in frames], names, lens, scene.extrinsics[frames], *scene.bounds)
 
 
 def _require_equal_lenses(scene: ChunkScene, frames: list[int]) -> None:

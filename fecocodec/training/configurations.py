@@ -26,7 +26,6 @@ from fecocodec.training.chunk_scenes import DL3DV, REALESTATE10K, VideoProtocol
 from fecocodec.training.optimisation import OptimiserConfig, Schedule
 
 Precision = Literal["float32", "bfloat16"]
-Background = Literal["black", "random"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,6 @@ class Configuration:
     `fine_tuning`). distortion: D of the loss.
     perceptual_weight: of ST-LPIPS beside D, for all networks and for the step network. More of it gives sharper
     pictures of lower PSNR (docs/what_we_learned.md).
-    background: colour behind the Gaussians in the loss. With random colours, dark areas cannot stay transparent.
     kept_batches: number of batches that each process keeps in memory with the features of a frozen extractor, 0: none.
     alone_every: the last of so many steps codes stage 1 alone, 0: none does. optimised_share: share of the steps whose
     latents are optimised before coding, as in encoding; they train the receiver and the network that proposes steps.
@@ -62,7 +60,6 @@ class Configuration:
     frozen: tuple[str, ...] = ()
     distortion: Distortion = MseDistortion()  # noqa: RUF009 - frozen
     perceptual_weight: float = 0.0
-    background: Background = "black"
     kept_batches: int = 0
     alone_every: int = 8
     optimised_share: float = 0.0
@@ -89,7 +86,6 @@ class Configuration:
             "perceptual_weight": self.perceptual_weight > 0,
             "disparity_weight": any(self.schedule.disparity_weight),
             "optimised_share": self.optimised_share > 0,
-            "background": self.background != "black",
         }
         ignored = [f"`{name}`" for name, is_set in loss_options.items() if is_set]
         if self.is_paper and ignored:

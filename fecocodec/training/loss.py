@@ -10,7 +10,6 @@ from fecocodec.container.lambda_quantisation import LAMBDA_MIN, STEPS_PER_E
 from fecocodec.geometry.cameras import relative_disparity_from_depth
 from fecocodec.grid import FEATURES
 from fecocodec.rendering.perceptual import st_lpips
-from fecocodec.rendering.rasterizer import Rendering
 from fecocodec.sender.distortion import Distortion, MseDistortion
 from fecocodec.training.batch import Batch, MatchedDisparity, StageOutcome
 
@@ -34,23 +33,22 @@ def loss_of(
     matched: MatchedDisparity,
     disparity_weight: float,
     distortion: Distortion = MseDistortion(),  # noqa: B008 - frozen
-    background: Float[Tensor, "batch 3"] | None = None,
     perceptual_weight: float = 0.0,
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
     """Return the loss and its parts for the log.
 
     The loss is the sum over stages of D + lambda R (paper, training strategy), with lambda of the stage, plus L1 losses
-    on relative disparity. D: weighted mean of `distortion` over views, rendered over `background`, an sRGB colour per
-    scene, black by default. D of the last stage also has `perceptual_weight` times ST-LPIPS. R: bits per context pixel.
-    Disparity is supervised where depth is known or cross-view consistent. The gradient of R has the weight
-    ENTROPY_PRICE, which `code_with_noise` rescales to lambda for all networks except the entropy model.
+    on relative disparity. D: weighted mean of `distortion` over views. D of the last stage also has `perceptual_weight`
+    times ST-LPIPS. R: bits per context pixel. Disparity is supervised where depth is known or cross-view consistent.
+    The gradient of R has the weight ENTROPY_PRICE, which `code_with_noise` rescales to lambda for all networks except
+    the entropy model.
     """
     pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
     truth = _best_known_disparity(batch, matched)
     parts = {"matching": _masked_l1(matched.learned, truth)}
     total = disparity_weight * MATCHING_WEIGHT * parts["matching"]
     for stage, outcome in enumerate(outcomes, start=1):
-        rendered = _over_background(outcome.renderings, background)
+        rendered = torch.stack([rendering.color for rendering in outcome.renderings])
         images = batch.images[:, : rendered.shape[1]]
         squared = (rendered.detach() - images).square().mean(dim=(0, 2, 3, 4))
         weight = _view_weights(batch.num_context, images.shape[1], distortion.target_weight).to(squared)
@@ -85,17 +83,6 @@ def perceptual_distance(
     chosen = [int(torch.randint(num_context, ())), int(torch.randint(num_context, num_views, ()))]
     shares = weights.new_tensor([num_context, num_views - num_context]) / num_views
     return (shares * weights[chosen] * st_lpips(rendered[:, chosen], images[:, chosen]).mean(dim=0)).sum()
-
-
-def _over_background(
-    renderings: tuple[Rendering, ...], background: Float[Tensor, "batch 3"] | None
-) -> Float[Tensor, "batch view 3 h w"]:
-    """Return the images over a background colour. renderings: over black."""
-    colour = torch.stack([rendering.color for rendering in renderings])
-    if background is None:
-        return colour
-    transparency = 1.0 - torch.stack([rendering.alpha for rendering in renderings])
-    return colour + transparency[:, :, None] * background[:, None, :, None, None]
 
 
 def _view_weights(num_context: int, num_views: int, target_weight: float) -> Float[Tensor, " view"]:

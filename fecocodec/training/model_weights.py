@@ -12,10 +12,8 @@ from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into, model_id_of
 from fecocodec.errors import InputError, ModelError
 from fecocodec.model_files import read_bytes
-from fecocodec.receiver.load import load_receiver, serialise_receiver
-from fecocodec.receiver.model import Receiver
-from fecocodec.sender.adapted import adopt_codec
-from fecocodec.sender.codec import load_sender, serialise_sender
+from fecocodec.receiver.model import Receiver, load_receiver, serialise_receiver
+from fecocodec.sender.codec import adopt_codec, load_sender, serialise_sender
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender

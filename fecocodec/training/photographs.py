@@ -18,7 +18,7 @@ from fecocodec.photographs.framing import framed_intrinsics
 from fecocodec.photographs.image_headers import read_image_size
 from fecocodec.photographs.images import read_image
 from fecocodec.photographs.lens import Lens
-from fecocodec.training.samples import CROP_SPREAD, Sample, augment
+from fecocodec.training.samples import CROP_SPREAD, Captured, Sample, augment
 
 LEAST_OVERLAP, MOST_OVERLAP = 0.3, 0.9
 LEAST_BASELINE = 0.02  # in depths; below it, disparity is a few pixels and does not determine depth
@@ -90,7 +90,7 @@ def _target_frames(
 
 @dataclass(frozen=True)
 class PosedScene:
-    """A `Capture` in a folder; an image is decoded once, when it is first asked for.
+    """Posed photographs in a folder; an image is decoded once, when it is first asked for.
 
     covisibility: share of what one frame sees that another sees too, symmetric.
     """
@@ -107,8 +107,10 @@ class PosedScene:
     def __len__(self) -> int:
         return len(self.paths)
 
-    def frame_name(self, frame: int) -> str:
-        return self.paths[frame].name
+    def captured(self, frames: list[int]) -> Captured:
+        """Return these frames. Raises InputError when a photograph cannot be used."""
+        images, names = [self.image(frame) for frame in frames], tuple(self.paths[frame].name for frame in frames)
+        return Captured(images, names, self.lens, self.extrinsics[frames], self.near, self.far)
 
     def image(self, frame: int) -> UInt8[Tensor, "3 height width"]:
         """The photograph of a frame at its stored size. Raises InputError when it cannot be used."""
@@ -206,4 +208,4 @@ class Photographs:
         index = usable[int(rng.integers(len(usable)))]
         scene = self._scenes[index]
         frames = choose_frames(rng, scene.covisibility, self._pairs[index], num_context, num_target)
-        return augment(rng, scene, frames, num_context, size, self._spread)
+        return augment(rng, scene.captured(frames), num_context, size, self._spread)

@@ -39,23 +39,19 @@ class SampleSource(Protocol):
         """Draw one scene; size: (height, width) in pixels. Equal generator states give equal samples."""
 
 
-@runtime_checkable
-class Capture(Protocol):
-    """Frames of one scene taken with one camera, wherever they are stored.
+@dataclass(frozen=True)
+class Captured:
+    """Frames of one scene taken with one camera, at their stored size.
 
     extrinsics: camera-to-world, OpenCV axes. near, far: in scene units.
     """
 
-    @property
-    def lens(self) -> Lens: ...
-    @property
-    def extrinsics(self) -> Float[np.ndarray, "frame 4 4"]: ...
-    @property
-    def near(self) -> float: ...
-    @property
-    def far(self) -> float: ...
-    def frame_name(self, frame: int) -> str: ...
-    def image(self, frame: int) -> UInt8[Tensor, "3 height width"]: ...
+    images: list[UInt8[Tensor, "3 _ _"]]
+    names: tuple[str, ...]
+    lens: Lens
+    extrinsics: Float[np.ndarray, "frame 4 4"]
+    near: float
+    far: float
 
 
 @dataclass(frozen=True)
@@ -68,27 +64,22 @@ class _Crop:
 
 
 def augment(
-    rng: np.random.Generator,
-    scene: Capture,
-    frames: list[int],
-    num_context: int,
-    size: tuple[int, int],
-    spread: float = CROP_SPREAD,
+    rng: np.random.Generator, scene: Captured, num_context: int, size: tuple[int, int], spread: float
 ) -> Sample:
     """Crop, resize, mirror at random and tint frames, and adjust the cameras. size: (height, width) in pixels.
 
     spread: largest distance of a frame's window from their common position, as a share of the room. With 0 all frames
     have one window, and so equal intrinsics, which the public geometry of depthsplat-small requires.
     """
-    crops = _crops(rng, (scene.lens.height, scene.lens.width), len(frames), size, spread)
-    images = [_resized(scene.image(frame), crop, size) for frame, crop in zip(frames, crops, strict=True)]
+    crops = _crops(rng, (scene.lens.height, scene.lens.width), len(scene.images), size, spread)
+    images = [_resized(image, crop, size) for image, crop in zip(scene.images, crops, strict=True)]
     intrinsics = torch.stack([_cropped_intrinsics(scene.lens, crop) for crop in crops])
-    extrinsics = torch.from_numpy(scene.extrinsics[frames]).float()
+    extrinsics = torch.from_numpy(scene.extrinsics).float()
     near, far = torch.tensor(scene.near, dtype=torch.float32), torch.tensor(scene.far, dtype=torch.float32)
     views = Views(
         images=_tinted(rng, torch.stack(images)),
         cameras=Cameras(extrinsics, intrinsics, near, far),
-        names=tuple(scene.frame_name(frame) for frame in frames),
+        names=scene.names,
     )
     return Sample(mirrored(views) if rng.random() < 0.5 else views, num_context, None)
 

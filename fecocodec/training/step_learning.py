@@ -21,7 +21,6 @@ from fecocodec.layers.blocks import RateCondition
 from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.lambda_roles import price_of_rate
-from fecocodec.sender.latent_coding import estimate_bits
 from fecocodec.sender.latent_optimisation import (
     SSIM_STRIDE,
     STEP_SIZE,
@@ -34,7 +33,7 @@ from fecocodec.sender.latent_optimisation import (
 from fecocodec.sender.optimisation_config import OptimisationConfig, steps_of_first
 from fecocodec.sender.scene import Guides
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import Optimise, StageInputs
+from fecocodec.sender.stages import Optimise, StageInputs, estimate_bits
 from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training.batch import Batch
 from fecocodec.training.loss import perceptual_distance

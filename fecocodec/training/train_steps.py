@@ -12,11 +12,10 @@ from torch import Tensor
 from fecocodec.errors import InputError
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.fading import LEAST_VIEWS, fader
-from fecocodec.sender.latent_coding import estimate_bits
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import Improvements
+from fecocodec.sender.stages import Improvements, estimate_bits
 from fecocodec.training.batch import Batch
 from fecocodec.training.configurations import Configuration, configuration_named
 from fecocodec.training.loop import train_alone

@@ -186,8 +186,8 @@ class Trainer:
         outcomes, matched = run_stages(
             self.sender, self.receiver, batch, coding, num_stages, extracted, weight, learner
         )
-        background, perceptual = self._draw_background(batch), configuration.perceptual_weight
-        loss, parts = loss_of(batch, outcomes, matched, weight, configuration.distortion, background, perceptual)
+        perceptual = configuration.perceptual_weight
+        loss, parts = loss_of(batch, outcomes, matched, weight, configuration.distortion, perceptual)
         if learner is None:
             return loss, parts
         analysis = learner.analysis_loss()
@@ -207,12 +207,6 @@ class Trainer:
         if not share or network is None or float(torch.rand((), generator=self.generator)) >= share:
             return None
         return StepLearner(network, DEFAULT, self.generator, configuration.perceptual_weight)
-
-    def _draw_background(self, batch: Batch) -> Tensor | None:
-        """Return a colour per scene for the loss, None for black."""
-        if self.settings.configuration.background == "black":
-            return None
-        return torch.rand(len(batch.images), 3, generator=self.generator).to(batch.images)
 
     @property
     def num_stages(self) -> int:

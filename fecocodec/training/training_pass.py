@@ -16,10 +16,17 @@ from fecocodec.sender.ablations import without
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.distortion import Distortion
 from fecocodec.sender.lambda_roles import stage_lambdas
-from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.model import Sender
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, LatentCoder, Stage, StageInputs, StageRendering
+from fecocodec.sender.stages import (
+    NO_IMPROVEMENTS,
+    EstimatedLatent,
+    Improvements,
+    LatentCoder,
+    Stage,
+    StageInputs,
+    StageRendering,
+)
 from fecocodec.training.batch import Batch, Extracted, MatchedDisparity, StageOutcome
 from fecocodec.training.loss import ENTROPY_PRICE, MIN_CONSISTENCY, lambda_of
 from fecocodec.training.step_learning import StepLearner

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from fecocodec.batch import run as run_module
-from fecocodec.batch.outcome import Outcome
 from fecocodec.batch.run import run_batch, write_summary
 from fecocodec.batch.scenes import BatchScene
+from fecocodec.batch.sidecar import Outcome
 from fecocodec.errors import InputError, OutputError
 from tests.batch.works import Reverse
 

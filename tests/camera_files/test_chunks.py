@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from fecocodec.camera_files.chunk_scene import DL3DV_BOUNDS, VIDEO_BOUNDS
-from fecocodec.camera_files.chunks import ChunkFolder, is_chunk_folder
+from fecocodec.camera_files.chunks import DL3DV_BOUNDS, VIDEO_BOUNDS, ChunkFolder, is_chunk_folder
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.geometry.views import Views

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fecosplat_cli.encoding_report import report_fields, roles_note, say_result
+from fecosplat_cli.encode import report_fields, roles_note, say_result
 from refusals import assert_refused
 
 from fecocodec.codec.encode_folder import EncodingReport, OtherViews

@@ -108,7 +108,7 @@ def test_a_signal_waits_for_the_end_of_an_import(tmp_path: Path) -> None:
     )
     program = (
         "import time\n"
-        "from fecosplat_cli.signals import EndingSignals\n"
+        "from fecosplat_cli.process import EndingSignals\n"
         "with EndingSignals() as signals:\n"
         "    try:\n"
         "        import imported\n"
@@ -132,7 +132,7 @@ def test_a_signal_that_is_ignored_stays_ignored() -> None:
     """As `nohup` does with SIGHUP."""
     program = (
         "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "from fecosplat_cli.signals import EndingSignals\n"
+        "from fecosplat_cli.process import EndingSignals\n"
         "with EndingSignals(): print(signal.getsignal(signal.SIGHUP) is signal.SIG_IGN)"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

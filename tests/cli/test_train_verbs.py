@@ -9,8 +9,7 @@ import torch
 
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SENDER_FILE
-from fecocodec.receiver.load import serialise_receiver
-from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.model import Receiver, serialise_receiver
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.model import Sender
 from fecocodec.training.model_weights import write_model

@@ -14,7 +14,7 @@ from threading import Thread
 
 import pytest
 
-from cli.page_server import PageServer
+from cli.view import PageServer
 from fecocodec.errors import OutputError
 from fecocodec.splat_files.html_page import scene_page
 from tests.vectors.tiny_model import VECTORS

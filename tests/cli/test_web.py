@@ -10,9 +10,9 @@ from urllib.parse import quote
 
 import pytest
 from fecosplat_cli import view
-from fecosplat_cli.page_server import PageServer
+from fecosplat_cli.view import PageServer
 
-from fecocodec.splat_files import html_page, web_page
+from fecocodec.splat_files import html_page
 from fecocodec.splat_files.gaussian_files import write_gaussians
 from tests.splat_files.test_output_formats import some_gaussians
 from tests.vectors.tiny_model import VECTORS
@@ -27,7 +27,7 @@ def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, content in {**PAGE, "scene.html": b"the other page"}.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
-    monkeypatch.setattr(web_page, "decoding_page", partial(web_page.decoding_page, folder))
+    monkeypatch.setattr(html_page, "decoding_page", partial(html_page.decoding_page, folder))
     return folder
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.errors import InputError
-from fecocodec.evaluation.entries import open_scenes, without_guides
+from fecocodec.evaluation.novel_views import open_scenes, without_guides
 from tests.chunk_files import record, write_chunks
 from tests.example_scenes import write_scene
 from tests.wall_scene import shots

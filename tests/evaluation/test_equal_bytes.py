@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fecocodec.evaluation.equal_bytes import gain_at
+from fecocodec.evaluation.bd_rate import gain_at
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.rate_section import equal_bytes_table
 
@@ -37,30 +37,33 @@ AVIF = codec("AVIF", (1.0, 3.0, 5.0, 14.0, 40.0), dict.fromkeys(SCENES, 0.0))
 
 @pytest.mark.parametrize("kib", [4.0, 8.0, 16.0])
 def test_the_gain_is_the_mean_over_pairs_at_the_size_of_each(kib: float) -> None:
-    found = gain_at(OURS + AVIF, "AVIF", kib)
+    found = gain_at(OURS + AVIF, "AVIF", kib, "fecosplat")
     assert found is not None and (found.pairs, found.measured) == (6, 6)
     assert found.db == pytest.approx(0.6, abs=0.01)  # the baseline's curve is interpolated
     assert (found.low, found.high) == (pytest.approx(0.2, abs=0.01), pytest.approx(1.1, abs=0.01))
-    assert gain_at(OURS + AVIF, "AVIF", kib) == found, "the interval is the same in every run"
+    assert gain_at(OURS + AVIF, "AVIF", kib, "fecosplat") == found, "the interval is the same in every run"
 
 
 def test_scenes_are_resampled_and_not_their_entries() -> None:
     """Twice as many entries of the same scenes give the same interval."""
     half = [m for m in OURS + AVIF if m.entry.endswith("1")]
-    found, of_half = gain_at(OURS + AVIF, "AVIF", 8.0), gain_at(half, "AVIF", 8.0)
+    found, of_half = gain_at(OURS + AVIF, "AVIF", 8.0, "fecosplat"), gain_at(half, "AVIF", 8.0, "fecosplat")
     assert found is not None and of_half is not None
     assert (of_half.low, of_half.high) == (pytest.approx(found.low, abs=1e-6), pytest.approx(found.high, abs=1e-6))
 
 
 def test_sizes_outside_our_curve_have_no_gain() -> None:
-    assert gain_at(OURS + AVIF, "AVIF", 3.9) is None and gain_at(OURS + AVIF, "AVIF", 17.5) is None
-    assert gain_at(OURS + AVIF, "AVIF", 3.95) is not None, "2% beyond the end count as the end"
-    assert gain_at(OURS, "AVIF", 8.0) is None
+    assert (
+        gain_at(OURS + AVIF, "AVIF", 3.9, "fecosplat") is None
+        and gain_at(OURS + AVIF, "AVIF", 17.5, "fecosplat") is None
+    )
+    assert gain_at(OURS + AVIF, "AVIF", 3.95, "fecosplat") is not None, "2% beyond the end count as the end"
+    assert gain_at(OURS, "AVIF", 8.0, "fecosplat") is None
 
 
 def test_entries_whose_baseline_does_not_reach_the_size_are_left_out_and_counted() -> None:
     flat = [m if "street" not in m.entry else replace(m, num_bytes=m.num_bytes // 8) for m in AVIF]
-    found = gain_at(OURS + flat, "AVIF", 8.0)
+    found = gain_at(OURS + flat, "AVIF", 8.0, "fecosplat")
     assert found is not None and (found.pairs, found.measured) == (4, 6)
     assert found.db == pytest.approx(0.35, abs=0.01) and found.high == pytest.approx(0.5, abs=0.01)
     assert "+0.35 (+0.20 to +0.50, 4 of 6)" in equal_bytes_table(OURS + flat, ["AVIF"])

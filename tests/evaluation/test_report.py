@@ -16,12 +16,11 @@ from fecocodec.evaluation import machine
 from fecocodec.evaluation.machine import StepClock
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
-from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front, write_panels
 from fecocodec.evaluation.report.complexity_section import Need
 from fecocodec.evaluation.report.make import html_page
 from fecocodec.evaluation.report.rate_section import rate_sections
 from fecocodec.evaluation.report.scaling_section import Load, exponent, scaling_section
-from fecocodec.evaluation.report.section import ReportPlan, table
+from fecocodec.evaluation.report.section import Chart, Mark, ReportPlan, Series, pareto_front, table, write_panels
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.studies import ResultFile, Studies
 from fecocodec.evaluation.stress.suite import Verdict

@@ -9,7 +9,7 @@ from fecocodec.checkpoint import RECEIVER_FILE, model_folder
 from fecocodec.container import check_symbol_digest, read_stream
 from fecocodec.decoding import decode
 from fecocodec.errors import BitstreamError
-from fecocodec.receiver.load import load_receiver
+from fecocodec.receiver.model import load_receiver
 from tests.fuzzing.forgeries import CodedLatents, code_random_latents, forged_stream
 
 

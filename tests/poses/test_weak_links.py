@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fecocodec.photographs.lens import Lens
+from fecocodec.poses.estimate_choice import cut_weak_links, joined_names, least_explained
 from fecocodec.poses.estimated_cameras import EstimatedCamera
-from fecocodec.poses.weak_links import cut_weak_links, joined_names, least_explained
 
 LENS = Lens(640, 480, 500.0, 500.0, 320.0, 240.0)
 NAMES = "abcdef"
@@ -81,7 +81,7 @@ def test_photographs_that_are_cut_off_lose_their_cameras(monkeypatch):
         def deregister_frame(self, number: int) -> None:
             del self.registered[number]
 
-    monkeypatch.setattr("fecocodec.poses.weak_links.cameras_of", lambda model: CAMERAS)
+    monkeypatch.setattr("fecocodec.poses.estimate_choice.cameras_of", lambda model: CAMERAS)
     model = Model()
     assert not cut_weak_links(model, matches_of(CHAIN | {"cd": 90}, {}))
     assert model.registered == dict(enumerate(NAMES))

@@ -18,7 +18,7 @@ from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import decode as decode_with_torch
 from fecocodec.receiver.decode import reconstruct
-from fecocodec.receiver.load import load_receiver
+from fecocodec.receiver.model import load_receiver
 from fecocodec.receiver.state import State
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render

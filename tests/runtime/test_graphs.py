@@ -13,7 +13,7 @@ from fecocodec import decoding
 from fecocodec.decoding import decode
 from fecocodec.errors import ModelError
 from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SHIPPED, model_id_of, receiver_kind
-from fecocodec.runtime.view_groups import CELLS_AT_ONCE, groups_of_views
+from fecocodec.runtime.graphs import CELLS_AT_ONCE, groups_of_views
 from tests.vectors.paper_model import PAPER_MODEL
 from tests.vectors.tiny_graphs import FOLDER as TINY_GRAPHS
 from tests.vectors.tiny_model import TINY_MODEL, VECTORS

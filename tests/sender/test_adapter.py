@@ -15,9 +15,15 @@ from fecocodec.config import ReceiverConfig
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.receiver.load import load_receiver
-from fecocodec.sender.adapted import adapted_sender, adopt_codec, load_adapted_sender
-from fecocodec.sender.codec import Codec, load_sender, serialise_sender
+from fecocodec.receiver.model import load_receiver
+from fecocodec.sender.codec import (
+    Codec,
+    adapted_sender,
+    adopt_codec,
+    load_adapted_sender,
+    load_sender,
+    serialise_sender,
+)
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, LargeExtractor
 from tests.chunk_files import write_wall_chunks

@@ -15,7 +15,6 @@ from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import LogDistortion, MseDistortion
 from fecocodec.sender.encode import encode, encode_with, write_stages
 from fecocodec.sender.lambda_roles import stage_lambdas
-from fecocodec.sender.latent_coding import WrittenLatent
 from fecocodec.sender.latent_optimisation import Objective, descend, hold_views_between
 from fecocodec.sender.optimisation_config import (
     BEST,
@@ -27,7 +26,7 @@ from fecocodec.sender.optimisation_config import (
 )
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import Stage
+from fecocodec.sender.stages import Stage, WrittenLatent
 from tests.example_scenes import MODEL, example_views
 
 LAMBDA_Q = quantise_lambda(1e-4)

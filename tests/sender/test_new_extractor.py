@@ -15,14 +15,11 @@ from fecocodec.config import CodecConfig, ReceiverConfig
 from fecocodec.container import read_stream
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
-from fecocodec.receiver.load import serialise_receiver
-from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.model import Receiver, serialise_receiver
 from fecocodec.sender.codec import load_codec, serialise_sender
 from fecocodec.sender.encode import encode
-from fecocodec.sender.extractors.protocol import Extractor, Matching
-from fecocodec.sender.extractors.table import EXTRACTORS
-from fecocodec.sender.matched_depth import MatchedDepth
-from fecocodec.sender.model import Sender
+from fecocodec.sender.extractors.protocol import Extractor, MatchedDepth, Matching
+from fecocodec.sender.model import EXTRACTORS, Sender
 from fecocodec.sender.scene import Guides
 from tests.example_scenes import example_views
 

@@ -8,8 +8,8 @@ import math
 import torch
 from torch import Tensor
 
+from fecocodec.sender.extractors.protocol import DIFFERENCE_SCALE, MatchedDepth, depth_feedback
 from fecocodec.sender.extractors.semi_global import ACROSS_EDGE, EDGE, LARGE_STEP, SMALL_STEP, aggregate_costs
-from fecocodec.sender.matched_depth import DIFFERENCE_SCALE, MatchedDepth, depth_feedback
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 

@@ -11,8 +11,7 @@ import pytest
 from fecocodec.errors import InputError
 from fecocodec.splat_files import html_page
 from fecocodec.splat_files.gaussian_files import write_gaussians
-from fecocodec.splat_files.html_page import page_of_file
-from fecocodec.splat_files.splat_header import read_splat_header
+from fecocodec.splat_files.html_page import page_of_file, read_splat_header
 from tests.splat_files.test_output_formats import some_gaussians
 
 POINTS = (
@@ -65,7 +64,7 @@ def test_an_empty_ply_file_and_a_long_one_are_refused(tmp_path: Path, monkeypatc
     with pytest.raises(InputError, match="holds no Gaussians"):
         read_splat_header(path, path.read_bytes())
     write_gaussians(path, some_gaussians(2), overwrite=True)
-    monkeypatch.setattr("fecocodec.splat_files.splat_header.MAX_BYTES", 1 << 8)
+    monkeypatch.setattr("fecocodec.splat_files.html_page.MAX_BYTES", 1 << 8)
     with pytest.raises(InputError, match=r"the page shows files of at most \d+ MiB; compress it, as .spz."):
         read_splat_header(path, path.read_bytes())
 

@@ -13,8 +13,15 @@ from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_ra
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.merging.grouping import DEFAULT_MERGING as CONFIG
 from fecocodec.merging.grouping import MergingConfig
-from fecocodec.merging.moment_matching import Mixture, dilogarithm, merged_groups, projected_areas
-from fecocodec.merging.symmetric_matrices import adjugate_form, from_axes, to_axes
+from fecocodec.merging.moment_matching import (
+    Mixture,
+    adjugate_form,
+    dilogarithm,
+    from_axes,
+    merged_groups,
+    projected_areas,
+    to_axes,
+)
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.rasterizer import render
 from fecocodec.splatting.emission import merged

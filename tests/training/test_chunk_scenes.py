@@ -10,7 +10,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from fecocodec.camera_files.chunk_scene import VIDEO_BOUNDS
+from fecocodec.camera_files.chunks import VIDEO_BOUNDS
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.geometry.frustum_overlap import frustum_overlap

@@ -13,10 +13,9 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.model import Receiver
 from fecocodec.rendering.perceptual import st_lpips
-from fecocodec.sender.latent_coding import EstimatedLatent
-from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.extractors.protocol import MatchedDepth
 from fecocodec.sender.model import Sender
-from fecocodec.sender.stages import StageInputs
+from fecocodec.sender.stages import EstimatedLatent, StageInputs
 from fecocodec.training.batch import Batch, BatchShape, MatchedDisparity
 from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of, perceptual_distance
 from fecocodec.training.sources import Sources, draw_batch
@@ -144,25 +143,6 @@ def test_a_third_stage_works_as_the_second_from_where_that_ends(networks: nn.Mod
     assert len(outcomes[1].renderings) == len(outcomes[2].renderings) == 1
     assert not torch.equal(outcomes[2].prediction.attributes.means, outcomes[1].prediction.attributes.means)
     assert len(two) == 2
-
-
-@torch.no_grad()
-def test_transparent_pixels_show_the_background_of_the_loss(networks: nn.ModuleDict, batch: Batch):
-    outcomes, matched = run_stages(networks["sender"], networks["receiver"], batch, bypass_coding, 1)
-    clear = replace(
-        outcomes[0].renderings[0],
-        color=torch.zeros_like(outcomes[0].renderings[0].color),
-        alpha=torch.full_like(outcomes[0].renderings[0].alpha, 0.75),
-    )
-    black = replace(batch, images=torch.zeros_like(batch.images))
-
-    def error(background: torch.Tensor | None) -> float:
-        rendered = [replace(outcomes[0], renderings=(clear,))]
-        return loss_of(black, rendered, matched, 1.0, background=background)[1]["mse1"]
-
-    assert error(None) == 0.0
-    assert error(torch.tensor([[1.0, 1.0, 1.0]])) == pytest.approx(0.25**2)
-    assert error(torch.tensor([[1.0, 0.0, 0.0]])) == pytest.approx(0.25**2 / 3)
 
 
 def test_the_perceptual_distance_weights_context_and_target_views_by_number_and_weight() -> None:

@@ -11,10 +11,8 @@ from fecocodec.config import COMPACT, PAPER, PaperSenderConfig, ReceiverConfig, 
 from fecocodec.container import quantise_lambda, read_stream
 from fecocodec.errors import InputError, ModelError
 from fecocodec.receiver.decode import decode_with
-from fecocodec.receiver.load import load_receiver, serialise_receiver
-from fecocodec.receiver.model import Receiver
-from fecocodec.sender.adapted import adapted_sender
-from fecocodec.sender.codec import Codec
+from fecocodec.receiver.model import Receiver, load_receiver, serialise_receiver
+from fecocodec.sender.codec import Codec, adapted_sender
 from fecocodec.sender.distortion import PerceptualDistortion
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.extractors.adapter import ConditionedAdapter

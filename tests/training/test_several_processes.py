@@ -12,8 +12,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
-from fecocodec.sender.latent_coding import EstimatedLatent
-from fecocodec.sender.stages import StageInputs
+from fecocodec.sender.stages import EstimatedLatent, StageInputs
 from fecocodec.training.batch import Batch, BatchShape, BatchShapes
 from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.loop import train

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from fecosplat_cli.train import remarks_on_start, totals
 
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
 from fecocodec.training.configurations import configuration_named
-from fecocodec.training.start import remarks_on_start, totals
 
 RANDOM = (
     "the extractor starts from random weights, the paper's from those of DepthSplat; give its file, or those of DINOv2 "

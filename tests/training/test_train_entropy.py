@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from fecocodec.coding.payload import encode_latents
 from fecocodec.config import PAPER
 from fecocodec.errors import InputError
-from fecocodec.receiver.load import serialise_receiver
+from fecocodec.receiver.model import serialise_receiver
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.optimisation_config import FAST

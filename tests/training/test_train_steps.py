@@ -11,8 +11,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.errors import InputError
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.receiver.load import serialise_receiver
-from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.model import Receiver, serialise_receiver
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import MseDistortion
 from fecocodec.sender.fading import LEAST_VIEWS

@@ -13,8 +13,7 @@ from fecocodec.atomic import make_folder
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of, serialise_weights
 from fecocodec.coding.fixed_point import export_integers
 from fecocodec.config import PAPER, ReceiverConfig, stored_fields
-from fecocodec.receiver.load import PRIOR
-from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.model import PRIOR, Receiver
 from tests.vectors.tiny_model import VECTORS, random_like
 
 PAPER_MODEL = VECTORS / "paper"

@@ -18,7 +18,7 @@ from fecocodec.coding.payload import CodedLatents, decode_latents
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.container import PackedCameras, Stream
 from fecocodec.errors import BitstreamError
-from fecocodec.receiver.load import load_receiver
+from fecocodec.receiver.model import load_receiver
 from tests.vectors.paper_model import PAPER_MODEL, paper_model_id
 from tests.vectors.tiny_model import TINY_MODEL, tiny_model_id, tiny_prior
 

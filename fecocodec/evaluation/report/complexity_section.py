@@ -6,8 +6,7 @@ from functools import partial
 
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.records import Measurement
-from fecocodec.evaluation.report.charts import Chart, Mark, Series
-from fecocodec.evaluation.report.section import Section, picture
+from fecocodec.evaluation.report.section import Chart, Mark, Section, Series, picture
 from fecocodec.evaluation.stress.box_room import Room, blank, photograph, sideways, waves
 from fecocodec.evaluation.summary import OURS
 from fecocodec.evaluation.systems.image_compression import encode_image

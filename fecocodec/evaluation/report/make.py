@@ -9,11 +9,10 @@ from pathlib import Path
 from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.evaluation.evaluation import weights_label
 from fecocodec.evaluation.machine import describe_machine
-from fecocodec.evaluation.report.charts import Chart, write_png
 from fecocodec.evaluation.report.complexity_section import complexity_section
 from fecocodec.evaluation.report.rate_section import rate_sections
 from fecocodec.evaluation.report.scaling_section import scaling_section
-from fecocodec.evaluation.report.section import ReportPlan, Section
+from fecocodec.evaluation.report.section import Chart, ReportPlan, Section, write_png
 from fecocodec.evaluation.report.speed_section import speed_section
 from fecocodec.evaluation.report.stress_section import stress_section
 from fecocodec.evaluation.report.studies import OnStudy, Studies, measure_studies

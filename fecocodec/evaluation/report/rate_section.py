@@ -2,13 +2,11 @@
 
 from collections.abc import Callable, Sequence
 
-from fecocodec.evaluation.equal_bytes import SIZES_KIB, Gain, gain_at
+from fecocodec.evaluation.bd_rate import SIZES_KIB, Gain, gain_at
 from fecocodec.evaluation.records import Measurement
-from fecocodec.evaluation.report.charts import Chart, Mark, Series
-from fecocodec.evaluation.report.section import Section, number, picture, table
+from fecocodec.evaluation.report.section import Chart, Mark, Section, Series, number, picture, table
 from fecocodec.evaluation.summary import LEAST_OVERLAP_DB, NO_LPIPS, OURS, Average, Comparison, averages, compare
-from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
-from fecocodec.evaluation.systems.codec import BEST, FAST
+from fecocodec.evaluation.systems.codec import ABLATION_NAMES, BEST, FAST
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 
 TEXT = """\

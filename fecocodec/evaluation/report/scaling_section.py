@@ -8,8 +8,7 @@ import numpy as np
 
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.machine import forget_peak, peak_mib, return_freed_memory
-from fecocodec.evaluation.report.charts import Chart, Mark, Series
-from fecocodec.evaluation.report.section import Section, number, picture, table
+from fecocodec.evaluation.report.section import Chart, Mark, Section, Series, number, picture, table
 from fecocodec.evaluation.stress.box_room import Room, along_a_line, painted, photograph
 from fecocodec.receiver.decode import decode_with
 from fecocodec.sender.codec import Codec

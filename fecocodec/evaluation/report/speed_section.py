@@ -5,10 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fecocodec.evaluation.records import Measurement
-from fecocodec.evaluation.report.charts import Chart, Mark, Series, pareto_front
-from fecocodec.evaluation.report.section import Section, number, picture, table
+from fecocodec.evaluation.report.section import Chart, Mark, Section, Series, number, pareto_front, picture, table
 from fecocodec.evaluation.summary import OURS, Average, averages
-from fecocodec.evaluation.systems.ablations import ABLATION_NAMES
+from fecocodec.evaluation.systems.codec import ABLATION_NAMES
 
 TEXT = """\
 Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU, without rendering. PSNR and time

@@ -3,7 +3,6 @@
 Each result is written immediately to a JSON Lines file, so that an interrupted report can be resumed.
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,11 +11,11 @@ from typing import Any
 from fecocodec.atomic import make_folder
 from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.container import quantise_lambda
-from fecocodec.errors import InputError, OutputError
-from fecocodec.evaluation.entries import open_scenes
+from fecocodec.errors import InputError
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.machine import StepClock
-from fecocodec.evaluation.records import Measurement, RecordFile
+from fecocodec.evaluation.novel_views import open_scenes
+from fecocodec.evaluation.records import Measurement, RecordFile, append_row, read_rows
 from fecocodec.evaluation.report.complexity_section import Need, measure_need, photograph_kib
 from fecocodec.evaluation.report.scaling_section import LAMBDA, Load, measure_load
 from fecocodec.evaluation.report.section import ReportPlan
@@ -40,8 +39,7 @@ class ResultFile:
         self._path, self._label = path, label
         self._known: dict[str, dict[str, Any]] = {}
         try:
-            lines = path.read_text().splitlines() if path.exists() else []
-            rows = [json.loads(line) for line in lines if line.endswith("}")]  # the last line may be incomplete
+            rows = read_rows(path) if path.exists() else []
             self._known = {row["key"]: row["values"] for row in rows if row["label"] == label}
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not results of this version ({error}); give another work folder.") from error
@@ -53,22 +51,13 @@ class ResultFile:
     def add(self, key: str, values: dict[str, Any]) -> None:
         """Store a result and append it to the file. Raises OutputError if writing fails."""
         self._known[key] = values
-        try:
-            with self._path.open("a") as file:
-                file.write(
-                    "\n" * self._is_cut() + json.dumps({"key": key, "label": self._label, "values": values}) + "\n"
-                )
-        except OSError as error:
-            raise OutputError(
-                f"{self._path}: writing failed ({error.strerror}); check free space and permissions."
-            ) from error
+        append_row(self._path, {"key": key, "label": self._label, "values": values})
 
-    def _is_cut(self) -> bool:
-        """Return whether the last line of the file is incomplete."""
-        if not self._path.exists():
-            return False
-        data = self._path.read_bytes()
-        return bool(data) and not data.endswith(b"\n")
+    def measured(self, key: str, measure: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
+        """Return the result of a key. If it is not known, it is measured, as a dataclass, and stored."""
+        if key not in self._known:
+            self.add(key, asdict(measure(*arguments)))
+        return self._known[key]
 
 
 OnStudy = Callable[[str], None]  # name of the next study
@@ -158,23 +147,13 @@ def _rate_systems(plan: ReportPlan, codec: Codec) -> tuple[System, ...]:
 
 def _loads(plan: ReportPlan, codec: Codec, results: ResultFile) -> tuple[Load, ...]:
     shapes = [(2, side) for side in plan.sides] + [(count, plan.room_side) for count in plan.view_counts]
-    found = []
-    for count, side in dict.fromkeys(shapes):
-        key = f"{count} views of {side}"
-        if key not in results.known():
-            results.add(key, asdict(measure_load(codec, count, side)))
-        found.append(Load(**results.known()[key]))
-    return tuple(found)
+    keys = {f"{count} views of {side}": (count, side) for count, side in shapes}
+    return tuple(Load(**results.measured(key, measure_load, codec, *shape)) for key, shape in keys.items())
 
 
 def _needs(plan: ReportPlan, codec: Codec, results: ResultFile) -> tuple[Need, ...]:
-    found = []
-    for count in plan.num_waves:
-        key = f"{count} patterns on {plan.room_side}"
-        if key not in results.known():
-            results.add(key, asdict(measure_need(codec, count, plan.room_side)))
-        found.append(Need(**results.known()[key]))
-    return tuple(found)
+    keys = {f"{count} patterns on {plan.room_side}": count for count in plan.num_waves}
+    return tuple(Need(**results.measured(key, measure_need, codec, n, plan.room_side)) for key, n in keys.items())
 
 
 def _steps(plan: ReportPlan, codec: Codec, results: ResultFile) -> dict[str, dict[str, float]]:

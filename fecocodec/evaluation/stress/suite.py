@@ -11,11 +11,18 @@ import torch
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import FecoError, InputError
-from fecocodec.evaluation.entries import open_scenes
 from fecocodec.evaluation.evaluation import choose_entries
-from fecocodec.evaluation.novel_views import render_views
-from fecocodec.evaluation.stress.cases import CASE_SIZE, StressCase, Trial, cases_of, format_cases_of, room_cases
-from fecocodec.evaluation.stress.rules import Coded, Rule
+from fecocodec.evaluation.novel_views import open_scenes, render_views
+from fecocodec.evaluation.stress.cases import (
+    CASE_SIZE,
+    Coded,
+    Rule,
+    StressCase,
+    Trial,
+    cases_of,
+    format_cases_of,
+    room_cases,
+)
 from fecocodec.evaluation.systems.image_compression import reconstruct_at
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import decode_with

@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 from fecocodec.coding.camera_packing import unpack
+from fecocodec.config import NO_CONTEXT, NO_FEEDBACK
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.stress.perturbations import resized
 from fecocodec.evaluation.summary import OURS
@@ -23,13 +24,14 @@ from fecocodec.merging.grouping import DEFAULT_MERGING
 from fecocodec.receiver.decode import decode_with, reconstruct
 from fecocodec.receiver.state import State
 from fecocodec.rendering.rasterizer import render
+from fecocodec.sender.ablations import without
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.encode import encode_with
-from fecocodec.sender.latent_coding import write_latents
-from fecocodec.sender.optimisation_config import config_of_effort
+from fecocodec.sender.encode import encode_with, write_scene
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
+from fecocodec.sender.stages import write_latents
 from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.splatting.emission import Emission
 
@@ -148,3 +150,29 @@ def _on_one_thread(system: System, views: Views, num_context: int) -> Reconstruc
         return system.reconstruct(views, num_context)
     finally:
         torch.set_num_threads(threads)
+
+
+# Ablations: a part is removed at inference, without retraining, which shows how much the trained system depends on it,
+# not how well one trained without it would perform. Only the sender changes, so the streams decode as usual.
+STAGE_1 = "stage-1"
+WITHOUT = {NO_CONTEXT: "no decoded context", NO_FEEDBACK: "no rendered feedback"}  # option -> name of the curve
+ABLATIONS = (STAGE_1, *WITHOUT)
+ABLATION_NAMES = ("stage 1 alone", *WITHOUT.values())
+
+
+def ablation_system(part: str, codec: Codec, lmbda: float, config: OptimisationConfig = DEFAULT) -> System:
+    """Return the codec without stage 2 ("stage-1"), or without a part of it (a key of `WITHOUT`).
+
+    config: of the latent optimisation.
+    """
+    lambda_q, setting = quantise_lambda(lmbda), f"lambda {lmbda:g}"
+    if part == STAGE_1:
+        encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=1, config=config)
+        return stream_system(codec, ABLATION_NAMES[0], setting, encoder)
+    return stream_system(codec, WITHOUT[part], setting, partial(_encode, codec, part, lambda_q, config))
+
+
+@torch.no_grad()
+def _encode(codec: Codec, part: str, lambda_q: int, config: OptimisationConfig, views: Views) -> bytes:
+    scene = prepare_scene(views, codec.device)
+    return write_scene(without(part, SceneEncoder).of(codec, scene), scene, lambda_q, 2, config)

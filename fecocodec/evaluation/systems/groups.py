@@ -5,8 +5,7 @@ from functools import partial
 
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
-from fecocodec.evaluation.systems.ablations import ABLATIONS, ablation_system
-from fecocodec.evaluation.systems.codec import codec_system, estimated_system, guided_system
+from fecocodec.evaluation.systems.codec import ABLATIONS, ablation_system, codec_system, estimated_system, guided_system
 from fecocodec.evaluation.systems.gaussian_compression import gaussian_systems
 from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.evaluation.systems.reconstruction import System

@@ -10,12 +10,11 @@ from fecocodec.merging.grouping import DEFAULT_MERGING
 from fecocodec.receiver.decode import reconstruct
 from fecocodec.receiver.state import State
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.latent_coding import EstimatedLatent
 from fecocodec.sender.latent_optimisation import optimiser
 from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.stages import Improvements, StageInputs
+from fecocodec.sender.stages import EstimatedLatent, Improvements, StageInputs
 from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.splatting.emission import Emission
 

@@ -18,7 +18,7 @@ from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.grid import FEATURES
 from fecocodec.layers.blocks import BlockChain, PlainBlock2d, PointwiseConv2d, RateCondition
-from fecocodec.sender.matched_depth import MatchedDepth
+from fecocodec.sender.extractors.protocol import MatchedDepth
 from fecocodec.sender.scene import Guides
 
 NUM_BLOCKS, HIDDEN = 3, 96

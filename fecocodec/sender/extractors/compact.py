@@ -18,8 +18,8 @@ from fecocodec.sender.extractors.cross_view_consistency import cross_view_consis
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
 from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
+from fecocodec.sender.extractors.protocol import MatchedDepth
 from fecocodec.sender.extractors.semi_global import aggregate_costs
-from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.scene import Guides
 
 PYRAMID_LEVELS = 3  # matching runs at full, half and quarter image size

@@ -15,7 +15,7 @@ from onnxscript import optimizer
 
 from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
-from fecocodec.receiver.load import load_receiver
+from fecocodec.receiver.model import load_receiver
 from fecocodec.training.graphs.canonical import link_weights, make_canonical
 from fecocodec.training.graphs.exported_forms import sampled, with_exact_layers, with_exported_blocks
 from fecocodec.training.graphs.networks import network_graphs

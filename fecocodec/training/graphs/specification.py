@@ -12,7 +12,6 @@ from fecocodec.coding.priors import LAMBDA_Q_CENTRE, NUM_STAGES, EntropyParamete
 from fecocodec.coding.quadtree import from_coding_order, merge_passes
 from fecocodec.grid import HYPERLATENTS
 from fecocodec.limits import MAX_SIDE, MAX_VIEWS, MIN_SIDE
-from fecocodec.training.graphs import specification as of_prior
 
 
 def _outputs(parameters: EntropyParameters) -> tuple[Tensor, Tensor]:
@@ -172,31 +171,27 @@ def prior_graphs(prior: LatentPrior) -> dict[str, Graph]:
     step = values(f"4 views 2*rows 2*columns {quarter}")
     parameters = ("mean", "table")
     return {
-        "hyper": Graph(of_prior.HyperGraph(prior), {"lambda_q": lambda_q, "stage": stage}, parameters),
-        "features_1": Graph(
-            of_prior.FeaturesGraph(prior), {"lambda_q": lambda_q, "z_hat": z_hat}, ("features", *parameters)
-        ),
+        "hyper": Graph(HyperGraph(prior), {"lambda_q": lambda_q, "stage": stage}, parameters),
+        "features_1": Graph(FeaturesGraph(prior), {"lambda_q": lambda_q, "z_hat": z_hat}, ("features", *parameters)),
         "features_2": Graph(
-            of_prior.ContextFeaturesGraph(prior),
+            ContextFeaturesGraph(prior),
             {"lambda_q": lambda_q, "z_hat": z_hat} | {f"context_{number}": step for number in range(4)},
             ("features", *parameters),
         ),
-        "pass_1": Graph(of_prior.SecondPassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters),
+        "pass_1": Graph(SecondPassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters),
         "pass_2": Graph(
-            of_prior.ThirdPassGraph(prior),
+            ThirdPassGraph(prior),
             {"features": features, "pass_0": quarter_pass, "pass_1": quarter_pass},
             parameters,
         ),
         "step_1": Graph(
-            of_prior.FirstStepGraph(prior),
+            FirstStepGraph(prior),
             {"features": features, "pass_0": quarter_pass, "pass_1": quarter_pass, "pass_2": half_pass},
             ("step_0", *parameters),
         ),
-        "step_2": Graph(
-            of_prior.SecondStepGraph(prior), {"features": features, "step_0": step, "step_1": step}, parameters
-        ),
+        "step_2": Graph(SecondStepGraph(prior), {"features": features, "step_0": step, "step_1": step}, parameters),
         "step_3": Graph(
-            of_prior.ThirdStepGraph(prior),
+            ThirdStepGraph(prior),
             {"features": features, "step_0": step, "step_1": step, "step_2": step},
             parameters,
         ),

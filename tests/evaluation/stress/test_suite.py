@@ -8,8 +8,7 @@ import torch
 
 from fecocodec.evaluation.stress import suite as stress
 from fecocodec.evaluation.stress.box_room import Room, blank, painted, photograph, sideways, waves
-from fecocodec.evaluation.stress.cases import StressCase, Trial, cases_of, format_cases_of, room_cases
-from fecocodec.evaluation.stress.rules import Coded, Rule
+from fecocodec.evaluation.stress.cases import Coded, Rule, StressCase, Trial, cases_of, format_cases_of, room_cases
 from fecocodec.evaluation.stress.suite import StressSuite, run_suite
 from fecocodec.evaluation.systems.image_compression import JPEG_XL, jpeg_xl_distance, pack_images
 from fecocodec.sender.codec import load_codec

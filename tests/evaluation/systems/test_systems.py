@@ -8,8 +8,7 @@ import torch
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.errors import InputError
-from fecocodec.evaluation.systems.ablations import ABLATIONS, ablation_system
-from fecocodec.evaluation.systems.codec import codec_system, on_one_thread, speed_systems
+from fecocodec.evaluation.systems.codec import ABLATIONS, ablation_system, codec_system, on_one_thread, speed_systems
 from fecocodec.evaluation.systems.groups import systems_of
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.evaluation.systems.uncoded import uncoded_gaussians

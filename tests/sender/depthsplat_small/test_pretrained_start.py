@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from fecocodec.captures.evaluation_index import read_index
-from fecocodec.evaluation.entries import open_scenes
+from fecocodec.evaluation.novel_views import open_scenes
 from fecocodec.geometry.normalisation import normalise_scene
 from fecocodec.model_files import DEFAULT_MODEL, SHIPPED
 from fecocodec.sender.codec import load_codec

@@ -29,9 +29,9 @@ from fecocodec.sender.extractors.depthsplat_small.transformer import (
     public_masks_of_sources,
 )
 from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, CrossViewUNet
+from fecocodec.sender.extractors.protocol import MatchedDepth
 from fecocodec.sender.extractors.vision_transformer import CHANNELS as MONOCULAR_CHANNELS
 from fecocodec.sender.extractors.vision_transformer import VisionTransformer, normalised
-from fecocodec.sender.matched_depth import MatchedDepth
 from fecocodec.sender.scene import Guides
 
 SIDE_MULTIPLE = 16  # pixels
