@@ -36,12 +36,12 @@ def with_steps(codec: Codec) -> Codec:
 
 def test_an_untrained_network_changes_no_byte_and_a_changed_one_does(codec: Codec) -> None:
     views, config = example_views(2), DEFAULT.with_steps(3)
-    plain = encode_with(codec, views, LAMBDA_Q, config=config)
+    plain = encode_with(codec, views, LAMBDA_Q, 1, config)
     other = with_steps(codec)
-    assert encode_with(other, views, LAMBDA_Q, config=config) == plain
+    assert encode_with(other, views, LAMBDA_Q, 1, config) == plain
     assert other.sender.steps is not None
     torch.nn.init.constant_(other.sender.steps.log_scale.bias, 2.0)  # steps of 7.4 times the length
-    longer = [encode_with(other, views, LAMBDA_Q, config=config) for _ in range(2)]
+    longer = [encode_with(other, views, LAMBDA_Q, 1, config) for _ in range(2)]
     assert longer[0] == longer[1] != plain
 
 
