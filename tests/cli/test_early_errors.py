@@ -192,11 +192,6 @@ def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str], monk
     assert capsys.readouterr() == ("", lines)
 
 
-def test_more_threads_than_any_machine_has(fecosplat, stream_file: Path, output: Path) -> None:
-    result = fecosplat("decode", stream_file, "-o", output / "a.ply", "--threads", "9" * 30)
-    assert result.code == 2 and "is not in the range 1<=x<=1024" in result.err
-
-
 def test_a_name_of_a_model_that_no_folder_can_have(fecosplat, stream_file: Path, output: Path) -> None:
     result = fecosplat("decode", stream_file, "-o", output / "a.ply", "--model", "x" * 5000)
     assert result.code == 1 and result.err.endswith(
