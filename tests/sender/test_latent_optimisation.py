@@ -40,11 +40,6 @@ MSE = replace(DEFAULT, distortion=MseDistortion())
 
 
 @pytest.fixture(scope="module")
-def codec(random_weights: Path) -> Codec:
-    return load_codec(random_weights / MODEL, "cpu")
-
-
-@pytest.fixture(scope="module")
 def encoder(codec: Codec) -> SceneEncoder:
     with torch.no_grad():
         scene = prepare_scene(example_views(2), codec.device)

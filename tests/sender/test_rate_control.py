@@ -93,11 +93,6 @@ def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: st
 
 
 @pytest.fixture(scope="module")
-def codec(random_weights: Path) -> Codec:
-    return load_codec(random_weights / MODEL, "cpu")
-
-
-@pytest.fixture(scope="module")
 def views() -> Views:
     return example_views(2)
 

@@ -10,20 +10,15 @@ from torch import Tensor
 from fecocodec.config import SenderConfig
 from fecocodec.container.lambda_quantisation import quantise_lambda
 from fecocodec.errors import InputError
-from fecocodec.sender.codec import Codec, load_codec, load_sender, serialise_sender
+from fecocodec.sender.codec import Codec, load_sender, serialise_sender
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.latent_optimisation import Objective, Slope, against_gradient, descend
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT, config_of_effort
 from fecocodec.sender.step_network import LARGEST_LOG_SCALE, StepNetwork
-from tests.example_scenes import MODEL, example_views
+from tests.example_scenes import example_views
 
 LAMBDA_Q = quantise_lambda(1e-3)
-
-
-@pytest.fixture(scope="module")
-def codec(random_weights: Path) -> Codec:
-    return load_codec(random_weights / MODEL, "cpu")
 
 
 def with_steps(codec: Codec) -> Codec:
