@@ -8,10 +8,14 @@ Files whose functions numba compiles are left out: a check wrapped around a kern
 import os
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
+
+if TYPE_CHECKING:
+    from fecocodec.sender.codec import Codec
 
 os.environ.setdefault("GOMP_SPINCOUNT", "0")  # read when torch is loaded
 LIBRARY = Path(__file__).resolve().parent.parent / "fecocodec"
@@ -51,3 +55,12 @@ def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("weights")
     write_random_model(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def codec(random_weights: Path) -> "Codec":
+    """The networks of `random_weights`, which no test changes."""
+    from fecocodec.sender.codec import load_codec
+    from tests.example_scenes import MODEL
+
+    return load_codec(random_weights / MODEL, "cpu")

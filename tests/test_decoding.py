@@ -69,12 +69,13 @@ def test_graphs_of_earlier_weights_are_not_run(model: Path, receivers: list[str]
     assert receivers == ["torch"]
 
 
-@pytest.mark.parametrize("name", NETWORK_GRAPHS + RULE_GRAPHS)
-def test_every_graph_counts(model: Path, name: str) -> None:
+def test_every_graph_counts(model: Path) -> None:
     model_id = fecocodec.container.read_header(SCENE.read_bytes()).header.model_id
-    assert decoding.has_graphs(model, model_id)
-    (model / GRAPHS_FOLDER / f"{name}.onnx").unlink()
-    assert not decoding.has_graphs(model, model_id)
+    for name in NETWORK_GRAPHS + RULE_GRAPHS:
+        assert decoding.has_graphs(model, model_id)
+        graph = (model / GRAPHS_FOLDER / f"{name}.onnx").rename(model / "away")
+        assert not decoding.has_graphs(model, model_id), name
+        graph.rename(model / GRAPHS_FOLDER / f"{name}.onnx")
 
 
 def test_every_command_decodes_an_interrupted_export(model: Path, tmp_path: Path) -> None:

@@ -19,13 +19,14 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode
 from fecocodec.sender.coverage import cells_to_bits
 from fecocodec.sender.encode import encode
-from fecocodec.sender.optimisation_config import DEFAULT, steps_of_first
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, steps_of_first
 from fecocodec.splatting import emission
 from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.splatting.occluded import occluded_layer
 from tests.example_scenes import MODEL, example_views
 
 ROOT = Path(__file__).resolve().parents[1]
+FEW_STEPS = DEFAULT.with_steps(1)
 
 CHILD = """
 import json, sys
@@ -44,7 +45,7 @@ def views() -> Views:
 
 @pytest.fixture(scope="module")
 def data(views: Views, random_weights: Path) -> bytes:
-    return encode(views, lmbda=1e-4, model=random_weights / MODEL)
+    return encode(views, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL)
 
 
 def assert_equal(one: Gaussians, other: Gaussians) -> None:
@@ -87,7 +88,7 @@ def test_the_latents_are_not_trivial(data: bytes) -> None:
 
 
 def test_encoding_and_decoding_again_give_the_same(data: bytes, views: Views, random_weights: Path) -> None:
-    assert encode(views, lmbda=1e-4, model=random_weights / MODEL) == data
+    assert encode(views, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL) == data
     assert_equal(
         decode(data, model=random_weights / MODEL).gaussians, decode(data, model=random_weights / MODEL).gaussians
     )
@@ -116,7 +117,7 @@ def test_the_unit_of_length_changes_the_cameras_and_no_payload(
     extrinsics[:, :3, 3] *= unit
     near, far = views.cameras.near * unit, views.cameras.far * unit
     scaled = replace(views, cameras=replace(views.cameras, extrinsics=extrinsics, near=near, far=far))
-    other = encode(scaled, lmbda=1e-4, model=random_weights / MODEL)
+    other = encode(scaled, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL)
     assert read_stream(other).payloads == read_stream(data).payloads
     small, large = (
         decode(data, model=random_weights / MODEL).gaussians,
@@ -213,7 +214,7 @@ def transparent(views: Views) -> Views:
 
 
 def test_no_gaussians_are_emitted_for_transparent_cells(transparent: Views, random_weights: Path) -> None:
-    coded = encode(transparent, lmbda=1e-4, model=random_weights / MODEL)
+    coded = encode(transparent, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL)
     without_coverage = write_stream(replace(read_stream(coded), coverage=None))
     is_emitted = torch.zeros(2, 32, 32, dtype=torch.bool)
     is_emitted[:, :, 18:], is_emitted[1, 2:4, 2:4] = True, True  # two Gaussians a cell of four pixels, each way
@@ -240,7 +241,7 @@ def test_no_background_layer_continues_a_transparent_border(
 
 def test_opaque_views_have_no_coverage_section(views: Views, data: bytes, random_weights: Path) -> None:
     opaque = replace(views, alpha=torch.full((2, 64, 64), 0.5))
-    assert encode(opaque, lmbda=1e-4, model=random_weights / MODEL) == data
+    assert encode(opaque, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL) == data
 
 
 def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path) -> None:
@@ -249,20 +250,22 @@ def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path)
     assert decode(data, model=random_weights / MODEL, max_pixels=8192).stages == 2
 
 
-@pytest.mark.parametrize(("effort", "is_optimised"), [("fast", False), ("default", True)])
+@pytest.mark.parametrize(("effort", "is_optimised"), [("fast", False), (FEW_STEPS, True)])
 def test_optimisation_is_reported_where_there_is_some(
-    views: Views, random_weights: Path, effort: str, is_optimised: bool
+    views: Views, random_weights: Path, effort: str | OptimisationConfig, is_optimised: bool
 ) -> None:
     tasks: list[str] = []
     model = random_weights / MODEL
     encode(views, model=model, effort=effort, on_progress=lambda task, _share: tasks.append(task))
     assert ("optimising stage 2" in tasks) == is_optimised
-    assert "coding stage 2" in tasks
+    assert tasks[:2] == ["matching views", "coding stage 1"] and "coding stage 2" in tasks
 
 
 def test_progress_moves_forward(views: Views, random_weights: Path) -> None:
     fractions: list[float] = []
-    data = encode(views, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share))
+    data = encode(
+        views, effort=FEW_STEPS, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share)
+    )
     assert fractions == sorted(fractions) and fractions[0] >= 0 and fractions[-1] <= 1
     fractions.clear()
     decode(data, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share))

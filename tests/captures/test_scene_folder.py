@@ -327,24 +327,6 @@ def test_a_crop_of_more_than_a_quarter_is_noted(tmp_path):
     assert read(folder, size=(64, 96)).notes == ()
 
 
-def test_reduced_images_without_their_size_are_noted(tmp_path):
-    """transforms.json without w, h, cx and cy whose fl_x is for images four times as wide."""
-    taken = shots(2)
-    folder = write_transforms(tmp_path, taken)
-    cameras = json.loads((folder / "transforms.json").read_text())
-    for values in (cameras, *cameras["frames"]):
-        for key in ("w", "h", "cx", "cy"):
-            values.pop(key, None)
-        for key in ("fl_x", "fl_y"):
-            if key in values:
-                values[key] *= 4
-    (folder / "transforms.json").write_text(json.dumps(cameras))
-    (note,) = read(folder).notes
-    assert note.startswith(
-        f"the focal length of 000.png is {4 * taken[0].fx:.0f} pixels for an image of 96x80, a narrow"
-    )
-
-
 def test_reduced_images_whose_field_of_view_is_known_are_read_as_they_are(tmp_path):
     taken = shots(2)
     folder = write_transforms(tmp_path, taken)
@@ -395,15 +377,6 @@ def test_a_focal_length_in_pixels_of_a_larger_image_is_noted(factor, is_noted, t
             del frame[key]
         frame["fl_x"], frame["fl_y"] = factor * frame["fl_x"], factor * frame["fl_y"]
     (folder / "transforms.json").write_text(json.dumps(scene))
+    start = f"the focal length of 000.png is {factor * 100:.0f} pixels for an image of 96x80, a narrow"
     notes = read(folder).notes
-    assert [note.startswith("the focal length of 000.png is") for note in notes] == ([True] if is_noted else [])
-
-
-@pytest.mark.parametrize("name", ["/", ""])
-def test_an_image_name_that_is_a_folder_is_one_sentence(name, tmp_path):
-    folder = write_transforms(tmp_path / "scene", shots(2), near=1.5, far=9.0)
-    scene = json.loads((folder / "transforms.json").read_text())
-    scene["frames"][1]["file_path"] = name
-    (folder / "transforms.json").write_text(json.dumps(scene))
-    with pytest.raises(InputError, match=r"frame 1 \(/?\): there is no image .*; put it there or leave this view out"):
-        read(folder, views=(1,))
+    assert [note.startswith(start) for note in notes] == ([True] if is_noted else [])

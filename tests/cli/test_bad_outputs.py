@@ -127,7 +127,7 @@ def test_output_that_exists(
 ) -> None:
     existing = tmp_path / "result.png"
     existing.write_text("precious")
-    source = photographs if command == "encode" else stream_file
+    source = stream_file if command == "render" else tmp_path / "never read"
     cameras = ("--cameras", photographs, "--views", "0") if command == "render" else ()
     result = fecosplat(command, source, "-o", existing, *cameras)
     assert_refused(

@@ -32,10 +32,6 @@ def editing(change: Callable[[dict[str, Any]], object]) -> Damage:
     return edit
 
 
-def setting_pose(row: int, values: list[float]) -> Damage:
-    return editing(lambda cameras: cameras["frames"][1]["transform_matrix"].__setitem__(row, values))
-
-
 def cut_an_image(folder: Path) -> None:
     image = folder / "view_2.png"
     image.write_bytes(image.read_bytes()[:2000])
@@ -49,19 +45,6 @@ def turn_an_image(folder: Path) -> None:
 
 FRAME = "{folder}/transforms.json, frame 1 (view_1.png)"
 BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
-    "missing folder": (
-        shutil.rmtree,
-        "{folder}: no such folder; give the folder that holds images and cameras.",
-    ),
-    "unreadable image": (
-        lambda folder: (folder / "view_1.png").write_text("no image"),
-        "{folder}/view_1.png: the image is damaged, cut short or of a kind that is not read; "
-        "store it again or remove it.",
-    ),
-    "truncated image": (
-        cut_an_image,
-        "{folder}/view_2.png: the image is damaged, cut short or of a kind that is not read (...",
-    ),
     "image of another shape": (
         turn_an_image,
         "{folder}/view_3.png: 64x96 pixels, while the other images are 96x64; choose images of one shape by --views, "
@@ -79,10 +62,6 @@ BAD_PHOTOGRAPHS: dict[str, tuple[Damage, str]] = {
     ),
 }
 BAD_VIEWS: dict[str, tuple[Damage, str]] = {  # errors only if the view is named
-    "camera without image": (
-        lambda folder: (folder / "view_1.png").unlink(),
-        FRAME + ": there is no image {folder}/view_1.png; put it there or leave this view out by --views.",
-    ),
     "cameras without images": (
         lambda folder: [(folder / f"view_{view}.png").unlink() for view in (1, 2, 3)],
         FRAME + ": there is no image {folder}/view_1.png, and of 4 images 3 are missing in all; put them there or "
@@ -96,22 +75,6 @@ BAD_VIEWS: dict[str, tuple[Damage, str]] = {  # errors only if the view is named
         editing(lambda cameras: cameras["frames"][0].update(file_path="view\n0.png")),
         "{folder}/transforms.json, frame 0 (view\\n0.png): there is no image {folder}/view\\n0.png; put it there or "
         "leave this view out by --views.",
-    ),
-    "singular pose": (
-        setting_pose(1, [1, 0, 0, 0]),
-        FRAME + ": the pose is singular (its axes span no volume); export the cameras again.",
-    ),
-    "mirrored pose": (
-        setting_pose(1, [0, -1, 0, 0]),
-        FRAME + ": the pose is mirrored (determinant -1); export right-handed camera axes.",
-    ),
-    "NaN in a pose": (
-        setting_pose(2, [0, 0, float("nan"), 0]),
-        FRAME + ", transform_matrix: a camera value is NaN or infinite; correct it or take this view out of the file.",
-    ),
-    "NaN in a lens": (
-        editing(lambda cameras: cameras["frames"][1].update(fl_x=float("nan"))),
-        FRAME + ", fl_x: a camera value is NaN or infinite; correct it or take this view out of the file.",
     ),
 }
 

@@ -2,9 +2,6 @@
 
 import json
 import re
-import resource
-import subprocess
-import sys
 from pathlib import Path
 
 import gsply
@@ -29,13 +26,13 @@ def test_encode_writes_what_the_library_returns(coded_scene: Path, photographs: 
 
 def test_encode_reports_json(fecosplat, photographs: Path, tmp_path: Path) -> None:
     output = tmp_path / "wall.fcs"
-    result = fecosplat("encode", photographs, "-o", output, "--views", "spread:3", "--lambda", "1e-2", "--json")
+    result = fecosplat("encode", photographs, "-o", output, "--views", "spread:3", "--effort", "fast", "--json")
     fields = json.loads(result.out)
     assert (result.code, result.err) == (0, "")
     assert fields["output"] == str(output)
     assert fields["bytes"] == output.stat().st_size
     assert (fields["views"], fields["height"], fields["width"], fields["stages"]) == (3, 64, 96, 2)
-    assert fields["lambda"] == pytest.approx(1e-2, rel=2e-3)
+    assert fields["lambda"] == pytest.approx(1e-3, rel=2e-3)
     views = fecocodec.read_views(photographs, views=tuple(view["name"] for view in fields["context_views"]))
     decoded = fecocodec.decode(output.read_bytes())
     rendered = fecocodec.render(decoded.gaussians, decoded.cameras, decoded.image_size).color.clamp(0, 1)
@@ -100,42 +97,26 @@ def test_roles_that_are_not_possible(
 
 def test_encode_chooses_views_by_name_size_and_bounds(fecosplat, photographs: Path, tmp_path: Path) -> None:
     output = tmp_path / "wall.fcs"
-    arguments = ("--views", "view_2.png,view_0", "--size", "64x72", "--near", "1", "--far", "8", "--stages", "1")
+    arguments = (
+        "--views",
+        "view_2.png,view_0",
+        "--size",
+        "64x72",
+        "--near",
+        "1",
+        "--far",
+        "8",
+        "--stages",
+        "1",
+        "--effort",
+        "fast",
+    )
     result = fecosplat("encode", photographs, "-o", output, *arguments)
     summary = inspect(output.read_bytes())
     assert result.code == 0
     assert (summary.header.num_views, summary.header.width, summary.header.height) == (2, 64, 72)
     assert (summary.near, summary.far) == (1.0, 8.0)
     assert [section.name for section in summary.sections] == ["cameras", "B1"]
-
-
-def test_overwrite_replaces_the_output(fecosplat, coded_scene: Path, photographs: Path, tmp_path: Path) -> None:
-    output = tmp_path / "wall.fcs"
-    output.write_text("old")
-    result = fecosplat("encode", photographs, "-o", output, "--views", "0,1", "--overwrite")
-    assert result.code == 0
-    assert output.read_bytes() == coded_scene.read_bytes()
-    assert list(tmp_path.iterdir()) == [output]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--views", "0,9"), "there is no view 9; give indices from 0 to 3"),
-        (("--views", "0,roof.jpg"), "no view is called roof.jpg"),
-        (("--views", "1,1"), "view view_1.png is chosen twice"),
-        (("--views", "spread:9"), "9 views asked for, but the folder has 4"),
-        (("--size", "32x32"), "each side must have 64 to 1024 pixels"),
-        (("--near", "5", "--far", "2"), "0 < near < far is needed"),
-    ],
-)
-def test_encode_refuses_what_cannot_be_coded(
-    fecosplat, photographs: Path, tmp_path: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
-    assert (result.code, result.out) == (1, "")
-    assert message in result.err and result.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_decode_writes_what_the_library_returns(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
@@ -190,49 +171,6 @@ def test_first_stage_decodes_from_a_cut_file(fecosplat, coded_scene: Path, tmp_p
     for stream, output in zip((coded_scene, cut), outputs, strict=True):
         assert fecosplat("decode", stream, "-o", output, "--stages", "1").code == 0
     assert outputs[0].read_bytes() == outputs[1].read_bytes()
-
-
-def test_cut_file_without_stages_is_one_sentence(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
-    cut = tmp_path / "cut.fcs"
-    cut.write_bytes(cut_after_first_stage(coded_scene.read_bytes()))
-    result = fecosplat("decode", cut, "-o", tmp_path / "cut.ply")
-    assert (result.code, result.out) == (1, "")
-    assert result.err.startswith(f"fecosplat: {cut}: section at byte {cut.stat().st_size}: the file ends")
-    assert list(tmp_path.iterdir()) == [cut]
-
-
-def test_damaged_file_keeps_the_old_output(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
-    data = bytearray(coded_scene.read_bytes())
-    data[-1] ^= 0x10
-    damaged, output = tmp_path / "damaged.fcs", tmp_path / "old.ply"
-    damaged.write_bytes(data)
-    output.write_text("precious")
-    result = fecosplat("decode", damaged, "-o", output, "--overwrite")
-    assert result.code == 1
-    assert result.err.startswith(f"fecosplat: {damaged}: section B2 at byte ")
-    assert output.read_text() == "precious"
-
-
-def test_stream_of_an_unknown_model_names_its_id(fecosplat, stream_file: Path, tmp_path: Path) -> None:
-    result = fecosplat("decode", stream_file, "-o", tmp_path / "a.ply")
-    assert result.code == 1
-    assert result.err.startswith(f"fecosplat: {stream_file}: ")
-    assert b"no model".hex() in result.err and "weights" in result.err
-    assert list(tmp_path.iterdir()) == [stream_file]
-
-
-def test_full_disk_is_one_sentence_and_leaves_nothing(coded_scene: Path, tmp_path: Path) -> None:
-    """A limit on file size fails a write as a full disk does, with another number of the same kind of error."""
-    program = "import sys; from fecosplat_cli.main import run; sys.exit(run(sys.argv[1:]))"
-    result = subprocess.run(
-        [sys.executable, "-c", program, "decode", coded_scene, "-o", tmp_path / "a.ply"],
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
-    )
-    assert result.returncode == 1
-    assert result.stderr.startswith(f"fecosplat: {tmp_path / 'a.ply'}: writing failed (File too large)")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_render_writes_colour_and_depth_at_the_coded_cameras(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
@@ -298,14 +236,3 @@ def test_render_into_a_file_that_is_no_image_is_refused(fecosplat, stream_file: 
     kinds = ".png or .jpg or .jpeg or .webp or .exr"
     assert result.err == f"fecosplat: {output}: files of kind .txt are not written here; use a folder or {kinds}.\n"
     assert output.read_text() == "precious"
-
-
-def test_model_table_adds_up(fecosplat) -> None:
-    result = fecosplat("info", "--parameters", "--json")
-    rows = json.loads(result.out)
-    receiver = sum(row["parameters"] for row in rows if row["side"] == "receiver")
-    sender = sum(row["parameters"] for row in rows if row["side"] == "sender")
-    assert result.code == 0
-    assert [row["parameters"] for row in rows if row["side"] == "sum"] == [receiver, receiver + sender]
-    assert abs(receiver - 3_450_000) <= 34_500
-    assert receiver + sender <= 12_000_000

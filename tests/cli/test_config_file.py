@@ -124,14 +124,6 @@ def test_options_that_contradict_each_other(
 
 
 @pytest.mark.usefixtures("networks")
-def test_views_that_reconstruct_badly_get_a_warning(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
-    single = fecosplat(
-        "encode", photographs, "-o", tmp_path / "one.fcs", "--views", "0", "--guides", "none", "--effort", "fast"
-    )
-    assert single.code == 0 and "warning: one view has no parallax" in single.err
-
-
-@pytest.mark.usefixtures("networks")
 def test_a_single_stage_is_optimised_too(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
     files = [tmp_path / f"{effort}.fcs" for effort in ("fast", "default")]
     for effort, file in zip(("fast", "default"), files, strict=True):

@@ -42,7 +42,7 @@ def killed(request, photographs: Path, wall: bytes, random_weights: Path, tmp_pa
     target = output / ("a.fcs" if request.param == "encode" else "a.ply")
     target.write_bytes(b"precious")
     arguments = [request.param, source, "-o", target, "--overwrite"]
-    arguments += ["--views", "0,1", "--stages", "1"] if request.param == "encode" else []
+    arguments += ["--views", "0,1", "--stages", "1", "--effort", "fast"] if request.param == "encode" else []
     command = [sys.executable, "-c", CHILD, MODEL, random_weights, *arguments]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None and child.stdout.readline() == "writing\n"
@@ -91,7 +91,7 @@ def test_a_read_only_folder(
     fecosplat, photographs: Path, wall: bytes, tmp_path: Path, output: Path, read_only: Path, command: str
 ) -> None:
     (tmp_path / "wall.fcs").write_bytes(wall)
-    options = ("--views", "0,1", "--stages", "1") if command == "encode" else ()
+    options = ("--views", "0,1", "--stages", "1", "--effort", "fast") if command == "encode" else ()
     source = photographs if command == "encode" else tmp_path / "wall.fcs"
     target = read_only / ("a.fcs" if command == "encode" else "a.ply")
     result = fecosplat(command, source, "-o", target, *options)
@@ -127,7 +127,7 @@ def test_an_older_stream_among_the_photographs_may_be_replaced(
     for file in photographs.iterdir():
         (folder / file.name).write_bytes(file.read_bytes())
     (folder / "a.fcs").write_bytes(b"old")
-    arguments = ("--views", "0,1", "--stages", "1", "--overwrite")
+    arguments = ("--views", "0,1", "--stages", "1", "--effort", "fast", "--overwrite")
     assert fecosplat("encode", folder, "-o", folder / "a.fcs", *arguments).code == 0
     assert fecosplat("decode", folder / "a.fcs", "-o", output / "a.ply").code == 0
     assert read_ply(output / "a.ply").count > 0

@@ -20,13 +20,7 @@ from fecocodec.splat_files.ply import read_ply
 from tests.splat_files.test_output_formats import some_cameras, some_gaussians
 
 
-@pytest.mark.parametrize("name", ["a.splat", "a.ply", "a.jpg"])
-def test_encode_writes_fcs_only(fecosplat, photographs: Path, output: Path, name: str) -> None:
-    result = fecosplat("encode", photographs, "-o", output / name)
-    assert_refused(result, output, f"{output / name}: files of kind .{name[2:]} are not written here; use .fcs.")
-
-
-@pytest.mark.parametrize("name", ["a.splat", "a.fcs", "a.jpg", "a.ksplat", "a.h5", "a.7z", "a.x3d"])
+@pytest.mark.parametrize("name", ["a.splat", "a.fcs", "a.jpg", "a.7z"])
 def test_decode_refuses_other_endings(fecosplat, stream_file: Path, output: Path, name: str) -> None:
     result = fecosplat("decode", stream_file, "-o", output / name)
     assert_refused(
@@ -35,12 +29,6 @@ def test_decode_refuses_other_endings(fecosplat, stream_file: Path, output: Path
         f"{output / name}: files of kind .{name[2:]} are not written here; "
         "use .ply or .compressed.ply or .spz or .sog or .glb or .html.",
     )
-
-
-@pytest.mark.parametrize("name", ["a.splat", "a.ply", "a.gif"])
-def test_render_refuses_other_endings(fecosplat, coded_scene: Path, output: Path, name: str) -> None:
-    result = fecosplat("render", coded_scene, "-o", output / name)
-    assert_refused(result, output, f"{output / name}: files of kind .{name[2:]} are not written here; use a folder...")
 
 
 @pytest.mark.parametrize("command", ["encode", "render"])
@@ -55,7 +43,7 @@ def test_standard_output_is_refused_where_it_is_not_meant(
 def test_decode_writes_to_standard_output(fecosplat, coded_scene: Path, output: Path) -> None:
     command = [sys.executable, "-m", "fecosplat_cli", "decode", coded_scene, "-o"]
     piped = subprocess.run([*command, "-"], capture_output=True, check=True)
-    subprocess.run([*command, output / "a.ply"], capture_output=True, check=True)
+    assert fecosplat("decode", coded_scene, "-o", output / "a.ply").code == 0
     assert piped.stdout == (output / "a.ply").read_bytes()
     assert read_ply(output / "a.ply").count > 0
     assert piped.stderr.startswith(b"-: ")

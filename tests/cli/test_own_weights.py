@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 import fecocodec
-from fecocodec.container import inspect
 from tests.example_scenes import MODEL
 
 
@@ -22,26 +21,12 @@ def wall(photographs: Path, model: Path) -> bytes:
 
 
 def test_files_of_own_weights_go_there_and_back(
-    fecosplat, photographs: Path, model: Path, wall: bytes, tmp_path: Path
+    fecosplat, photographs: Path, model: Path, wall: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, splats, images = tmp_path / "wall.fcs", tmp_path / "wall.ply", tmp_path / "images"
-    assert (
-        fecosplat(
-            "encode",
-            photographs,
-            "-o",
-            file,
-            "--views",
-            "0,1",
-            "--guides",
-            "none",
-            "--effort",
-            "fast",
-            "--model",
-            model,
-        ).code
-        == 0
-    )
+    options = ("--views", "0,1", "--guides", "none", "--effort", "fast", "--model", ".")
+    monkeypatch.chdir(model)  # a relative folder
+    assert fecosplat("encode", photographs, "-o", file, *options).code == 0
     assert file.read_bytes() == wall
     assert fecosplat("decode", file, "-o", splats, "--model", model).code == 0
     expected = fecocodec.decode(wall, model=model).gaussians
@@ -50,45 +35,6 @@ def test_files_of_own_weights_go_there_and_back(
     assert sorted(path.suffix for path in images.iterdir()) == [".exr", ".exr", ".png", ".png"]
     partly = fecosplat("decode", file, "-o", tmp_path / "partial.ply", "--partial", "--model", model)
     assert partly.code == 0
-
-
-def test_a_relative_folder(
-    fecosplat, photographs: Path, model: Path, wall: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(model)
-    assert (
-        fecosplat(
-            "encode",
-            photographs,
-            "-o",
-            tmp_path / "wall.fcs",
-            "--views",
-            "0,1",
-            "--guides",
-            "none",
-            "--effort",
-            "fast",
-            "--model",
-            ".",
-        ).code
-        == 0
-    )
-    assert (tmp_path / "wall.fcs").read_bytes() == wall
-
-
-def test_weights_of_another_model(fecosplat, coded_scene: Path, model: Path, tmp_path: Path) -> None:
-    result = fecosplat("decode", coded_scene, "-o", tmp_path / "wall.ply", "--model", model)
-    model_id = inspect(coded_scene.read_bytes()).header.model_id.hex()
-    assert result.code == 1
-    assert f"needs the receiver weights with model id {model_id}, but {model} has {MODEL};" in result.err
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_is_not_there(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
-    missing = tmp_path / "missing"
-    result = fecosplat("decode", coded_scene, "-o", tmp_path / "wall.ply", "--model", missing)
-    assert result.code == 1
-    assert f"{missing}: there is no such folder; name the folder of a model." in result.err
 
 
 @pytest.mark.parametrize("goal", [(), ("--target-kib", "8")])

@@ -180,26 +180,10 @@ def test_cameras_in_the_folder_above_are_named(fecosplat, tmp_path: Path) -> Non
     assert note in result.err
 
 
-def test_save_cameras_for_an_empty_folder(fecosplat, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    result = fecosplat("encode", tmp_path / "empty", "-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "c.json")
-    assert result.code == 1
-    assert f"{tmp_path / 'empty'}: no photographs and no camera file found" in result.err
-
-
 def test_frames_is_for_a_video(fecosplat, unposed: Path, tmp_path: Path) -> None:
     result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", "--frames", "4")
     assert result.code == 2
     assert "--frames is for a video file" in result.err
-
-
-def test_one_photograph_without_cameras_is_one_sentence(fecosplat, unposed: Path, tmp_path: Path) -> None:
-    next(unposed.iterdir()).unlink()
-    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs")
-    assert result.code == 1
-    assert result.err.startswith(f"fecosplat: {unposed}: one photograph without cameras")
-    assert result.err.count("\n") == 1
-    assert not (tmp_path / "a.fcs").exists()
 
 
 def test_a_video_that_cannot_be_read_is_one_sentence(fecosplat, tmp_path: Path) -> None:

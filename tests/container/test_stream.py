@@ -177,12 +177,6 @@ def test_what_is_intact_comes_without_the_advice_to_decode_it() -> None:
     assert damage.endswith("; the file is truncated, copy or download it again.")
 
 
-def test_the_container_needs_neither_torch_nor_numpy() -> None:
-    program = "import sys, fecocodec.container; print(*{'torch', 'numpy'} & set(sys.modules))"
-    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == ""
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

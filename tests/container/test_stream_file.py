@@ -23,18 +23,6 @@ def pipe(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_named_pipe_without_a_writer_is_given_up(pipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stream_file, "SECONDS_WITHOUT_WRITER", 0.3)
-    start = time.monotonic()
-    with pytest.raises(InputError) as caught:
-        read_stream_file(pipe)
-    assert str(caught.value) == (
-        f"{pipe}: no program wrote to this pipe within 0.3 seconds; start the program that writes "
-        "to it, or give a file."
-    )
-    assert 0.3 <= time.monotonic() - start < 5.0
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.2])
 def test_a_named_pipe_waits_for_its_writer(pipe: Path, delay: float) -> None:
     def write() -> None:

@@ -12,7 +12,7 @@ from fecocodec.evaluation.evaluation import COMPLEXITY_TABLE, Plan, evaluate_to_
 from fecocodec.evaluation.paper_tables import BASELINES, ExternalRow, complexity_table, quality_charts, read_external
 from fecocodec.evaluation.summary import averages, compare
 from fecocodec.evaluation.systems.groups import LAMBDAS, lambdas_in_range
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec
 from tests.chunk_files import write_wall_chunks
 from tests.evaluation.test_report import curve
 from tests.example_scenes import MODEL
@@ -25,11 +25,6 @@ def external(tmp_path: Path) -> tuple[ExternalRow, ...]:
     path = tmp_path / "others.csv"
     path.write_text(CSV)
     return read_external(path)
-
-
-@pytest.fixture(scope="module")
-def codec(random_weights: Path) -> Codec:
-    return load_codec(random_weights / MODEL, "cpu")
 
 
 def test_rows_are_read_and_empty_cells_are_not_measured(external: tuple[ExternalRow, ...]) -> None:

@@ -256,18 +256,6 @@ def test_names_with_spaces_are_matched(tmp_path):
         assert [camera.name for camera in posed.reconstruction.cameras] == ["# the left.png", "# the right.png"]
 
 
-def test_a_camera_that_only_turns_is_refused(tmp_path):
-    image = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("RGB"))
-    for index, degrees in enumerate((0, 4, 8)):
-        Image.fromarray(turned(image, degrees, 0.75 * image.shape[1])).save(tmp_path / f"{index}.png")
-    assert "one position" in refusal(tmp_path) or "only turned" in refusal(tmp_path)
-
-
-def test_one_photograph_is_refused(tmp_path):
-    shutil.copy(PHOTOGRAPHS[0], tmp_path)
-    assert "one photograph without cameras" in refusal(tmp_path)
-
-
 def test_a_damaged_photograph_is_refused(tmp_path):
     first, _ = copies(tmp_path / "photos")
     first.write_bytes(first.read_bytes()[:2000])

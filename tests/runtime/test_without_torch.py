@@ -3,20 +3,20 @@
 Decoding must not report to anybody: wheels of onnxruntime do, unless they are told not to before the import.
 """
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from tests.vectors.tiny_model import VECTORS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = VECTORS / "valid" / "scene-compact-6.fcs"
-# Runs the command in a process in which the sender's libraries cannot be imported.
-COMMAND = """
-import sys
+# Runs commands one after the other in a process in which the sender's libraries cannot be imported, and prints code,
+# standard output and standard error of each as JSON.
+COMMANDS = """
+import contextlib, io, json, sys
 MISSING = {"torch", "numba", "scipy", "safetensors", "PIL", "OpenEXR", "matplotlib", "onnx", "onnxscript"}
 class Missing:
     def find_spec(self, name, path=None, target=None):
@@ -24,49 +24,54 @@ class Missing:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Missing())
 from fecosplat_cli.main import run
-sys.exit(run(sys.argv[1:]))
+
+def result(arguments):
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        code = run(arguments)
+    return code, out.getvalue(), err.getvalue()
+
+print(json.dumps([result(arguments) for arguments in json.load(sys.stdin)]))
 """
 
 
-def fecosplat(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+def fecosplat(*commands: list[str | Path]) -> list[tuple[int, str, str]]:
+    given = json.dumps([[str(argument) for argument in command] for command in commands])
+    command = [sys.executable, "-c", COMMANDS]
+    return json.loads(subprocess.run(command, cwd=ROOT, input=given, capture_output=True, text=True, check=True).stdout)
 
 
-@pytest.mark.parametrize("ending", ["ply", "compressed.ply", "spz", "glb"])
-def test_decode_writes_every_format(ending: str, tmp_path: Path) -> None:
-    output = tmp_path / f"scene.{ending}"
-    result = fecosplat("decode", SCENE, "-o", output, "--save-cameras", tmp_path / "cameras.json")
-    assert result.returncode == 0, result.stderr
-    assert output.stat().st_size > 10_000 and (tmp_path / "cameras.json").stat().st_size > 100
+def test_decode_writes_every_format(tmp_path: Path) -> None:
+    outputs = [tmp_path / f"scene.{ending}" for ending in ("ply", "compressed.ply", "spz", "glb")]
+    cameras = [output.with_name(f"{output.name}.json") for output in outputs]
+    commands = (["decode", SCENE, "-o", *pair] for pair in zip(outputs, ["--save-cameras"] * 4, cameras, strict=True))
+    for (code, _, err), output, saved in zip(fecosplat(*commands), outputs, cameras, strict=True):
+        assert code == 0, err
+        assert output.stat().st_size > 10_000 and saved.stat().st_size > 100
 
 
-@pytest.mark.parametrize("options", [["--stages", "1"], ["--partial"], ["--sh-degree", "0"], ["--no-merge"]])
-def test_decode_takes_its_options(options: list[str], tmp_path: Path) -> None:
-    result = fecosplat("decode", SCENE, "-o", tmp_path / "scene.ply", *options)
-    assert result.returncode == 0, result.stderr
+def test_decode_takes_its_options(tmp_path: Path) -> None:
+    options = [["--stages", "1"], ["--partial"], ["--sh-degree", "0"], ["--no-merge"]]
+    commands = (["decode", SCENE, "-o", tmp_path / f"{number}.ply", *given] for number, given in enumerate(options))
+    for code, _, err in fecosplat(*commands):
+        assert code == 0, err
 
 
 def test_info_describes_a_file() -> None:
-    result = fecosplat("info", SCENE, "--json")
-    assert result.returncode == 0 and '"views"' in result.stdout, result.stderr
+    ((code, out, err),) = fecosplat(["info", SCENE, "--json"])
+    assert code == 0 and '"views"' in out, err
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        pytest.param(["encode", "examples/motorcycle", "-o", "{}.fcs"], id="encode"),
-        pytest.param(["render", str(SCENE), "-o", "{}"], id="render"),
-        pytest.param(["decode", str(SCENE), "-o", "{}.ply", "--device", "cuda"], id="cuda"),
-        pytest.param(["decode", str(SCENE), "-o", "{}.sog"], id="sog"),
-        pytest.param(["info", "--parameters"], id="parameters"),
-    ],
-)
-def test_what_needs_more_names_what_to_install(arguments: list[str], tmp_path: Path) -> None:
-    output = str(tmp_path / "out")
-    result = fecosplat(*(argument.replace("{}", output) for argument in arguments))
-    assert result.returncode == 1
-    assert result.stderr.count("\n") == 1 and "pip install '.[sender]'" in result.stderr, result.stderr
+def test_what_needs_more_names_what_to_install(tmp_path: Path) -> None:
+    commands: list[list[str | Path]] = [
+        ["encode", "examples/motorcycle", "-o", tmp_path / "out.fcs"],
+        ["render", SCENE, "-o", tmp_path / "out"],
+        ["decode", SCENE, "-o", tmp_path / "out.ply", "--device", "cuda"],
+        ["decode", SCENE, "-o", tmp_path / "out.sog"],
+        ["info", "--parameters"],
+    ]
+    for command, (code, _, err) in zip(commands, fecosplat(*commands), strict=True):
+        assert code == 1, command
+        assert err.count("\n") == 1 and "pip install '.[sender]'" in err, err
 
 
 PROGRAM = "from cli.process import prepare_process; prepare_process(); import fecocodec.runtime.graphs"

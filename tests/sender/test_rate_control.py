@@ -93,11 +93,6 @@ def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: st
 
 
 @pytest.fixture(scope="module")
-def codec(random_weights: Path) -> Codec:
-    return load_codec(random_weights / MODEL, "cpu")
-
-
-@pytest.fixture(scope="module")
 def views() -> Views:
     return example_views(2)
 
@@ -173,17 +168,6 @@ def test_progress_covers_each_encoding(num_steps: int) -> None:
     assert fractions == sorted(fractions) and fractions[0] > 0.0 and fractions[-1] <= 1.0
     first_of_full = next(fraction for task, fraction in reports if task.startswith("attempt 1"))
     assert first_of_full == pytest.approx({0: 3.1 / 6, 4: 3.3 / 12}[num_steps])
-
-
-@pytest.mark.parametrize(("config", "is_optimised"), [(FAST, False), (CONFIG, True)])
-def test_an_encoding_reports_its_steps(
-    codec: Codec, views: Views, config: OptimisationConfig, is_optimised: bool
-) -> None:
-    """Matching is reported before it runs, and optimisation only where there is one."""
-    steps: list[str] = []
-    encode_with(codec, views, 1179, config=config, on_progress=lambda task, _fraction: steps.append(task))
-    assert steps[:2] == ["matching views", "coding stage 1"]
-    assert any(step.startswith("optimising") for step in steps) == is_optimised
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 0.0, -1.0])

@@ -10,20 +10,15 @@ from torch import Tensor
 from fecocodec.config import SenderConfig
 from fecocodec.container.lambda_quantisation import quantise_lambda
 from fecocodec.errors import InputError
-from fecocodec.sender.codec import Codec, load_codec, load_sender, serialise_sender
+from fecocodec.sender.codec import Codec, load_sender, serialise_sender
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.latent_optimisation import Objective, Slope, against_gradient, descend
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT, config_of_effort
 from fecocodec.sender.step_network import LARGEST_LOG_SCALE, StepNetwork
-from tests.example_scenes import MODEL, example_views
+from tests.example_scenes import example_views
 
 LAMBDA_Q = quantise_lambda(1e-3)
-
-
-@pytest.fixture(scope="module")
-def codec(random_weights: Path) -> Codec:
-    return load_codec(random_weights / MODEL, "cpu")
 
 
 def with_steps(codec: Codec) -> Codec:
@@ -36,12 +31,12 @@ def with_steps(codec: Codec) -> Codec:
 
 def test_an_untrained_network_changes_no_byte_and_a_changed_one_does(codec: Codec) -> None:
     views, config = example_views(2), DEFAULT.with_steps(3)
-    plain = encode_with(codec, views, LAMBDA_Q, config=config)
+    plain = encode_with(codec, views, LAMBDA_Q, 1, config)
     other = with_steps(codec)
-    assert encode_with(other, views, LAMBDA_Q, config=config) == plain
+    assert encode_with(other, views, LAMBDA_Q, 1, config) == plain
     assert other.sender.steps is not None
     torch.nn.init.constant_(other.sender.steps.log_scale.bias, 2.0)  # steps of 7.4 times the length
-    longer = [encode_with(other, views, LAMBDA_Q, config=config) for _ in range(2)]
+    longer = [encode_with(other, views, LAMBDA_Q, 1, config) for _ in range(2)]
     assert longer[0] == longer[1] != plain
 
 

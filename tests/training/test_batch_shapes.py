@@ -7,7 +7,7 @@ import torch
 
 from fecocodec.errors import InputError
 from fecocodec.training.batch import BatchShape, BatchShapes
-from fecocodec.training.configurations import CONFIGURATIONS, configuration_named
+from fecocodec.training.configurations import CONFIGURATIONS
 
 SQUARE = (128, 128)
 
@@ -62,13 +62,3 @@ def test_more_views_mean_fewer_scenes() -> None:
 def test_shapes_that_cannot_be_trained_are_named(arguments: tuple, sentence: str) -> None:  # type: ignore[type-arg]
     with pytest.raises(InputError, match=sentence):
         BatchShapes(*arguments)
-
-
-def test_the_paper_configurations_are_those_of_the_paper() -> None:
-    for name in ("paper-re10k", "paper-dl3dv"):
-        schedule = configuration_named(name).schedule
-        assert (schedule.num_steps, schedule.learning_rate) == (300_000, 2e-4)
-    assert configuration_named("paper-re10k").lambda_q_range == (0, 1768)
-    assert configuration_named("paper-dl3dv").lambda_q_range == (0, 1179)  # 256 ln 100
-    with pytest.raises(InputError, match="'small'; choose one of compact, compact-re10k, paper-re10k, paper-dl3dv"):
-        configuration_named("small")

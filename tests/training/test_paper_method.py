@@ -1,6 +1,5 @@
 """The method "paper" switches off every addition of ours, from training to decoding. `compact` keeps them."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -218,6 +217,4 @@ def test_what_does_not_exist_is_refused() -> None:
         Receiver(ReceiverConfig(method="ours"))
     with pytest.raises(ModelError, match="no ablation 'no-depth'"):
         Sender(PaperSenderConfig(ablation="no-depth"), ReceiverConfig(method=COMPACT))
-    with pytest.raises(InputError, match="kept only while the extractor or its matching is frozen"):
-        replace(configuration_named("paper-re10k"), kept_batches=4)
     assert isinstance(configuration_named("compact"), Configuration)

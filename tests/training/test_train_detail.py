@@ -1,7 +1,5 @@
 """The fit of the detail layer finds the directions that matter, and tables that cost the fewest bits."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -9,7 +7,7 @@ import torch
 from fecocodec.coding.detail import buckets, encode_detail
 from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import write_stages
 from fecocodec.sender.optimisation_config import DEFAULT, FAST
 from fecocodec.sender.scene import prepare_scene
@@ -25,14 +23,9 @@ from fecocodec.training.train_detail import (
     replaced,
     with_detail,
 )
-from tests.example_scenes import MODEL, example_views
+from tests.example_scenes import example_views
 
 PLANES = 5
-
-
-@pytest.fixture(scope="module")
-def codec(random_weights: Path) -> Codec:
-    return load_codec(random_weights / MODEL, "cpu")
 
 
 @pytest.fixture(scope="module")
