@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from fecocodec.errors import installation
 
-from .process import EndingSignals, prepare_process
+from .process import EndingSignals, prepare_process, prepare_streams
 
 COMMANDS = ("encode", "decode", "info", "render", "view", "web", "train", "eval", "stress", "batch", "doctor")
 INTERRUPTED = 130
@@ -58,6 +58,7 @@ def missing_module(error: ModuleNotFoundError) -> str:
 
 def main() -> NoReturn:
     """Run the console script. Signal handlers are installed before any large import."""
+    prepare_streams()
     with EndingSignals() as signals:
         try:
             prepare_process()

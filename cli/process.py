@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import warnings
+from io import TextIOWrapper
 from types import FrameType
 
 _M_TRIM_THRESHOLD, _M_MMAP_MAX, _M_ARENA_MAX = -1, -4, -8  # of glibc's <malloc.h>
@@ -34,6 +35,19 @@ def prepare_process() -> None:
         mallopt(_M_MMAP_MAX, 0)
         mallopt(_M_ARENA_MAX, 1)
         mallopt(_M_TRIM_THRESHOLD, _LARGEST_TRIM_THRESHOLD)
+
+
+def prepare_streams() -> None:
+    """Replace standard streams that are not there, and letters that the encoding of stdout lacks.
+
+    A program without a console, and one with closed streams, has None in their places. The first files that are opened
+    would take closed descriptors, and get what libraries print.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 - open until the process ends
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 SECONDS_TO_END = 2.0

@@ -1,4 +1,4 @@
-"""Write output files completely or not at all."""
+"""Write output files completely or not at all; temporary folders."""
 
 import errno
 import os
@@ -7,11 +7,13 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from fecocodec.errors import OutputError
 
 # Errors of os.link on file systems without hard links.
 _NO_LINKS = (errno.EPERM, errno.EACCES, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
+_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def make_folder(folder: Path) -> None:
@@ -175,3 +177,27 @@ def write_folder_atomically(folder: Path) -> Iterator[Path]:
             raise OutputError(f"{folder}: writing failed ({error.strerror}); choose another output path.") from error
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a folder that is removed when the block ends. Raises OutputError if its disk is full."""
+    with TemporaryDirectory(prefix="fecosplat-") as folder:
+        try:
+            yield Path(folder)
+        except OSError as error:
+            if error.errno not in _DISK_FULL:
+                raise
+            raise _full(Path(folder)) from error
+
+
+def require_space(folder: Path, num_bytes: int) -> None:
+    """Raise OutputError if the disk of a temporary folder has less space; a library aborts the process there."""
+    if shutil.disk_usage(folder).free < num_bytes:
+        raise _full(folder, f", as {num_bytes / 2**20:.0f} MiB are needed")
+
+
+def _full(folder: Path, needed: str = "") -> OutputError:
+    return OutputError(
+        f"{folder.parent}: the disk of the temporary folder is full{needed}; free space, or set TMPDIR to another one."
+    )

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from shutil import copyfileobj
-from tempfile import TemporaryDirectory
 
+from fecocodec.atomic import temporary_folder
 from fecocodec.errors import FecoError, InputError
 from fecocodec.input_file import MAX_FILE_BYTES, StrPath
 from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES
@@ -36,13 +36,13 @@ def unpacked(path: StrPath) -> Iterator[Path]:
     if not is_archive(path):
         yield path
         return
-    with TemporaryDirectory(prefix="fecosplat-") as temporary:
+    with temporary_folder() as temporary:
         try:
-            _unpack(path, Path(temporary))
+            _unpack(path, temporary)
         except (zipfile.BadZipFile, EOFError, NotImplementedError, ValueError, OSError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(f"{path}: the ZIP archive cannot be unpacked ({reason}); {_REMEDY}.") from error
-        root = _innermost(Path(temporary))
+        root = _innermost(temporary)
         try:
             yield root
         except FecoError as error:

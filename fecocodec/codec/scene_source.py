@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
+from fecocodec.atomic import temporary_folder
 from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras, unread_cameras_notes
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
@@ -48,8 +48,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
     with ExitStack() as stack:
         photographs, of_video = path, tuple[str, ...]()
         if is_video(path):
-            temporary = TemporaryDirectory(prefix="fecosplat-")
-            photographs = options.frames_folder or Path(stack.enter_context(temporary))
+            photographs = options.frames_folder or stack.enter_context(temporary_folder())
             count = options.num_frames or DEFAULT_FRAMES
             of_video = write_sharp_frames(path, photographs, count, is_most=options.num_frames is None)
         threads, is_masked = options.num_threads, options.masks != "unused"

@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from fecocodec.atomic import write_atomically
+from fecocodec.atomic import require_space, temporary_folder, write_atomically
 from fecocodec.errors import InputError
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice
@@ -26,6 +25,7 @@ from fecocodec.poses.unposed_photographs import (
     upright_masks,
 )
 
+_BYTES_OF_FEATURES = 3 << 20  # of a photograph: 8192 features and their matches in the database
 _MANY_MATCHES = 30  # of a pair; such pairs are counted in a note
 # Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
 _DEPTH_MARGIN = 1.3
@@ -67,16 +67,20 @@ def posed_folder(
     input in messages, by default the folder. focal_px: known focal length in pixels of the photographs, None to
     estimate it. has_masks: leave out features in what masks mark; the scene folder then has upright masks, too.
     Raises InputError if fewer than two photographs can be registered, all are taken from one position, or pycolmap is
-    missing.
+    missing, OutputError if the disk of the temporary folder is full.
     """
     photographs, notes = _chosen(folder, name or str(folder))
     warnings = _unread(folder)
-    with TemporaryDirectory(prefix="fecosplat-") as temporary:
-        root = Path(temporary)
-        groups = upright_copies(photographs, root, focal_px)
+    with temporary_folder() as root:
+        groups, left_out = upright_copies(photographs, root, focal_px)
+        warnings += left_out
+        photographs = [path for path in photographs if (root / path.name).exists()]
+        if len(photographs) < 2:
+            raise InputError(f"{name or folder}: cameras are estimated from two photographs or more. {left_out[0]}")
         masks = upright_masks(photographs, root) if has_masks else None
         workspace = root / "colmap"
         workspace.mkdir()
+        require_space(root, _BYTES_OF_FEATURES * len(photographs))
         reconstruction = reconstruct(root, groups, workspace, num_threads, masks)
         _require_cameras(name or str(folder), reconstruction)
         for path in set(root.iterdir()) - {

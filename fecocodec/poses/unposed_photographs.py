@@ -1,6 +1,7 @@
 """Prepare photographs without cameras for pose estimation: upright copies of moderate size and focal lengths."""
 
 from collections import defaultdict
+from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
@@ -46,33 +47,42 @@ def unread_photographs(folder: Path) -> list[Path]:
     return sorted(path for path in files if is_unread(path) and path.with_suffix("") not in read)
 
 
-def upright_copies(photographs: list[Path], target: Path, focal_px: float | None = None) -> list[ImageGroup]:
+def upright_copies(
+    photographs: list[Path], target: Path, focal_px: float | None = None
+) -> tuple[list[ImageGroup], list[str]]:
     """Write an upright copy of every photograph to `target`, under its own name, with sides of at most 1600 pixels.
 
     Copies hold PNG data whatever their suffix; readers recognise the format by the content.
     focal_px: known focal length in pixels of the photographs, None to start from EXIF data or a standard lens.
-    Returns groups of photographs of one size and focal length. Raises InputError for a photograph that cannot be read,
-    is too small, two that are equal, or a focal length that cannot be that of all.
+    Returns groups of photographs of one size and focal length, and a sentence for each that is left out: damaged, too
+    small, or the same picture as another. Raises InputError for a name that is not UTF-8, and for a focal length that
+    cannot be that of all.
     """
     members: dict[tuple[tuple[int, int], float | None], list[str]] = defaultdict(list)
     name_of_pixels: dict[bytes, str] = {}
     sides: dict[int, str] = {}
+    left_out = list[str]()
     for path in photographs:
-        image, focal, longer_side = _upright(path)
+        _require_utf8(path)
+        try:
+            image, focal, longer_side = _upright(path)
+        except InputError as error:
+            left_out.append(f"{path.name} is left out: {str(error).removeprefix(f'{path}: ')}")
+            continue
+        pixels = blake2b(image.tobytes()).digest()
         if min(image.size) < MIN_SIDE:
-            raise InputError(
-                f"{path}: {image.size[0]}x{image.size[1]} pixels are too few, sides must be {MIN_SIDE} or more; give a "
-                "larger photograph, or leave it out."
-            )
+            reason = f"{image.size[0]}x{image.size[1]} pixels are too few, sides must be {MIN_SIDE} or more"
+            left_out.append(f"{path.name} is left out: {reason}.")
+            continue
+        if (same := name_of_pixels.get(pixels)) is not None:
+            left_out.append(f"{path.name} is left out: it is the same picture as {same}.")
+            continue
         if focal_px is not None:
             focal = _given_focal(focal_px, path, longer_side, sides)
-        pixels = image.tobytes()
-        if (same := name_of_pixels.get(pixels)) is not None:
-            raise InputError(f"{path}: this is the same picture as {same}; remove one of the two.")
         name_of_pixels[pixels] = path.name
         image.save(target / path.name, format="PNG", compress_level=1)
         members[image.size, focal].append(path.name)
-    return [
+    groups = [
         ImageGroup(
             tuple(names),
             (focal or FOCAL_PRIOR) * max(size),
@@ -81,6 +91,15 @@ def upright_copies(photographs: list[Path], target: Path, focal_px: float | None
         )
         for (size, focal), names in members.items()
     ]
+    return groups, left_out
+
+
+def _require_utf8(path: Path) -> None:
+    """Raise InputError for a name that pycolmap cannot take."""
+    try:
+        path.name.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{path}: the name is not UTF-8; rename the file.") from error
 
 
 def upright_masks(photographs: list[Path], target: Path) -> Path | None:

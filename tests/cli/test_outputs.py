@@ -5,6 +5,7 @@ Where `decode` writes, and that no text of a stranger's file reaches what it wri
 
 import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -108,3 +109,20 @@ def test_the_name_of_a_file_cannot_end_a_script_of_the_page(monkeypatch: pytest.
     page = html_page.file_bytes(OutputScene(some_gaussians(10), some_cameras(), name, "scene.html"))
     assert b"<" not in page and b"\x1b" not in page
     assert json.loads(page.rpartition(b" ")[0])["name"] == name
+
+
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_a_process_without_a_console_decodes(coded_scene: Path, output: Path, closed: str) -> None:
+    """As of pythonw and daemons; the first files that are opened would take the places of closed streams."""
+    command = f'"{sys.executable}" -m fecosplat_cli decode "{coded_scene}" -o "{output / "a.ply"}" {closed}'
+    assert subprocess.run(command, shell=True).returncode == 0
+    assert len(read_ply(output / "a.ply").means) > 0
+
+
+def test_letters_that_a_console_lacks_are_replaced(stream_file: Path, tmp_path: Path) -> None:
+    titled = tmp_path / "titled.fcs"
+    titled.write_bytes(with_metadata(stream_file.read_bytes(), {"title": "caf\u00e9 \u53f0\u6240"}))
+    command = [sys.executable, "-m", "fecosplat_cli", "info", titled]
+    result = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "cp1252"})
+    assert (result.returncode, result.stderr) == (0, b"")
+    assert b"caf\xe9 ??" in result.stdout

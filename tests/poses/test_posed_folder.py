@@ -1,8 +1,11 @@
 """Cameras of photographs without poses: the example scene with its known cameras, and inputs without a solution."""
 
+import errno
 import json
+import os
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ from scipy.ndimage import map_coordinates
 from fecocodec.camera_files.find import has_cameras
 from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.captures.scene_folder import read_views
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, OutputError
 from fecocodec.photographs.lens import Lens
 from fecocodec.poses import pycolmap_matching, pycolmap_steps
 from fecocodec.poses.estimated_cameras import (
@@ -103,7 +106,7 @@ def test_a_given_focal_length_is_in_pixels_of_the_photographs(tmp_path):
         noise = np.random.default_rng(number).integers(0, 256, (10, 10, 3), dtype=np.uint8)
         Image.fromarray(noise).resize(size).save(tmp_path / f"{number}.png")
     (tmp_path / "copies").mkdir()
-    groups = upright_copies(sorted(tmp_path.glob("*.png")), tmp_path / "copies", 1500.0)
+    groups, _ = upright_copies(sorted(tmp_path.glob("*.png")), tmp_path / "copies", 1500.0)
     assert [(group.focal_px, group.is_fixed) for group in groups] == [(1200.0, True)] * 2  # copies of 1600 pixels
 
 
@@ -181,13 +184,27 @@ def test_features_are_found_in_grey_photographs_of_16_bits(tmp_path, mode):
         assert copied.shape == (*grey.shape, 3) and int(np.abs(copied[..., 1].astype(int) - grey).max()) == 0
 
 
-def test_a_photograph_that_is_too_small_is_named(tmp_path):
-    copies(tmp_path / "photos")
-    small = Path(shutil.copy(PHOTOGRAPHS[0], tmp_path / "photos" / "zz.png"))
-    Image.open(small).resize((48, 64)).save(small)
-    assert refusal(tmp_path / "photos") == (
-        f"{small}: 48x64 pixels are too few, sides must be 64 or more; give a larger photograph, or leave it out."
-    )
+def test_photographs_that_cannot_be_used_are_left_out_and_named(tmp_path):
+    folder = tmp_path / "photos"
+    first, _ = copies(folder)
+    shutil.copy(first, folder / "same.png")
+    (folder / "torn.png").write_bytes(first.read_bytes()[:2000])
+    Image.open(first).resize((48, 64)).save(folder / "zz.png")
+    with posed_folder(folder, num_threads=1) as posed:
+        assert "2 of 2" in posed.notes[0]
+        same, torn, small = posed.warnings[:3]
+    assert same == f"same.png is left out: it is the same picture as {first.name}."
+    assert torn.startswith("torn.png is left out: the image is damaged, cut short or of a kind that is not read")
+    assert small == "zz.png is left out: 48x64 pixels are too few, sides must be 64 or more."
+
+
+def test_a_name_that_is_not_utf8_is_refused(tmp_path):
+    first, _ = copies(tmp_path)
+    try:
+        os.rename(first, os.fsencode(tmp_path) + b"/K\xfcche.png")
+    except OSError:
+        pytest.skip("this file system takes UTF-8 names alone")
+    assert refusal(tmp_path).endswith("che.png: the name is not UTF-8; rename the file.")
 
 
 def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
@@ -233,7 +250,7 @@ def test_unrelated_photographs_are_refused(tmp_path):
 def test_two_identical_photographs_are_refused(tmp_path):
     shutil.copy(PHOTOGRAPHS[0], tmp_path / "a.png")
     shutil.copy(PHOTOGRAPHS[0], tmp_path / "b.png")
-    assert "b.png: this is the same picture as a.png" in refusal(tmp_path)
+    assert refusal(tmp_path).endswith("two photographs or more. b.png is left out: it is the same picture as a.png.")
 
 
 @pytest.mark.parametrize("step", [0.0, 4.0])
@@ -256,10 +273,26 @@ def test_names_with_spaces_are_matched(tmp_path):
         assert [camera.name for camera in posed.reconstruction.cameras] == ["# the left.png", "# the right.png"]
 
 
-def test_a_damaged_photograph_is_refused(tmp_path):
-    first, _ = copies(tmp_path / "photos")
-    first.write_bytes(first.read_bytes()[:2000])
-    assert first.name in refusal(tmp_path / "photos")
+@pytest.mark.parametrize("is_found_early", [True, False])
+def test_a_full_disk_of_the_temporary_folder_is_one_sentence(tmp_path, monkeypatch, is_found_early):
+    """pycolmap aborts the process where its database does not fit."""
+    copies(tmp_path / "photos")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    if is_found_early:
+        monkeypatch.setattr("fecocodec.atomic.shutil.disk_usage", lambda _: SimpleNamespace(free=1 << 20))
+    else:
+
+        def refuse(*_arguments: object, **_options: object) -> None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr(Image.Image, "save", refuse)
+    needed = ", as 6 MiB are needed" if is_found_early else ""
+    with pytest.raises(OutputError) as refused, posed_folder(tmp_path / "photos", num_threads=1):
+        pass
+    place = f"{tmp_path / 'temporary'}: the disk of the temporary folder is full{needed}"
+    assert str(refused.value) == f"{place}; free space, or set TMPDIR to another one."
+    assert list((tmp_path / "temporary").iterdir()) == []
 
 
 def test_pycolmap_missing_names_the_extra(tmp_path, monkeypatch):
