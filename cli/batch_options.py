@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fecocodec.batch.run import Engine
     from fecocodec.batch.scene_task import Work
     from fecocodec.batch.sidecar import Outcome
+LISTED_FAILURES = 20  # the summary has all
 
 
 @dataclass(frozen=True)
@@ -107,9 +108,6 @@ def engine_of(options: BatchOptions) -> "Iterator[Engine]":
 def _num_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-LISTED_FAILURES = 20  # the summary has all
 
 
 def run_and_report(scenes: Sequence[BatchScene], work: "Work", options: BatchOptions) -> int:

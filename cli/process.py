@@ -14,6 +14,10 @@ from types import FrameType
 
 _M_TRIM_THRESHOLD, _M_MMAP_MAX, _M_ARENA_MAX = -1, -4, -8  # of glibc's <malloc.h>
 _LARGEST_TRIM_THRESHOLD = 2**28  # bytes of free memory that the process keeps
+SECONDS_TO_END = 2.0
+_SECONDS_IN_IMPORT = 0.05  # until the end of an import is looked for again
+_IMPORT = "<frozen importlib._bootstrap>"  # file name of the frames of an import
+_DESCRIPTIONS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "the terminal was closed"}
 
 
 def prepare_process() -> None:
@@ -48,12 +52,6 @@ def prepare_streams() -> None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 - open until the process ends
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
-
-
-SECONDS_TO_END = 2.0
-_SECONDS_IN_IMPORT = 0.05  # until the end of an import is looked for again
-_IMPORT = "<frozen importlib._bootstrap>"  # file name of the frames of an import
-_DESCRIPTIONS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "the terminal was closed"}
 
 
 class EndingSignals:

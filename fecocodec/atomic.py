@@ -186,9 +186,14 @@ def temporary_folder() -> Iterator[Path]:
         try:
             yield Path(folder)
         except OSError as error:
-            if error.errno not in _DISK_FULL:
+            if not is_disk_full(error):
                 raise
             raise _full(Path(folder)) from error
+
+
+def is_disk_full(error: Exception) -> bool:
+    """Return whether the system refused a write for want of space."""
+    return isinstance(error, OSError) and error.errno in _DISK_FULL
 
 
 def require_space(folder: Path, num_bytes: int) -> None:

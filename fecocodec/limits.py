@@ -6,5 +6,4 @@ MAX_STAGES = 2
 MAX_SH_DEGREE = 1
 DEFAULT_MAX_PIXELS = 1 << 22  # pixels of all views that `decode` accepts by default
 FEW_VIEWS, MANY_VIEWS_MAX_PIXELS = 4, 1_400_000
-"""More coded views than FEW_VIEWS get a size of at most so many pixels together, unless the user sets one: sixteen then
-take 3 GiB and about a minute."""
+"""More than FEW_VIEWS views have at most so many pixels together, unless the user sets a size: 16 take 2.8 GiB."""

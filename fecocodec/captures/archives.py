@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from shutil import copyfileobj
 
-from fecocodec.atomic import temporary_folder
+from fecocodec.atomic import is_disk_full, temporary_folder
 from fecocodec.errors import FecoError, InputError
 from fecocodec.input_file import MAX_FILE_BYTES, StrPath
 from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES
@@ -30,7 +30,8 @@ def unpacked(path: StrPath) -> Iterator[Path]:
 
     Photographs and camera files are unpacked, hidden files and those of `__MACOSX` are not. A folder around all of them
     is left out. In errors that the block raises, files are named as parts of the archive.
-    Raises InputError for an archive that is damaged, encrypted, too large, or leads out of its folder.
+    Raises InputError for an archive that is damaged, encrypted, too large, or leads out of its folder, OutputError if
+    the disk of the temporary folder is full.
     """
     path = Path(path)
     if not is_archive(path):
@@ -40,6 +41,8 @@ def unpacked(path: StrPath) -> Iterator[Path]:
         try:
             _unpack(path, temporary)
         except (zipfile.BadZipFile, EOFError, NotImplementedError, ValueError, OSError) as error:
+            if is_disk_full(error):
+                raise
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(f"{path}: the ZIP archive cannot be unpacked ({reason}); {_REMEDY}.") from error
         root = _innermost(temporary)

@@ -19,6 +19,8 @@ NEIGHBOUR_OVERLAP = 0.3  # photographs with less are no neighbours; `auto_views`
 _OVERLAP_TIE = 0.03  # smaller differences of overlap count as ties
 LEAST_BASELINE = 0.02  # relative to depth; closer cameras have too little parallax
 _DEFAULT_DEPTHS = (3.0, 100.0)  # default near and far, in units of the distance between neighbouring cameras
+DUPLICATE_OVERLAP = 0.9  # of photographs from one position
+Overlap = Float[np.ndarray, "view view"]  # estimated covisibility, in [0, 1]
 
 
 def spread_views(scene: PosedPhotographs, count: int) -> tuple[int, ...]:
@@ -118,11 +120,6 @@ def _typical_intrinsics(scene: PosedPhotographs) -> Float[np.ndarray, "3 3"]:
             continue
         return framed_intrinsics(pinhole, (pinhole.height, pinhole.width))
     raise refused or InputError(f"{scene.cameras_path}: no photographs; give the folder that holds them.")
-
-
-DUPLICATE_OVERLAP = 0.9  # of photographs from one position
-
-Overlap = Float[np.ndarray, "view view"]  # estimated covisibility, in [0, 1]
 
 
 def k_centres(overlap: Overlap, chosen: list[int], candidates: list[int], count: int) -> list[int]:

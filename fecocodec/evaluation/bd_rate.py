@@ -17,6 +17,13 @@ from fecocodec.evaluation.records import Measurement
 Point = tuple[float, float]  # (rate, quality); a larger quality is better, in dB for `bd_psnr`
 
 _NUM_SAMPLES = 1001
+# Photographs need very different numbers of bytes, so each pair is compared at the size of our own file, at the one
+# operating point of our codec whose files have this size on average.
+SIZES_KIB = (4.0, 8.0, 16.0)
+_NUM_RESAMPLES = 10_000
+_INTERVAL = (2.5, 97.5)  # percentiles
+_NUM_HALVINGS = 60
+_TOLERANCE = 0.02  # of the smallest and largest size of a curve, to which a size beyond it is moved
 
 
 def bd_rate(anchor: Sequence[Point], test: Sequence[Point], *, least_overlap: float = 0.0) -> float | None:
@@ -63,15 +70,6 @@ def _mean_difference(
     x = np.linspace(low, high, _NUM_SAMPLES)
     difference = PchipInterpolator(*test.T)(x) - PchipInterpolator(*anchor.T)(x)
     return float(np.trapezoid(difference, x) / (high - low))
-
-
-# Photographs need very different numbers of bytes, so each pair is compared at the size of our own file, at the one
-# operating point of our codec whose files have this size on average.
-SIZES_KIB = (4.0, 8.0, 16.0)
-_NUM_RESAMPLES = 10_000
-_INTERVAL = (2.5, 97.5)  # percentiles
-_NUM_HALVINGS = 60
-_TOLERANCE = 0.02  # of the smallest and largest size of a curve, to which a size beyond it is moved
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,9 @@ _REACH = 2  # radius of the window of the local contrast, in Gaussians
 _VARIANCE = 1.2  # of the footprint that hides neighbours, in squared Gaussians
 _LARGEST_DEPTH = np.float32(1.5)  # bound on the optical depth of one Gaussian per cell of the grid
 _STEEPNESS = np.float32(1.5)  # chosen on validation scenes; the Gaussians of the other views hide too
+_TINY = np.float32(1e-30)
+_LEAST_WEIGHT = np.float32(1e-12)  # of a Gaussian that is present, however hidden
+_LARGEST_WEIGHT = np.float32(1e15)  # of those that are grouped; products of two are finite
 
 
 def local_contrast(colours: Float32[np.ndarray, "3 row column"]) -> Float32[np.ndarray, "row column"]:
@@ -56,11 +59,6 @@ def transmittance(
 def _shifted(padded: Float32[np.ndarray, "row2 column2"], shift: tuple[int, int]) -> Float32[np.ndarray, "row column"]:
     y, x = shift
     return padded[1 + y : padded.shape[0] - 1 + y, 1 + x : padded.shape[1] - 1 + x]
-
-
-_TINY = np.float32(1e-30)
-_LEAST_WEIGHT = np.float32(1e-12)  # of a Gaussian that is present, however hidden
-_LARGEST_WEIGHT = np.float32(1e15)  # of those that are grouped; products of two are finite
 
 
 def merged_fields(

@@ -26,6 +26,12 @@ _UNDISTORTION_STEPS = 20
 
 MatchedPoints = Mapping[Pair, tuple[Points, Points]]
 Errors = Float[np.ndarray, " _"]
+_EXPLAINED_PX = 4.0  # as in the reconstruction
+_LEAST_SHARE = 0.75  # of the matches between two parts; chosen on training scenes
+_STRONG_LINK = 30  # explained matches of a pair of photographs that join two parts in any case; pycolmap asks for 30
+_NO_LINK = 1e-6  # explained matches of a pair without any
+Counts = Float[np.ndarray, "camera camera"]
+Part = Bool[np.ndarray, " camera"]
 
 
 @dataclass(frozen=True)
@@ -101,15 +107,6 @@ def _undistorted(lens: Lens, points: Points) -> Points:
         plane = np.clip(plane + seen - distort(lens, plane), -10.0, 10.0)
     result: Points = plane * lens.fx
     return result
-
-
-_EXPLAINED_PX = 4.0  # as in the reconstruction
-_LEAST_SHARE = 0.75  # of the matches between two parts; chosen on training scenes
-_STRONG_LINK = 30  # explained matches of a pair of photographs that join two parts in any case; pycolmap asks for 30
-_NO_LINK = 1e-6  # explained matches of a pair without any
-
-Counts = Float[np.ndarray, "camera camera"]
-Part = Bool[np.ndarray, " camera"]
 
 
 def cut_weak_links(model: Any, points: MatchedPoints) -> bool:

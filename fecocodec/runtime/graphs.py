@@ -26,6 +26,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 onnxruntime.disable_telemetry_events()
+CELLS_AT_ONCE = 2**15  # of the 1/4 grid, in all threads; 16 MiB for a map of 128 channels
 
 
 class Graphs:
@@ -131,9 +132,6 @@ def bytes_tensor(weights: bytes, name: str) -> UInt8[np.ndarray, "..."] | None:
         return None
     begin, end = entry["data_offsets"]
     return np.frombuffer(weights[8 + size + begin : 8 + size + end], np.uint8).reshape(entry["shape"])
-
-
-CELLS_AT_ONCE = 2**15  # of the 1/4 grid, in all threads; 16 MiB for a map of 128 channels
 
 
 def run_by_views(

@@ -21,6 +21,13 @@ from fecocodec.splat_files.spz import spz_bytes
 
 FOLDER = Path(__file__).parents[1] / "web"
 SCENE_PAGE = "scene.html"
+KINDS = (".ply", ".spz")
+MAX_BYTES = 384 << 20  # as base64, a longer file would not fit in a string of a browser
+_MAX_HEADER_BYTES = 1 << 16
+_SPZ_HEADER_BYTES = 12
+_SPZ_MAGIC = 0x5053474E
+_NEEDED = ({"x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"}, {"packed_position", "packed_scale"})
+START = "index.html"
 
 
 def scene_page(folder: Path = FOLDER) -> bytes:
@@ -80,14 +87,6 @@ def _cameras(cameras: CameraArrays) -> dict[str, object]:
     return {"near": cameras.near, "far": cameras.far, "views": views}
 
 
-KINDS = (".ply", ".spz")
-MAX_BYTES = 384 << 20  # as base64, a longer file would not fit in a string of a browser
-_MAX_HEADER_BYTES = 1 << 16
-_SPZ_HEADER_BYTES = 12
-_SPZ_MAGIC = 0x5053474E
-_NEEDED = ({"x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"}, {"packed_position", "packed_scale"})
-
-
 class SplatHeader(NamedTuple):
     """The kind of a file, an entry of KINDS, and the number of its Gaussians."""
 
@@ -135,9 +134,6 @@ def _count_of_spz(path: Path, data: bytes) -> int:
     if magic != _SPZ_MAGIC:
         raise InputError(f"{path}: this is no SPZ file; give an .spz file of 3D Gaussians.")
     return int(count)
-
-
-START = "index.html"
 
 
 def decoding_page(folder: Path = FOLDER) -> dict[str, bytes]:

@@ -22,6 +22,8 @@ _PALETTE_COLUMNS = 64
 _ROTATION_MODE = 252  # alpha of a rotation: this plus the index of the omitted component
 _GAUSSIANS_PER_ENTRY = 2  # of the palette
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # equal input gives equal bytes
+CODEBOOK_SIZE = 256
+_SCALAR_STEPS, _VECTOR_STEPS = 20, 2  # of Lloyd's algorithm
 
 
 def file_bytes(scene: OutputScene) -> bytes:
@@ -107,10 +109,6 @@ def _zipped(meta: dict[str, Any], images: dict[str, UInt8[np.ndarray, "height wi
             archive.writestr(zipfile.ZipInfo(name, _ZIP_DATE), encoded.getvalue())
         archive.writestr(zipfile.ZipInfo("meta.json", _ZIP_DATE), json.dumps(meta))
     return data.getvalue()
-
-
-CODEBOOK_SIZE = 256
-_SCALAR_STEPS, _VECTOR_STEPS = 20, 2  # of Lloyd's algorithm
 
 
 def scalar_codebook(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "256"]:

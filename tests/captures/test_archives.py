@@ -1,5 +1,6 @@
 """ZIP archives of photographs are read like the folder that was packed."""
 
+import errno
 import os
 import stat
 import zipfile
@@ -14,7 +15,7 @@ from fecocodec.captures import archives
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.render_cameras import read_render_cameras
 from fecocodec.captures.scene_folder import read_views
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, OutputError
 
 
 def pack(folder: Path, archive: Path, prefix: str = "") -> Path:
@@ -98,3 +99,15 @@ def test_encrypted_archives_and_links(tmp_path: Path) -> None:
     archive.write_bytes(data)
     with pytest.raises(InputError, match="the ZIP archive is encrypted; unpack it and give the folder"):
         read_views(archive)
+
+
+def test_a_full_disk_is_not_a_fault_of_the_archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    write_transforms(tmp_path / "scene", shots(2))
+    archive = pack(tmp_path / "scene", tmp_path / "a.zip")
+    monkeypatch.setattr(archives, "copyfileobj", refuse)
+    full = "the disk of the temporary folder is full; free space, or set TMPDIR to another one."
+    with pytest.raises(OutputError, match=full), unpacked(archive):
+        pass

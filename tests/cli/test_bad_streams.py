@@ -30,6 +30,10 @@ def with_flipped_bit(data: bytes, byte: int) -> bytes:
     return data[:byte] + bytes([data[byte] ^ 4]) + data[byte + 1 :]
 
 
+def with_another_digest(data: bytes) -> bytes:
+    return with_new_crc(data[:28] + bytes(8) + data[36:48]) + data[48:]
+
+
 def offset(data: bytes, name: str) -> int:
     return next(section.offset for section in list_sections(data) if section.name == name)
 
@@ -125,3 +129,11 @@ def test_a_known_format_is_named(fecosplat, tmp_path: Path, output: Path, start:
     file.write_bytes(start)
     result = fecosplat("decode", file, "-o", output / "a.ply")
     assert_refused(result, output, f"{file}: not a .fcs file: this is {kind}; give a file written by fecosplat encode.")
+
+
+@pytest.mark.usefixtures("networks")
+def test_symbols_other_than_the_header_says(fecosplat, wall: bytes, tmp_path: Path, output: Path) -> None:
+    file = tmp_path / "other.fcs"
+    file.write_bytes(with_another_digest(wall))
+    result = fecosplat("decode", file, "-o", output / "result.ply")
+    assert_refused(result, output, f"{file}: stage 1: the decoded symbols have digest ...")

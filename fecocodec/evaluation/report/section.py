@@ -8,6 +8,9 @@ from typing import Any
 from fecocodec.atomic import write_atomically
 from fecocodec.evaluation.extras import require_extra
 
+SIZE_INCHES, PANEL_INCHES, DPI = (7.6, 4.6), (4.0, 3.8), 100  # of a chart, of one of several charts
+MARKERS = "osD^vP*Xhp<>d8"
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -48,10 +51,6 @@ def pareto_front(marks: Iterable[Mark]) -> tuple[Mark, ...]:
         if not front or mark.y > front[-1].y:
             front.append(mark)
     return tuple(front)
-
-
-SIZE_INCHES, PANEL_INCHES, DPI = (7.6, 4.6), (4.0, 3.8), 100  # of a chart, of one of several charts
-MARKERS = "osD^vP*Xhp<>d8"
 
 
 def write_png(chart: Chart, path: Path) -> None:
