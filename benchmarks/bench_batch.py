@@ -12,6 +12,7 @@ skips all; and bytes of files and sidecars. The last lines compare the numbers o
 import argparse
 import resource
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
@@ -21,6 +22,7 @@ from fecocodec.batch.encode_scene import EncodeScene
 from fecocodec.batch.run import run_batch
 from fecocodec.batch.scene_task import Result
 from fecocodec.batch.scenes import BatchScene, scene_folders
+from fecocodec.batch.sidecar import Outcome
 from fecocodec.captures.view_selection import Spread
 from fecocodec.codec.options import EncodingOptions
 
@@ -116,7 +118,7 @@ def measure_empty(count: int) -> tuple[str, ...]:
     return f"{1000 * seconds / count:.2f} ms/scene", f"{1000 * cpu / count:.2f} ms/scene of CPU, client and scheduler"
 
 
-def require_done(outcomes: object) -> list:
+def require_done(outcomes: Iterable[Outcome]) -> list[Outcome]:
     found = list(outcomes)
     if failed := [of for of in found if of.status == "failed"]:
         sys.exit(f"{failed[0].scene}: {failed[0].error}")

@@ -39,7 +39,7 @@ def main() -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     print(f"{stream.name}, {stream.stat().st_size} bytes, {os.environ['OMP_NUM_THREADS']} thread(s)")
     with tempfile.TemporaryDirectory() as folder:
-        whole = {kind: [] for kind in ("torch", "onnxruntime")}
+        whole: dict[str, list[tuple[float, float, float]]] = {kind: [] for kind in ("torch", "onnxruntime")}
         for _ in range(REPEATS):
             for kind, found in whole.items():
                 found.append(whole_process(kind, stream, Path(folder)))
@@ -67,8 +67,9 @@ def measure_warm(data: bytes) -> None:
     from fecocodec.receiver.decode import decode as decode_with_torch
 
     num_threads = int(os.environ["OMP_NUM_THREADS"])
-    convolution = torch.nn.Conv2d(176, 176, 3, padding=1).to(memory_format=torch.channels_last).requires_grad_(False)
-    maps = torch.rand(2, 176, 64, 64).to(memory_format=torch.channels_last)
+    convolution = torch.nn.Conv2d(176, 176, 3, padding=1).requires_grad_(False)
+    convolution.weight.data = convolution.weight.data.contiguous(memory_format=torch.channels_last)
+    maps = torch.rand(2, 176, 64, 64).contiguous(memory_format=torch.channels_last)
     gflop = 2 * 9 * 176 * 176 * maps.shape[0] * maps.shape[2] * maps.shape[3] / 1e9
     tasks: dict[str, Callable[[], object]] = {
         "convolutions": lambda: convolution(maps),

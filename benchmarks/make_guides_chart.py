@@ -19,7 +19,7 @@ from fecocodec.captures.view_selection import Spread
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.codec.roles import choose_roles
 from fecocodec.evaluation.novel_views import evaluate
-from fecocodec.evaluation.report.charts import Chart, Mark, Series, write_panels
+from fecocodec.evaluation.report.section import Chart, Mark, Series, write_panels
 from fecocodec.evaluation.systems.codec import codec_system, guided_system
 from fecocodec.geometry.views import joined
 from fecocodec.limits import MAX_VIEWS

@@ -67,10 +67,10 @@ def _draw(columns: list[tuple[str, str, Image.Image, str, Image.Image]]) -> Imag
     row = height + CAPTION_PX
     sheet = Image.new("RGB", (len(columns) * (width + GAP_PX) - GAP_PX, 2 * row + CAPTION_PX), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(FONT_PX)
-    for index, (heading, *pictures) in enumerate(columns):
+    for index, (heading, above, first, below, second) in enumerate(columns):
         x = index * (width + GAP_PX)
         draw.text((x + 4, 3), heading, "black", font)
-        for number, (caption, picture) in enumerate(zip(pictures[::2], pictures[1::2], strict=True)):
+        for number, (caption, picture) in enumerate(((above, first), (below, second))):
             sheet.paste(picture, (x, CAPTION_PX + number * row))
             draw.text((x + 4, CAPTION_PX + number * row + height + 2), caption, "dimgray", font)
     return sheet

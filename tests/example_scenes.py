@@ -66,7 +66,7 @@ def write_random_model(weights: Path) -> None:
     sender = Sender(SenderConfig(), receiver.config)
     with torch.no_grad():
         receiver.predictor.depth_head.weight.mul_(20.0)
-        receiver.predictor.head[2].weight.mul_(20.0)
+        receiver.predictor.head.get_parameter("2.weight").mul_(20.0)
     folder = weights / MODEL
     folder.mkdir(parents=True)
     receiver_bytes = serialise_receiver(receiver)

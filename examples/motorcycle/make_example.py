@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 
 from fecocodec.captures.scene_folder import read_views
-from fecocodec.geometry.depth_range import bounds_of_depths
+from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.views import Views
 from fecocodec.photographs.images import write_image
 
@@ -29,7 +29,9 @@ def main() -> None:
     folder = Path(__file__).parent
     left, right, disparity = skimage.data.stereo_motorcycle()
     depth = FOCAL_LENGTH / REDUCTION * BASELINE / (disparity + CENTRE_X_SHIFT / REDUCTION)
-    near, far = bounds_of_depths(depth[np.isfinite(disparity)])
+    bounds = bounds_of_depths(depth[np.isfinite(disparity)])
+    assert bounds is not None
+    near, far = bounds
     with tempfile.TemporaryDirectory() as name:
         original = Path(name)
         for image, file_name in ((left, "left.png"), (right, "right.png")):

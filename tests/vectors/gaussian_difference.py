@@ -90,9 +90,11 @@ def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tens
     colour = _without_largest((_colours(cameras, first) - _colours(cameras, second)).abs().flatten(1))
     opacity = _without_largest((first[:, 10:11] - second[:, 10:11]).abs())
     scale = (first[:, 3:6].log() - second[:, 3:6].log()).abs() / reach[:, None]
-    parts = [statistic for values in (position, colour, opacity, scale) for statistic in (_rms(values), _peak(values))]
+    named = {"position": position, "colour": colour, "opacity": opacity, "scale": scale}
+    parts = {f"{name}_rms": _rms(values) for name, values in named.items()}
+    parts |= {f"{name}_peak": _peak(values) for name, values in named.items()}
     unmatched = 1.0 - 2.0 * len(first) / (len(one) + len(other))
-    return Difference(*parts, unmatched=unmatched, render_psnr=math.inf)
+    return Difference(**parts, unmatched=unmatched, render_psnr=math.inf)
 
 
 def matched(
