@@ -140,6 +140,12 @@ def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:
     assert "fecosplat, effort fast" in names and "one thread" not in names
 
 
+def test_times_have_quartiles(studies: Studies) -> None:
+    speed = [replace(m, encode_seconds=float(ENTRIES.index(m.entry))) for m in studies.speed]
+    text = speed_section(studies.rate, speed, studies.steps, 64).text
+    assert re.search(r"\| one thread \| [\d.]+ \| [\d.]+ \| 1\.000 \(0\.500 to 1\.500\) \|", text)
+
+
 def test_systems_of_other_sizes_are_not_compared_at_one(studies: Studies) -> None:
     huge = [replace(m, system="PLY", num_bytes=1000 * m.num_bytes) for m in studies.rate]
     charts = speed_section([*studies.rate, *huge], studies.speed, studies.steps, 64).charts

@@ -139,9 +139,9 @@ class ReportPlan:
     root, index: scenes and evaluation index. model: folder of the weights. work: folder of measurements, reused by the
     next run. output: folder that receives `report.md` and `report/`.
 
-    Numbers of two-view entries: entries, for rate and quality; speed_entries, of those, for timings;
-    complexity_entries, for file size against complexity (None: all); stress_scenes, to derive stress cases from (0: no
-    stress cases). entries_of_more_views: number of entries with more than two context views.
+    Numbers of two-view entries: entries, for rate, quality and speed; complexity_entries, for file size against
+    complexity (None: all); stress_scenes, to derive stress cases from (0: no stress cases).
+    entries_of_more_views: number of entries with more than two context views.
 
     lambdas: of the main curve. few_lambdas: of the other curves. sides, view_counts: image sides in pixels and numbers
     of views of the scaling study. room_side, num_waves: image side and numbers of patterns of the synthetic rooms.
@@ -154,7 +154,6 @@ class ReportPlan:
     work: Path
     output: Path
     entries: int = 12
-    speed_entries: int = 3
     complexity_entries: int | None = None
     entries_of_more_views: int = 4
     stress_scenes: int = 3
@@ -172,7 +171,6 @@ def quick(plan: ReportPlan) -> ReportPlan:
     return replace(
         plan,
         entries=1,
-        speed_entries=1,
         complexity_entries=1,
         entries_of_more_views=1,
         stress_scenes=0,

@@ -1,6 +1,7 @@
 """Report section: time against quality at sender and receiver, and time per processing step."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,9 +11,9 @@ from fecocodec.evaluation.summary import OURS, Average, averages
 from fecocodec.evaluation.systems.codec import ABLATION_NAMES
 
 TEXT = """\
-Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU, without rendering. PSNR and time
-of each curve are those at {kib:.1f} KiB, interpolated over the logarithm of the file size. A curve that does not cover
-this size is shown at its nearest end, which its tooltip states, and left out if that is not within a factor of two.
+Medians over {entries} pairs of context views, after warm-up, in one process, on a CPU, without rendering; in brackets
+the quartiles. PSNR and time of each curve are those at {kib:.1f} KiB, interpolated over the logarithm of the file size.
+A curve that does not cover this size is shown at its nearest end, and left out if that is not within a factor of two.
 Variants of our codec:
 
 - *effort fast*; *one thread*;
@@ -26,6 +27,8 @@ networks.
 
 {receiver}
 
+{equal}
+
 All operating points, at different rates:
 
 {sender_all}
@@ -36,7 +39,18 @@ Time by step, two views of {side}x{side} pixels at lambda 1e-3, after warm-up:
 
 {steps}
 """
-Seconds = Callable[[Average], float]
+ENDS = {"sender": "encode_seconds", "receiver": "decode_seconds"}
+QUARTILES = (0.25, 0.5, 0.75)
+
+
+@dataclass(frozen=True)
+class AtEqualRate:
+    """A system at one file size. seconds: quartiles, by end."""
+
+    system: str
+    kib: float
+    psnr: float
+    seconds: dict[str, list[float]]
 
 
 def speed_section(
@@ -53,14 +67,16 @@ def speed_section(
     if not rows:
         return Section("Speed and quality", "Nothing could be measured.")
     kib = _middle([row for row in rows if row.system == OURS])
-    equal = [_equal_rate(rows, kib, *end) for end in ENDS]
-    every = [_all_points(rows, *end) for end in ENDS]
+    at_kib = _at_equal_rate(rows, [*speed, *others], kib)
+    equal = [_equal_rate(at_kib, kib, end) for end in ENDS]
+    every = [_all_points(rows, *end) for end in ENDS.items()]
     text = TEXT.format(
         entries=rows[0].entries,
         kib=kib,
         side=side,
         sender=picture(equal[0]),
         receiver=picture(equal[1]),
+        equal=_equal_table(at_kib),
         sender_all=picture(every[0]),
         receiver_all=picture(every[1]),
         steps=_steps(steps),
@@ -68,31 +84,42 @@ def speed_section(
     return Section("Speed and quality", text, (*equal, *every))
 
 
-ENDS: tuple[tuple[str, Seconds], ...] = (
-    ("sender", lambda row: row.encode_seconds),
-    ("receiver", lambda row: row.decode_seconds),
-)
-
-
 def _middle(rows: Sequence[Average]) -> float:
     """Return the median file size of our operating points, in KiB."""
     return sorted(row.kib for row in rows)[len(rows) // 2]
 
 
-def _equal_rate(rows: Sequence[Average], kib: float, end: str, seconds: Seconds) -> Chart:
-    series = []
+def _at_equal_rate(rows: Sequence[Average], found: Sequence[Measurement], kib: float) -> list[AtEqualRate]:
+    """Return the systems that come within a factor of two of this size. found: the measurements of the rows."""
+    systems = []
     for name in dict.fromkeys(row.system for row in rows):
         own = sorted((row for row in rows if row.system == name), key=lambda row: row.kib)
         rates = np.log([row.kib for row in own])
-        psnr, cost = (
-            float(np.interp(np.log(kib), rates, values))
-            for values in ([row.psnr for row in own], [seconds(row) for row in own])
-        )
         nearest = min(max(kib, own[0].kib), own[-1].kib)
         if not kib / 2 <= nearest <= 2 * kib:
             continue
-        note = f"at {nearest:.1f} KiB" + ("" if nearest == kib else ", the nearest it has")
-        series.append(Series(name, (Mark(max(cost, 1e-4), psnr, note),), is_line=False))
+        seconds = {}
+        for end, field in ENDS.items():
+            of_rows = [
+                np.quantile([getattr(m, field) for m in found if _point(m) == _point(row) and not m.error], QUARTILES)
+                for row in own
+            ]
+            seconds[end] = [float(np.interp(np.log(kib), rates, values)) for values in zip(*of_rows, strict=True)]
+        psnr = float(np.interp(np.log(kib), rates, [row.psnr for row in own]))
+        systems.append(AtEqualRate(name, nearest, psnr, seconds))
+    return systems
+
+
+def _point(of: Average | Measurement) -> tuple[str, str]:
+    return of.system, of.setting
+
+
+def _equal_rate(systems: Sequence[AtEqualRate], kib: float, end: str) -> Chart:
+    series = []
+    for system in systems:
+        low, middle, high = system.seconds[end]
+        note = f"at {system.kib:.1f} KiB, {low:.3g} to {high:.3g} s"
+        series.append(Series(system.system, (Mark(max(middle, 1e-4), system.psnr, note),), is_line=False))
     front = pareto_front(mark for one in series for mark in one.marks)
     title = f"Speed of the {end} and quality at about {kib:.1f} KiB"
     return Chart(
@@ -100,12 +127,20 @@ def _equal_rate(rows: Sequence[Average], kib: float, end: str, seconds: Seconds)
     )
 
 
-def _all_points(rows: Sequence[Average], end: str, seconds: Seconds) -> Chart:
+def _equal_table(systems: Sequence[AtEqualRate]) -> str:
+    rows = []
+    for system in systems:
+        times = [f"{middle:.3f} ({low:.3f} to {high:.3f})" for low, middle, high in system.seconds.values()]
+        rows.append((system.system, number(system.kib, 1), number(system.psnr), *times))
+    return table(("system", "KiB", "PSNR of targets", *(f"{end}, s" for end in ENDS)), rows)
+
+
+def _all_points(rows: Sequence[Average], end: str, field: str) -> Chart:
     series = [
         Series(
             name,
             tuple(
-                Mark(max(seconds(row), 1e-4), row.psnr, f"{row.setting}, {row.kib:.1f} KiB")
+                Mark(max(getattr(row, field), 1e-4), row.psnr, f"{row.setting}, {row.kib:.1f} KiB")
                 for row in rows
                 if row.system == name
             ),

@@ -69,7 +69,7 @@ WARM_RUNS = 3
 class Studies:
     """All measurements of a report.
 
-    rate: two-view entries with all systems. speed: some of these entries at further operating points. photographs: more
+    rate: two-view entries with all systems. speed: the same entries at further operating points. photographs: more
     two-view entries, at one lambda. complexity: size of the context views in KiB, by entry of `photographs`.
     more_views: entries with more than two context views. steps: seconds by step, for "encode" and "decode". loads:
     scaling study. needs: synthetic rooms. verdicts: stress cases.
@@ -110,7 +110,6 @@ def _measurements(plan: ReportPlan, codec: Codec, label: str, on_study: OnStudy)
     """Run the studies of rate, speed, complexity and more views. They share one file to avoid repeated measurements."""
     index = read_index(plan.index)
     pairs = choose_entries(index, 2, plan.entries, plan.index)
-    few = pairs[:: max(1, len(pairs) // plan.speed_entries)][: plan.speed_entries]
     more = [entry for entry in index if len(entry.context) > 2]
     records = RecordFile(plan.work / RECORDS)
     read = open_scenes(plan.root, plan.size)
@@ -121,7 +120,7 @@ def _measurements(plan: ReportPlan, codec: Codec, label: str, on_study: OnStudy)
     on_study("rate and quality")
     rate = measured(pairs, _rate_systems(plan, codec))
     on_study("speed and quality")
-    speed = measured(few, [system for lmbda in plan.few_lambdas for system in speed_systems(codec, lmbda)])
+    speed = measured(pairs, [system for lmbda in plan.few_lambdas for system in speed_systems(codec, lmbda)])
     on_study("bytes and complexity")
     many = choose_entries(index, 2, plan.complexity_entries, plan.index)
     photographs = measured(many, systems_of(["codec"], codec, [LAMBDA]))
