@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fecocodec.camera_files.posed_photographs import PosedPhotograph
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks
@@ -98,6 +98,23 @@ def read_others(
                 raise
             on_left_out(f"left out {name}, which cannot be used: {str(error).removesuffix('.')}.")
     return joined(read) if read else None
+
+
+def with_problems(scene: PosedPhotographs, indices: list[int]) -> PosedPhotographs:
+    """Return the scene with the problem of each of these photographs that cannot be read; the same one if all can."""
+    problems = dict[int, str]()
+    for index in indices:
+        try:
+            read_photograph(scene.photographs[index].path)
+        except InputError as error:
+            problems[index] = str(error)
+    if not problems:
+        return scene
+    photographs = [
+        replace(photograph, problem=problems[index]) if index in problems else photograph
+        for index, photograph in enumerate(scene.photographs)
+    ]
+    return replace(scene, photographs=photographs)
 
 
 def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, masks: Masks) -> Views:

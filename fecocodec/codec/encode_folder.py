@@ -8,16 +8,19 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
 from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
+from fecocodec.captures.view_selection import Spread
 from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import Roles, choose_roles
 from fecocodec.codec.scene_source import scene_source
 from fecocodec.container import read_header
+from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath
 from fecocodec.model_files import is_shipped
 from fecocodec.photographs.framing import within_limit
@@ -33,6 +36,9 @@ from fecocodec.sender.view_quality import (
     quality_warnings,
     stage_2_note,
 )
+
+if TYPE_CHECKING:
+    from fecocodec.codec.encode_views import Photographs
 
 
 @dataclass(frozen=True)
@@ -93,22 +99,11 @@ def encode_folder(
     with scene_source(path, options) as source:
         messages.note(*source.notes)
         messages.warn(*source.warnings)
-        scene = read_cameras(source.path)
-        decide = partial(_coded_views, scene, options, messages, on_progress)
-        roles = choose_roles(
-            scene, path, options.views, options.guides, options.num_checks, options.size, decide=decide
-        )
-        messages.warn(*roles.warnings)
-        for sentence in roles.omissions:
-            messages.omit(sentence)
-        chosen = _framed(scene, roles, options, messages)
-
-        from fecocodec.codec.encode_views import encode_views, read_photographs
-        from fecocodec.sender.optimisation_config import config_of_effort
-
-        config_of_effort(options.effort, options.sharpness)  # raises for one that there is not
-        photographs = read_photographs(*chosen, options, messages)
+        roles, photographs = _read(read_cameras(source.path), options, messages, on_progress)
         messages.note(*photographs.views.remarks)
+
+    from fecocodec.codec.encode_views import encode_views
+
     views, guides, checks = photographs.views, photographs.guides, photographs.checks
     data = encode_views(views, guides, checks, options, messages, on_progress)
     if guides is not None and messages.omitted:
@@ -151,6 +146,33 @@ def encode_folder(
         round(perf_counter() - start, 3),
         source.save_cameras,
     )
+
+
+def _read(
+    scene: PosedPhotographs, options: EncodingOptions, messages: Messages, on_progress: OnProgress
+) -> tuple[Roles, "Photographs"]:
+    """Choose and read the photographs. If as many views are coded as are asked for, others replace unreadable ones."""
+    decide = partial(_coded_views, scene, options, messages, on_progress)
+    roles = choose_roles(
+        scene, messages.path, options.views, options.guides, options.num_checks, options.size, decide=decide
+    )
+    messages.warn(*roles.warnings)
+    for sentence in roles.omissions:
+        messages.omit(sentence)
+    chosen = _framed(scene, roles, options, messages)
+
+    from fecocodec.captures.scene_folder import with_problems
+    from fecocodec.codec.encode_views import read_photographs
+    from fecocodec.sender.optimisation_config import config_of_effort
+
+    config_of_effort(options.effort, options.sharpness)  # raises for one that there is not
+    try:
+        return roles, read_photographs(*chosen, options, messages)
+    except InputError:
+        readable = with_problems(scene, roles.context) if isinstance(options.views, Spread) else scene
+        if readable is scene:
+            raise
+    return _read(readable, options, messages, on_progress)
 
 
 def _coded_views(

@@ -23,7 +23,7 @@ def of_input(path: Path, sentence: str) -> str:
 
 
 class Messages:
-    """Passes each sentence on as soon as it is known, and keeps it.
+    """Passes each sentence on as soon as it is known, once, and keeps it.
 
     path: of the input. is_strict: raise StrictError for a warning instead.
     """
@@ -42,17 +42,19 @@ class Messages:
         self.omitted: list[str] = []
 
     def note(self, *sentences: str) -> None:
-        for sentence in sentences:
-            self.notes.append(of_input(self.path, sentence))
-            self._on_note(self.notes[-1])
+        for sentence in (of_input(self.path, sentence) for sentence in sentences):
+            if sentence not in self.notes:
+                self.notes.append(sentence)
+                self._on_note(sentence)
 
     def warn(self, *sentences: str) -> None:
         """Raises StrictError for the first warning if it is an error."""
-        for sentence in sentences:
+        for sentence in (of_input(self.path, sentence) for sentence in sentences):
             if self._is_strict:
-                raise strict_error(str(self.path), of_input(self.path, sentence))
-            self.warnings.append(of_input(self.path, sentence))
-            self._on_warning(self.warnings[-1])
+                raise strict_error(str(self.path), sentence)
+            if sentence not in self.warnings:
+                self.warnings.append(sentence)
+                self._on_warning(sentence)
 
     def omit(self, sentence: str, names: tuple[str, ...] = ()) -> None:
         """Warn of photographs that are left out: no error, as others take their place. names: kept in `omitted`."""

@@ -192,6 +192,21 @@ def test_a_broken_guide_is_left_out_unless_it_is_named(seven: Path, shipped: Enc
         encode_folder(broken, replace(named, guides=(2, 3)))
 
 
+def test_another_photograph_takes_the_place_of_a_broken_one(
+    seven: Path, shipped: EncodingOptions, tmp_path: Path
+) -> None:
+    options = replace(shipped, views=Spread(2), num_checks=0, is_measured=False)
+    first, second = encode_folder(seven, options).names
+    png = (seven / second).read_bytes()
+    broken = copied(seven, tmp_path / "scene", second, png[: len(png) // 2])
+    report = encode_folder(broken, options)
+    assert len(report.names) == 2 and second not in (*report.names, *report.guides.names)
+    (warning,) = (warning for warning in report.warnings if second in warning)
+    assert warning.startswith(f"1 of 7 cameras of transforms.json is passed over ({second}): {broken / second}: ")
+    with pytest.raises(InputError, match=rf"^{broken / second}: the image is damaged"):
+        encode_folder(broken, replace(options, views=(first, second)))
+
+
 def test_opaque_guides_do_not_teach_cut_outs(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(seven, tmp_path / "scene"))
     for name in ("0.png", "1.png", "2.png"):
