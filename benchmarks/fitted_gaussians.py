@@ -18,7 +18,7 @@ from fecocodec.captures.evaluation_index import read_index
 from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
 from fecocodec.evaluation.novel_views import open_scenes, without_guides
-from fecocodec.evaluation.systems.gaussian_compression import decode_gaussians, encode_gaussians
+from fecocodec.evaluation.systems.gaussian_compression import decode_spz, encode_spz
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views, joined
 from fecocodec.receiver.decode import decode_with
@@ -104,11 +104,11 @@ def main() -> None:
             begin = perf_counter()
             fitted = fit(decoded, seen, steps)
             seconds = encoded + perf_counter() - begin
-            spz = encode_gaussians(fitted, "SPZ")
+            spz = encode_spz(fitted)
             with tempfile.TemporaryDirectory() as folder:
                 write_gaussians(Path(folder, "scene.sog"), gaussian_arrays(fitted, "scene.sog"))
                 sog = Path(folder, "scene.sog").stat().st_size
-            stored = quality(decode_gaussians(spz, "SPZ"), targets).mean()
+            stored = quality(decode_spz(spz), targets).mean()
             found = quality(fitted, seen).mean(), quality(fitted, targets).mean(), stored
             sizes = "\t".join(f"{size / 1024:.1f}" for size in (len(data), len(spz), sog))
             row = "\t".join(f"{float(one):.2f}" for one in found)

@@ -7,7 +7,7 @@ from types import ModuleType
 
 from fecocodec.errors import InputError, installation
 
-_PACKAGES_OF_SYSTEMS = {"images": ("imagecodecs",), "gaussians": ("gsply",)}
+_PACKAGES_OF_SYSTEMS = {"images": ("imagecodecs",), "gaussians": ("av", "gsply")}
 
 
 def require_packages(systems: Iterable[str]) -> None:

@@ -126,7 +126,7 @@ class PredictedScene:
         is_filled = is_filled_behind(header.num_views, self.stream.coverage is not None)
         emission = replace(emission, visibility=factors, is_filled=emission.background is not None and is_filled)
         with torch.inference_mode():
-            gaussians = _emitted(self.prediction, self.cameras, self.config, emission)
+            gaussians = emitted_gaussians(self.prediction, self.cameras, self.config, emission)
         # Clone outside inference mode, so that a caller can compute gradients of the tensors.
         gaussians = Gaussians(*(field.clone() for field in gaussians.fields()))
         return Decoded(gaussians, self.cameras, (header.height, header.width), self.stages, self.damage)
@@ -154,7 +154,7 @@ def reconstruct(receiver: Receiver, state: State, cameras: Cameras, emission: Em
 
     cameras: of the context views, as stored in the stream.
     """
-    return _emitted(_prediction(receiver, state, cameras), cameras, receiver.config, emission)
+    return emitted_gaussians(_prediction(receiver, state, cameras), cameras, receiver.config, emission)
 
 
 def _prediction(receiver: Receiver, state: State, cameras: Cameras) -> Prediction:
@@ -162,7 +162,10 @@ def _prediction(receiver: Receiver, state: State, cameras: Cameras) -> Predictio
     return receiver.predict(state.state, of_scene, state.condition, state.detail)
 
 
-def _emitted(prediction: Prediction, cameras: Cameras, config: ReceiverConfig, emission: Emission) -> Gaussians:
+def emitted_gaussians(
+    prediction: Prediction, cameras: Cameras, config: ReceiverConfig, emission: Emission
+) -> Gaussians:
+    """Return the Gaussians of a prediction, as `reconstruct` does."""
     normalised, frame = normalise_scene(cameras)
     device = prediction.relative_disparity.device
     if emission.visibility is not None:

@@ -15,7 +15,8 @@ Means over {entries} pairs of context views. Baselines:
 - *JPEG XL*, *AVIF*, *WebP*, *JPEG*: the sender transmits compressed context views, and the receiver computes Gaussians
   with our networks, those of the sender included. *optimised at the receiver*: it also optimises the latents towards
   the decoded photographs, as our encoder does. AVIF is counted without its containers.
-- *PLY*, *compressed PLY*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding.
+- *Gaussians as HEVC*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding: their
+  attributes as images, one for each view (x265), or the file of viewers, the smaller the more of them are merged.
 - *nearest view*: a copy of the nearest context view (not drawn). *best plane*: both context views, warped by the plane
   that fits the target view best.
 

@@ -6,7 +6,8 @@ from functools import partial
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.codec import ABLATIONS, ablation_system, codec_system, estimated_system, guided_system
-from fecocodec.evaluation.systems.gaussian_compression import gaussian_systems
+from fecocodec.evaluation.systems.gaussian_compression import spz_systems
+from fecocodec.evaluation.systems.gaussian_maps import gaussian_map_systems
 from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.evaluation.systems.trivial_baselines import trivial_baselines
@@ -23,7 +24,7 @@ OF_LAMBDA: dict[str, Callable[[Codec, float], System]] = {
 }
 WHATEVER_LAMBDA: dict[str, Callable[[Codec], tuple[System, ...]]] = {
     "images": image_systems,
-    "gaussians": gaussian_systems,
+    "gaussians": lambda codec: (*gaussian_map_systems(codec), *spz_systems(codec)),
     "trivial": lambda _profile: trivial_baselines(),
 }
 ALIASES = {"ablations": ABLATIONS}
