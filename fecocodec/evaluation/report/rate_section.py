@@ -12,7 +12,7 @@ from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 TEXT = """\
 Means over {entries} pairs of context views. Baselines:
 
-- *JPEG XL*, *AVIF*, *WebP*, *JPEG*: the sender transmits compressed context views, and the receiver computes Gaussians
+- *JPEG XL*, *AVIF*, *JPEG*: the sender transmits compressed context views, and the receiver computes Gaussians
   with our networks, those of the sender included. *optimised at the receiver*: it also optimises the latents towards
   the decoded photographs, as our encoder does. AVIF is counted without its containers.
 - *Gaussians as HEVC*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding: their

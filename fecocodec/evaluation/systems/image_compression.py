@@ -1,6 +1,6 @@
 """Baseline that transmits compressed context views; the receiver runs our networks without coding.
 
-Formats are JPEG, WebP, AVIF and JPEG XL, by imagecodecs. AVIF is encoded at its slowest speed, and counted without its
+Formats are JPEG, AVIF and JPEG XL, by imagecodecs. AVIF is encoded at its slowest speed, and counted without its
 containers (`avif_file.py`).
 """
 
@@ -29,7 +29,6 @@ from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConf
 QUALITY_LADDERS: dict[str, tuple[float, ...]] = {
     "JPEG XL": (15.0, 8.0, 4.0, 2.0, 1.0),
     "AVIF": (2.0, 12.0, 30.0, 50.0, 75.0, 85.0),
-    "WebP": (0.0, 5.0, 20.0, 55.0, 85.0),
     "JPEG": (2.0, 6.0, 15.0, 40.0, 75.0),
 }
 
@@ -51,8 +50,6 @@ def encode_image(image: Float[Tensor, "3 height width"], codec: str, quality: fl
         return bytes(library.jpegxl_encode(pixels, distance=quality, effort=7))
     if codec == "AVIF":
         return bytes(library.avif_encode(pixels, level=int(quality), speed=0, pixelformat="420", numthreads=1))
-    if codec == "WebP":
-        return bytes(library.webp_encode(pixels, level=quality, method=6, lossless=False))
     return bytes(library.jpeg8_encode(pixels, level=int(quality), subsampling="420", optimize=True))
 
 
@@ -62,7 +59,6 @@ def decode_image(data: bytes, codec: str) -> Float[Tensor, "3 height width"]:
     decoders = {
         "JPEG XL": library.jpegxl_decode,
         "AVIF": library.avif_decode,
-        "WebP": library.webp_decode,
         "JPEG": library.jpeg8_decode,
     }
     pixels = np.asarray(decoders[codec](data))[..., :3]
