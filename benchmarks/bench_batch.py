@@ -2,7 +2,7 @@
 
     python benchmarks/bench_batch.py ROOT [--scenes 12] [--size 256] [--effort fast]
 
-ROOT holds scene folders. Each scene is encoded from two views (`spread:2`) with one thread per worker. Networks are
+ROOT holds scene folders. Each scene is encoded from two views (`Spread(2)`) with one thread per worker. Networks are
 loaded before the clock starts. One line per number of workers is printed: scenes a minute; time and CPU time of the
 workers per scene; share of the workers' time outside the work on scenes; CPU time of this process, which runs client
 and scheduler, per scene; peak memory of the largest worker and of this process; time per scene of a second run, which

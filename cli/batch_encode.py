@@ -16,7 +16,7 @@ from .options import FILE_PATH
     epilog="""\b
 Examples:
   fecosplat batch encode scenes/ -o coded/
-  fecosplat batch encode scenes/ -o coded/ --views spread:4 --size 448x256 --effort best
+  fecosplat batch encode scenes/ -o coded/ --views 4 --size 448x256 --effort best
   fecosplat batch encode manifest.txt -o coded/ --scheduler tcp://host:8786
   fecosplat batch encode scenes/ -o coded/ --shard 3/16 --threads 1""",
 )

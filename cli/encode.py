@@ -34,7 +34,7 @@ Examples:
   fecosplat encode photos/ -o scene.fcs
   fecosplat encode photos/ -o scene.fcs --views 0,5 --size 256x256
   fecosplat encode photos/ -o scene.fcs --views left.jpg,right.jpg --lambda 1e-2
-  fecosplat encode photos/ -o scene.fcs --views spread:4 --near 0.5 --far 20
+  fecosplat encode photos/ -o scene.fcs --views 4 --near 0.5 --far 20
   fecosplat encode photos/ -o scene.fcs --target-kib 8
   fecosplat encode photos_without_cameras/ -o scene.fcs --save-cameras transforms.json
   fecosplat encode clip.mp4 -o scene.fcs --views 4 --save-frames frames/""",

@@ -35,9 +35,9 @@ _OF_VIEWS = (
         "--views",
         callback=parse_selection,
         metavar="WHICH",
-        help="Photographs to code: numbers (0,5), file names (a.jpg,b.jpg), all, spread:N for N that are spread over "
-        "the scene, or auto for as many as it needs, at most 16.  [default: every photograph of up to four; else "
-        "auto]",
+        help="Photographs to code: how many (4), which are then spread over the scene; numbers (0,5) or file names "
+        "(a.jpg,b.jpg); all; or auto for as many as it needs, at most 16.  [default: every photograph of up to four; "
+        "else auto]",
     ),
     click.option(
         "--guides",
@@ -88,7 +88,7 @@ _OF_VIEWS = (
         type=click.Choice(["fast", "default", "best"]),
         default="default",
         show_default=True,
-        help="Time spent on the file. fast takes a quarter of the time of default and more than twice the bytes at "
+        help="Time spent on the file. fast takes a quarter of the time of default and three times the bytes at "
         "equal quality; best takes three to four times as long and comes closer to the photographs.",
     ),
     click.option(

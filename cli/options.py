@@ -169,15 +169,15 @@ def _parse_date(ctx: click.Context, param: click.Parameter, value: str | None) -
         raise click.BadParameter(f"{value[:40]!r} is not a date like 2026-05-31.", ctx, param) from error
 
 
+_LONGEST_NUMBER = 9  # digits
+
+
 def parse_selection(ctx: click.Context, param: click.Parameter, value: str | None) -> Selection | None:
-    """Parse the text of `--views`; the library checks whether the views exist."""
+    """Parse the text of `--views`; the library checks whether the views exist. One number is how many."""
     if value is None:
         return None
-    kind, _, count = value.partition(":")
-    if kind == "spread":
-        if not count.isdecimal() or len(count) > 9:
-            raise click.BadParameter(f"{value[:40]!r} is not spread:COUNT, such as spread:4.", ctx, param)
-        return Spread(int(count))
+    if value.isdecimal() and len(value) <= _LONGEST_NUMBER:
+        return Spread(int(value))
     if value == "auto":
         return Auto()
     if value == "all":

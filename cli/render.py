@@ -73,7 +73,7 @@ Examples:
 )  # fmt: skip
 @click.option(
     "--views", callback=parse_selection, metavar="WHICH",
-    help="Views of --cameras to use: 0,5 or a.jpg,b.jpg or spread:N or auto or all.  [default: all]",
+    help="Views of --cameras to use: how many (4), or 0,5 or a.jpg,b.jpg or auto or all.  [default: all]",
 )  # fmt: skip
 @click.option("--size", callback=parse_size, metavar="WxH", help="Image size.  [default: that of the photographs]")
 @click.option("--stages", type=click.IntRange(1, 2), help="Number of stages to decode.  [default: all]")

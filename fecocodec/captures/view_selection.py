@@ -1,4 +1,4 @@
-"""Choice of views that depends on the photographs of a scene: `spread:4`, `auto` or `all`."""
+"""Choice of views that depends on the photographs of a scene: so many, as many as it needs, or all."""
 
 from dataclasses import dataclass
 

@@ -24,7 +24,6 @@ from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath
 from fecocodec.model_files import is_shipped
 from fecocodec.photographs.framing import within_limit
-from fecocodec.photographs.video_frames import is_video
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.lambda_search import AtLeastNewPsnr
 from fecocodec.sender.view_quality import (
@@ -91,7 +90,6 @@ def encode_folder(
     weights cannot be loaded.
     """
     start, path = perf_counter(), Path(path)
-    options = options.of_video() if is_video(path) else options
     messages = Messages(path, options.is_strict, on_note, on_warning)
     if options.device != "cpu":  # the check loads torch
         options.require_device()
@@ -151,7 +149,10 @@ def encode_folder(
 def _read(
     scene: PosedPhotographs, options: EncodingOptions, messages: Messages, on_progress: OnProgress
 ) -> tuple[Roles, "Photographs"]:
-    """Choose and read the photographs. If as many views are coded as are asked for, others replace unreadable ones."""
+    """Choose and read the photographs.
+
+    Others replace checks that cannot be read, if none is left, and coded views, if so many are asked for.
+    """
     decide = partial(_coded_views, scene, options, messages, on_progress)
     roles = choose_roles(
         scene, messages.path, options.views, options.guides, options.num_checks, options.size, decide=decide
@@ -167,11 +168,15 @@ def _read(
 
     config_of_effort(options.effort, options.sharpness)  # raises for one that there is not
     try:
-        return roles, read_photographs(*chosen, options, messages)
+        found = read_photographs(*chosen, options, messages)
     except InputError:
         readable = with_problems(scene, roles.context) if isinstance(options.views, Spread) else scene
         if readable is scene:
             raise
+    else:
+        readable = with_problems(scene, roles.checks) if found.checks is None else scene
+        if readable is scene:
+            return roles, found
     return _read(readable, options, messages, on_progress)
 
 

@@ -1,10 +1,10 @@
 """Options of `encode_folder`. Needs no torch."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from fecocodec.captures.view_selection import All, Selection, Spread
+from fecocodec.captures.view_selection import All, Selection
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
@@ -63,12 +63,6 @@ class EncodingOptions:
             raise OptionError(f"`guides` is the text '{self.guides}'; give a tuple of names, or () for none.")
         if isinstance(self.views, All) and (self.guides or self.num_checks):
             raise OptionError("`views=all` codes every photograph; leave out `guides` and `checks`, or choose `views`.")
-
-    def of_video(self) -> "EncodingOptions":
-        """Return the options for a video, of which one number in `views` is how many frames are coded."""
-        if isinstance(self.views, tuple) and len(self.views) == 1 and str(self.views[0]).isdecimal():
-            return replace(self, views=Spread(int(self.views[0])))
-        return self
 
     def require_device(self) -> None:
         """Raise InputError if the device cannot be used. Feedback and optimisation of latents render on it."""

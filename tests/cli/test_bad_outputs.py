@@ -128,7 +128,7 @@ def test_output_that_exists(
     existing = tmp_path / "result.png"
     existing.write_text("precious")
     source = stream_file if command == "render" else tmp_path / "never read"
-    cameras = ("--cameras", photographs, "--views", "0") if command == "render" else ()
+    cameras = ("--cameras", photographs, "--views", "view_0.png") if command == "render" else ()
     result = fecosplat(command, source, "-o", existing, *cameras)
     assert_refused(
         result, output, f"{existing}: the file exists already; choose another output path or replace it by --overwrite."

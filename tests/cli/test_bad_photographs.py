@@ -125,7 +125,7 @@ def test_views_that_cannot_be_used_are_passed_over(fecosplat, scene: Path, outpu
             "near 5 and far 2 are no range of depths; 0 < near < far is needed, set them with --near and --far.",
         ),
         (("--size", "96x32"), "size 96x32: each side must have 64 to 1024 pixels; choose another --size."),
-        (("--views", "spread:9"), "{folder}: 9 views asked for, but the folder has 4; choose 1 to 4."),
+        (("--views", "9"), "{folder}: 9 views asked for, but the folder has 4; choose 1 to 4."),
     ],
 )
 def test_bad_options(fecosplat, photographs: Path, output: Path, options: tuple[str, ...], sentence: str) -> None:

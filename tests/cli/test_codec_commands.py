@@ -26,7 +26,7 @@ def test_encode_writes_what_the_library_returns(coded_scene: Path, photographs: 
 
 def test_encode_reports_json(fecosplat, photographs: Path, tmp_path: Path) -> None:
     output = tmp_path / "wall.fcs"
-    result = fecosplat("encode", photographs, "-o", output, "--views", "spread:3", "--effort", "fast", "--json")
+    result = fecosplat("encode", photographs, "-o", output, "--views", "3", "--effort", "fast", "--json")
     fields = json.loads(result.out)
     assert (result.code, result.err) == (0, "")
     assert fields["output"] == str(output)
@@ -59,14 +59,14 @@ def test_encode_prints_size_and_quality_of_each_stage(fecosplat, photographs: Pa
 
 
 def test_encode_names_the_views_that_it_has_chosen(fecosplat, photographs: Path, tmp_path: Path) -> None:
-    arguments = ("--views", "spread:1", "--effort", "fast")
+    arguments = ("--views", "1", "--effort", "fast")
     result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
     (name,) = re.findall(r"^note: coded views: (view_\d\.png); of the others, 3 guide.*\.$", result.err, re.MULTILINE)
     assert "coded view of" in result.err and name in {path.name for path in photographs.iterdir()}
 
 
 def test_encode_measures_photographs_that_it_did_not_use(fecosplat, photographs: Path, tmp_path: Path) -> None:
-    arguments = ("--effort", "fast", "--checks", "1", "--views", "spread:2", "--guides", "none")
+    arguments = ("--effort", "fast", "--checks", "1", "--views", "2", "--guides", "none")
     result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
     of_new = r"^  new views: {13} \d+\.\d\d dB, PSNR of new views, measured on one photograph that was not used$"
     assert re.search(of_new, result.err, re.MULTILINE)

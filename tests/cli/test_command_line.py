@@ -70,7 +70,6 @@ def test_help_loads_no_numeric_library() -> None:
         (("encode", "-o", "a.fcs"), "Missing argument 'VIEWS'"),
         (("encode", "photos", "-o", "a.fcs", "--size", "256"), "'256' is not WIDTHxHEIGHT, such as 448x256"),
         (("encode", "photos", "-o", "a.fcs", "--views", "0,,5"), "'0,,5' names an empty view"),
-        (("encode", "photos", "-o", "a.fcs", "--views", "spread:x"), "'spread:x' is not spread:COUNT"),
         (("encode", "photos", "-o", "a.fcs", "--stages", "3"), "3 is not in the range 1<=x<=2"),
         (("encode", "photos", "-o", "a.fcs", "--threads", "0"), "0 is not in the range 1<=x<=1024"),
         (("encode", "", "-o", "a.fcs"), "Invalid value for 'VIEWS': the path is empty; name a file or folder"),

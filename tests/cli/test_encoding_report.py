@@ -96,7 +96,7 @@ def test_warnings_come_before_the_work(
 
     monkeypatch.setattr("fecocodec.codec.encode_views.encode", stop)
     result = fecosplat(
-        "encode", photographs, "-o", output / "a.fcs", "--views", "0", "--size", "64x96", "--guides", "none"
+        "encode", photographs, "-o", output / "a.fcs", "--views", "view_0.png", "--size", "64x96", "--guides", "none"
     )
     assert (result.code, result.out) == (1, "")
     assert result.err.splitlines() == [
@@ -107,7 +107,7 @@ def test_warnings_come_before_the_work(
     ]
 
 
-ONE_VIEW = ("--views", "0", "--guides", "none", "--effort", "fast", "--stages", "1")
+ONE_VIEW = ("--views", "view_0.png", "--guides", "none", "--effort", "fast", "--stages", "1")
 NO_PARALLAX = "one view has no parallax, so its depth is unreliable; add a view from another position"
 ERROR = "(--strict makes this warning an error)."
 

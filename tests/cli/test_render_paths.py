@@ -44,7 +44,7 @@ def test_depth_bounds_of_a_ply_come_from_its_gaussians(fecosplat, ply: Path, pho
     (tmp_path / "transforms.json").write_text(json.dumps(scene))
     files = tmp_path / "a.png", tmp_path / "b.png"
     for file, cameras in zip(files, (photographs, tmp_path), strict=True):
-        assert fecosplat("render", ply, "-o", file, "--cameras", cameras, "--views", "0").code == 0
+        assert fecosplat("render", ply, "-o", file, "--cameras", cameras, "--views", "view_0.png").code == 0
     assert torch.equal(read_image(files[0]), read_image(files[1]))
 
 

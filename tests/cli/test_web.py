@@ -80,7 +80,7 @@ def test_a_page_that_was_not_built_is_one_sentence(
     assert (result.code, result.err) == (
         1,
         f"fecosplat: {built / 'index.html'}: the page that decodes in the browser was not built; run `make web` in the "
-        "clone (needs Node.js 20).\n",
+        "clone (needs Node.js 20), and install it again.\n",
     )
     assert not (tmp_path / "site").exists()
 

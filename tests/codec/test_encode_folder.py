@@ -207,6 +207,15 @@ def test_another_photograph_takes_the_place_of_a_broken_one(
         encode_folder(broken, replace(options, views=(first, second)))
 
 
+def test_another_check_takes_the_place_of_a_broken_one(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:
+    options = replace(shipped, views=(0, 1), num_stages=1, is_measured=False)
+    (check,) = encode_folder(seven, options).checks.names
+    png = (seven / check).read_bytes()
+    report = encode_folder(copied(seven, tmp_path / "scene", check, png[: len(png) // 2]), options)
+    assert len(report.checks.names) == 1 and check not in (*report.checks.names, *report.guides.names)
+    assert any(check in warning for warning in report.warnings)
+
+
 def test_opaque_guides_do_not_teach_cut_outs(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(seven, tmp_path / "scene"))
     for name in ("0.png", "1.png", "2.png"):
@@ -240,12 +249,6 @@ def test_all_excludes_guides_and_checks() -> None:
     with pytest.raises(OptionError, match="codes every photograph"):
         EncodingOptions(views=All(), num_checks=1)
     EncodingOptions(views=All(), guides=(), num_checks=0)
-
-
-def test_one_number_in_the_views_of_a_video_is_how_many_are_coded() -> None:
-    assert EncodingOptions(views=("4",)).of_video().views == Spread(4)
-    for views in (("4", "7"), ("frame000004.png",), All(), None):
-        assert EncodingOptions(views=views).of_video().views == views
 
 
 def test_messages_of_a_video_are_about_frames() -> None:
