@@ -34,7 +34,7 @@ _OPTIONS = (
         type=click.Choice(["3", "4"]),
         default="3",
         show_default=True,
-        help="Version of .spz files. Few viewers read 4, which is smaller.",
+        help="Version of .spz files. Few viewers read 4.",
     ),
     click.option(
         "--stages",

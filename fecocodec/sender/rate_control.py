@@ -227,10 +227,13 @@ def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, n
             "file does not show what no coded view shows; lower the target, or code more photographs by `views`."
         )
     worst = attempt.quality.worst_view
-    effort = "" if config.num_steps >= BEST.num_steps else ", use more `effort`"
-    others = f", or leave out the worst view, {names[worst]} ({attempt.quality.psnr_of_view[worst]:.2f} dB)"
+    advice = ["lower the target"]
+    if config.num_steps < BEST.num_steps:
+        advice.append("use more `effort`")
+    if len(names) > 2:
+        advice.append(f"leave out the worst view, {names[worst]} ({attempt.quality.psnr_of_view[worst]:.2f} dB)")
     return (
         f"a PSNR of {target.psnr:g} dB cannot be reached, the best is {attempt.psnr:.2f}: even the smallest lambda, "
         "with the largest file, is limited by the detail that the networks represent and by how well the views "
-        f"agree; lower the target{effort}{others if len(names) > 2 else ''}."
+        f"agree; {', or '.join(advice)}."
     )

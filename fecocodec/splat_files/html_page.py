@@ -141,7 +141,7 @@ def decoding_page(folder: Path = FOLDER) -> dict[str, bytes]:
     if not (folder / START).is_file():
         raise OutputError(
             f"{folder / START}: the page that decodes in the browser was not built; run `make web` in the clone (needs "
-            "Node.js 20)."
+            "Node.js 20), and install it again."
         )
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != SCENE_PAGE)
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
