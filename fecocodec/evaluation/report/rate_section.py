@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from fecocodec.evaluation.bd_rate import SIZES_KIB, Gain, gain_at
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.section import Chart, Mark, Section, Series, number, picture, table
-from fecocodec.evaluation.summary import LEAST_OVERLAP_DB, NO_LPIPS, OURS, Average, Comparison, averages, compare
+from fecocodec.evaluation.summary import NO_LPIPS, OURS, Average, Comparison, averages, compare
 from fecocodec.evaluation.systems.codec import ABLATION_NAMES, BEST, FAST
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 
@@ -15,21 +15,16 @@ Means over {entries} pairs of context views. Baselines:
 - *JPEG XL*, *AVIF*, *JPEG*: the sender transmits compressed context views, and the receiver computes Gaussians
   with our networks, those of the sender included. *optimised at the receiver*: it also optimises the latents towards
   the decoded photographs, as our encoder does. AVIF is counted without its containers.
-- *Gaussians as HEVC*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding: their
-  attributes as images, one for each view (x265), or the file of viewers, the smaller the more of them are merged.
+- *Gaussians as HEVC*, *SPZ*: the sender transmits our Gaussians, from optimised latents without coding. HEVC (x265)
+  codes their attributes as images; SPZ is smaller where more of them are merged.
 - *nearest view*: a copy of the nearest context view (not drawn). *best plane*: both context views, warped by the plane
   that fits the target view best.
 
 {chart}
 
-{equal_bytes_text} *{best}* is `encode --effort best`.
+{equal_bytes_text} *{best}*, below, is `encode --effort best`.
 
 {equal_bytes}
-
-BD-rate: difference in bytes at equal PSNR, and at equal ST-LPIPS. A dash: the curves share less than {overlap} dB, or
-the baseline is a single point. Variants of our codec are compared at their common lambdas.
-
-{comparisons}
 
 {averages}
 """
@@ -40,8 +35,6 @@ omits the optimisation of the latents. Parts that need retraining are in [what_w
 {chart}
 
 {equal_bytes}
-
-{comparisons}
 """
 EQUAL_BYTES_TEXT = """\
 PSNR of target views at equal bytes, ours minus that of each baseline, in dB, with 95% intervals by bootstrap over
@@ -64,17 +57,14 @@ def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement
     text = TEXT.format(
         entries=entries,
         chart=picture(chart),
-        comparisons=comparison_table(main, BEST),
         averages=_averages(main),
         best=BEST,
-        overlap=LEAST_OVERLAP_DB,
         equal_bytes_text=EQUAL_BYTES_TEXT,
-        equal_bytes=equal_bytes_table(found, [row.system for row in main], BEST),
+        equal_bytes=equal_bytes_table(found, [row.system for row in main if row.system != BEST]),
     )
     without = ABLATION_TEXT.format(
         chart=picture(parts),
         equal_bytes=equal_bytes_table(found, [row.system for row in ablated]),
-        comparisons=comparison_table(ablated),
     )
     views = Section("More than two views", _by_views(more_views))
     return Section("Rate and quality", text, (chart,)), Section("Without some part", without, (parts,)), views
@@ -138,8 +128,6 @@ def _averages(rows: Sequence[Average]) -> str:
         "KiB": (lambda row: row.kib, 2),
         "PSNR": (lambda row: row.psnr, 2),
         "SSIM": (lambda row: row.ssim, 3),
-        "MS-SSIM": (lambda row: row.ms_ssim, 3),
-        "FLIP": (lambda row: row.flip, 3),
         "ST-LPIPS": (lambda row: row.st_lpips, 3),
         "LPIPS": (lambda row: row.lpips, 3),
         "LPIPS (AlexNet)": (lambda row: row.lpips_alex, 3),

@@ -18,7 +18,7 @@ same bytes, with our networks at the receiver. Values of several scenes are sepa
 - *same bytes*: the payloads equal those of the reference;
 - all values are finite, and *ahead* is -0.5 or more, except where [limits.md](limits.md#quality) says more.
 """
-HEAD = ("case", "rule", "PSNR", "lost", "ahead", "KiB", "warnings")
+HEAD = ("case", "rule", "PSNR", "lost", "ahead", "warnings")
 ROOM = "room"
 
 
@@ -46,7 +46,7 @@ def _scene(verdict: Verdict) -> str:
 def _row(case: str, found: Sequence[Verdict]) -> tuple[str, ...]:
     """Return the row of one case. found: its verdicts, one per scene."""
     broken = [f"**broken** by {_scene(verdict)}" for verdict in found if verdict.complaint]
-    values = [(v.psnr, v.lost, v.ahead, v.kib) for v in found]
+    values = [(v.psnr, v.lost, v.ahead) for v in found]
     numbers = (
         "-" if set(of_scenes) == {None} else "/".join(map(number, of_scenes)) for of_scenes in zip(*values, strict=True)
     )
