@@ -29,7 +29,7 @@ from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
 
 OnWarning = Callable[[str], None]  # (sentence)
 OnOmission = Callable[[str, tuple[str, ...]], None]  # (sentence, names of guides that are left out)
-SHARE_OF_DETAIL = 0.2  # of the time of an encoding, for progress
+SHARE_OF_DETAIL = 0.3  # of the time of an encoding, for progress
 
 
 def encode(
