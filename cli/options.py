@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from fecocodec.captures.view_selection import All, Auto, Selection, Spread
+from fecocodec.captures.view_selection import LONGEST_NUMBER, All, Auto, Selection, Spread
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 MAX_THREADS = 1024
@@ -169,14 +169,11 @@ def _parse_date(ctx: click.Context, param: click.Parameter, value: str | None) -
         raise click.BadParameter(f"{value[:40]!r} is not a date like 2026-05-31.", ctx, param) from error
 
 
-_LONGEST_NUMBER = 9  # digits
-
-
 def parse_selection(ctx: click.Context, param: click.Parameter, value: str | None) -> Selection | None:
     """Parse the text of `--views`; the library checks whether the views exist. One number is how many."""
     if value is None:
         return None
-    if value.isdecimal() and len(value) <= _LONGEST_NUMBER:
+    if value.isdecimal() and len(value) <= LONGEST_NUMBER:
         return Spread(int(value))
     if value == "auto":
         return Auto()

@@ -13,12 +13,11 @@ from fecocodec.camera_files.posed_photographs import (
     require_usable,
 )
 from fecocodec.captures.reading_notes import passed_over_notes
-from fecocodec.captures.view_selection import All, Auto, Selection
+from fecocodec.captures.view_selection import LONGEST_NUMBER, All, Auto, Selection
 from fecocodec.captures.view_spread import auto_views, spread_views
 from fecocodec.errors import InputError
 from fecocodec.limits import MAX_VIEWS
 
-_LONGEST_NUMBER = 9  # digits
 _LONGEST_SHOWN = 80  # characters of a name in messages
 
 
@@ -110,7 +109,7 @@ def _find_view(photographs: list[PosedPhotograph], view: int | str, folder: Path
             )
         if found:
             return found[0]
-        if not view.isdecimal() or len(view) > _LONGEST_NUMBER:
+        if not view.isdecimal() or len(view) > LONGEST_NUMBER:
             raise InputError(
                 f"{folder}: no view is called {view[:_LONGEST_SHOWN]} (the first is {distinct_names(paths)[0]}); "
                 f"give indices or names, with commas between them, in `{option}`."

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+LONGEST_NUMBER = 9  # digits of a number that the user gives
+
 
 @dataclass(frozen=True)
 class Spread:
