@@ -104,7 +104,8 @@ def assert_alike(sent: OutputGaussians, received: OutputGaussians, harmonics: fl
 def test_the_converter_of_a_viewer_reads_the_same_gaussians(name, version, harmonics, shape, tmp_path):
     gaussians = some_gaussians()
     write_gaussians(tmp_path / name, gaussians, spz_version=version)
-    assert_alike(gaussians, converted(tmp_path / name), harmonics, shape)
+    expected = gaussians.padded(3) if name == "scene.ply" else gaussians
+    assert_alike(expected, converted(tmp_path / name), harmonics, shape)
 
 
 def test_gsply_reads_the_same_compressed_ply(tmp_path):
@@ -140,7 +141,7 @@ def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
 def test_glb_equals_that_of_the_converter_turned_about_the_vertical_axis(tmp_path):
     gaussians = some_gaussians(count=500)
     for name in ("scene.ply", "scene.glb"):
-        write_gaussians(tmp_path / name, gaussians)
+        write_gaussians(tmp_path / name, gaussians, sh_degree=1)
     command = [str(CONVERTER), "-q", str(tmp_path / "scene.ply"), str(tmp_path / "theirs.glb")]
     subprocess.run(command, check=True, capture_output=True)
     (ours_document, ours), (theirs_document, theirs) = (read_glb(tmp_path / n) for n in ("scene.glb", "theirs.glb"))
