@@ -104,8 +104,8 @@ def _project(pinhole: Pinhole, fields: Sequence[np.ndarray]) -> _Projected:
     means, scales, rotations, opacities, harmonics = fields
     splats, indices = np.empty(len(means), SPLAT), np.full(len(means), -1, np.int32)
     run_in_ranges(project, len(means), pinhole, means, scales, rotations, opacities, splats, indices)
-    is_visible = indices >= 0
-    splats, indices = splats[is_visible], indices[is_visible]
+    visible = np.flatnonzero(indices >= 0)
+    splats, indices = splats.take(visible), indices[visible]
     run_in_ranges(shade, len(splats), pinhole.eye, means, harmonics, indices, splats)
     return _Projected(pinhole, splats, indices, front_to_back(splats))
 
