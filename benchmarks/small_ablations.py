@@ -121,6 +121,7 @@ def small_version(name: str, arguments: argparse.Namespace) -> Configuration:
             method=PAPER,
             gaussians_per_side=paper.receiver.gaussians_per_side,
             num_stages=paper.receiver.num_stages,
+            codes_stages_apart=paper.receiver.codes_stages_apart,
         ),  # with the widths of the model from which the variants start
         sender=SenderConfig(ablation=paper.sender.ablation),
         frozen=("extractor",),

@@ -59,12 +59,13 @@ class Stage(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Section 6. L, Z: channels of y and z."""
+    """Section 6. L, Z: channels of y and z. is_apart: whether y_hat of stage 1 counts as zero in stage 2."""
 
     layers: dict[str, Layer]
     L: int
     Z: int
     tables: list[Table]
+    is_apart: bool
 
 
 def require(condition: bool, sentence: str) -> None:
@@ -114,7 +115,9 @@ def read_model(data: bytes) -> Model:
     for s in ("passes.0", "passes.1", "passes.2", "steps.1", "steps.2", "steps.3"):
         require({f"{s}.{part}" for part in ("enter", "middle", "leave")} <= names, "a layer is missing")
     num_y, num_z = 2 * layers["steps.1.leave"].outputs, layers["hyper_prior"].outputs // 2
-    return Model(layers, num_y, num_z, read_tables(TABLES.read_bytes()))
+    config = json.loads(header.get("__metadata__", {}).get("config", "{}"))
+    is_apart = config.get("receiver", {}).get("codes_stages_apart", False)
+    return Model(layers, num_y, num_z, read_tables(TABLES.read_bytes()), is_apart)
 
 
 def read_layer(header: dict[str, Any], body: bytes, name: str) -> Layer:
@@ -262,6 +265,7 @@ def decode_stage(model: Model, payload: bytes, size_8: Size, lambda_q: int, stag
 
     def merge(v: int, i: int, j: int) -> Vector:
         seen = around(before, v, i, j) if before is not None else []
+        seen = [0] * len(seen) if model.is_apart else seen
         return relu(apply(layers["merge_8"], d[v][i][j] + condition + seen))
 
     y_symbols, y_hat = read_y(coder, model, array(size_8, merge))

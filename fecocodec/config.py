@@ -86,6 +86,8 @@ class ReceiverConfig:
     lambda_range: tuple[float, float] = field(default=(1e-5, 1e-2), metadata=OPTIONAL)  # that the model was trained for
     num_stages: int = field(default=2, metadata=OPTIONAL)  # likewise; streams hold at most two
     prior_channels: int = field(default=64, metadata=OPTIONAL)  # inner width of the entropy model
+    # Whether the entropy model of stage 2 gets zeros in place of y_hat of stage 1, as in the paper.
+    codes_stages_apart: bool = field(default=False, metadata=OPTIONAL)
     detail_planes: int = field(default=0, metadata=OPTIONAL)  # numbers of the detail layer for a block; 0 for no layer
 
     @property
@@ -102,6 +104,7 @@ PAPER_RECEIVER = ReceiverConfig(
     synthesis_depth=3,
     predictor_channels=(184, 264),
     method=PAPER,
+    codes_stages_apart=True,
 )
 
 
@@ -110,9 +113,9 @@ class CodecConfig:
     """Sizes of g_a and E_fb, common to all feature extractors.
 
     extractor: name of the feature extractor in weights files. ablation: "no-context" gives g_a the state S0 in stage 2,
-    "no-feedback" gives E_fb the photographs in place of the renderings; "" for the whole sender. step_channels: width
-    of the network that proposes the steps of latent optimisation; 0 for steps along the gradient. has_sharp_steps:
-    whether there is a second one, for sharper pictures.
+    "no-feedback" gives E_fb the photographs in place of the renderings; both, separated by a space, or "" for neither.
+    step_channels: width of the network that proposes the steps of latent optimisation; 0 for steps along the gradient.
+    has_sharp_steps: whether there is a second one, for sharper pictures.
     """
 
     extractor: ClassVar[str]

@@ -117,9 +117,13 @@ class LatentPrior(nn.Module):
     features, decoded steps                -> ContextNetwork             -> parameters of each later step of y
     """
 
-    def __init__(self, latent_channels: int = 32, hyper_channels: int = 16, width: int = 64) -> None:
+    def __init__(
+        self, latent_channels: int = 32, hyper_channels: int = 16, width: int = 64, codes_stages_apart: bool = False
+    ) -> None:
+        """codes_stages_apart: whether zeros stand in for y_hat of stage 1."""
         super().__init__()
         self.latent_channels, self.hyper_channels = latent_channels, hyper_channels
+        self.codes_stages_apart = codes_stages_apart
         self.hyper_prior = FixedPointLinear(NUM_CONDITIONS, 2 * hyper_channels, gain=0.1)
         self.enter = FixedPointLinear(NUM_CONDITIONS + 9 * hyper_channels, width)
         self.up_16 = FixedPointLinear(width, 4 * width)
@@ -153,6 +157,8 @@ class LatentPrior(nn.Module):
         x = torch.relu_(_apply_rows(self.around_16, neighbourhoods(x)))
         x = torch.relu_(_apply_rows(self.up_8, x))
         x = rearrange(x, "n i j (phase c) -> phase n i j c", phase=NUM_PHASES)
+        if context_q8 is not None and self.codes_stages_apart:
+            context_q8 = 0 * context_q8
         around = [] if context_q8 is None else [phase_neighbourhoods(saturate(context_q8))]
         return torch.relu_(_apply_rows(self.merge_8, x, spread.expand(*x.shape[:-1], -1), *around))
 

@@ -49,7 +49,9 @@ class Receiver(nn.Module):
         super().__init__()
         _check(config)
         self.config = config
-        self.prior = LatentPrior(config.latent_channels, config.hyper_channels, config.prior_channels)
+        self.prior = LatentPrior(
+            config.latent_channels, config.hyper_channels, config.prior_channels, config.codes_stages_apart
+        )
         self.embedding = RateEmbedding(LAMBDA_Q_MAX, config.largest_gain, config.gain_exponent)
         self.synthesis = Synthesis(config)
         self.update = StateUpdate(config)

@@ -108,7 +108,7 @@ class Sender(nn.Module):
         Raises ModelError for an unknown extractor or ablation.
         """
         super().__init__()
-        if config.ablation not in ("", NO_CONTEXT, NO_FEEDBACK):
+        if not set(config.ablation.split()) <= {NO_CONTEXT, NO_FEEDBACK}:
             raise ModelError(f"There is no ablation '{config.ablation}'; choose {NO_CONTEXT} or {NO_FEEDBACK}.")
         self.config = config
         # An `Extractor`; Any, because calling a module has no type.

@@ -213,7 +213,7 @@ def run_paper_stages(
     extracted: Extracted | None = None,
 ) -> list[RatedStage]:
     """Code, decode and render a batch; returns the results per stage. extracted: see `BatchEncoder`."""
-    encoder = PaperBatchEncoder(sender, receiver, batch, extracted)
+    encoder = without(sender.config.ablation, PaperBatchEncoder)(sender, receiver, batch, extracted)
     num_pixels = encoder.num_pixels / len(batch.images)
     stages = encoder.run(batch.lambda_q, num_stages, coding)
     renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None] + [encoder.render(stages[-1])]

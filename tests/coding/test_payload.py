@@ -19,6 +19,15 @@ def assert_same(sent: CodedLatents, received: CodedLatents) -> None:
     assert sent.digest() == received.digest()
 
 
+def test_stages_that_are_coded_apart_do_not_see_each_other():
+    prior, size = lively_prior(), (1, 8, 8)
+    (y, z), (other, _) = smooth_latents(*size), smooth_latents(*size, seed=1)
+    found = {}
+    for prior.codes_stages_apart in (False, True):
+        found[prior.codes_stages_apart] = [encode_latents(prior, y, z, 700, 2, context)[0] for context in (y, other)]
+    assert found[False][0] != found[False][1] and found[True][0] == found[True][1]
+
+
 @pytest.mark.parametrize("views", [1, 2, 5])
 def test_both_stages_round_trip(views: int):
     prior, size = lively_prior(), (views, 8, 12)

@@ -201,15 +201,25 @@ def test_every_2d_block_of_the_adapter_depends_on_lambda() -> None:
         sender.extractor(images, cameras)
 
 
-@pytest.mark.parametrize("ablation", ["no-context", "no-feedback"])
-def test_ablations_of_the_sender_change_stage_2_alone(codec: Codec, ablation: str) -> None:
+@pytest.mark.parametrize("ablation", ["no-context", "no-feedback", "no-context no-feedback"])
+def test_ablations_of_the_sender_change_stage_2_alone(codec: Codec, batch: Batch, ablation: str) -> None:
+    """In encoding and in training."""
     part = Sender(SenderConfig(ablation=ablation), codec.receiver.config)
     part.load_state_dict(codec.sender.state_dict())
+    senders = codec.sender, part.eval().requires_grad_(False)
     whole, without = (
         read_stream(encode_with(Codec(sender, codec.receiver, bytes(8)), example_views(2), LAMBDA_Q)).payloads
-        for sender in (codec.sender, part.eval().requires_grad_(False))
+        for sender in senders
     )
     assert whole[0] == without[0] and whole[1] != without[1]
+    rates = [rates_in_training(Codec(sender, codec.receiver, bytes(8)), batch) for sender in senders]
+    assert rates[0][0] == rates[1][0] and rates[0][1] != rates[1][1]
+
+
+def rates_in_training(codec: Codec, batch: Batch) -> list[float]:
+    torch.manual_seed(0)
+    code = code_with_additive_noise(codec.receiver, codec.sender)
+    return [float(stage.rate) for stage in run_paper_stages(codec.sender, codec.receiver, batch, code, 2)]
 
 
 def test_what_does_not_exist_is_refused() -> None:
