@@ -1,16 +1,19 @@
 """Train a small version of each of the paper's ablations, measure it, and draw the paper's three panels.
 
-python benchmarks/small_ablations.py PHOTOGRAPHS SCENES INDEX.json WORK [--steps 600] [--chart ablations.png]
+python benchmarks/small_ablations.py PHOTOGRAPHS SCENES INDEX.json WORK [--seeds 0 1] [--steps 2000]
+    [--panels Components] [--chart ablations.png]
 
 A variant is the configuration `ablate-*` (docs/paper_profile.md) with the compact extractor in place of the paper's.
-All variants start from the shipped weights. Layers whose shape the shipped weights do not have start anew; in the panel
-of Gaussian resolutions that is the output layer of P, in all three variants. The extractor is frozen. The scenes of
-PHOTOGRAPHS that all variants train on are drawn once and kept in memory with their features, and every variant takes
-the same scenes in the same order, with the same lambda. SCENES and INDEX.json are those of `fecosplat eval`. A model of
-two stages at most is measured by its files. Streams cannot hold three stages: their rate is the size of the payloads.
+All variants of a seed start from one model, trained from the shipped weights for `--start-steps` in each of which
+context and feedback are left out with probability 1/2, so that the start favours no variant. Layers whose shape the
+shipped weights do not have start anew; in the panel of Gaussian resolutions that is the output layer of P, in all three
+variants. The extractor is frozen. The scenes of PHOTOGRAPHS that all variants train on are drawn once a seed and kept
+in memory with their features; all take the same scenes in the same order, with the same lambda. SCENES and INDEX.json
+are those of `fecosplat eval`. A model of two stages at most is measured by its files. Streams cannot hold three stages:
+their rate is the size of the payloads.
 
 WORK receives the checkpoint, weights and measurements of each variant. Run the same command again to go on after an
-interruption; use another folder for other settings.
+interruption, or to join seeds that were trained apart; use another folder for other settings.
 """
 
 import argparse
@@ -19,14 +22,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SENDER_FILE, SHIPPED
-from fecocodec.config import PAPER, ReceiverConfig, SenderConfig
+from fecocodec.config import NO_CONTEXT, NO_FEEDBACK, PAPER, ReceiverConfig, SenderConfig
 from fecocodec.errors import FecoError
-from fecocodec.evaluation.evaluation import Plan, evaluate_to_folder
+from fecocodec.evaluation.evaluation import RECORDS, Plan, evaluate_to_folder
+from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.report.section import Chart, Mark, Series, number, table, write_panels
-from fecocodec.evaluation.summary import Average
+from fecocodec.evaluation.summary import Average, averages
 from fecocodec.training.batch import BatchShapes
 from fecocodec.training.batch_source import KeptBatches
 from fecocodec.training.configurations import Configuration, RunSettings, configuration_named
@@ -37,12 +42,16 @@ from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import extract
 
 WARM_UP = 20  # steps
-SEED = 0
+START = "start"  # folder of the model from which all variants of a seed start
+NUM_RESAMPLES = 10_000
+
+Found = Mapping[str, Sequence[Measurement]]
+"""Measurements of all seeds by variant, in the same order of seeds, entries and lambdas."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Variants that are compared: their names in the chart and their configurations. anew: layers that start anew."""
+    """Variants that are compared with the first (name in the chart: configuration). anew: layers that start anew."""
 
     title: str
     variants: Mapping[str, str]
@@ -56,35 +65,60 @@ PANELS = (
     ),
     Panel(
         "Gaussian resolution",
-        {part: f"ablate-gaussians-{part}" for part in ("quarter", "half", "full")},
+        {part: f"ablate-gaussians-{part}" for part in ("half", "quarter", "full")},
         anew=("receiver.predictor.head.2",),  # the output layer of P
     ),
-    Panel("Iterations", {f"{count}": f"ablate-iterations-{count}" for count in (1, 2, 3)}),
+    Panel("Iterations", {f"{count}": f"ablate-iterations-{count}" for count in (2, 1, 3)}),
 )
 
 
 def main() -> None:
     arguments = parse_arguments()
     torch.set_num_threads(arguments.threads)
-    train_all(arguments, [(name, panel.anew) for panel in PANELS for name in panel.variants.values()])
-    rows = {name: measure(arguments.work / name, arguments) for panel in PANELS for name in panel.variants.values()}
+    panels = [panel for panel in PANELS if panel.title in arguments.panels]
+    found: dict[str, list[Measurement]] = {}
+    for seed in arguments.seeds:
+        train_all(arguments, seed, {name: panel.anew for panel in panels for name in panel.variants.values()})
+        for name in {name: None for panel in panels for name in panel.variants.values()}:
+            found.setdefault(name, []).extend(measure(folder_of(arguments, seed) / name, arguments))
+    rows = {name: averages(measurements) for name, measurements in found.items()}
     print(table_of(rows))
-    write_panels([chart_of(panel, rows) for panel in PANELS], arguments.chart or arguments.work / "ablations_small.png")
+    print(differences_of(panels, found, len(arguments.seeds)))
+    write_panels([chart_of(panel, rows) for panel in panels], arguments.chart or arguments.work / "ablations_small.png")
 
 
-def train_all(arguments: argparse.Namespace, variants: Sequence[tuple[str, tuple[str, ...]]]) -> None:
-    """Train the variants (name of the configuration, layers that start anew) that are not exported yet."""
+def folder_of(arguments: argparse.Namespace, seed: int) -> Path:
+    folder: Path = arguments.work / f"seed_{seed}"
+    return folder
+
+
+def train_all(arguments: argparse.Namespace, seed: int, variants: Mapping[str, tuple[str, ...]]) -> None:
+    """Train the start and the variants (name of the configuration: layers that start anew) that are not exported."""
     kept: KeptBatches | None = None
     sources: Sources | None = None
-    for name, anew in variants:
-        folder, configuration = arguments.work / name, small_version(name, arguments)
+    start = folder_of(arguments, seed) / START
+    for name, anew in {START: (), **variants}.items():
+        folder = folder_of(arguments, seed) / name
         if (folder / "model" / SENDER_FILE).exists():
             continue
+        is_start = name == START
+        of = ("ablate-iterations-2", arguments.start_steps) if is_start else (name, arguments.steps)
+        configuration = small_version(*of, arguments)
         sources = sources or open_sources(arguments.photographs, None, configuration)
-        trainer = Trainer(settings_of(folder, configuration), sources)
-        started = trainer.start_variant_from(SHIPPED / DEFAULT_MODEL, anew)
-        kept = kept or draw_scenes(trainer)
+        trainer = (TrainerOfStart if is_start else Trainer)(settings_of(folder, configuration, seed), sources)
+        started = trainer.start_variant_from(SHIPPED / DEFAULT_MODEL if is_start else start / "model", anew)
+        kept = kept or draw_scenes(trainer, seed)
         train_variant(trainer, kept, started)
+
+
+class TrainerOfStart(Trainer):
+    """Leaves out context and feedback, each in half of the steps."""
+
+    def train_step(self) -> dict[str, float]:
+        generator = torch.Generator().manual_seed(self.seed * 1_000_003 + self.step)
+        parts = [part for part in (NO_CONTEXT, NO_FEEDBACK) if float(torch.rand((), generator=generator)) < 0.5]
+        self.sender.config = replace(self.sender.config, ablation=" ".join(parts))
+        return super().train_step()
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -94,11 +128,14 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("index", type=Path, help="evaluation index (JSON)")
     parser.add_argument("work", type=Path, help="folder for checkpoints, weights and measurements")
     parser.add_argument("--chart", type=Path, help="the chart, PNG  [default: WORK/ablations_small.png]")
-    parser.add_argument("--steps", type=int, default=600, help="steps of each variant  [default: 600]")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1], help="each trains all of it  [default: 0 1]")
+    parser.add_argument("--panels", nargs="+", default=[panel.title for panel in PANELS], help="  [default: all]")
+    parser.add_argument("--start-steps", type=int, default=1000, help="steps of the start  [default: 1000]")
+    parser.add_argument("--steps", type=int, default=2000, help="steps of each variant  [default: 2000]")
     parser.add_argument("--batch", type=int, default=1, help="scenes in a step  [default: 1]")
-    parser.add_argument("--keep", type=int, default=100, help="batches that are drawn and kept  [default: 100]")
-    parser.add_argument("--targets", type=int, default=2, help="target views of a scene  [default: 2]")
-    parser.add_argument("--side", type=int, default=128, help="image side in pixels  [default: 128]")
+    parser.add_argument("--keep", type=int, default=120, help="batches that are drawn and kept  [default: 120]")
+    parser.add_argument("--targets", type=int, default=1, help="target views of a scene  [default: 1]")
+    parser.add_argument("--side", type=int, default=96, help="image side in pixels  [default: 96]")
     parser.add_argument("--measured-side", type=int, default=128, help="image side when measuring  [default: 128]")
     parser.add_argument("--learning-rate", type=float, default=4e-4, help="largest learning rate  [default: 4e-4]")
     parser.add_argument("--lambdas", type=float, nargs="+", default=[1e-2, 1e-3, 1e-4], help="values to measure")
@@ -107,15 +144,13 @@ def parse_arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def small_version(name: str, arguments: argparse.Namespace) -> Configuration:
+def small_version(name: str, num_steps: int, arguments: argparse.Namespace) -> Configuration:
     """Return a configuration of the paper with the compact extractor, frozen, and small batches."""
     paper, size = configuration_named(name), (arguments.side, arguments.side)
     return replace(
         paper,
         shapes=BatchShapes(arguments.batch, ((2, 1.0),), arguments.targets, (size,)),
-        schedule=replace(
-            paper.schedule, num_steps=arguments.steps, learning_rate=arguments.learning_rate, warm_up=WARM_UP
-        ),
+        schedule=replace(paper.schedule, num_steps=num_steps, learning_rate=arguments.learning_rate, warm_up=WARM_UP),
         precision="float32",
         receiver=ReceiverConfig(
             method=PAPER,
@@ -130,13 +165,13 @@ def small_version(name: str, arguments: argparse.Namespace) -> Configuration:
     )
 
 
-def settings_of(folder: Path, configuration: Configuration) -> RunSettings:
-    return RunSettings(folder / "run", configuration, None, SEED, log_every=25, samples_every_minutes=math.inf)
+def settings_of(folder: Path, configuration: Configuration, seed: int) -> RunSettings:
+    return RunSettings(folder / "run", configuration, None, seed, log_every=25, samples_every_minutes=math.inf)
 
 
-def draw_scenes(trainer: Trainer) -> KeptBatches:
+def draw_scenes(trainer: Trainer, seed: int) -> KeptBatches:
     """Draw the batches that all variants train on, with their features."""
-    configuration, generator = trainer.settings.configuration, torch.Generator().manual_seed(SEED)
+    configuration, generator = trainer.settings.configuration, torch.Generator().manual_seed(seed)
     kept = KeptBatches(configuration.kept_batches, configuration.lambda_q_range, fresh_share=0.0)
     shape = configuration.shapes.usual
     for _ in range(kept.limit):
@@ -157,8 +192,8 @@ def train_variant(trainer: Trainer, kept: KeptBatches, anew: tuple[str, ...]) ->
     export_model(trainer.checkpoint, folder / "model", trainer.settings.configuration)
 
 
-def measure(folder: Path, arguments: argparse.Namespace) -> tuple[Average, ...]:
-    """Measure a variant, or read its measurements, and return one row per lambda: those with all stages."""
+def measure(folder: Path, arguments: argparse.Namespace) -> Sequence[Measurement]:
+    """Measure a variant, or read its measurements: those with all stages."""
     size = (arguments.measured_side, arguments.measured_side)
     plan = Plan(
         arguments.scenes, arguments.index, folder / "model", folder / "eval", ("codec",),
@@ -168,7 +203,41 @@ def measure(folder: Path, arguments: argparse.Namespace) -> tuple[Average, ...]:
     if report.failures:
         raise FecoError(f"{folder}: {len(report.failures)} measurements failed: {report.failures[0].error}")
     last = report.averages[-1].system  # of three stages, the estimate follows the files of two
-    return tuple(row for row in report.averages if row.system == last)
+    found = RecordFile(folder / "eval" / RECORDS).select(lambda m: m.system == last)
+    return sorted(found, key=lambda m: (m.entry, m.setting))
+
+
+def differences_of(panels: Sequence[Panel], found: Found, num_seeds: int) -> str:
+    """Return a table of what each variant changes against the first of its panel, at equal lambda.
+
+    Means over seeds, entries and lambdas of bits (percent, geometric) and of the PSNR of target and of context views,
+    dB, with 95% intervals by bootstrap over scenes; in brackets the mean of each seed.
+    """
+    lines = []
+    for panel in panels:
+        first, *others = panel.variants.values()
+        for name in others:
+            pairs = list(zip(found[first], found[name], strict=True))
+            scenes = [a.entry.split("/")[0] for a, _ in pairs]
+            bits = np.array([math.log(b.bits_per_pixel / a.bits_per_pixel) for a, b in pairs])
+            target, context = (
+                np.array([getattr(b, field) - getattr(a, field) for a, b in pairs])
+                for field in ("psnr", "context_psnr")
+            )
+            cells = (interval(values, scenes, num_seeds) for values in (100.0 * bits, target, context))
+            lines.append((name, first, *cells))
+    return table(("variant", "against", "bits, percent (log)", "target views, dB", "context views, dB"), lines)
+
+
+def interval(values: np.ndarray, scenes: Sequence[str], num_seeds: int) -> str:
+    """Return the mean, its interval over scenes and the means of the seeds, which follow each other in `values`."""
+    names = sorted(set(scenes))
+    of_scene = [values[[scene == name for scene in scenes]] for name in names]
+    drawn = np.random.default_rng(0).integers(0, len(names), (NUM_RESAMPLES, len(names)))
+    sums, counts = np.array([v.sum() for v in of_scene]), np.array([len(v) for v in of_scene])
+    low, high = np.percentile(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1), (2.5, 97.5))
+    of_seeds = ", ".join(f"{part.mean():+.2f}" for part in np.split(values, num_seeds))
+    return f"{values.mean():+.2f} [{low:+.2f}, {high:+.2f}] ({of_seeds})"
 
 
 def chart_of(panel: Panel, rows: Mapping[str, tuple[Average, ...]]) -> Chart:
