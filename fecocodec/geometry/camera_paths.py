@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.upright import vertical
 
 SPIRAL_TURNS = 2
 LEAST_RADIUS = 0.02  # of the spiral, relative to the depth of its focus
@@ -67,8 +68,8 @@ def orbit(cameras: Cameras, count: int, depths: Depths) -> Cameras | None:
     """Return `count` cameras on a circle around the scene's centre, looking at it (closed path).
 
     Cameras all around the centre give a full turn. Otherwise the path swings over the angle that the cameras cover, at
-    least LEAST_ORBIT_DEGREES to each side. The axis of rotation is the mean vertical axis of the cameras; distance and
-    height are their means. Returns None if no centre is seen by all cameras.
+    least LEAST_ORBIT_DEGREES to each side. The axis of rotation is the vertical of the scene (`vertical`); distance and
+    height are means of the cameras. Returns None if no centre is seen by all cameras.
     """
     centre = _centre_of_view(cameras, depths)
     if centre is None:
@@ -196,8 +197,9 @@ def _centre_of_view(cameras: Cameras, depths: Depths) -> Float[Tensor, "3"] | No
 
 
 def _orbit_axes(cameras: Cameras) -> Float[Tensor, "3 3"]:
-    """Return the axes right, down, forward as columns: down is the mean down axis, forward the mean view across it."""
-    down = torch.nn.functional.normalize(cameras.extrinsics[:, :3, 1].mean(dim=0), dim=0)
+    """Return the axes right, down, forward as columns: down is the vertical, forward the mean view across it."""
+    up = vertical(cameras.extrinsics.double().cpu().numpy()).up
+    down = -torch.from_numpy(up).to(cameras.extrinsics)
     mean = cameras.extrinsics[:, :3, 2].mean(dim=0)
     first = cameras.extrinsics[0, :3, 2]
     forward = mean if float((mean - (mean @ down) * down).norm()) > 0.1 else first  # cameras all around have no mean

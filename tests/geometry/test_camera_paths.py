@@ -82,6 +82,17 @@ def test_an_orbit_of_a_part_stays_within_the_captured_angle() -> None:
     assert float(swung.min()) == pytest.approx(float(captured.min()), abs=1.0)
 
 
+def test_an_orbit_of_cameras_that_look_down_is_level() -> None:
+    cameras = ring(4, math.radians(120))
+    cosine, sine = math.cos(0.7), math.sin(0.7)
+    down = torch.tensor([[1.0, 0.0, 0.0, 0.0], [0.0, cosine, sine, 0.0], [0.0, -sine, cosine, 0.0], [0, 0, 0, 1.0]])
+    poses = cameras.extrinsics @ down
+    poses[:, :3, 3] = -3.0 * poses[:, :3, 2]
+    path, note = camera_path("orbit", replace(cameras, extrinsics=poses), 24, torch.zeros(1, 3))
+    assert note is None and float(path.extrinsics[:, 1, 0].abs().max()) < 0.02  # right axes
+    torch.testing.assert_close(path.extrinsics[:, 1, 3], poses[:1, 1, 3].expand(24), atol=0.02, rtol=0)
+
+
 def test_a_spiral_looks_at_the_focus_and_is_as_wide_as_the_cameras() -> None:
     cameras = ring(2, math.radians(20))
     path, _ = camera_path("spiral", cameras, 60, seen_by(cameras, 8 / 3))
