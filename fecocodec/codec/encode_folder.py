@@ -129,7 +129,7 @@ def encode_folder(
         elif poor := quality_warnings(quality[-1], views.names):
             messages.warn(*poor)
         elif left_out is not None and is_shipped(read_header(data).header.model_id):
-            messages.warn(*left_out_warnings(left_out))
+            messages.warn(*left_out_warnings(left_out, views.names))
     return EncodingReport(
         data,
         views.names,

@@ -90,7 +90,8 @@ def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQu
     levels = np.zeros(FADING_BLOCKS.shape(stream.header), np.uint8)
     if stream.fading is not None:
         levels = unpack_levels(stream.fading, stream.header)
-    found, shares = [], []
+    found: dict[int, float] = {}
+    shares = []
     for view in range(0, len(levels), -(-len(levels) // MAX_LEFT_OUT)):
         hidden = levels.copy()
         hidden[view] = len(FACTOR_OF_LEVEL) - 1
@@ -101,8 +102,9 @@ def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQu
             is_unseen |= views.ignored[[view]]
         shares.append(1.0 - float(is_unseen.float().mean()))
         if shares[-1] > LEAST_SHOWN:
-            found.append(float(psnr(rendered.color.clamp(0, 1), views.images[[view]].to(rendered.color), is_unseen)))
-    return LeftOutQuality(fmean(found), fmean(shares)) if found else None
+            truth = views.images[[view]].to(rendered.color)
+            found[view] = float(psnr(rendered.color.clamp(0, 1), truth, is_unseen))
+    return LeftOutQuality(found, fmean(shares)) if found else None
 
 
 @torch.no_grad()

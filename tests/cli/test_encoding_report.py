@@ -174,12 +174,19 @@ def test_poor_new_views_are_said() -> None:
 
 
 def test_views_that_do_not_predict_each_other_are_said(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
-    poor = LeftOutQuality(14.25, 0.6)
-    assert left_out_warnings(LeftOutQuality(17.0, 0.2)) == ()
-    assert left_out_warnings(poor) == (
+    poor = LeftOutQuality({0: 14.0, 1: 14.5}, 0.6)
+    assert left_out_warnings(LeftOutQuality({0: 14.0, 1: 20.0}, 0.2), ("a.png", "b.png")) == ()
+    assert left_out_warnings(poor, ("a.png", "b.png")) == (
         "new views will be poor: each coded view, rendered from the others alone, has a PSNR of 14.2 dB where they "
         "show it; check that each camera belongs to its photograph, or add photographs between them.",
     )
+    one = LeftOutQuality({0: 21.0, 2: 24.0, 4: 16.5}, 0.6)
+    assert left_out_warnings(one, "abcde") == (
+        "e does not fit the other views: from their Gaussians alone it has a PSNR of 16.5 dB, they have 22.5 dB; check "
+        "that its camera belongs to it, leave it out by `views`, or add photographs beside it.",
+    )
+    assert left_out_warnings(LeftOutQuality({0: 21.0, 2: 24.0, 4: 16.6}, 0.6), "abcde") == ()
+    assert left_out_warnings(LeftOutQuality({0: 24.0, 1: 12.0}, 0.6), "ab") == ()
     summary, found = inspect(stream_bytes), report(("a.png", "b.png"), QUALITY, left_out=poor)
     say_result("scene.fcs", found, summary)
     line = "  left out:               14.25 dB, PSNR of coded views without their own Gaussians, where the others show"

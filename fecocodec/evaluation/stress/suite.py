@@ -139,7 +139,7 @@ class StressSuite:
         if poor := quality_warnings(decoded_quality(receiver, data, context), context.names):
             warnings += poor
         elif left_out := left_out_quality(receiver, data, context):
-            warnings += left_out_warnings(left_out)
+            warnings += left_out_warnings(left_out, context.names)
         return Coded(data, _psnr_of_targets(render_views(gaussians, trial.views), trial), tuple(warnings)), gaussians
 
 
