@@ -1,11 +1,12 @@
 """Number of parameters of each module of sender and receiver."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import nn
 
-from fecocodec.config import COMPACT_SENDER, PAPER_RECEIVER, PAPER_SENDER, CodecConfig, ReceiverConfig
+from fecocodec.config import COMPACT_SENDER, PAPER_RECEIVER, PAPER_SENDER, LargeSenderConfig, ReceiverConfig
 from fecocodec.errors import InputError
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
@@ -25,18 +26,22 @@ class ParameterRow:
 
 
 RECEIVER_SUM, SENDER_SUM = "receiver, all that decode loads", "sender, all that encode loads"
-PUBLISHED = {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6}  # the paper's Table 1
+PUBLISHED = {  # the paper's Table 1
+    "paper": {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6},
+    "paper-large": {RECEIVER_SUM: 3.45e6, SENDER_SUM: 126.11e6},
+}
 SHIPPED_DETAIL_PLANES = 64
-_PROFILES: dict[str, tuple[CodecConfig, ReceiverConfig]] = {
+_PROFILES: dict[str, tuple[Any, ReceiverConfig]] = {
     "compact": (replace(COMPACT_SENDER, has_sharp_steps=True), ReceiverConfig(detail_planes=SHIPPED_DETAIL_PLANES)),
     "paper": (PAPER_SENDER, PAPER_RECEIVER),
+    "paper-large": (LargeSenderConfig(), PAPER_RECEIVER),
 }
 
 
 def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
-    """Return one row per module of a profile ("compact" or "paper"), then the totals of `decode` and of `encode`.
+    """Return one row per module of a profile, see `_PROFILES`, then the totals of `decode` and of `encode`.
 
-    The extractor of the paper has one row per submodule. Raises InputError for an unknown profile.
+    The extractors of the paper have one row per submodule. Raises InputError for an unknown profile.
     """
     if profile not in _PROFILES:
         raise InputError(f"There is no profile '{profile}'; choose one of {', '.join(_PROFILES)}.")
@@ -44,10 +49,10 @@ def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
     with torch.device("meta"):  # shapes without allocation
         receiver, sender = Receiver(of_receiver), Sender(config, of_receiver)
     modules = [("receiver", name, module) for name, module in receiver.named_children()]
-    modules += [("sender", name, module) for name, module in _parts(sender, profile == "paper")]
-    rows = [ParameterRow(name, side, _count(module)) for side, name, module in modules]
-    rows.append(ParameterRow(RECEIVER_SUM, "sum", _count(receiver)))
-    rows.append(ParameterRow(SENDER_SUM, "sum", _count(receiver) + _count(sender)))
+    modules += [("sender", name, module) for name, module in _parts(sender, profile in PUBLISHED)]
+    rows = [ParameterRow(name, side, count_parameters(module)) for side, name, module in modules]
+    rows.append(ParameterRow(RECEIVER_SUM, "sum", count_parameters(receiver)))
+    rows.append(ParameterRow(SENDER_SUM, "sum", count_parameters(receiver) + count_parameters(sender)))
     return tuple(rows)
 
 
@@ -56,11 +61,19 @@ def _parts(sender: Sender, is_split: bool) -> list[tuple[str, nn.Module]]:
     parts = []
     for name, module in sender.named_children():
         if is_split and name == "extractor":
-            parts += [(f"{name}.{part}", inner) for part, inner in module.named_children()]
+            inner = [pair for network in (module, *_frozen(module)) for pair in network.named_children()]
+            parts += [(f"{name}.{part}", network) for part, network in inner]
         else:
             parts.append((name, module))
     return parts
 
 
-def _count(network: nn.Module) -> int:
-    return sum(parameter.numel() for parameter in network.parameters())
+def count_parameters(network: nn.Module) -> int:
+    """Return the number of parameters of a network, with those of a frozen extractor that is a module."""
+    networks = (network, *_frozen(getattr(network, "extractor", network)))
+    return sum(parameter.numel() for part in networks for parameter in part.parameters())
+
+
+def _frozen(adapter: nn.Module) -> tuple[nn.Module, ...]:
+    network = getattr(adapter, "frozen", None)
+    return (network,) if isinstance(network, nn.Module) else ()

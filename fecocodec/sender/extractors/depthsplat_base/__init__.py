@@ -1,4 +1,1 @@
-"""The larger extractor: DepthSplat-Base up to its features at full resolution (Xu et al., "DepthSplat", 2025).
-
-An independent implementation upon the blocks of `depthsplat_small`. Module names match those of the public checkpoints.
-"""
+"""DepthSplat-Base's features at full resolution; an independent implementation, upon `depthsplat_small`."""

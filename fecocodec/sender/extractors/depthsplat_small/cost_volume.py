@@ -86,16 +86,14 @@ def cost_volume(
     cameras: Cameras,
     sources: Int[Tensor, "batch view count"],
     positions: Positions,
-    depths: Float[Tensor, "batch view _ candidate"] | None = None,
+    depths: Float[Tensor, "batch view _ candidate"],
 ) -> Float[Tensor, "batch view candidate h w"]:
     """Return the scores of all candidates; higher is better. Views are processed one by one to limit memory.
 
-    sources: see `source_views`. positions: `exact_positions` or `public_positions`. depths: candidates of every
-    point, in row-major order, or of all points of a view; None for `candidate_depths`.
+    sources: see `source_views`. positions: `exact_positions` or `public_positions`. depths: candidates of each
+    point, in row-major order, or one row of them for all points of a view, such as `candidate_depths`.
     """
     batch, views, channels, h, w = features.shape
-    if depths is None:
-        depths = candidate_depths(cameras)[:, None, None].expand(-1, views, -1, -1)
     volumes = []
     for scene in range(batch):
         of_scene = cameras.scene(scene)
