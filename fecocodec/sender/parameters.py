@@ -1,5 +1,6 @@
 """Number of parameters of each module of sender and receiver."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -58,14 +59,22 @@ def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
 
 def _parts(sender: Sender, is_split: bool) -> list[tuple[str, nn.Module]]:
     """Return the modules of the sender by name. is_split: list the submodules of the extractor."""
-    parts = []
+    parts: list[tuple[str, nn.Module]] = []
     for name, module in sender.named_children():
         if is_split and name == "extractor":
-            inner = [pair for network in (module, *_frozen(module)) for pair in network.named_children()]
-            parts += [(f"{name}.{part}", network) for part, network in inner]
+            parts += _split(name, module)
         else:
             parts.append((name, module))
     return parts
+
+
+def _split(name: str, module: nn.Module) -> Iterator[tuple[str, nn.Module]]:
+    """Yield the submodules of an extractor, those of a frozen one and of its depth predictor."""
+    for part, inner in (pair for network in (module, *_frozen(module)) for pair in network.named_children()):
+        if part == "depth_predictor":
+            yield from _split(f"{name}.{part}", inner)
+        else:
+            yield f"{name}.{part}", inner
 
 
 def count_parameters(network: nn.Module) -> int:

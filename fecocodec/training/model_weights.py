@@ -74,9 +74,7 @@ def load_fitting_weights(
 
 
 def load_extractor(sender: Sender, source: Path) -> LoadReport:
-    """Load the extractor alone from a model's folder or, for depthsplat-small, from a public checkpoint.
-
-    A frozen depthsplat-base is loaded from its checkpoint alone.
+    """Load the extractor alone from a model's folder or from a public checkpoint, frozen ones from the latter only.
 
     Raises ModelError if the source is missing, damaged, or has another kind of extractor.
     """

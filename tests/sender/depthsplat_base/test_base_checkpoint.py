@@ -73,6 +73,6 @@ def test_a_sender_finds_its_extractor_where_it_was_or_beside_its_file(tmp_path: 
     with pytest.raises(ModelError, match=r"base.pth: its tensors are depthsplat-base-\w+, but .* was trained with dep"):
         load_sender(file, PAPER_RECEIVER, MODEL_ID)
     (file.parent / "base.pth").unlink()
-    absent = r"needs the weights of its extractor, base.pth \(depthsplat-base-\w{16}\), which are not at .*base.pth; put"
-    with pytest.raises(ModelError, match=f"{absent} that file into the model's folder"):
+    absent = r"needs the weights of its extractor, base.pth \(depthsplat-base-\w{16}\), which are not at .*base.pth"
+    with pytest.raises(ModelError, match=f"{absent}; put that file into the model's folder"):
         load_sender(file, PAPER_RECEIVER, MODEL_ID)

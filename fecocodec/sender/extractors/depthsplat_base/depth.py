@@ -16,8 +16,7 @@ from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSma
 from fecocodec.sender.extractors.vision_transformer import normalised
 
 VIT_BLOCKS = (2, 5, 8, 11)  # whose maps are used
-_NUM_FINE = NUM_CANDIDATES // 4  # candidates at 1/2
-_UPSAMPLER_CHANNELS = 48
+_NUM_FINE, _UPSAMPLER_CHANNELS = NUM_CANDIDATES // 4, 48  # candidates at 1/2
 
 
 @dataclass(frozen=True)
@@ -79,14 +78,13 @@ class DepthPredictor(DepthSplatSmall):
         """Return the depth of every view in the unit of the cameras, which it depends on, and the probabilities of the
         candidates at 1/4 and at 1/2."""
         views = cameras.num_views
-        bounds = [(1.0 / bound).repeat_interleave(views).view(-1, 1, 1, 1) for bound in (cameras.far, cameras.near)]
+        low, high = ((1.0 / bound).repeat_interleave(views).view(-1, 1, 1, 1) for bound in (cameras.far, cameras.near))
         monocular, probabilities = self.monocular(maps), []
         candidates = 1.0 / candidate_depths(cameras).repeat_interleave(views, 0)[..., None, None]
         inverse = candidates[:, :1]
         for scale, features in enumerate(maps.multi_view):
             if scale:
-                around = resized(inverse, (features.shape[-2], features.shape[-1]))
-                candidates = fine_candidates(bounds[0], bounds[1], around)
+                candidates = fine_candidates(low, high, resized(inverse, features.shape[-2:]))
             depths = rearrange(1.0 / candidates, "(b v) d h w -> b v (h w) d", v=views)
             costs = self.costs(by_view(features, views), cameras, depths)
             joined = torch.cat((costs, maps.appearance[-1 - scale], features, monocular[scale]), dim=1)
@@ -94,8 +92,8 @@ class DepthPredictor(DepthSplatSmall):
             probabilities.append(self.depth_head[scale](fused).softmax(dim=1))
             inverse = (probabilities[-1] * candidates).sum(dim=1, keepdim=True)
         correction = self.upsampler(maps.monocular, maps.appearance, maps.multi_view, (inverse,))
-        corrected = resized(inverse, (correction.shape[-2], correction.shape[-1])) + correction
-        return 1.0 / corrected.clamp(*bounds)[:, 0], probabilities
+        corrected = resized(inverse, correction.shape[-2:]) + correction
+        return 1.0 / corrected.clamp(low, high)[:, 0], probabilities
 
 
 def fine_candidates(

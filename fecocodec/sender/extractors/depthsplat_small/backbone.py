@@ -79,6 +79,6 @@ def whole_patches(images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 3 
     return resized(images, (h // PATCH * PATCH, w // PATCH * PATCH))
 
 
-def resized(x: Float[Tensor, "item _ _ _"], size: tuple[int, int]) -> Float[Tensor, "item _ _ _"]:
+def resized(x: Float[Tensor, "item _ _ _"], size: tuple[int, ...]) -> Float[Tensor, "item _ _ _"]:
     """Resize maps bilinearly, with their corners aligned."""
     return F.interpolate(x, size, mode="bilinear", align_corners=True)
