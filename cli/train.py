@@ -166,8 +166,7 @@ def command(
 def _check_options(configuration: "Configuration", num_workers: int, extractor: tuple[Path, ...]) -> None:
     if configuration.sender.extractor == FROZEN and len(extractor) != 1:
         raise InputError(
-            "The extractor of this configuration is frozen and stored nowhere else; give DepthSplat-Base's checkpoint "
-            "by `extractor_weights`, once."
+            "The extractor of this configuration is frozen; give DepthSplat-Base's file by `extractor_weights`, once."
         )
     if configuration.kept_batches and num_workers:
         raise InputError("Kept batches are drawn by the training process; leave out --workers, or --keep.")

@@ -170,8 +170,7 @@ class AdaptedSenderConfig(CodecConfig):
 class LargeSenderConfig(CodecConfig):
     """Configuration of the paper's larger sender: DepthSplat-Base, frozen, through the adapter.
 
-    weights: path of the extractor's checkpoint, whose tensors are not in the sender's weights file. fingerprint: their
-    digest. Both are "" before the checkpoint is loaded.
+    weights: path of the extractor's checkpoint, which is loaded from there. fingerprint: digest of its tensors.
     """
 
     extractor: ClassVar[str] = "depthsplat-base"

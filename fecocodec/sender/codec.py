@@ -45,10 +45,7 @@ def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender
 
 
 def load_frozen_extractor(sender: Sender, source: Path) -> LoadReport:
-    """Load the checkpoint of a frozen DepthSplat-Base, and record its path and fingerprint in the configuration.
-
-    Raises ModelError as `load_public_weights` does.
-    """
+    """Load the checkpoint of a frozen extractor, see `load_public_weights`, and record its path and fingerprint."""
     report = load_public_weights(sender.extractor.frozen, source)
     recorded = {"fingerprint": sender.extractor.frozen.fingerprint(), "weights": str(source.resolve())}
     sender.config = replace(sender.config, **recorded)

@@ -34,10 +34,6 @@ def _depthsplat_small(config: PaperSenderConfig, channels: int) -> nn.Module:
     return DepthSplatSmall(config.geometry, config.matching_scale)
 
 
-def _depthsplat_base(config: LargeSenderConfig, channels: int) -> nn.Module:
-    return ConditionedAdapter(DepthSplatBase(), channels)
-
-
 def _adapted(config: AdaptedSenderConfig, channels: int) -> nn.Module:
     raise ModelError(f"extractor {config.extractor}: its own network is needed too; use `load_adapted_sender`.")
 
@@ -45,7 +41,7 @@ def _adapted(config: AdaptedSenderConfig, channels: int) -> nn.Module:
 EXTRACTORS: dict[type[CodecConfig], Build] = {
     SenderConfig: CompactExtractor,
     PaperSenderConfig: _depthsplat_small,
-    LargeSenderConfig: _depthsplat_base,
+    LargeSenderConfig: lambda config, channels: ConditionedAdapter(DepthSplatBase(), channels),
     AdaptedSenderConfig: _adapted,
 }
 

@@ -70,7 +70,7 @@ def _parts(sender: Sender, is_split: bool) -> list[tuple[str, nn.Module]]:
 
 def _split(name: str, module: nn.Module) -> Iterator[tuple[str, nn.Module]]:
     """Yield the submodules of an extractor, those of a frozen one and of its depth predictor."""
-    for part, inner in (pair for network in (module, *_frozen(module)) for pair in network.named_children()):
+    for part, inner in (pair for network in _with_frozen(module) for pair in network.named_children()):
         if part == "depth_predictor":
             yield from _split(f"{name}.{part}", inner)
         else:
@@ -79,10 +79,9 @@ def _split(name: str, module: nn.Module) -> Iterator[tuple[str, nn.Module]]:
 
 def count_parameters(network: nn.Module) -> int:
     """Return the number of parameters of a network, with those of a frozen extractor that is a module."""
-    networks = (network, *_frozen(getattr(network, "extractor", network)))
-    return sum(parameter.numel() for part in networks for parameter in part.parameters())
+    return sum(parameter.numel() for part in _with_frozen(network) for parameter in part.parameters())
 
 
-def _frozen(adapter: nn.Module) -> tuple[nn.Module, ...]:
-    network = getattr(adapter, "frozen", None)
-    return (network,) if isinstance(network, nn.Module) else ()
+def _with_frozen(network: nn.Module) -> list[nn.Module]:
+    frozen = getattr(getattr(network, "extractor", network), "frozen", None)
+    return [network, frozen] if isinstance(frozen, nn.Module) else [network]

@@ -46,9 +46,7 @@ def test_the_checkpoint_must_be_given_once(fecosplat: CommandLine, tmp_path: Pat
     arguments = ["--extractor-weights", str(tmp_path)] * given
     result = fecosplat("train", tmp_path / "run", *CONFIG, "--photographs", tmp_path, *arguments)
     assert result.code == 1 and result.err.count("\n") == 1
-    assert "is frozen and stored nowhere else; give DepthSplat-Base's checkpoint by --extractor-weights, once." in (
-        result.err
-    )
+    assert "is frozen; give DepthSplat-Base's file by --extractor-weights, once." in result.err
 
 
 def write_small_model(folder: Path) -> Path:

@@ -98,9 +98,7 @@ class VisionTransformer(nn.Module):
         """Return the features after the last block and the norm. images: `normalised`; sides multiples of 14."""
         return self.maps(images, (_DEPTH - 1,))[0]
 
-    def maps(
-        self, images: Float[Tensor, "item 3 h w"], blocks: tuple[int, ...]
-    ) -> list[Float[Tensor, "item channel rows columns"]]:
+    def maps(self, images: Float[Tensor, "item 3 h w"], blocks: tuple[int, ...]) -> list[Tensor]:
         """Return the features after each of these blocks, in their order, and the norm. Arguments as for `forward`."""
         patches = self.patch_embed(images)
         rows, columns = patches.shape[-2:]

@@ -48,10 +48,20 @@ def made_up_network() -> DepthSplatBase:
     return network.requires_grad_(False)
 
 
-def constant_weights(seed: str = "") -> dict[str, Tensor]:
+def shapes_at_8() -> dict[str, list[int]]:
+    """Shapes of the network that matches at 1/8 and 1/4, by what it joins at 1/2, 1/4 and 1/8."""
+    found = dict(SHAPES)
+    for head, depth in (("depth_predictor.upsampler", 1), ("feature_upsampler", 0)):
+        found[f"{head}.concat_projects.0.weight"] = [96, 64 + 96, 1, 1]
+        found[f"{head}.concat_projects.1.weight"] = [192, 96 + 192 + 64 + depth, 1, 1]
+        found[f"{head}.concat_projects.2.weight"] = [384, 128 + 384 + 128, 1, 1]
+    return found
+
+
+def constant_weights(seed: str = "", shapes: dict[str, list[int]] = SHAPES) -> dict[str, Tensor]:
     """One number per tensor, under the names of official checkpoints. Saved, they take no space."""
-    values = {name: zlib.crc32((seed + name).encode()) / 2**32 / 10 for name in SHAPES}
-    return {f"encoder.{name}": torch.tensor(values[name]).expand(shape) for name, shape in SHAPES.items()}
+    values = {name: zlib.crc32((seed + name).encode()) / 2**32 / 10 for name in shapes}
+    return {f"encoder.{name}": torch.tensor(values[name]).expand(shape) for name, shape in shapes.items()}
 
 
 def write_checkpoint(path: Path, seed: str = "") -> Path:

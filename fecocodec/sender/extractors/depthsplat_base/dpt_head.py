@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from fecocodec.sender.extractors.depthsplat_small.backbone import MIDDLE, OUTPUT, STEM, resized
 
-VIT_CHANNELS, FINE_CHANNELS = 768, 64  # of the ViT; of multi-view features at 1/2
+VIT_CHANNELS, FINE_CHANNELS = 768, 64  # of the ViT; of multi-view features at the finer scale
 _WIDTHS = (96, 192, 384, 768)  # at 1/2, 1/4, 1/8, 1/16
 _LAST_WIDTH = 16  # of the layers that predict depth
 
@@ -24,10 +24,7 @@ class ResidualUnit(nn.Module):
 
 
 class Refinement(nn.Module):
-    """coarse map (+ residual unit of a finer map) -> residual unit -> 1x1 conv -> resized.
-
-    The public code resizes before the 1x1 convolution, which gives the same in more time.
-    """
+    """coarse map (+ residual unit of a finer map) -> residual unit -> 1x1 conv -> resized, in the faster order."""
 
     def __init__(self, channels: int, has_finer: bool) -> None:
         super().__init__()
@@ -45,11 +42,16 @@ class Refinement(nn.Module):
 class DptHead(nn.Module):
     """Four maps of the ViT -> 1/2 to 1/16 -> joined with CNN and multi-view features -> refined from coarse to fine."""
 
-    def __init__(self, channels: int, predicts_depth: bool = False) -> None:
-        """channels: of the features. predicts_depth: map them to a correction of a depth, which is an input, too."""
+    def __init__(self, channels: int, lowest: int, predicts_depth: bool = False) -> None:
+        """channels: of the features. lowest: see `DepthSplatBase.arrange`. predicts_depth: map the features to a
+        correction of a depth, which is an input, too."""
         super().__init__()
         half, quarter, eighth, last = _WIDTHS
-        joined = (STEM + MIDDLE + FINE_CHANNELS + predicts_depth + half, OUTPUT + quarter + OUTPUT, eighth)
+        fine = FINE_CHANNELS + predicts_depth
+        if lowest == 4:
+            joined = (STEM + MIDDLE + fine + half, OUTPUT + quarter + OUTPUT, eighth)
+        else:
+            joined = (STEM + half, MIDDLE + quarter + fine, OUTPUT + eighth + OUTPUT)
         self.projects = nn.ModuleList(nn.Conv2d(VIT_CHANNELS, width, 1) for width in _WIDTHS)
         self.resize_layers = nn.ModuleList([nn.ConvTranspose2d(half, half, 4, 4)])
         self.resize_layers += [nn.ConvTranspose2d(quarter, quarter, 2, 2), nn.Identity()]
@@ -59,7 +61,7 @@ class DptHead(nn.Module):
         for number, width in enumerate(_WIDTHS, 1):
             self.scratch[f"layer{number}_rn"] = nn.Conv2d(width, channels, 3, padding=1, bias=False)
             self.scratch[f"refinenet{number}"] = Refinement(channels, has_finer=number < len(_WIDTHS))
-        self.predicts_depth = predicts_depth
+        self.lowest, self.predicts_depth = lowest, predicts_depth
         if predicts_depth:
             layers = edge_conv(channels, channels // 2), nn.GELU(), edge_conv(channels // 2, _LAST_WIDTH), nn.GELU()
             self.scratch["output_conv"] = nn.Sequential(*layers, nn.Conv2d(_LAST_WIDTH, 1, 1))
@@ -69,16 +71,20 @@ class DptHead(nn.Module):
         monocular: list[Float[Tensor, "item vit h8 w8"]],
         appearance: tuple[Tensor, Tensor, Tensor],
         multi_view: tuple[Tensor, Tensor],
-        depth: tuple[Float[Tensor, "item 1 h2 w2"], ...] = (),
+        depth: tuple[Float[Tensor, "item 1 _ _"], ...] = (),
     ) -> Float[Tensor, "item channel h w"]:
         """Return the features, or the correction of the inverse depth `depth`, at full resolution.
 
-        appearance: at 1/2, 1/2 and 1/4. multi_view: at 1/4 and 1/2.
+        Other arguments: see `Maps`. The order of what is joined is the public network's.
         """
         maps = [self.resize_layers[i](self.projects[i](x)) for i, x in enumerate(monocular)]
-        maps[0] = self.concat_projects[0](torch.cat((*appearance[:2], multi_view[1], *depth, maps[0]), dim=1))
-        maps[1] = self.concat_projects[1](torch.cat((appearance[2], maps[1], multi_view[0]), dim=1))
-        maps[2] = self.concat_projects[2](maps[2])
+        first, second, third = appearance
+        coarse, fine = multi_view
+        if self.lowest == 4:
+            joined = [(first, second, fine, *depth, maps[0]), (third, maps[1], coarse), (maps[2],)]
+        else:
+            joined = [(first, maps[0]), (second, maps[1], fine, *depth), (third, maps[2], coarse)]
+        maps[:3] = [project(torch.cat(x, dim=1)) for project, x in zip(self.concat_projects, joined, strict=True)]
         sizes = [(2 * maps[0].shape[-2], 2 * maps[0].shape[-1]), *(x.shape[-2:] for x in maps[:3])]
         own = [self.scratch[f"layer{number}_rn"](x) for number, x in enumerate(maps, 1)]
         path: Tensor = self.scratch["refinenet4"](own[3], None, sizes[3])

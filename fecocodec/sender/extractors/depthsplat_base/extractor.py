@@ -23,18 +23,23 @@ class DepthSplatBase(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
+        self.arrange(4)
+
+    def arrange(self, lowest: int) -> None:
+        """Build the networks without weights. lowest: 4 for matching at 1/4 and 1/2 resolution; 8 for 1/8 and 1/4, as
+        in the published checkpoints that saw DL3DV."""
         with torch.device("meta"):
-            self.depth_predictor, self.feature_upsampler = DepthPredictor(), DptHead(CHANNELS)
+            self.depth_predictor, self.feature_upsampler = DepthPredictor(lowest), DptHead(CHANNELS, lowest)
         self.eval().requires_grad_(False)
 
     def num_channels(self) -> int:
         return CHANNELS
 
     def maps(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Maps:
-        """Run the branches. Raises ModelError without weights, InputError if a side is not a multiple of 16."""
+        """Run the branches. Raises ModelError without weights, InputError for sides that they cannot divide."""
         if self.feature_upsampler.projects[0].weight.is_meta:
             raise ModelError("depthsplat-base: it has no weights yet; load its checkpoint by `load_frozen_extractor`.")
-        require_whole(images)
+        require_whole(images, 4 * self.depth_predictor.lowest)
         return self.to(images.device).depth_predictor.maps(images, cameras)
 
     def features(

@@ -31,13 +31,13 @@ class ResidualBlock(nn.Module):
 
 
 class Backbone(nn.Module):
-    """image -> 7x7 conv (1/2) -> two blocks of 64, two of 96, two of 128 channels (1/4) -> 1x1 conv."""
+    """image -> 7x7 conv (1/2) -> two blocks of 64, two of 96 (stride), two of 128 channels (half) -> 1x1 conv."""
 
-    def __init__(self) -> None:
+    def __init__(self, middle_stride: int = 1) -> None:
         super().__init__()
         self.conv1 = nn.Conv2d(3, STEM, 7, stride=2, padding=3, bias=False)
         self.layer1 = _two_blocks(STEM, STEM, stride=1)
-        self.layer2 = _two_blocks(STEM, MIDDLE, stride=1)
+        self.layer2 = _two_blocks(STEM, MIDDLE, middle_stride)
         self.layer3 = _two_blocks(MIDDLE, OUTPUT, stride=2)
         self.conv2 = nn.Conv2d(OUTPUT, OUTPUT, 1)
         for module in self.modules():
@@ -48,10 +48,8 @@ class Backbone(nn.Module):
         """Return features at 1/4 resolution. images: normalised by the ImageNet mean and standard deviation."""
         return self.scales(images)[-1]
 
-    def scales(
-        self, images: Float[Tensor, "item 3 h w"]
-    ) -> tuple[Float[Tensor, "item 64 h2 w2"], Float[Tensor, "item 96 h2 w2"], Float[Tensor, "item 128 h4 w4"]]:
-        """Return the features of all three stages, two at 1/2 resolution and that of `forward`."""
+    def scales(self, images: Float[Tensor, "item 3 h w"]) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the features of all three stages, of 64, 96 and 128 channels; the last are those of `forward`."""
         stem = self.layer1(F.relu(F.instance_norm(self.conv1(images))))
         middle = self.layer2(stem)
         return stem, middle, self.conv2(self.layer3(middle))

@@ -27,6 +27,7 @@ ENCODER, PREDICTOR = "encoder.", "depth_predictor."
 OFFICIAL_PREFIX = ENCODER + PREDICTOR
 # Part of the name of the one published small checkpoint that saw DL3DV. Its features have 1/8 resolution.
 _COARSE_NAME = "re10kdl3dv-448x768"
+_JOINED, _JOINED_AT_8 = "feature_upsampler.concat_projects.0.weight", 160  # its inputs with matching at 1/8 and 1/4
 _NESTED = ("state_dict", "model")
 _LAST, _TRIDENT = "backbone.conv2", "backbone.trident_conv.weight"
 _DINO_STARTS = (
@@ -54,9 +55,7 @@ class LoadReport:
 
     def table(self) -> tuple[str, ...]:
         """Return a row per part of the extractor and of the file: tensors used, unused (in the file) and missing."""
-        names = (self.used, self.unused, self.missing)
-        counts = [Counter(map(_part, of)) for of in names]
-        used, unused, missing = counts
+        used, unused, missing = (Counter(map(_part, names)) for names in (self.used, self.unused, self.missing))
         rows = [
             f"{part:20}{used[part]:>6}{unused[part]:>8}{missing[part]:>9}" for part in sorted(used | unused | missing)
         ]
@@ -86,6 +85,8 @@ def load_public_weights(extractor: DepthSplatSmall | DepthSplatBase, path: Path)
             "build it with geometry 'public'."
         )
     renamed = {_own_name(name, prefix): name for name in stored}
+    if isinstance(extractor, DepthSplatBase) and _JOINED in renamed:
+        extractor.arrange(8 if stored[renamed[_JOINED]].shape[1:2] == (_JOINED_AT_8,) else 4)
     stored = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
     wanted = extractor.state_dict()
     used = [name for name in wanted if name in renamed]

@@ -130,7 +130,7 @@ class DepthSplatSmall(nn.Module):
 
         Raises InputError if a side is not a multiple of 16.
         """
-        require_whole(images)
+        require_whole(images, SIDE_MULTIPLE)
         views = images.shape[1]
         pictures = normalised(flat(images))
         appearance = self.backbone(pictures)
@@ -189,10 +189,10 @@ def _resize(x: Float[Tensor, "item channel _ _"], size: tuple[int, int]) -> Floa
     return F.interpolate(x, size, mode="bilinear", align_corners=False)
 
 
-def require_whole(images: Float[Tensor, "batch view 3 h w"]) -> None:
-    """Raise InputError if a side of the images is not a multiple of 16."""
-    if images.shape[-2] % SIDE_MULTIPLE or images.shape[-1] % SIDE_MULTIPLE:
-        raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of 16.")
+def require_whole(images: Float[Tensor, "batch view 3 h w"], multiple: int) -> None:
+    """Raise InputError if a side of the images is not a multiple of so many pixels."""
+    if images.shape[-2] % multiple or images.shape[-1] % multiple:
+        raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of {multiple}.")
 
 
 def by_view(x: Float[Tensor, "item channel h w"], views: int) -> Float[Tensor, "batch view channel h w"]:

@@ -84,19 +84,20 @@ class CrossViewUNet(nn.Module):
     def __init__(self, channels: int = CHANNELS, num_levels: int = NUM_LEVELS) -> None:
         super().__init__()
         down: list[list[nn.Module]] = [[_conv3(channels, channels)]]
-        up: list[list[nn.Module]] = []
         for level in range(num_levels):
             is_coarsest = level == num_levels - 1
             attention = [CrossViewAttention(channels)] if is_coarsest else []
             down += [[ResBlock(channels, channels), *attention]]
             down += [] if is_coarsest else [[Downsample(channels)]]
+        self.input_blocks = _stages(*down)
+        self.middle_block = Stage([ResBlock(channels, channels), nn.Identity(), ResBlock(channels, channels)])
+        up: list[list[nn.Module]] = []
         for level in reversed(range(num_levels)):
             for is_last in (False, True):
                 attention = [CrossViewAttention(channels)] if level == num_levels - 1 else []
                 enlarged = [Upsample(channels)] if is_last and level else []
                 up += [[ResBlock(2 * channels, channels), *attention, *enlarged]]
-        self.input_blocks, self.output_blocks = _stages(*down), _stages(*up)
-        self.middle_block = Stage([ResBlock(channels, channels), nn.Identity(), ResBlock(channels, channels)])
+        self.output_blocks = _stages(*up)
         self.out = nn.Sequential(_norm(channels), nn.SiLU(), _zero(_conv3(channels, channels)))
 
     def forward(self, x: Float[Tensor, "item channel h w"], num_views: int) -> Float[Tensor, "item channel h w"]:
