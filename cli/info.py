@@ -37,7 +37,7 @@ Examples:
 @click.option(
     "--parameters",
     "profile",
-    type=click.Choice(["compact", "paper"]),
+    type=click.Choice(["compact", "paper", "paper-large"]),
     is_flag=False,
     flag_value="compact",
     help="Show the number of parameters of each module, at the sender and at the receiver. Without a value: compact.",
@@ -154,7 +154,7 @@ def _print_parameters(profile: str, as_json: bool) -> None:
     from fecocodec.sender.parameters import PUBLISHED, parameter_table
 
     table = parameter_table(profile)
-    published = PUBLISHED if profile == "paper" else {}
+    published = PUBLISHED.get(profile, {})
     if as_json:
         of_paper = ({"published": published[row.module]} if row.module in published else {} for row in table)
         print_json([asdict(row) | more for row, more in zip(table, of_paper, strict=True)])

@@ -1,6 +1,7 @@
 """`fecosplat train`: train all networks on synthetic scenes and on photographs, or by a verb one part of a model."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
 
 DEFAULT_MINUTES = 60.0
+FROZEN = "depthsplat-base"  # an extractor that no checkpoint of a run holds
 PAPER_BATCH = 4  # scenes a step in all processes (paper, implementation details)
 
 
@@ -59,7 +61,7 @@ Examples:
 @click.argument("folder", metavar="FOLDER", type=FILE_PATH)
 @click.option(
     "--config", "name", default="compact", show_default=True, metavar="NAME",
-    help="Training configuration: compact, paper-re10k, paper-dl3dv, or a variant such as "
+    help="Training configuration: compact, paper-re10k, paper-dl3dv, paper-dl3dv-large, or a variant such as "
     "ablate-no-feedback (docs/paper_profile.md). Options below without a default override it.",
 )  # fmt: skip
 @data_options
@@ -133,7 +135,7 @@ def command(
 
     require_rendering_device(device)
     configuration = overridden(configuration_named(name), overrides)
-    _check_options(configuration, num_workers)
+    _check_options(configuration, num_workers, extractor)
     with joined_processes(device) as own_device:
         sources = open_sources(photographs, textures, configuration, validation)
         settings = RunSettings(
@@ -150,21 +152,21 @@ def command(
         if trainer.step == 0 and is_first():
             for sentence in remarks_on_start(configuration, num_processes(), (*extractor, *filter(None, [start]))):
                 warn(f"warning: {in_options(sentence)}")
-        for source in extractor if trainer.step == 0 else ():
+        for source in extractor if trainer.step == 0 or configuration.sender.extractor == FROZEN else ():
             report = trainer.start_extractor_from(source)
             say("\n".join((f"extractor, from {source}: {report}", *report.table())))
         for row in train(trainer):
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if model is not None and is_first():
             _require_finished(trainer.step, configuration.schedule.num_steps, model)
-            export_model(trainer.checkpoint, model, configuration, start)
+            export_model(trainer.checkpoint, model, replace(configuration, sender=trainer.sender.config), start)
             export_receiver(model)
 
 
-def _check_options(configuration: "Configuration", num_workers: int) -> None:
-    if configuration.sender.extractor == "adapted":
+def _check_options(configuration: "Configuration", num_workers: int, extractor: tuple[Path, ...]) -> None:
+    if configuration.sender.extractor == FROZEN and len(extractor) != 1:
         raise InputError(
-            "This configuration needs the network of its extractor; train it in Python (examples/larger_extractor.py)."
+            "The extractor of this configuration is frozen; give DepthSplat-Base's file by `extractor_weights`, once."
         )
     if configuration.kept_batches and num_workers:
         raise InputError("Kept batches are drawn by the training process; leave out --workers, or --keep.")
@@ -184,7 +186,9 @@ def _require_finished(step: int, num_steps: int, model: Path) -> None:
 
 def totals(receiver: "nn.Module", sender: "nn.Module") -> str:
     """Return the numbers of parameters that the paper's Table 1 gives."""
-    of_receiver, of_sender = (sum(p.numel() for p in network.parameters()) for network in (receiver, sender))
+    from fecocodec.sender.parameters import count_parameters
+
+    of_receiver, of_sender = map(count_parameters, (receiver, sender))
     return f"{of_receiver:,} parameters at the receiver, {of_receiver + of_sender:,} in all"
 
 

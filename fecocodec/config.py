@@ -166,6 +166,19 @@ class AdaptedSenderConfig(CodecConfig):
     extractor_channels: int = 0
 
 
+@dataclass(frozen=True)
+class LargeSenderConfig(CodecConfig):
+    """Configuration of the paper's larger sender: DepthSplat-Base, frozen, through the adapter.
+
+    weights: path of the extractor's checkpoint, which is loaded from there. fingerprint: digest of its tensors.
+    """
+
+    extractor: ClassVar[str] = "depthsplat-base"
+    analysis_channels: int = CODEC_CHANNELS
+    fingerprint: str = ""
+    weights: str = ""
+
+
 def stored_fields(config: Any) -> dict[str, Any]:
     """Return the fields of a configuration that a weights file stores: optional ones only if they are not default."""
     values = {entry.name: getattr(config, entry.name) for entry in fields(config)}

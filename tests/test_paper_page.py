@@ -20,11 +20,15 @@ from fecocodec.receiver.model import Receiver, serialise_receiver
 from fecocodec.sender.codec import adapted_sender, serialise_sender
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
-from fecocodec.training import configurations
 from fecocodec.training.batch import BatchShapes
-from fecocodec.training.configurations import CONFIGURATIONS, configuration_named
+from fecocodec.training.configurations import RunSettings, configuration_named
+from fecocodec.training.loop import train
+from fecocodec.training.model_weights import export_networks
+from fecocodec.training.sources import open_sources
+from fecocodec.training.trainer import Trainer
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.example_scenes import example_views
+from tests.sender.depthsplat_base.public_base_network import constant_weights, shapes_at_8
 from tests.wall_scene import shots, write_transforms
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -54,7 +58,7 @@ def arguments_of(command: str) -> list[str]:
 
 
 def test_the_page_has_commands_and_snippets() -> None:
-    assert len(COMMANDS) == 7 and len(SNIPPETS) == 2
+    assert len(COMMANDS) == 8 and len(SNIPPETS) == 1
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -82,10 +86,9 @@ def write_videos(folder: Path, num_frames: int, url: str = "https://video.exampl
 
 
 @pytest.mark.timeout(300)
-def test_the_snippets_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_snippet_runs_and_its_extractor_trains_in_python(tmp_path: Path) -> None:
     """The three methods of the extractor get bodies. Training has two steps of four small views."""
-    monkeypatch.chdir(tmp_path)
-    write_videos(tmp_path / "dl3dv/train", 10)
+    chunks = write_videos(tmp_path / "dl3dv/train", 10)
     write_model(tmp_path / "weights/paper-dl3dv", "paper-dl3dv")
     large = configuration_named("paper-dl3dv-large")
     small = replace(
@@ -94,14 +97,18 @@ def test_the_snippets_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         shapes=BatchShapes(1, ((4, 1.0),), 1, ((64, 64),)),
         precision="float32",
     )
-    monkeypatch.setattr(configurations, "CONFIGURATIONS", CONFIGURATIONS | {"paper-dl3dv-large": small})
-
-    training, (definition, use) = SNIPPETS[0], SNIPPETS[1].split("\n\n\nsender", 1)
+    definition, use = SNIPPETS[0].split("\n\n\nsender", 1)
     bodies = iter(("return 3", "return images", "return 'plain'"))
     names: dict[str, Any] = {}
     exec(re.sub(r"\.\.\.  ?#.*|\.\.\.", lambda _: next(bodies), definition), names)
     assert next(bodies, None) is None, "the extractor has three methods"
-    exec(training, names)
+
+    sender = adapted_sender(names["MyExtractor"](), small.receiver)
+    settings = RunSettings(tmp_path / "run", small, None)
+    trainer = Trainer(settings, open_sources(chunks, None, small), sender)
+    trainer.start_from(tmp_path / "weights/paper-dl3dv")
+    assert [row["step"] for row in train(trainer)] == [2]
+    export_networks(trainer.checkpoint, tmp_path / "weights/paper-dl3dv-large", trainer.receiver, trainer.sender)
 
     receiver = Receiver(large.receiver).eval().requires_grad_(False)
     sender = adapted_sender(names["MyExtractor"](), receiver.config)
@@ -127,6 +134,8 @@ def write_data(folder: Path) -> None:
     tensors = {f"encoder.depth_predictor.{name}": value for name, value in DepthSplatSmall().state_dict().items()}
     for name in set(re.findall(r"depthsplat-gs-small-[\w-]+\.pth", PAGE)):
         torch.save(tensors, folder / name)
+    (large,) = set(re.findall(r"depthsplat-gs-base-[\w-]+\.pth", PAGE))
+    torch.save(constant_weights(shapes=shapes_at_8()), folder / large)
     write_transforms(folder / "scenes" / "wall", shots(4), near=1.0, far=20.0)
     (folder / "fecocodec").symlink_to(ROOT / "fecocodec")
 
@@ -153,7 +162,7 @@ def test_the_commands_run_in_the_order_of_the_page(tmp_path: Path) -> None:
     for command in COMMANDS:
         result = subprocess.run(small_command(command), cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert result.returncode == 0, command + result.stderr[-3000:]
-    models = ("paper-re10k", "paper-dl3dv", "deep", "compact-deep")
+    models = ("paper-re10k", "paper-dl3dv", "paper-large", "deep", "compact-deep")
     assert all((tmp_path / "weights" / model / SENDER_FILE).exists() for model in models)
     tables = [(tmp_path / "results" / name / "complexity.md").read_text() for name in ("re10k", "acid", "dl3dv")]
     assert all("CodecSplat" in text and "fecosplat" in text for text in tables)

@@ -14,6 +14,7 @@ from fecocodec.evaluation.report.section import Chart, Mark, Series, number, tab
 from fecocodec.evaluation.summary import OURS, Average
 from fecocodec.input_file import require_regular_file
 from fecocodec.sender.codec import Codec
+from fecocodec.sender.parameters import count_parameters
 
 
 @dataclass(frozen=True)
@@ -151,8 +152,8 @@ def _external_line(name: str, row: ExternalRow | None) -> tuple[str, ...]:
 
 
 def _our_line(codec: Codec, rows: Sequence[Average]) -> tuple[str, ...]:
-    receiver = sum(parameter.numel() for parameter in codec.receiver.parameters())
-    sender = receiver + sum(parameter.numel() for parameter in codec.sender.parameters())
+    receiver = count_parameters(codec.receiver)
+    sender = receiver + count_parameters(codec.sender)
     peaks = [row.peak_mib / 1024 for row in rows if row.peak_mib is not None]
     values = (_largest(rows, lambda row: row.encode_seconds), _largest(rows, lambda row: row.decode_seconds))
     cells = ("" if value is None else number(value, 3) for value in (*values, max(peaks, default=None)))

@@ -15,11 +15,12 @@ from fecocodec.checkpoint import (
     read_weights,
     serialise_weights,
 )
-from fecocodec.config import CODEC_CHANNELS, PAPER, AdaptedSenderConfig, CodecConfig, ReceiverConfig, stored_fields
+from fecocodec.config import PAPER, AdaptedSenderConfig, CodecConfig, LargeSenderConfig, ReceiverConfig, stored_fields
 from fecocodec.errors import ModelError
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.model import Receiver, load_receiver
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, ConditionedAdapter, LargeExtractor
+from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.model import Sender, config_named
 
 RECEIVER_ID = "receiver_model_id"
@@ -30,14 +31,41 @@ def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender
     """Load a sender for encoding: evaluation mode, no gradients.
 
     receiver, model_id: configuration and id of the receiver that decodes its streams. Raises ModelError for a missing,
-    damaged or unknown file, and for a sender that was trained with another receiver.
+    damaged or unknown file, for a sender that was trained with another receiver, and for a frozen extractor whose
+    checkpoint is missing or another one.
     """
     weights = read_weights(path)
     config = config_of(weights, "sender", _config_like(weights, path), path)
     require_receiver(weights, model_id, path)
     sender = Sender(config, receiver)
     load_into(sender, weights.tensors, path)
+    if isinstance(config, LargeSenderConfig):
+        _load_recorded_extractor(sender, config, path)
     return sender.eval().requires_grad_(False)
+
+
+def load_frozen_extractor(sender: Sender, source: Path) -> LoadReport:
+    """Load the checkpoint of a frozen extractor, see `load_public_weights`, and record its path and fingerprint."""
+    report = load_public_weights(sender.extractor.frozen, source)
+    recorded = {"fingerprint": sender.extractor.frozen.fingerprint(), "weights": str(source.resolve())}
+    sender.config = replace(sender.config, **recorded)
+    return report
+
+
+def _load_recorded_extractor(sender: Sender, config: LargeSenderConfig, path: Path) -> None:
+    """Load the checkpoint that a sender was trained with: from the folder of its file, or from where it was then."""
+    recorded = Path(config.weights)
+    places = [place for place in (path.parent / recorded.name, recorded) if place.is_file()]
+    if not places:
+        raise ModelError(
+            f"{path}: needs the weights of its extractor, {recorded.name} ({config.fingerprint}), which are not at "
+            f"{recorded}; put that file into the model's folder."
+        )
+    load_frozen_extractor(sender, places[0])
+    if (found := sender.extractor.frozen.fingerprint()) != config.fingerprint:
+        raise ModelError(
+            f"{places[0]}: its tensors are {found}, but {path} was trained with {config.fingerprint}; put those there."
+        )
 
 
 def require_receiver(weights: Weights, model_id: bytes, path: Path) -> None:
@@ -100,8 +128,8 @@ def adapted_sender(extractor: LargeExtractor, receiver: ReceiverConfig) -> Sende
     Call `adopt_codec` before training to start from a trained codec. With the method "paper", the blocks of the adapter
     are conditioned on lambda, and g_a has the paper's width.
     """
-    width = CODEC_CHANNELS if receiver.method == PAPER else AdaptedSenderConfig.analysis_channels
-    return _built(AdaptedSenderConfig(width), extractor, receiver)
+    like = LargeSenderConfig if receiver.method == PAPER else AdaptedSenderConfig
+    return _built(AdaptedSenderConfig(like.analysis_channels), extractor, receiver)
 
 
 def _built(config: AdaptedSenderConfig, extractor: LargeExtractor, receiver: ReceiverConfig) -> Sender:

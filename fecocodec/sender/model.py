@@ -13,14 +13,16 @@ from fecocodec.config import (
     NO_FEEDBACK,
     AdaptedSenderConfig,
     CodecConfig,
+    LargeSenderConfig,
     PaperSenderConfig,
     ReceiverConfig,
     SenderConfig,
 )
 from fecocodec.errors import ModelError
 from fecocodec.layers.blocks import Block2d, BlockChain, PointwiseConv2d, RateCondition, downsample
-from fecocodec.sender.extractors.adapter import AdaptedExtractor
+from fecocodec.sender.extractors.adapter import AdaptedExtractor, ConditionedAdapter
 from fecocodec.sender.extractors.compact import CompactExtractor
+from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.feedback import FeedbackExtractor, PictureFeedbackExtractor
 from fecocodec.sender.step_network import StepNetwork
@@ -39,6 +41,7 @@ def _adapted(config: AdaptedSenderConfig, channels: int) -> nn.Module:
 EXTRACTORS: dict[type[CodecConfig], Build] = {
     SenderConfig: CompactExtractor,
     PaperSenderConfig: _depthsplat_small,
+    LargeSenderConfig: lambda config, channels: ConditionedAdapter(DepthSplatBase(), channels),
     AdaptedSenderConfig: _adapted,
 }
 

@@ -1,11 +1,13 @@
 """Number of parameters of each module of sender and receiver."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import nn
 
-from fecocodec.config import COMPACT_SENDER, PAPER_RECEIVER, PAPER_SENDER, CodecConfig, ReceiverConfig
+from fecocodec.config import COMPACT_SENDER, PAPER_RECEIVER, PAPER_SENDER, LargeSenderConfig, ReceiverConfig
 from fecocodec.errors import InputError
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
@@ -25,18 +27,22 @@ class ParameterRow:
 
 
 RECEIVER_SUM, SENDER_SUM = "receiver, all that decode loads", "sender, all that encode loads"
-PUBLISHED = {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6}  # the paper's Table 1
+PUBLISHED = {  # the paper's Table 1
+    "paper": {RECEIVER_SUM: 3.45e6, SENDER_SUM: 37.28e6},
+    "paper-large": {RECEIVER_SUM: 3.45e6, SENDER_SUM: 126.11e6},
+}
 SHIPPED_DETAIL_PLANES = 64
-_PROFILES: dict[str, tuple[CodecConfig, ReceiverConfig]] = {
+_PROFILES: dict[str, tuple[Any, ReceiverConfig]] = {
     "compact": (replace(COMPACT_SENDER, has_sharp_steps=True), ReceiverConfig(detail_planes=SHIPPED_DETAIL_PLANES)),
     "paper": (PAPER_SENDER, PAPER_RECEIVER),
+    "paper-large": (LargeSenderConfig(), PAPER_RECEIVER),
 }
 
 
 def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
-    """Return one row per module of a profile ("compact" or "paper"), then the totals of `decode` and of `encode`.
+    """Return one row per module of a profile, see `_PROFILES`, then the totals of `decode` and of `encode`.
 
-    The extractor of the paper has one row per submodule. Raises InputError for an unknown profile.
+    The extractors of the paper have one row per submodule. Raises InputError for an unknown profile.
     """
     if profile not in _PROFILES:
         raise InputError(f"There is no profile '{profile}'; choose one of {', '.join(_PROFILES)}.")
@@ -44,23 +50,38 @@ def parameter_table(profile: str = "compact") -> tuple[ParameterRow, ...]:
     with torch.device("meta"):  # shapes without allocation
         receiver, sender = Receiver(of_receiver), Sender(config, of_receiver)
     modules = [("receiver", name, module) for name, module in receiver.named_children()]
-    modules += [("sender", name, module) for name, module in _parts(sender, profile == "paper")]
-    rows = [ParameterRow(name, side, _count(module)) for side, name, module in modules]
-    rows.append(ParameterRow(RECEIVER_SUM, "sum", _count(receiver)))
-    rows.append(ParameterRow(SENDER_SUM, "sum", _count(receiver) + _count(sender)))
+    modules += [("sender", name, module) for name, module in _parts(sender, profile in PUBLISHED)]
+    rows = [ParameterRow(name, side, count_parameters(module)) for side, name, module in modules]
+    rows.append(ParameterRow(RECEIVER_SUM, "sum", count_parameters(receiver)))
+    rows.append(ParameterRow(SENDER_SUM, "sum", count_parameters(receiver) + count_parameters(sender)))
     return tuple(rows)
 
 
 def _parts(sender: Sender, is_split: bool) -> list[tuple[str, nn.Module]]:
     """Return the modules of the sender by name. is_split: list the submodules of the extractor."""
-    parts = []
+    parts: list[tuple[str, nn.Module]] = []
     for name, module in sender.named_children():
         if is_split and name == "extractor":
-            parts += [(f"{name}.{part}", inner) for part, inner in module.named_children()]
+            parts += _split(name, module)
         else:
             parts.append((name, module))
     return parts
 
 
-def _count(network: nn.Module) -> int:
-    return sum(parameter.numel() for parameter in network.parameters())
+def _split(name: str, module: nn.Module) -> Iterator[tuple[str, nn.Module]]:
+    """Yield the submodules of an extractor, those of a frozen one and of its depth predictor."""
+    for part, inner in (pair for network in _with_frozen(module) for pair in network.named_children()):
+        if part == "depth_predictor":
+            yield from _split(f"{name}.{part}", inner)
+        else:
+            yield f"{name}.{part}", inner
+
+
+def count_parameters(network: nn.Module) -> int:
+    """Return the number of parameters of a network, with those of a frozen extractor that is a module."""
+    return sum(parameter.numel() for part in _with_frozen(network) for parameter in part.parameters())
+
+
+def _with_frozen(network: nn.Module) -> list[nn.Module]:
+    frozen = getattr(getattr(network, "extractor", network), "frozen", None)
+    return [network, frozen] if isinstance(frozen, nn.Module) else [network]

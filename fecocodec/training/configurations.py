@@ -7,13 +7,12 @@ from types import MappingProxyType
 from typing import Literal
 
 from fecocodec.config import (
-    CODEC_CHANNELS,
     COMPACT_SENDER,
     PAPER,
     PAPER_RECEIVER,
     PAPER_SENDER,
-    AdaptedSenderConfig,
     CodecConfig,
+    LargeSenderConfig,
     PaperSenderConfig,
     ReceiverConfig,
     SenderConfig,
@@ -183,12 +182,12 @@ CONFIGURATIONS: Mapping[str, Configuration] = MappingProxyType(
         ),
         "paper-re10k": _PAPER_RE10K,
         "paper-dl3dv": _PAPER_DL3DV,
-        # The paper's larger variant: a frozen extractor through the adapter (`sender/extractors/adapter.py`). `Trainer`
-        # takes its network; the rest starts from the model of paper-dl3dv.
+        # The paper's larger variant: a frozen extractor through the adapter (`sender/extractors/adapter.py`), whose
+        # weights are loaded from its checkpoint; the rest starts from the model of paper-dl3dv.
         "paper-dl3dv-large": replace(
             _PAPER_DL3DV,
             schedule=replace(_PAPER_SCHEDULE, num_steps=150_000),
-            sender=AdaptedSenderConfig(CODEC_CHANNELS),
+            sender=LargeSenderConfig(),
         ),
         "ablate-no-context": _ablation(sender=replace(PAPER_SENDER, ablation="no-context")),
         "ablate-no-feedback": _ablation(sender=replace(PAPER_SENDER, ablation="no-feedback")),

@@ -10,10 +10,11 @@ from torch import nn
 
 from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into, model_id_of
+from fecocodec.config import LargeSenderConfig
 from fecocodec.errors import InputError, ModelError
 from fecocodec.model_files import read_bytes
 from fecocodec.receiver.model import Receiver, load_receiver, serialise_receiver
-from fecocodec.sender.codec import adopt_codec, load_sender, serialise_sender
+from fecocodec.sender.codec import adopt_codec, load_frozen_extractor, load_sender, serialise_sender
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.sender.model import Sender
@@ -73,10 +74,12 @@ def load_fitting_weights(
 
 
 def load_extractor(sender: Sender, source: Path) -> LoadReport:
-    """Load the extractor alone from a model's folder or, for depthsplat-small, from a public checkpoint.
+    """Load the extractor alone from a model's folder or from a public checkpoint, frozen ones from the latter only.
 
     Raises ModelError if the source is missing, damaged, or has another kind of extractor.
     """
+    if isinstance(sender.config, LargeSenderConfig):
+        return load_frozen_extractor(sender, source)
     if not source.is_dir():
         if not isinstance(sender.extractor, DepthSplatSmall):
             raise ModelError(f"{source}: public checkpoints are for depthsplat-small; name the folder of a model.")

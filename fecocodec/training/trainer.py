@@ -64,6 +64,7 @@ class Trainer:
         self.optimiser = build_optimiser(self.networks, configuration.optimiser)
         self.generator = seeded_generator(settings.seed)  # from here on each process has its own noise
         self.step, self.num_skipped, self.num_bad_scenes, self.seed = 0, 0, 0, settings.seed
+        self.extractor = ""  # fingerprint of the frozen extractor of the run that is resumed
         self._batches = BatchSource(sources, settings, self.generator)
 
     @property
@@ -88,8 +89,10 @@ class Trainer:
         return missing
 
     def start_extractor_from(self, source: Path) -> LoadReport:
-        """Load the extractor from a model's folder or a public checkpoint; see `load_extractor`."""
+        """Load the extractor, see `load_extractor`. Also refuses another frozen one than the resumed run's."""
         report = load_extractor(self.sender, source)
+        if self.extractor not in ("", getattr(self.sender.config, "fingerprint", "")):
+            raise ModelError(f"{source}: the run began with another extractor, {self.extractor}; give that one.")
         self.begin_average()
         return report
 
@@ -109,6 +112,7 @@ class Trainer:
             self.step, self.num_skipped = saved["step"], saved["num_skipped"]
             self.num_bad_scenes = saved.get("num_bad_scenes", 0)
             self.seed = saved.get("seed", self.seed)  # older checkpoints have none
+            self.extractor = saved.get("extractor", "")
         except (KeyError, IndexError, RuntimeError, ValueError) as error:
             raise ModelError(
                 f"{path}: not a checkpoint of these networks with so many processes ({type(error).__name__}); "
@@ -131,6 +135,7 @@ class Trainer:
             "num_skipped": self.num_skipped,
             "num_bad_scenes": self.num_bad_scenes,
             "seed": self.seed,
+            "extractor": getattr(self.sender.config, "fingerprint", ""),
             "generators": gather_states(self.generator.get_state()),
             "global_generators": gather_states(torch.get_rng_state()),
         }

@@ -68,7 +68,7 @@ def test_the_variants_differ_in_what_their_names_say() -> None:
         "no-context", "no-feedback",
     ]  # fmt: skip
     large = configuration_named("paper-dl3dv-large")
-    assert large.sender.extractor == "adapted" and large.schedule.num_steps == 150_000
+    assert large.sender.extractor == "depthsplat-base" and large.schedule.num_steps == 150_000
 
 
 @pytest.mark.slow

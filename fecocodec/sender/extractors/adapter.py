@@ -88,7 +88,7 @@ class AdaptedExtractor(nn.Module):
 
         Raises ModelError if its features do not have the declared shape.
         """
-        extractor = self._frozen[0]
+        extractor = self.frozen
         with torch.no_grad():
             features = extractor.features(images, cameras)
         batch, views, _, h, w = images.shape
@@ -99,6 +99,11 @@ class AdaptedExtractor(nn.Module):
             )
         unshuffled = F.pixel_unshuffle(rearrange(features, "b v c h w -> (b v) c h w"), FEATURES)
         return AdaptedFeatures(unshuffled, unshuffled.new_full((len(unshuffled), 1, h // FEATURES, w // FEATURES), 0.5))
+
+    @property
+    def frozen(self) -> LargeExtractor:
+        """The third-party extractor."""
+        return self._frozen[0]
 
     @property
     def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:

@@ -1,4 +1,4 @@
-"""The vision transformer ViT-S/14 of DINOv2 (Oquab et al., "DINOv2", 2023), without the mask token."""
+"""The vision transformers ViT-S/14 and ViT-B/14 of DINOv2 (Oquab et al., "DINOv2", 2023), without the mask token."""
 
 import torch
 import torch.nn.functional as F
@@ -6,9 +6,9 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor, nn
 
-CHANNELS, PATCH = 384, 14  # side of a patch in pixels
+CHANNELS, PATCH = 384, 14  # width of ViT-S; side of a patch in pixels
 IMAGENET_MEAN, IMAGENET_DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-_DEPTH, _NUM_HEADS, _HIDDEN = 12, 6, 1536
+_DEPTH, _HEAD_CHANNELS = 12, 64
 _TRAINED_SIDE = 37  # side of the trained position embedding, in patches
 _OFFSET = 0.1  # added to the number of patches when the embedding is resized, as in DINOv2
 _EPSILON = 1e-6
@@ -24,9 +24,9 @@ def normalised(images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 3 h w
 class LayerScale(nn.Module):
     """Learned factor for each channel."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.gamma = nn.Parameter(torch.full((CHANNELS,), _FIRST_SCALE))
+        self.gamma = nn.Parameter(torch.full((channels,), _FIRST_SCALE))
 
     def forward(self, x: Float[Tensor, "*batch channel"]) -> Float[Tensor, "*batch channel"]:
         return x * self.gamma
@@ -35,12 +35,12 @@ class LayerScale(nn.Module):
 class Attention(nn.Module):
     """Self-attention over all tokens of a view."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.qkv, self.proj = nn.Linear(CHANNELS, 3 * CHANNELS), nn.Linear(CHANNELS, CHANNELS)
+        self.qkv, self.proj = nn.Linear(channels, 3 * channels), nn.Linear(channels, channels)
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
-        query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, n=_NUM_HEADS)
+        query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, c=_HEAD_CHANNELS)
         attended = F.scaled_dot_product_attention(query, key, value)
         return self.proj(rearrange(attended, "i n t c -> i t (n c)"))
 
@@ -48,9 +48,9 @@ class Attention(nn.Module):
 class Mlp(nn.Module):
     """Linear -> GELU -> linear."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.fc1, self.fc2 = nn.Linear(CHANNELS, _HIDDEN), nn.Linear(_HIDDEN, CHANNELS)
+        self.fc1, self.fc2 = nn.Linear(channels, 4 * channels), nn.Linear(4 * channels, channels)
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
         return self.fc2(F.gelu(self.fc1(x)))
@@ -59,11 +59,11 @@ class Mlp(nn.Module):
 class Block(nn.Module):
     """Pre-norm attention and MLP, each with LayerScale and a residual connection."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.norm1, self.norm2 = nn.LayerNorm(CHANNELS, _EPSILON), nn.LayerNorm(CHANNELS, _EPSILON)
-        self.attn, self.mlp = Attention(), Mlp()
-        self.ls1, self.ls2 = LayerScale(), LayerScale()
+        self.norm1, self.norm2 = nn.LayerNorm(channels, _EPSILON), nn.LayerNorm(channels, _EPSILON)
+        self.attn, self.mlp = Attention(channels), Mlp(channels)
+        self.ls1, self.ls2 = LayerScale(channels), LayerScale(channels)
 
     def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
         x = x + self.ls1(self.attn(self.norm1(x)))
@@ -73,9 +73,9 @@ class Block(nn.Module):
 class PatchEmbedding(nn.Module):
     """Map each patch of 14x14 pixels to a token."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.proj = nn.Conv2d(3, CHANNELS, PATCH, stride=PATCH)
+        self.proj = nn.Conv2d(3, channels, PATCH, stride=PATCH)
 
     def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
         return self.proj(images)
@@ -84,26 +84,33 @@ class PatchEmbedding(nn.Module):
 class VisionTransformer(nn.Module):
     """image -> patch tokens + position embedding -> twelve blocks -> norm -> feature map with one vector per patch."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int = CHANNELS) -> None:
         super().__init__()
-        self.patch_embed = PatchEmbedding()
-        self.cls_token = nn.Parameter(torch.zeros(1, 1, CHANNELS))
-        self.pos_embed = nn.Parameter(torch.zeros(1, 1 + _TRAINED_SIDE**2, CHANNELS))
-        self.blocks = nn.ModuleList(Block() for _ in range(_DEPTH))
-        self.norm = nn.LayerNorm(CHANNELS, _EPSILON)
+        self.patch_embed = PatchEmbedding(channels)
+        self.cls_token = nn.Parameter(torch.zeros(1, 1, channels))
+        self.pos_embed = nn.Parameter(torch.zeros(1, 1 + _TRAINED_SIDE**2, channels))
+        self.blocks = nn.ModuleList(Block(channels) for _ in range(_DEPTH))
+        self.norm = nn.LayerNorm(channels, _EPSILON)
         nn.init.trunc_normal_(self.pos_embed, std=0.02)
         nn.init.normal_(self.cls_token, std=1e-6)
 
     def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
         """Return the features after the last block and the norm. images: `normalised`; sides multiples of 14."""
+        return self.maps(images, (_DEPTH - 1,))[0]
+
+    def maps(self, images: Float[Tensor, "item 3 h w"], blocks: tuple[int, ...]) -> list[Tensor]:
+        """Return the features after each of these blocks, in their order, and the norm. Arguments as for `forward`."""
         patches = self.patch_embed(images)
         rows, columns = patches.shape[-2:]
         tokens = rearrange(patches + self._positions(rows, columns), "i c h w -> i (h w) c")
         first = (self.cls_token + self.pos_embed[:, :1]).expand(len(images), -1, -1)
         tokens = torch.cat((first, tokens), dim=1)
-        for block in self.blocks:
+        found = []
+        for number, block in enumerate(self.blocks):
             tokens = block(tokens)
-        return rearrange(self.norm(tokens)[:, 1:], "i (h w) c -> i c h w", h=rows)
+            if number in blocks:
+                found.append(rearrange(self.norm(tokens)[:, 1:], "i (h w) c -> i c h w", h=rows))
+        return found
 
     def _positions(self, rows: int, columns: int) -> Float[Tensor, "1 channel rows columns"]:
         """Return the position embedding, resized from 37x37 patches."""

@@ -58,7 +58,9 @@ def publicly_warped_cost(features: Tensor, cameras: Cameras, view: int, sources:
 
 def test_public_positions_reproduce_the_public_warp() -> None:
     cameras, features = cameras_of_several_lenses(3), random_features(3)
-    found = cost_volume(features, cameras.as_batch(), source_views(cameras.as_batch()), public_positions)[0]
+    batch = cameras.as_batch()
+    depths = candidate_depths(batch)[:, None, None].expand(-1, 3, -1, -1)
+    found = cost_volume(features, batch, source_views(batch), public_positions, depths)[0]
     expected = torch.stack(
         [publicly_warped_cost(features[0], cameras, view, [v for v in range(3) if v != view]) for view in range(3)]
     )

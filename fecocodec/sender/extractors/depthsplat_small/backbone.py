@@ -31,13 +31,13 @@ class ResidualBlock(nn.Module):
 
 
 class Backbone(nn.Module):
-    """image -> 7x7 conv (1/2) -> two blocks of 64, two of 96, two of 128 channels (1/4) -> 1x1 conv."""
+    """image -> 7x7 conv (1/2) -> two blocks of 64, two of 96 (stride), two of 128 channels (half) -> 1x1 conv."""
 
-    def __init__(self) -> None:
+    def __init__(self, middle_stride: int = 1) -> None:
         super().__init__()
         self.conv1 = nn.Conv2d(3, STEM, 7, stride=2, padding=3, bias=False)
         self.layer1 = _two_blocks(STEM, STEM, stride=1)
-        self.layer2 = _two_blocks(STEM, MIDDLE, stride=1)
+        self.layer2 = _two_blocks(STEM, MIDDLE, middle_stride)
         self.layer3 = _two_blocks(MIDDLE, OUTPUT, stride=2)
         self.conv2 = nn.Conv2d(OUTPUT, OUTPUT, 1)
         for module in self.modules():
@@ -46,8 +46,13 @@ class Backbone(nn.Module):
 
     def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 128 h4 w4"]:
         """Return features at 1/4 resolution. images: normalised by the ImageNet mean and standard deviation."""
-        x = F.relu(F.instance_norm(self.conv1(images)))
-        return self.conv2(self.layer3(self.layer2(self.layer1(x))))
+        return self.scales(images)[-1]
+
+    def scales(self, images: Float[Tensor, "item 3 h w"]) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the features of all three stages, of 64, 96 and 128 channels; the last are those of `forward`."""
+        stem = self.layer1(F.relu(F.instance_norm(self.conv1(images))))
+        middle = self.layer2(stem)
+        return stem, middle, self.conv2(self.layer3(middle))
 
 
 def _two_blocks(in_channels: int, out_channels: int, stride: int) -> nn.Sequential:
@@ -63,9 +68,15 @@ def monocular_features(
     are resized to 1/8, then to 1/4 resolution.
     """
     h, w = images.shape[-2:]
-    whole = _resize(images, (h // PATCH * PATCH, w // PATCH * PATCH))
-    return _resize(_resize(network(whole), (h // 8, w // 8)), (h // FEATURES, w // FEATURES))
+    return resized(resized(network(whole_patches(images)), (h // 8, w // 8)), (h // FEATURES, w // FEATURES))
 
 
-def _resize(x: Float[Tensor, "item _ _ _"], size: tuple[int, int]) -> Float[Tensor, "item _ _ _"]:
+def whole_patches(images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 3 _ _"]:
+    """Resize images down to whole patches."""
+    h, w = images.shape[-2:]
+    return resized(images, (h // PATCH * PATCH, w // PATCH * PATCH))
+
+
+def resized(x: Float[Tensor, "item _ _ _"], size: tuple[int, ...]) -> Float[Tensor, "item _ _ _"]:
+    """Resize maps bilinearly, with their corners aligned."""
     return F.interpolate(x, size, mode="bilinear", align_corners=True)

@@ -1,8 +1,8 @@
-"""Load public weights into the extractor by name: DepthSplat, Depth Anything V2, DINOv2, UniMatch and GMFlow.
+"""Load public weights into an extractor by name: DepthSplat, Depth Anything V2, DINOv2, UniMatch and GMFlow.
 
 A checkpoint is a dict of tensors, or contains one as "state_dict" or "model". Keys of official DepthSplat checkpoints
-begin with `encoder.depth_predictor.`. Depth Anything V2 (`pretrained.*`), UniMatch and GMFlow (`backbone.*`,
-`transformer.*`) initialise only a part of the extractor, as DINOv2 does (`blocks.*`, ViT-S/14, with the names of
+begin with `encoder.`. Depth Anything V2 (`pretrained.*`), UniMatch and GMFlow (`backbone.*`, `transformer.*`)
+initialise only a part of the small extractor, as DINOv2 does (`blocks.*`, ViT-S/14, with the names of
 Transformers or of DINOv2), in `.safetensors` files too.
 
 Networks of two scales end their CNN with a 3x3 convolution for each (`backbone.trident_conv`), on which the transformer
@@ -20,11 +20,14 @@ from torch import Tensor
 
 from fecocodec.checkpoint import read_tensors
 from fecocodec.errors import ModelError
+from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 
-OFFICIAL_PREFIX = "encoder.depth_predictor."
+ENCODER, PREDICTOR = "encoder.", "depth_predictor."
+OFFICIAL_PREFIX = ENCODER + PREDICTOR
 # Part of the name of the one published small checkpoint that saw DL3DV. Its features have 1/8 resolution.
 _COARSE_NAME = "re10kdl3dv-448x768"
+_JOINED, _JOINED_AT_8 = "feature_upsampler.concat_projects.0.weight", 160  # its inputs with matching at 1/8 and 1/4
 _NESTED = ("state_dict", "model")
 _LAST, _TRIDENT = "backbone.conv2", "backbone.trident_conv.weight"
 _DINO_STARTS = (
@@ -52,48 +55,51 @@ class LoadReport:
 
     def table(self) -> tuple[str, ...]:
         """Return a row per part of the extractor and of the file: tensors used, unused (in the file) and missing."""
-        names = (self.used, self.unused, self.missing)
-        counts = [Counter(name.removeprefix(OFFICIAL_PREFIX).split(".")[0] for name in of) for of in names]
-        used, unused, missing = counts
+        used, unused, missing = (Counter(map(_part, names)) for names in (self.used, self.unused, self.missing))
         rows = [
             f"{part:20}{used[part]:>6}{unused[part]:>8}{missing[part]:>9}" for part in sorted(used | unused | missing)
         ]
         return (f"{'part':20}{'used':>6}{'unused':>8}{'missing':>9}", *rows)
 
     def __str__(self) -> str:
-        parts = sorted({name.split(".")[0] for name in self.missing})
+        parts = sorted(set(map(_part, self.missing)))
         missing = f"{len(self.missing)} missing ({', '.join(parts)})" if parts else "0 missing"
         text = f"{len(self.used)} tensors used, {len(self.unused)} unused, {missing}"
         return f"{text}; {self.warning}" if self.warning else text
 
 
-def load_public_weights(extractor: DepthSplatSmall, path: Path) -> LoadReport:
+def load_public_weights(extractor: DepthSplatSmall | DepthSplatBase, path: Path) -> LoadReport:
     """Copy every tensor of the file whose name exists in the extractor. Returns the used, unused and missing names.
 
     Raises ModelError if the file cannot be read, if a tensor has another shape, or if no name matches. For an official
-    DepthSplat checkpoint, also if a tensor is missing, or if the extractor does not have the "public" geometry.
+    DepthSplat checkpoint, also if a tensor is missing, or if the extractor does not have the "public" geometry. For the
+    larger extractor, which is frozen, a tensor must never be missing.
     """
+    is_large = isinstance(extractor, DepthSplatBase)
+    size, prefix = ("base", ENCODER) if is_large else ("small", OFFICIAL_PREFIX)
     stored = _with_folded_trident(_read(path))
     is_official = any(name.startswith(OFFICIAL_PREFIX) for name in stored)
-    if is_official and extractor.geometry != "public":
+    if isinstance(extractor, DepthSplatSmall) and is_official and extractor.geometry != "public":
         raise ModelError(
             f"{path}: was trained with the public code's geometry, this extractor has {extractor.geometry!r}; "
             "build it with geometry 'public'."
         )
-    renamed = {_own_name(name): name for name in stored}
+    renamed = {_own_name(name, prefix): name for name in stored}
+    if isinstance(extractor, DepthSplatBase) and _JOINED in renamed:
+        extractor.arrange(8 if stored[renamed[_JOINED]].shape[1:2] == (_JOINED_AT_8,) else 4)
     stored = {name: value.float() if value.is_floating_point() else value for name, value in stored.items()}
     wanted = extractor.state_dict()
     used = [name for name in wanted if name in renamed]
     missing = tuple(name for name in wanted if name not in renamed)
     if not used:
-        raise ModelError(f"{path}: no tensor of it belongs to depthsplat-small; name another checkpoint.")
-    if is_official and missing:
-        raise ModelError(f"{path}: lacks {len(missing)} tensors such as {missing[0]}; fetch DepthSplat-Small's file.")
+        raise ModelError(f"{path}: no tensor of it belongs to depthsplat-{size}; name another checkpoint.")
+    if (is_official or is_large) and missing:
+        raise ModelError(f"{path}: lacks {len(missing)} tensors such as {missing[0]}; fetch that of depthsplat-{size}.")
     for name in used:
         found, expected = tuple(stored[renamed[name]].shape), tuple(wanted[name].shape)
         if found != expected:
-            raise ModelError(f"{path}: {name} is {found}, but {expected} here; fetch the weights of the small variant.")
-    extractor.load_state_dict({name: stored[renamed[name]] for name in used}, strict=False)
+            raise ModelError(f"{path}: {name} is {found}, but {expected} here; take the weights of the {size} variant.")
+    extractor.load_state_dict({name: stored[renamed[name]] for name in used}, strict=False, assign=is_large)
     taken = {renamed[name] for name in used}
     return LoadReport(tuple(used), tuple(name for name in stored if name not in taken), missing, _warning(path))
 
@@ -115,13 +121,18 @@ def _warning(path: Path) -> str:
     return "it was trained with features at 1/8 resolution and is used at 1/4, so train it further"
 
 
-def _own_name(name: str) -> str:
+def _part(name: str) -> str:
+    """Return the part of the extractor that a tensor belongs to."""
+    return name.removeprefix(ENCODER).removeprefix(PREDICTOR).split(".")[0]
+
+
+def _own_name(name: str, prefix: str) -> str:
     """Return the name of a stored tensor in the extractor; names that match nothing are left as they are."""
     if name.startswith(_DINO_STARTS):
         for stored, own in _DINO_NAMES:
             name = name.replace(stored, own)
         return f"pretrained.{name}"
-    return name.removeprefix(OFFICIAL_PREFIX)
+    return name.removeprefix(prefix)
 
 
 def _read(path: Path) -> dict[str, Tensor]:

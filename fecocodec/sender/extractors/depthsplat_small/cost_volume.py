@@ -18,8 +18,10 @@ from fecocodec.sender.extractors.plane_sweep import correlate, nearest_views
 NUM_CANDIDATES = 128
 _SMALLEST_DEPTH = 1e-3  # in the source camera, scene units
 
-Positions = Callable[[Cameras, int, int, Float[Tensor, " candidate"], int, int], Tensor]
-"""(cameras of a scene, view, source, candidate depths, height, width) -> normalised positions in the source."""
+Positions = Callable[[Cameras, int, int, Float[Tensor, "... candidate"], int, int], Tensor]
+"""(cameras of a scene, view, source, candidate depths, height, width) -> normalised positions in the source.
+
+Candidates are those of all points, or each point has its own row of them."""
 
 
 def source_views(cameras: Cameras) -> Int[Tensor, "batch view count"]:
@@ -42,7 +44,7 @@ def candidate_depths(cameras: Cameras) -> Float[Tensor, "batch candidate"]:
 
 
 def exact_positions(
-    cameras: Cameras, view: int, source: int, depths: Float[Tensor, " candidate"], height: int, width: int
+    cameras: Cameras, view: int, source: int, depths: Float[Tensor, "... candidate"], height: int, width: int
 ) -> Float[Tensor, "point candidate 2"]:
     """Project the points at each depth along the ray of each pixel centre into the source, with its own intrinsics."""
     rays = pixel_rays(cameras.select([view]), height, width)[0]
@@ -50,7 +52,7 @@ def exact_positions(
 
 
 def public_positions(
-    cameras: Cameras, view: int, source: int, depths: Float[Tensor, " candidate"], height: int, width: int
+    cameras: Cameras, view: int, source: int, depths: Float[Tensor, "... candidate"], height: int, width: int
 ) -> Float[Tensor, "point candidate 2"]:
     """Compute the positions as the public code does; its checkpoints were trained with them.
 
@@ -70,13 +72,13 @@ def _projected(
     view: int,
     source: int,
     rays: Float[Tensor, "point 3"],
-    depths: Float[Tensor, " candidate"],
+    depths: Float[Tensor, "... candidate"],
     intrinsics: Float[Tensor, "3 3"],
 ) -> Float[Tensor, "point candidate 2"]:
     """Project the points at each depth along rays of the view into the source, in normalised coordinates."""
     to_source = cameras.world_to_camera[source] @ cameras.extrinsics[view]
-    points = (rays @ to_source[:3, :3].T)[:, None] * depths[:, None] + to_source[:3, 3]
-    return image_positions(points.flatten(0, 1), intrinsics, _SMALLEST_DEPTH).view(len(rays), len(depths), 2)
+    points = (rays @ to_source[:3, :3].T)[:, None] * depths[..., None] + to_source[:3, 3]
+    return image_positions(points.flatten(0, 1), intrinsics, _SMALLEST_DEPTH).view(len(rays), -1, 2)
 
 
 def cost_volume(
@@ -84,20 +86,21 @@ def cost_volume(
     cameras: Cameras,
     sources: Int[Tensor, "batch view count"],
     positions: Positions,
+    depths: Float[Tensor, "batch view _ candidate"],
 ) -> Float[Tensor, "batch view candidate h w"]:
     """Return the scores of all candidates; higher is better. Views are processed one by one to limit memory.
 
-    sources: see `source_views`. positions: `exact_positions` or `public_positions`.
+    sources: see `source_views`. positions: `exact_positions` or `public_positions`. depths: candidates of each
+    point, in row-major order, or one row of them for all points of a view, such as `candidate_depths`.
     """
     batch, views, channels, h, w = features.shape
-    depths = candidate_depths(cameras)
     volumes = []
     for scene in range(batch):
         of_scene = cameras.scene(scene)
         for view in range(views):
             chosen = sources[scene, view]
             with torch.no_grad():
-                grids = [positions(of_scene, view, source, depths[scene], h, w) for source in chosen.tolist()]
+                grids = [positions(of_scene, view, source, depths[scene, view], h, w) for source in chosen.tolist()]
             cost = correlate(features[scene, view], features[scene, chosen], torch.stack(grids))
             volumes.append(cost / channels**0.5)
     return rearrange(torch.stack(volumes), "(b v) (h w) d -> b v d h w", b=batch, h=h)

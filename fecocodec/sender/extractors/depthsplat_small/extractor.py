@@ -16,6 +16,7 @@ from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone, mono
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
     NUM_CANDIDATES,
     Positions,
+    candidate_depths,
     cost_volume,
     exact_positions,
     public_positions,
@@ -28,7 +29,7 @@ from fecocodec.sender.extractors.depthsplat_small.transformer import (
     masks_of_sources,
     public_masks_of_sources,
 )
-from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, CrossViewUNet
+from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, NUM_LEVELS, CrossViewUNet
 from fecocodec.sender.extractors.protocol import MatchedDepth
 from fecocodec.sender.extractors.vision_transformer import CHANNELS as MONOCULAR_CHANNELS
 from fecocodec.sender.extractors.vision_transformer import VisionTransformer, normalised
@@ -64,13 +65,13 @@ class Evidence:
 class Fusion(nn.ModuleDict):
     """3x3 conv -> group norm -> GELU -> cross-view U-Net -> 3x3 conv. Keys are those of the public checkpoints."""
 
-    def __init__(self, in_channels: int) -> None:
+    def __init__(self, in_channels: int, channels: int = CHANNELS, num_levels: int = NUM_LEVELS) -> None:
         super().__init__(
             {
-                "0": nn.Conv2d(in_channels, CHANNELS, 3, padding=1),
-                "1": nn.GroupNorm(8, CHANNELS),
-                "3": CrossViewUNet(),
-                "4": nn.Conv2d(CHANNELS, CHANNELS, 3, padding=1),
+                "0": nn.Conv2d(in_channels, channels, 3, padding=1),
+                "1": nn.GroupNorm(8, channels),
+                "3": CrossViewUNet(channels, num_levels),
+                "4": nn.Conv2d(channels, channels, 3, padding=1),
             }
         )
 
@@ -87,12 +88,14 @@ class DepthSplatSmall(nn.Module):
 
     is_conditioned = False
 
-    def __init__(self, geometry: str = "public", matching_scale: int = 1) -> None:
+    def __init__(
+        self, geometry: str = "public", matching_scale: int = 1, vit_channels: int = MONOCULAR_CHANNELS
+    ) -> None:
         """geometry: "public" computes positions and masks as the public code does, as its checkpoints require; "exact"
         computes them without the errors of that code (see `public_positions`, `public_masks_of_sources`).
 
         matching_scale: 2 builds the cost volume at half the resolution of the features, as the paper does for DL3DV.
-        Raises ModelError for an unknown geometry.
+        vit_channels: width of the ViT. Raises ModelError for an unknown geometry.
         """
         super().__init__()
         if geometry not in _POSITIONS:
@@ -102,8 +105,8 @@ class DepthSplatSmall(nn.Module):
         self.geometry, self.matching_scale = geometry, matching_scale
         self.backbone = Backbone()
         self.transformer = MultiViewTransformer()
-        self.pretrained = VisionTransformer()
-        joined = NUM_CANDIDATES + 2 * CHANNELS + MONOCULAR_CHANNELS
+        self.pretrained = VisionTransformer(vit_channels)
+        joined = NUM_CANDIDATES + 2 * CHANNELS + vit_channels
         self.regressor = nn.ModuleList([Fusion(joined)])
         self.regressor_residual = nn.ModuleList([nn.Conv2d(joined, CHANNELS, 1)])
 
@@ -127,19 +130,18 @@ class DepthSplatSmall(nn.Module):
 
         Raises InputError if a side is not a multiple of 16.
         """
-        if images.shape[-2] % SIDE_MULTIPLE or images.shape[-1] % SIDE_MULTIPLE:
-            raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of 16.")
+        require_whole(images, SIDE_MULTIPLE)
         views = images.shape[1]
-        pictures = normalised(_flat(images))
+        pictures = normalised(flat(images))
         appearance = self.backbone(pictures)
-        multi_view = self._multi_view(rearrange(appearance, "(b v) c h w -> b v c h w", v=views), cameras)
+        multi_view = self.multi_view(by_view(appearance, views), cameras)
         cost = self._cost(multi_view, cameras)
         share = torch.linspace(0.0, 1.0, NUM_CANDIDATES, device=images.device)
         expected = torch.einsum("idhw,d->ihw", cost.float().softmax(dim=1), share)[:, None]
         monocular = monocular_features(self.pretrained, pictures)
         disparity = rearrange(expected, "(b v) 1 h w -> b v h w", v=views)
         consistency = cross_view_consistency(disparity, cameras, source_views(cameras))
-        return Evidence(cost, appearance, _flat(multi_view), monocular, expected, _flat(consistency[:, :, None]), views)
+        return Evidence(cost, appearance, flat(multi_view), monocular, expected, flat(consistency[:, :, None]), views)
 
     def fuse(
         self, images: Float[Tensor, "batch view 3 h w"], matching: Evidence, condition: RateCondition | None = None
@@ -149,9 +151,10 @@ class DepthSplatSmall(nn.Module):
         joined = torch.cat([part.to(matching.appearance.dtype) for part in parts], dim=1)
         return self.regressor[0](joined, matching.num_views) + self.regressor_residual[0](joined)
 
-    def _multi_view(
+    def multi_view(
         self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras
     ) -> Float[Tensor, "batch view channel h w"]:
+        """Return features of the CNN after the transformer."""
         sources = source_views(cameras)
         within = border_mask(features.shape[-2], features.shape[-1], features.device)
         across = _MASKS_OF_SOURCES[self.geometry](within, sources.shape[-1])
@@ -160,15 +163,24 @@ class DepthSplatSmall(nn.Module):
     def _cost(
         self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras
     ) -> Float[Tensor, "item candidate h w"]:
-        """Return matching scores, computed in float32; zero for a single view."""
+        views, _, h, w = features.shape[1:]
+        size = (h // self.matching_scale, w // self.matching_scale)
+        depths = rearrange(candidate_depths(cameras), "b d -> b 1 1 d").expand(-1, views, -1, -1)
+        return _resize(self.costs(by_view(_resize(flat(features), size), views), cameras, depths), (h, w))
+
+    def costs(
+        self,
+        features: Float[Tensor, "batch view channel h w"],
+        cameras: Cameras,
+        depths: Float[Tensor, "batch view _ candidate"],
+    ) -> Float[Tensor, "item candidate h w"]:
+        """Return matching scores, computed in float32; zero for a single view. depths: see `cost_volume`."""
         batch, views, _, h, w = features.shape
         if views == 1:
-            return features.new_zeros(batch, NUM_CANDIDATES, h, w)
-        size = (h // self.matching_scale, w // self.matching_scale)
-        at_scale = rearrange(_resize(_flat(features).float(), size), "(b v) c h w -> b v c h w", v=views)
+            return features.new_zeros(batch, depths.shape[-1], h, w)
         with torch.autocast(features.device.type, enabled=False):
-            costs = cost_volume(at_scale, cameras, source_views(cameras), _POSITIONS[self.geometry])
-        return _resize(_flat(costs), (h, w))
+            positions = _POSITIONS[self.geometry]
+            return flat(cost_volume(features.float(), cameras, source_views(cameras), positions, depths))
 
 
 def _resize(x: Float[Tensor, "item channel _ _"], size: tuple[int, int]) -> Float[Tensor, "item channel _ _"]:
@@ -177,5 +189,17 @@ def _resize(x: Float[Tensor, "item channel _ _"], size: tuple[int, int]) -> Floa
     return F.interpolate(x, size, mode="bilinear", align_corners=False)
 
 
-def _flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
+def require_whole(images: Float[Tensor, "batch view 3 h w"], multiple: int) -> None:
+    """Raise InputError if a side of the images is not a multiple of so many pixels."""
+    if images.shape[-2] % multiple or images.shape[-1] % multiple:
+        raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of {multiple}.")
+
+
+def by_view(x: Float[Tensor, "item channel h w"], views: int) -> Float[Tensor, "batch view channel h w"]:
+    """Undo `flat`. views: number of views of a scene."""
+    return rearrange(x, "(b v) c h w -> b v c h w", v=views)
+
+
+def flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
+    """Return the views of all scenes in a row: item = (batch view)."""
     return rearrange(x, "b v c h w -> (b v) c h w")

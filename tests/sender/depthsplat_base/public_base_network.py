@@ -1,0 +1,70 @@
+"""The public DepthSplat-Base's reference outputs, and weights for its tensors.
+
+`public_base_tensors.json` has name and shape of every tensor of the public network (MIT licence) up to its features.
+`public_base_outputs.npz` has outputs of it for two synthetic views and synthetic weights, thinned out: some channels
+(`CHANNEL_STEPS`), every third row and column. No trained weights are in either. Where a folder `shared/fixtures` beside
+the repository has all rows and columns, the tests compare with that too.
+"""
+
+import json
+import zlib
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
+from tests.sender.depthsplat_small.public_network import made_up_tensor
+
+HERE = Path(__file__).parent
+SHIPPED = HERE / "public_base_outputs.npz"
+FULL = HERE.parents[3] / "shared" / "fixtures" / "depthsplat_base_2_views.npz"
+SHAPES: dict[str, list[int]] = json.loads((HERE / "public_base_tensors.json").read_text())
+CHANNEL_STEPS = {
+    "features_cnn_0": 8, "features_cnn_1": 8, "features_mv_0": 8, "features_mv_1": 8, "features_mono_0": 16,
+    "features_mono_1": 32, "match_prob_0": 8, "match_prob_1": 8, "depth": 1, "features": 24,
+}  # fmt: skip
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    return dict(np.load(path))
+
+
+def views_of(arrays: dict[str, np.ndarray]) -> tuple[Tensor, Cameras]:
+    images = torch.from_numpy((arrays["images"] / 65535).astype(np.float32))[None]
+    near, far = (torch.from_numpy(arrays[name][:1]) for name in ("near", "far"))
+    return images, Cameras(
+        torch.from_numpy(arrays["extrinsics"])[None], torch.from_numpy(arrays["intrinsics"])[None], near, far
+    )
+
+
+def made_up_network() -> DepthSplatBase:
+    """The network with the synthetic weights of the reference outputs."""
+    network = DepthSplatBase()
+    weights = {name: made_up_tensor(name.removeprefix("depth_predictor."), shape) for name, shape in SHAPES.items()}
+    network.load_state_dict(weights, assign=True)
+    return network.requires_grad_(False)
+
+
+def shapes_at_8() -> dict[str, list[int]]:
+    """Shapes of the network that matches at 1/8 and 1/4, by what it joins at 1/2, 1/4 and 1/8."""
+    found = dict(SHAPES)
+    for head, depth in (("depth_predictor.upsampler", 1), ("feature_upsampler", 0)):
+        found[f"{head}.concat_projects.0.weight"] = [96, 64 + 96, 1, 1]
+        found[f"{head}.concat_projects.1.weight"] = [192, 96 + 192 + 64 + depth, 1, 1]
+        found[f"{head}.concat_projects.2.weight"] = [384, 128 + 384 + 128, 1, 1]
+    return found
+
+
+def constant_weights(seed: str = "", shapes: dict[str, list[int]] = SHAPES) -> dict[str, Tensor]:
+    """One number per tensor, under the names of official checkpoints. Saved, they take no space."""
+    values = {name: (zlib.crc32((seed + name).encode()) / 2**32 - 0.5) / 200 for name in shapes}
+    return {f"encoder.{name}": torch.tensor(values[name]).expand(shape) for name, shape in shapes.items()}
+
+
+def write_checkpoint(path: Path, seed: str = "") -> Path:
+    """Write `constant_weights` as an official checkpoint, with a tensor that nothing here uses."""
+    torch.save({"state_dict": constant_weights(seed) | {"encoder.gaussian_head.0.bias": torch.zeros(8)}}, path)
+    return path

@@ -1,0 +1,104 @@
+"""Tensor by tensor and number by number the public DepthSplat-Base, up to its features at full resolution."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from public_base_network import CHANNEL_STEPS, FULL, SHAPES, SHIPPED, made_up_network, read_arrays, views_of
+from torch import Tensor
+
+from fecocodec.errors import InputError, ModelError
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.sender.extractors.adapter import LargeExtractor
+from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
+from tests.example_scenes import example_views
+
+PARAMETERS = {
+    "depth_predictor.backbone": 1_049_120,
+    "depth_predictor.transformer": 3_150_336,
+    "depth_predictor.mv_pyramid": 69_760,
+    "depth_predictor.pretrained": 86_579_712,
+    "depth_predictor.mono_pyramid": 2_507_520,
+    "depth_predictor.regressor.0": 6_895_872,
+    "depth_predictor.regressor_residual.0": 147_584,
+    "depth_predictor.depth_head.0": 590_208,
+    "depth_predictor.regressor.1": 2_114_304,
+    "depth_predictor.regressor_residual.1": 36_928,
+    "depth_predictor.depth_head.1": 110_752,
+    "depth_predictor.upsampler": 7_913_049,
+    "feature_upsampler": 9_420_576,
+}
+
+
+@pytest.fixture(scope="module")
+def network() -> DepthSplatBase:
+    return made_up_network()
+
+
+def test_tensors_have_the_public_names_and_shapes() -> None:
+    assert {name: list(value.shape) for name, value in DepthSplatBase().state_dict().items()} == SHAPES
+
+
+def test_parameters_of_each_module_add_up() -> None:
+    network = DepthSplatBase()
+    found = {name: sum(p.numel() for p in network.get_submodule(name).parameters()) for name in PARAMETERS}
+    assert found == PARAMETERS and sum(found.values()) == 120_585_721
+    assert sum(parameter.numel() for parameter in network.parameters()) == 120_585_721
+
+
+def outputs_of(network: DepthSplatBase, images: Tensor, cameras: Cameras) -> dict[str, Tensor]:
+    maps = network.maps(images, cameras)
+    predictor = network.depth_predictor
+    monocular, (depth, probabilities) = predictor.monocular(maps), predictor.depth(maps, cameras)
+    found = {"depth": depth, "features": network.features(images, cameras)[0]}
+    for scale in (0, 1):
+        found[f"features_cnn_{scale}"] = maps.appearance[2 - scale]
+        found[f"features_mv_{scale}"] = maps.multi_view[scale]
+        found[f"features_mono_{scale}"] = monocular[scale]
+        found[f"match_prob_{scale}"] = probabilities[scale]
+    return found
+
+
+@pytest.mark.parametrize("path", [
+    pytest.param(SHIPPED, id="shipped"),
+    pytest.param(FULL, id="full", marks=pytest.mark.skipif(not FULL.is_file(), reason="needs all rows and columns")),
+])  # fmt: skip
+def test_every_part_gives_the_public_numbers(network: DepthSplatBase, path: Path) -> None:
+    arrays = read_arrays(path)
+    with torch.inference_mode():
+        found = outputs_of(network, *views_of(arrays))
+    assert found.keys() == CHANNEL_STEPS.keys()
+    step = int(arrays.get("position_step", 1))
+    for name, value in found.items():
+        value = value if name == "depth" else value[:, :: CHANNEL_STEPS[name]]
+        difference, expected = value[..., ::step, ::step] - torch.from_numpy(arrays[name]), arrays[name]
+        scale = torch.from_numpy(expected)
+        assert difference.norm() < 1e-5 * scale.norm(), name  # measured: 5e-6 at most
+        assert difference.abs().max() < 1e-4 * scale.abs().max(), name
+
+
+@torch.inference_mode()
+def test_one_view_and_scenes_of_a_batch(network: DepthSplatBase) -> None:
+    """A single view is its own source, and has no matching scores; scenes of a batch do not mix."""
+    alone = example_views(1, 64, 96)
+    maps = network.maps(alone.images[None], alone.cameras.as_batch())
+    depth, _ = network.depth_predictor.depth(maps, alone.cameras.as_batch())
+    assert depth.shape == (1, 64, 96) and bool(depth.isfinite().all())
+    views = example_views(3, 64, 96)
+    first, second = views.images[None], views.images.flip(-1)[None]
+    cameras = views.cameras.as_batch()
+    both = Cameras(*(torch.cat((value, value)) for value in (
+        cameras.extrinsics, cameras.intrinsics, cameras.near, cameras.far,
+    )))  # fmt: skip
+    found = network.features(torch.cat((first, second)), both)
+    assert found.shape == (2, 3, 96, 64, 96)
+    torch.testing.assert_close(found[1:], network.features(second, cameras), atol=1e-4, rtol=1e-4)
+
+
+def test_it_is_an_extractor_of_the_adapter_and_refuses_what_it_cannot_do(network: DepthSplatBase) -> None:
+    assert isinstance(network, LargeExtractor) and network.num_channels() == 96
+    views = example_views(2, 64, 72)
+    with pytest.raises(InputError, match="images of 72x64 pixels: pad to multiples of 16"):
+        network.features(views.images[None], views.cameras.as_batch())
+    with pytest.raises(ModelError, match="it has no weights yet; load its checkpoint by `load_frozen_extractor`"):
+        DepthSplatBase().features(views.images[None], views.cameras.as_batch())
