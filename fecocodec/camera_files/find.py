@@ -1,5 +1,6 @@
 """Find and read the cameras of a scene folder, in any supported format."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,10 +18,17 @@ from fecocodec.camera_files.transforms_json import (
 )
 from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, conversion_advice, has_image_name, is_unread
+from fecocodec.photographs.image_headers import (
+    IMAGE_SUFFIXES,
+    PHOTOGRAPH_FOLDERS,
+    conversion_advice,
+    has_image_name,
+    is_unread,
+)
 from fecocodec.photographs.video_frames import is_video
 from fecocodec.poses.unposed_photographs import find_photographs
 
+_ARCHIVE_SUFFIXES = (".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst")
 _FINDERS = (find_transforms_json, find_colmap_model, find_realestate10k, find_cameras_json, find_llff)
 
 
@@ -117,6 +125,8 @@ def _missing(path: Path) -> str:
     if not path.is_dir():
         if path.suffix.lower() in IMAGE_SUFFIXES:
             return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
+        if path.suffix.lower() in _ARCHIVE_SUFFIXES:
+            return "an archive; unpack it and give the folder that holds the photographs."
         return "not a camera file; give the folder that holds images and cameras."
     if not _has_images(path):
         if unread := [file for file in _files(path) if is_unread(file)]:
@@ -126,8 +136,25 @@ def _missing(path: Path) -> str:
             return f"no photographs found, but a video; give the file itself, {videos[0]}."
         if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _camera_files(folder)]:
             return f"no photographs found, but {len(scenes)} folders with cameras; give one of them, as {scenes[0]}."
-        return "no photographs and no camera file found; give a folder that holds two or more photographs."
+        return _elsewhere(path)
     return "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
+
+
+def _elsewhere(folder: Path) -> str:
+    """Return that there are no photographs in a folder, and in which folders below there are some."""
+    found = sorted({path.parent for depth in ("*/*", "*/*/*", "*/*/*/*") for path in _images_at(folder, depth)})
+    if not found:
+        return "no photographs and no camera file found; give a folder that holds two or more photographs."
+    if len(found) == 1:
+        return f"no photographs found here, but in {found[0]}; give that folder."
+    return (
+        f"no photographs found here, but in {len(found)} folders below; give one of them, as {found[0]}, or put all "
+        "photographs of the scene into one folder."
+    )
+
+
+def _images_at(folder: Path, pattern: str) -> Iterator[Path]:
+    return (path for path in folder.glob(pattern) if has_image_name(path) and not path.parent.name.startswith("."))
 
 
 def _has_images(folder: Path) -> bool:
@@ -136,5 +163,6 @@ def _has_images(folder: Path) -> bool:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Return what is in the folder and in its folder `images`."""
-    return [path for place in (folder, folder / "images") if place.is_dir() for path in place.iterdir()]
+    """Return what is in the folder and in its folders `images` and `input`."""
+    places = (folder, *(folder / name for name in PHOTOGRAPH_FOLDERS))
+    return [path for place in places if place.is_dir() for path in place.iterdir()]

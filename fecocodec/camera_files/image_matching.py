@@ -13,9 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES, has_image_name
+from fecocodec.photographs.image_headers import (
+    IMAGE_SUFFIXES,
+    PHOTOGRAPH_FOLDERS,
+    UNREAD_SUFFIXES,
+    has_image_name,
+)
 
-_FOLDERS = ("images", "input")  # where programs keep photographs; `input` is that of the 3DGS reference
 _REDUCED = re.compile(r"images_(\d{1,2})")  # photographs reduced by this factor, such as images_4 of DL3DV
 _SUFFIXES = {*IMAGE_SUFFIXES, *UNREAD_SUFFIXES}
 
@@ -77,7 +81,7 @@ def similar_key(name: str) -> str:
 def image_folders(roots: Sequence[Path]) -> Iterator[tuple[Path, int]]:
     """Yield folders that may hold the photographs of a scene and how many times smaller than named these are."""
     yield from ((root, 1) for root in roots)
-    yield from ((root / name, 1) for root in roots for name in _FOLDERS if root / name not in roots)
+    yield from ((root / name, 1) for root in roots for name in PHOTOGRAPH_FOLDERS if root / name not in roots)
     for root in roots:
         found = ((_REDUCED.fullmatch(name), root / name) for name in _Listing(root).folders)
         yield from sorted(((path, int(match[1])) for match, path in found if match), key=lambda place: place[1])
