@@ -1,7 +1,7 @@
 """Match the images that a camera file names with the image files that are there, for all camera formats.
 
-The folder in which most names exist is used. A name may differ from that of its file in case, Unicode form, suffix,
-and in the folders before it (`/scans/room/images/1.jpg`, `C:\\scan\\1.jpg`), where one file alone fits.
+The folder in which most names exist is used. A name may differ from that of its file in case, Unicode form, encoding
+(`%20`), suffix, and in the folders before it (`/scans/room/images/1.jpg`, `C:\\scan\\1.jpg`), where one file alone fits.
 """
 
 import os
@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from urllib.parse import unquote
 
 from fecocodec.photographs.image_headers import (
     IMAGE_SUFFIXES,
@@ -74,8 +75,8 @@ def short_name(cameras_path: Path) -> str:
 
 
 def similar_key(name: str) -> str:
-    """Return what names share that differ in case or Unicode form only."""
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+    """Return what names share that differ in case, Unicode form, kind of space or encoding as a URL (`%20`) only."""
+    return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", unquote(name)).casefold())
 
 
 def image_folders(roots: Sequence[Path]) -> Iterator[tuple[Path, int]]:

@@ -67,6 +67,15 @@ def assert_all_found(folder: Path, count: int = 2) -> ChosenPhotographs:
     return chosen
 
 
+@pytest.mark.parametrize(("named", "stored"), [("a%20b {}", "a b {}"), ("a b {}", "a%20b {}"), ("a b {}", "a\u202fb {}")])
+def test_names_as_urls_and_other_spaces(named: str, stored: str, tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    rename_in_cameras(folder, lambda name: f"images/{named.format(name)}")
+    for image in [*(folder / "images").iterdir()]:
+        image.rename(image.with_name(stored.format(image.name)))
+    assert assert_all_found(folder).remarks[0].startswith(RENAMED)
+
+
 @pytest.mark.parametrize("write", WRITERS)
 @pytest.mark.parametrize("missing", ["000.png", "001.png"])
 def test_missing_images_are_passed_over_with_one_note(write: Write, missing: str, tmp_path: Path) -> None:
