@@ -1,7 +1,8 @@
 """Match the images that a camera file names with the image files that are there, for all camera formats.
 
 The folder in which most names exist is used. A name may differ from that of its file in case, Unicode form, encoding
-(`%20`), suffix, and in the folders before it (`/scans/room/images/1.jpg`, `C:\\scan\\1.jpg`), where one file alone fits.
+(`%20`), suffix, and in the folders before it (`/scans/room/images/1.jpg`, `C:\\scan\\1.jpg`), where one file alone
+fits.
 """
 
 import os
@@ -63,7 +64,7 @@ def match_images(cameras_path: Path, names: Sequence[str], usual: Sequence[Path]
             break
     skipped = best.skipped(wanted)
     paths = tuple(
-        best.folder.joinpath(*parts[skipped:]) if path is None else path
+        best.folder.joinpath(*parts[min(skipped, max(0, len(parts) - 1)) :]) if path is None else path
         for path, parts in zip(best.paths, wanted, strict=True)
     )
     return MatchedImages(tuple(names), paths, best.reduction, _remarks(cameras_path, names, wanted, best, usual))

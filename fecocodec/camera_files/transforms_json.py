@@ -83,15 +83,25 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
         raise InputError(f"{path}: no frames; add a list `frames` with one camera per image.")
     images = match_images(path, [_name(frame) for frame in frames], [path.parent])
     cameras = [
-        (_place(path, index, frame), partial(_photograph, path.parent, scene, frame, images.reduction))
-        for index, frame in enumerate(frames)
+        (_place(path, index, frame), partial(_photograph, mask, scene, frame, images.reduction))
+        for index, (frame, mask) in enumerate(zip(frames, _masks(path, frames, images.paths), strict=True))
     ]
     near, far = (None if scene.get(key) is None else _number(scene, key, str(path)) for key in ("near", "far"))
     return PosedPhotographs(path, photographs_of(images, cameras), near, far, images.remarks)
 
 
-def _name(frame: object) -> str:
-    name = frame.get("file_path") if isinstance(frame, dict) else None
+def _masks(path: Path, frames: list[Any], photographs: tuple[Path, ...]) -> list[Path | None]:
+    """Return the masks that frames name, found as images are, but never a photograph in place of a mask."""
+    names = [_name(frame, "mask_path") for frame in frames]
+    found = match_images(path, names, [path.parent]).paths if any(names) else [path] * len(names)
+    return [
+        None if not name else path.parent / name.replace("\\", "/") if mask in photographs else mask
+        for name, mask in zip(names, found, strict=True)
+    ]
+
+
+def _name(frame: object, key: str = "file_path") -> str:
+    name = frame.get(key) if isinstance(frame, dict) else None
     return name if isinstance(name, str) else ""
 
 
@@ -104,7 +114,7 @@ def _place(path: Path, index: int, frame: object) -> str:
 
 
 def _photograph(
-    folder: Path, scene: dict[str, Any], frame: object, reduction: int, image: Path, place: str
+    mask: Path | None, scene: dict[str, Any], frame: object, reduction: int, image: Path, place: str
 ) -> PosedPhotograph:
     if not isinstance(frame, dict) or not _is_named(frame):
         raise InputError(f"{place}: no `file_path`; name the image of this camera.")
@@ -119,7 +129,7 @@ def _photograph(
         camera_to_world=_pose(values.get("transform_matrix"), place) @ OPENGL_TO_OPENCV,
         lens_for=partial(_lens, model, numbers, reduction, place),
         declared_size=_declared_size(numbers),
-        mask=folder / mask.replace("\\", "/") if isinstance(mask := frame.get("mask_path"), str) and mask else None,
+        mask=mask,
     )
 
 

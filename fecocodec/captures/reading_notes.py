@@ -137,6 +137,18 @@ def mask_remarks(ignored: list[float], masks: str) -> list[str]:
     ]
 
 
+def unmasked_remarks(photographs: list[PosedPhotograph]) -> list[str]:
+    """Return a sentence if there is a folder of masks, but photographs have no mask in it."""
+    from fecocodec.photographs.masks import find_mask, mask_folders  # it loads torch
+
+    without = [photograph.path for photograph in photographs if not (photograph.mask or find_mask(photograph.path))]
+    found = [(path, folder) for path in without for _, folder in mask_folders(path)]
+    if not found:
+        return []
+    path, folder = found[0]
+    return [f"{folder} has no mask for {_photographs(len(without))}, such as {path.name}; name a mask {path.name}.png."]
+
+
 def _photographs(count: int) -> str:
     return f"{count} photograph" + ("" if count == 1 else "s")
 

@@ -91,8 +91,8 @@ def _frames(video: Path) -> Iterator[tuple[Any, _Stream]]:
                 yield frame, _Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc))
     except (av.error.FFmpegError, OSError) as error:
         raise InputError(
-            f"{video}: the video cannot be read ({error.strerror}); it is damaged, cut short or of an unknown kind: copy "
-            "it again, or convert it to MP4 (H.264)."
+            f"{video}: the video cannot be read ({error.strerror}); it is damaged, cut short or of an unknown kind: "
+            "copy it again, or convert it to MP4 (H.264)."
         ) from error
 
 

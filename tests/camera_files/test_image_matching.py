@@ -67,7 +67,9 @@ def assert_all_found(folder: Path, count: int = 2) -> ChosenPhotographs:
     return chosen
 
 
-@pytest.mark.parametrize(("named", "stored"), [("a%20b {}", "a b {}"), ("a b {}", "a%20b {}"), ("a b {}", "a\u202fb {}")])
+@pytest.mark.parametrize(
+    ("named", "stored"), [("a%20b {}", "a b {}"), ("a b {}", "a%20b {}"), ("a b {}", "a\u202fb {}")]
+)
 def test_names_as_urls_and_other_spaces(named: str, stored: str, tmp_path: Path) -> None:
     folder = write_transforms(tmp_path / "scene", shots(2))
     rename_in_cameras(folder, lambda name: f"images/{named.format(name)}")
