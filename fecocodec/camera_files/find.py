@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from fecocodec.camera_files.colmap import find_colmap_model, read_colmap
+from fecocodec.camera_files.colmap import colmap_tables_elsewhere, find_colmap_model, read_colmap
+from fecocodec.camera_files.colmap_tables import is_colmap_model
 from fecocodec.camera_files.image_matching import short_name
 from fecocodec.camera_files.llff import find_llff, read_llff
 from fecocodec.camera_files.other_cameras import program_of, unread_cameras
@@ -14,6 +15,7 @@ from fecocodec.camera_files.transforms_json import (
     FILE_NAMES,
     find_cameras_json,
     find_transforms_json,
+    holds_cameras,
     read_transforms_json,
 )
 from fecocodec.errors import InputError
@@ -81,10 +83,27 @@ def cameras_above(folder: Path) -> Path | None:
 
 
 def unread_cameras_notes(folder: Path) -> list[str]:
-    """Return a sentence if photographs whose cameras are estimated lie beside camera files that are not read."""
-    unread = unread_cameras(folder, set()) if folder.is_dir() else ""
-    convert = "to use them, convert them to a transforms.json or a COLMAP model"
-    return [f"cameras in {unread} are not read, and cameras are estimated; {convert}."] if unread else []
+    """Return sentences if photographs whose cameras are estimated lie beside camera files that are not read."""
+    if not folder.is_dir():
+        return []
+    elsewhere = colmap_tables_elsewhere(folder)
+    models = [path for path in elsewhere if is_colmap_model(path)]
+    partial = [str(path.relative_to(folder)) for path in elsewhere if path not in models]
+    files = [path for path in sorted(folder.glob("*.json")) if holds_cameras(path)]
+    notes = list[str]()
+    if unread := unread_cameras(folder, {*files, *(folder / path.relative_to(folder).parts[0] for path in elsewhere)}):
+        convert = "to use them, convert them to a transforms.json or a COLMAP model"
+        notes.append(f"cameras in {unread} are not read, and cameras are estimated; {convert}.")
+    if partial:
+        notes.append(
+            f"{', '.join(partial)} has no images.bin or images.txt, and cameras are estimated; export it again."
+        )
+    if unusual := [*models, *files]:
+        names = ", ".join(str(path.relative_to(folder)) for path in unusual)
+        notes.append(
+            f"cameras in {names} are not looked for, and cameras are estimated; to use them, give {unusual[0]}."
+        )
+    return notes
 
 
 def _camera_files(path: Path) -> list[Path]:

@@ -90,7 +90,7 @@ def image_folders(roots: Sequence[Path]) -> Iterator[tuple[Path, int]]:
 
 
 def _folders_above(scene: Path) -> Iterator[tuple[Path, int]]:
-    for parent in scene.resolve().parents[:2]:
+    for parent in scene.resolve().parents[:3]:
         yield parent, 1
         yield parent / "images", 1
 

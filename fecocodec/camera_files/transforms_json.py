@@ -58,14 +58,17 @@ def find_transforms_json(path: Path) -> Path | None:
 def find_cameras_json(path: Path) -> Path | None:
     """Return `cameras.json` of a scene folder if it is of 3DGS or, as `--save-cameras` writes it, has frames."""
     found = path / "cameras.json"
-    if not found.is_file():
-        return None
+    return found if found.is_file() and holds_cameras(found) else None
+
+
+def holds_cameras(path: Path) -> bool:
+    """Return whether a JSON file has frames, or is of 3DGS; any name will do."""
     try:
-        scene = read_json(found)
+        scene = read_json(path)
     except InputError:
-        return None
+        return False
     has_frames = isinstance(scene, dict) and isinstance(scene.get("frames"), list)
-    return found if has_frames or is_reference_cameras(scene) else None
+    return has_frames or is_reference_cameras(scene)
 
 
 def read_transforms_json(path: Path) -> PosedPhotographs:

@@ -260,6 +260,28 @@ def test_arrays_of_numpy_with_cameras_are_named(tmp_path: Path) -> None:
     assert note.startswith("cameras in result.npz are not read")
 
 
+@pytest.mark.parametrize("where", ["Transforms.json", "transforms (1).json", "model", "colmap/text", "a/b/sparse"])
+def test_cameras_with_unusual_names_and_places_can_be_given(where: str, tmp_path: Path) -> None:
+    if where.endswith(".json"):
+        folder = write_transforms(tmp_path / "scene", shots(3, **CENTRAL))
+        (folder / "transforms.json").rename(folder / where)
+    else:
+        folder = write_colmap_text(tmp_path / "scene", shots(3, **CENTRAL), where=where)
+    assert not has_cameras(folder)
+    to_use = f"to use them, give {folder / where}."
+    assert unread_cameras_notes(folder) == [
+        f"cameras in {where} are not looked for, and cameras are estimated; {to_use}"
+    ]
+    assert choose_photographs(folder / where).names == ("000.png", "001.png", "002.png")
+
+
+def test_a_part_of_a_colmap_model_is_named(tmp_path: Path) -> None:
+    folder = write_colmap_text(tmp_path / "scene", shots(3))
+    (folder / "sparse" / "0" / "images.txt").unlink()
+    (note,) = unread_cameras_notes(folder)
+    assert note == "sparse/0 has no images.bin or images.txt, and cameras are estimated; export it again."
+
+
 def test_many_files_of_one_program_are_counted(tmp_path: Path) -> None:
     folder = write_transforms(tmp_path / "scene", shots(2))
     for number in range(5):
