@@ -67,8 +67,9 @@ def holds_cameras(path: Path) -> bool:
         scene = read_json(path)
     except InputError:
         return False
-    has_frames = isinstance(scene, dict) and isinstance(scene.get("frames"), list)
-    return has_frames or is_reference_cameras(scene)
+    frames = scene.get("frames") if isinstance(scene, dict) else None
+    has_poses = isinstance(frames, list) and any(isinstance(one, dict) and "transform_matrix" in one for one in frames)
+    return has_poses or is_reference_cameras(scene)
 
 
 def read_transforms_json(path: Path) -> PosedPhotographs:

@@ -119,7 +119,7 @@ def test_cameras_that_encode_has_saved_are_found_by_their_usual_name(tmp_path: P
 
 def test_other_files_called_cameras_json_are_named(tmp_path: Path) -> None:
     write_photographs(tmp_path, shots(2))
-    for text in ('{"cameras": []}', "[1, 2]", "broken"):
+    for text in ('{"cameras": []}', '{"frames": [{"pose": []}]}', "[1, 2]", "broken"):
         (tmp_path / "cameras.json").write_text(text)
         assert not has_cameras(tmp_path)
         assert unread_cameras_notes(tmp_path) == [
@@ -226,6 +226,7 @@ FOREIGN = {
     "lowres_wide.traj": ("1 2 3", "ARKitScenes"),
     "predictions.npz": ("", "VGGT"),
     "pred_traj.txt": ("0 1 2", "DUSt3R"),
+    "groundtruth.txt": ("# timestamp tx ty tz qx qy qz qw", "TUM RGB-D"),
     "cams/00000000_cam.txt": ("extrinsic", "MVSNet"),
     "my_poses.npy": ("", ""),
     "groundtruth_trajectory.txt": ("", ""),
