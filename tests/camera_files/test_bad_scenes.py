@@ -167,7 +167,7 @@ def test_camera_of_another_shape_than_the_image(scene):
         image.transpose(Image.Transpose.ROTATE_90).save(scene / "images" / "001.png")
     assert message(scene) == (
         f"{scene}/transforms.json, frame 1 (images/001.png): the image is 80x96 pixels but its camera is for 96x80; "
-        "store the pixels upright, without an EXIF orientation."
+        "turn the pixels by 90 degrees (an EXIF orientation is not applied), or swap the camera's sides."
     )
 
 
