@@ -10,6 +10,7 @@ import re
 import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -77,6 +78,8 @@ def short_name(cameras_path: Path) -> str:
 
 def similar_key(name: str) -> str:
     """Return what names share that differ in case, Unicode form, kind of space or encoding as a URL (`%20`) only."""
+    with suppress(UnicodeError):  # names of files in a locale that is not UTF-8
+        name = os.fsencode(name).decode()
     return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", unquote(name)).casefold())
 
 
