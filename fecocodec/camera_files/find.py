@@ -43,7 +43,7 @@ def read_cameras(path: StrPath) -> PosedPhotographs:
     try:
         if not path.exists():
             raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
-        found = _camera_files(path)
+        found = camera_files(path)
         if not found:
             raise InputError(f"{path}: {_missing(path)}")
         scene = _read(path, found[0])
@@ -61,7 +61,7 @@ def has_cameras(path: StrPath) -> bool:
     """
     path = Path(path)
     try:
-        return bool(_camera_files(path)) or not find_photographs(path)
+        return bool(camera_files(path)) or not find_photographs(path)
     except (OSError, ValueError):  # `read_cameras` reports it
         return True
 
@@ -73,7 +73,7 @@ def cameras_above(folder: Path) -> Path | None:
     """
     parent = folder.absolute().parent
     try:
-        scene = read_cameras(parent) if _camera_files(parent) else None
+        scene = read_cameras(parent) if camera_files(parent) else None
     except InputError:
         return None
     here = folder.resolve()
@@ -106,7 +106,7 @@ def unread_cameras_notes(folder: Path) -> list[str]:
     return notes
 
 
-def _camera_files(path: Path) -> list[Path]:
+def camera_files(path: Path) -> list[Path]:
     """Return the camera files of all formats in a scene folder, or `path` if it is one; the first is to be read."""
     if path.is_file() and (program := program_of(path)):
         raise InputError(
@@ -153,7 +153,7 @@ def _missing(path: Path) -> str:
             return f"photographs of this kind cannot be read ({kinds}); {conversion_advice(unread)}."
         if videos := sorted(file for file in _files(path) if is_video(file)):
             return f"no photographs found, but a video; give the file itself, {videos[0]}."
-        if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _camera_files(folder)]:
+        if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and camera_files(folder)]:
             return f"no photographs found, but {len(scenes)} folders with cameras; give one of them, as {scenes[0]}."
         return _elsewhere(path)
     return "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
