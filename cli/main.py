@@ -4,6 +4,7 @@ Exit codes: 0 success; 1 the input or output cannot be used; 2 wrong usage; 3 on
 decoded (`decode --partial`); 128 + N terminated by signal N (130 for Ctrl-C).
 """
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -39,10 +40,24 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         with_file(error).show()
         return error.exit_code
+    except FileNotFoundError:
+        if has_working_folder():
+            raise
+        warn("fecosplat: the working folder was removed; change to another one by `cd`.")
+        return 1
     except click.Abort:
         warn("fecosplat: interrupted")
         return INTERRUPTED
     return code if isinstance(code, int) else 0
+
+
+def has_working_folder() -> bool:
+    """Return whether the folder in which the process runs still exists."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def missing_module(error: ModuleNotFoundError) -> str:

@@ -65,6 +65,12 @@ def read_colmap(scene_folder: Path) -> PosedPhotographs:
     return PosedPhotographs(folder, photographs_of(found, cameras), remarks=remarks)
 
 
+def colmap_tables_elsewhere(path: Path) -> list[Path]:
+    """Return folders with cameras of COLMAP in a scene folder in which no model is found where models usually lie."""
+    depths = (f"{depth}cameras.{kind}" for depth in ("*/", "*/*/", "*/*/sparse/") for kind in ("bin", "txt"))
+    return sorted({table.parent for pattern in depths for table in path.glob(pattern)})
+
+
 def _models(path: Path) -> list[Path]:
     """Return the models of the first place that has some, the largest first."""
     for patterns in _MODEL_FOLDERS:

@@ -1,9 +1,11 @@
 """Find and read the cameras of a scene folder, in any supported format."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from fecocodec.camera_files.colmap import find_colmap_model, read_colmap
+from fecocodec.camera_files.colmap import colmap_tables_elsewhere, find_colmap_model, read_colmap
+from fecocodec.camera_files.colmap_tables import is_colmap_model
 from fecocodec.camera_files.image_matching import short_name
 from fecocodec.camera_files.llff import find_llff, read_llff
 from fecocodec.camera_files.other_cameras import program_of, unread_cameras
@@ -13,14 +15,22 @@ from fecocodec.camera_files.transforms_json import (
     FILE_NAMES,
     find_cameras_json,
     find_transforms_json,
+    holds_cameras,
     read_transforms_json,
 )
 from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, conversion_advice, has_image_name, is_unread
+from fecocodec.photographs.image_headers import (
+    IMAGE_SUFFIXES,
+    PHOTOGRAPH_FOLDERS,
+    conversion_advice,
+    has_image_name,
+    is_unread,
+)
 from fecocodec.photographs.video_frames import is_video
 from fecocodec.poses.unposed_photographs import find_photographs
 
+_ARCHIVE_SUFFIXES = (".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst")
 _FINDERS = (find_transforms_json, find_colmap_model, find_realestate10k, find_cameras_json, find_llff)
 
 
@@ -33,7 +43,7 @@ def read_cameras(path: StrPath) -> PosedPhotographs:
     try:
         if not path.exists():
             raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
-        found = _camera_files(path)
+        found = camera_files(path)
         if not found:
             raise InputError(f"{path}: {_missing(path)}")
         scene = _read(path, found[0])
@@ -51,7 +61,7 @@ def has_cameras(path: StrPath) -> bool:
     """
     path = Path(path)
     try:
-        return bool(_camera_files(path)) or not find_photographs(path)
+        return bool(camera_files(path)) or not find_photographs(path)
     except (OSError, ValueError):  # `read_cameras` reports it
         return True
 
@@ -63,7 +73,7 @@ def cameras_above(folder: Path) -> Path | None:
     """
     parent = folder.absolute().parent
     try:
-        scene = read_cameras(parent) if _camera_files(parent) else None
+        scene = read_cameras(parent) if camera_files(parent) else None
     except InputError:
         return None
     here = folder.resolve()
@@ -73,13 +83,30 @@ def cameras_above(folder: Path) -> Path | None:
 
 
 def unread_cameras_notes(folder: Path) -> list[str]:
-    """Return a sentence if photographs whose cameras are estimated lie beside camera files that are not read."""
-    unread = unread_cameras(folder, set()) if folder.is_dir() else ""
-    convert = "to use them, convert them to a transforms.json or a COLMAP model"
-    return [f"cameras in {unread} are not read, and cameras are estimated; {convert}."] if unread else []
+    """Return sentences if photographs whose cameras are estimated lie beside camera files that are not read."""
+    if not folder.is_dir():
+        return []
+    elsewhere = colmap_tables_elsewhere(folder)
+    models = [path for path in elsewhere if is_colmap_model(path)]
+    partial = [str(path.relative_to(folder)) for path in elsewhere if path not in models]
+    files = [path for path in sorted(folder.glob("*.json")) if holds_cameras(path)]
+    notes = list[str]()
+    if unread := unread_cameras(folder, {*files, *(folder / path.relative_to(folder).parts[0] for path in elsewhere)}):
+        convert = "to use them, convert them to a transforms.json or a COLMAP model"
+        notes.append(f"cameras in {unread} are not read, and cameras are estimated; {convert}.")
+    if partial:
+        notes.append(
+            f"{', '.join(partial)} has no images.bin or images.txt, and cameras are estimated; export it again."
+        )
+    if unusual := [*models, *files]:
+        names = ", ".join(str(path.relative_to(folder)) for path in unusual)
+        notes.append(
+            f"cameras in {names} are not looked for, and cameras are estimated; to use them, give {unusual[0]}."
+        )
+    return notes
 
 
-def _camera_files(path: Path) -> list[Path]:
+def camera_files(path: Path) -> list[Path]:
     """Return the camera files of all formats in a scene folder, or `path` if it is one; the first is to be read."""
     if path.is_file() and (program := program_of(path)):
         raise InputError(
@@ -117,6 +144,8 @@ def _missing(path: Path) -> str:
     if not path.is_dir():
         if path.suffix.lower() in IMAGE_SUFFIXES:
             return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
+        if path.suffix.lower() in _ARCHIVE_SUFFIXES:
+            return "an archive; unpack it and give the folder that holds the photographs."
         return "not a camera file; give the folder that holds images and cameras."
     if not _has_images(path):
         if unread := [file for file in _files(path) if is_unread(file)]:
@@ -124,10 +153,27 @@ def _missing(path: Path) -> str:
             return f"photographs of this kind cannot be read ({kinds}); {conversion_advice(unread)}."
         if videos := sorted(file for file in _files(path) if is_video(file)):
             return f"no photographs found, but a video; give the file itself, {videos[0]}."
-        if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _camera_files(folder)]:
+        if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and camera_files(folder)]:
             return f"no photographs found, but {len(scenes)} folders with cameras; give one of them, as {scenes[0]}."
-        return "no photographs and no camera file found; give a folder that holds two or more photographs."
+        return _elsewhere(path)
     return "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate10K camera file."
+
+
+def _elsewhere(folder: Path) -> str:
+    """Return that there are no photographs in a folder, and in which folders below there are some."""
+    found = sorted({path.parent for depth in ("*/*", "*/*/*", "*/*/*/*") for path in _images_at(folder, depth)})
+    if not found:
+        return "no photographs and no camera file found; give a folder that holds two or more photographs."
+    if len(found) == 1:
+        return f"no photographs found here, but in {found[0]}; give that folder."
+    return (
+        f"no photographs found here, but in {len(found)} folders below; give one of them, as {found[0]}, or put all "
+        "photographs of the scene into one folder."
+    )
+
+
+def _images_at(folder: Path, pattern: str) -> Iterator[Path]:
+    return (path for path in folder.glob(pattern) if has_image_name(path) and not path.parent.name.startswith("."))
 
 
 def _has_images(folder: Path) -> bool:
@@ -136,5 +182,6 @@ def _has_images(folder: Path) -> bool:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Return what is in the folder and in its folder `images`."""
-    return [path for place in (folder, folder / "images") if place.is_dir() for path in place.iterdir()]
+    """Return what is in the folder and in its folders `images` and `input`."""
+    places = (folder, *(folder / name for name in PHOTOGRAPH_FOLDERS))
+    return [path for place in places if place.is_dir() for path in place.iterdir()]

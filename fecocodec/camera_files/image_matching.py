@@ -1,7 +1,8 @@
 """Match the images that a camera file names with the image files that are there, for all camera formats.
 
-The folder in which most names exist is used. A name may differ from that of its file in case, Unicode form, suffix,
-and in the folders before it (`/scans/room/images/1.jpg`, `C:\\scan\\1.jpg`), where one file alone fits.
+The folder in which most names exist is used. A name may differ from that of its file in case, Unicode form, encoding
+(`%20`), suffix, and in the folders before it (`/scans/room/images/1.jpg`, `C:\\scan\\1.jpg`), where one file alone
+fits.
 """
 
 import os
@@ -9,13 +10,19 @@ import re
 import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from urllib.parse import unquote
 
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES, has_image_name
+from fecocodec.photographs.image_headers import (
+    IMAGE_SUFFIXES,
+    PHOTOGRAPH_FOLDERS,
+    UNREAD_SUFFIXES,
+    has_image_name,
+)
 
-_FOLDERS = ("images", "input")  # where programs keep photographs; `input` is that of the 3DGS reference
 _REDUCED = re.compile(r"images_(\d{1,2})")  # photographs reduced by this factor, such as images_4 of DL3DV
 _SUFFIXES = {*IMAGE_SUFFIXES, *UNREAD_SUFFIXES}
 
@@ -58,7 +65,7 @@ def match_images(cameras_path: Path, names: Sequence[str], usual: Sequence[Path]
             break
     skipped = best.skipped(wanted)
     paths = tuple(
-        best.folder.joinpath(*parts[skipped:]) if path is None else path
+        best.folder.joinpath(*parts[min(skipped, max(0, len(parts) - 1)) :]) if path is None else path
         for path, parts in zip(best.paths, wanted, strict=True)
     )
     return MatchedImages(tuple(names), paths, best.reduction, _remarks(cameras_path, names, wanted, best, usual))
@@ -70,21 +77,23 @@ def short_name(cameras_path: Path) -> str:
 
 
 def similar_key(name: str) -> str:
-    """Return what names share that differ in case or Unicode form only."""
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+    """Return what names share that differ in case, Unicode form, kind of space or encoding as a URL (`%20`) only."""
+    with suppress(UnicodeError):  # names of files in a locale that is not UTF-8
+        name = os.fsencode(name).decode()
+    return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", unquote(name)).casefold())
 
 
 def image_folders(roots: Sequence[Path]) -> Iterator[tuple[Path, int]]:
     """Yield folders that may hold the photographs of a scene and how many times smaller than named these are."""
     yield from ((root, 1) for root in roots)
-    yield from ((root / name, 1) for root in roots for name in _FOLDERS if root / name not in roots)
+    yield from ((root / name, 1) for root in roots for name in PHOTOGRAPH_FOLDERS if root / name not in roots)
     for root in roots:
         found = ((_REDUCED.fullmatch(name), root / name) for name in _Listing(root).folders)
         yield from sorted(((path, int(match[1])) for match, path in found if match), key=lambda place: place[1])
 
 
 def _folders_above(scene: Path) -> Iterator[tuple[Path, int]]:
-    for parent in scene.resolve().parents[:2]:
+    for parent in scene.resolve().parents[:3]:
         yield parent, 1
         yield parent / "images", 1
 

@@ -46,6 +46,7 @@ _KINDS = (
     _Kind("VGGT", "predictions.npz"),
     _Kind("MVSNet", "cams/*_cam.txt"),
     _Kind("DUSt3R", "pred_traj.txt"),
+    _Kind("TUM RGB-D", "groundtruth.txt"),
 )
 _NAME = re.compile(r"cam(era)?s?|poses?|extrinsics?|intrinsics?|traj(ectory)?|transforms?|calibration|focals?", re.I)
 _SUFFIXES = {".json", ".xml", ".csv", ".txt", ".npy", ".npz", ".pt", ".pth", ".pkl", ".log", ".out", ".yaml", ".yml"}

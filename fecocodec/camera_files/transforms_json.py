@@ -58,14 +58,18 @@ def find_transforms_json(path: Path) -> Path | None:
 def find_cameras_json(path: Path) -> Path | None:
     """Return `cameras.json` of a scene folder if it is of 3DGS or, as `--save-cameras` writes it, has frames."""
     found = path / "cameras.json"
-    if not found.is_file():
-        return None
+    return found if found.is_file() and holds_cameras(found) else None
+
+
+def holds_cameras(path: Path) -> bool:
+    """Return whether a JSON file has frames, or is of 3DGS; any name will do."""
     try:
-        scene = read_json(found)
+        scene = read_json(path)
     except InputError:
-        return None
-    has_frames = isinstance(scene, dict) and isinstance(scene.get("frames"), list)
-    return found if has_frames or is_reference_cameras(scene) else None
+        return False
+    frames = scene.get("frames") if isinstance(scene, dict) else None
+    has_poses = isinstance(frames, list) and any(isinstance(one, dict) and "transform_matrix" in one for one in frames)
+    return has_poses or is_reference_cameras(scene)
 
 
 def read_transforms_json(path: Path) -> PosedPhotographs:
@@ -83,15 +87,25 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
         raise InputError(f"{path}: no frames; add a list `frames` with one camera per image.")
     images = match_images(path, [_name(frame) for frame in frames], [path.parent])
     cameras = [
-        (_place(path, index, frame), partial(_photograph, path.parent, scene, frame, images.reduction))
-        for index, frame in enumerate(frames)
+        (_place(path, index, frame), partial(_photograph, mask, scene, frame, images.reduction))
+        for index, (frame, mask) in enumerate(zip(frames, _masks(path, frames, images.paths), strict=True))
     ]
     near, far = (None if scene.get(key) is None else _number(scene, key, str(path)) for key in ("near", "far"))
     return PosedPhotographs(path, photographs_of(images, cameras), near, far, images.remarks)
 
 
-def _name(frame: object) -> str:
-    name = frame.get("file_path") if isinstance(frame, dict) else None
+def _masks(path: Path, frames: list[Any], photographs: tuple[Path, ...]) -> list[Path | None]:
+    """Return the masks that frames name, found as images are, but never a photograph in place of a mask."""
+    names = [_name(frame, "mask_path") for frame in frames]
+    found = match_images(path, names, [path.parent]).paths if any(names) else [path] * len(names)
+    return [
+        None if not name else path.parent / name.replace("\\", "/") if mask in photographs else mask
+        for name, mask in zip(names, found, strict=True)
+    ]
+
+
+def _name(frame: object, key: str = "file_path") -> str:
+    name = frame.get(key) if isinstance(frame, dict) else None
     return name if isinstance(name, str) else ""
 
 
@@ -104,7 +118,7 @@ def _place(path: Path, index: int, frame: object) -> str:
 
 
 def _photograph(
-    folder: Path, scene: dict[str, Any], frame: object, reduction: int, image: Path, place: str
+    mask: Path | None, scene: dict[str, Any], frame: object, reduction: int, image: Path, place: str
 ) -> PosedPhotograph:
     if not isinstance(frame, dict) or not _is_named(frame):
         raise InputError(f"{place}: no `file_path`; name the image of this camera.")
@@ -119,7 +133,7 @@ def _photograph(
         camera_to_world=_pose(values.get("transform_matrix"), place) @ OPENGL_TO_OPENCV,
         lens_for=partial(_lens, model, numbers, reduction, place),
         declared_size=_declared_size(numbers),
-        mask=folder / mask.replace("\\", "/") if isinstance(mask := frame.get("mask_path"), str) and mask else None,
+        mask=mask,
     )
 
 

@@ -8,9 +8,11 @@ from pathlib import Path, PurePosixPath
 from shutil import copyfileobj
 
 from fecocodec.atomic import is_disk_full, temporary_folder
+from fecocodec.camera_files.find import camera_files
 from fecocodec.errors import FecoError, InputError
 from fecocodec.input_file import MAX_FILE_BYTES, StrPath
-from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, UNREAD_SUFFIXES
+from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, PHOTOGRAPH_FOLDERS, UNREAD_SUFFIXES
+from fecocodec.poses.unposed_photographs import find_photographs
 
 MAX_MEMBERS = 20_000
 MAX_TOTAL_BYTES = 32 << 30
@@ -44,7 +46,9 @@ def unpacked(path: StrPath) -> Iterator[Path]:
             if is_disk_full(error):
                 raise
             reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(f"{path}: the ZIP archive cannot be unpacked ({reason}); {_REMEDY}.") from error
+            is_damaged = isinstance(error, zipfile.BadZipFile | EOFError)
+            remedy = "it is damaged or no ZIP archive: copy it again" if is_damaged else _REMEDY
+            raise InputError(f"{path}: the ZIP archive cannot be unpacked ({reason}); {remedy}.") from error
         root = _innermost(temporary)
         try:
             yield root
@@ -88,8 +92,10 @@ def _parts(name: str) -> tuple[str, ...]:
 
 
 def _innermost(folder: Path) -> Path:
-    """Return the folder below the folders that hold nothing but one folder, unless that is one of a scene."""
+    """Return the folder below those that hold one folder and at most notes, unless that is one of a scene."""
     entries = list(folder.iterdir())
-    if len(entries) == 1 and entries[0].is_dir() and entries[0].name not in ("images", "sparse"):
-        return _innermost(entries[0])
-    return folder
+    folders = [path for path in entries if path.is_dir()]
+    if len(folders) != 1 or folders[0].name in (*PHOTOGRAPH_FOLDERS, "sparse"):
+        return folder
+    has_more = len(entries) > 1 and (camera_files(folder) or find_photographs(folder))
+    return folder if has_more else _innermost(folders[0])

@@ -10,7 +10,7 @@ import numpy as np
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names
 from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share, most_pixels
-from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright
+from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright, maps_among
 from fecocodec.photographs.lens import Lens
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
@@ -75,7 +75,9 @@ def unposed_notes(scene: PosedPhotographs) -> list[str]:
     posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
     folders = sorted({path.parent for path in posed})
     beside = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
-    found = [path.name for path in beside if has_image_name(path) and path not in posed]
+    images = [path for path in beside if has_image_name(path)]
+    named = {Path(os.path.abspath(photograph.mask)) for photograph in scene.photographs if photograph.mask}
+    found = [path.name for path in images if path not in {*posed, *named, *maps_among(images)}]
     if not found:
         return []
     has, used = ("has", "is not used") if len(found) == 1 else ("have", "are not used")
@@ -133,6 +135,18 @@ def mask_remarks(ignored: list[float], masks: str) -> list[str]:
     return [
         f"masks of {_photographs(len(ignored))} mark {100 * np.mean(ignored):.2g}% of their pixels, which {become}."
     ]
+
+
+def unmasked_remarks(photographs: list[PosedPhotograph]) -> list[str]:
+    """Return a sentence if there is a folder of masks, but photographs have no mask in it."""
+    from fecocodec.photographs.masks import find_mask, mask_folders  # it loads torch
+
+    without = [photograph.path for photograph in photographs if not (photograph.mask or find_mask(photograph.path))]
+    found = [(path, folder) for path in without for _, folder in mask_folders(path)]
+    if not found:
+        return []
+    path, folder = found[0]
+    return [f"{folder} has no mask for {_photographs(len(without))}, such as {path.name}; name a mask {path.name}.png."]
 
 
 def _photographs(count: int) -> str:

@@ -12,7 +12,7 @@ from torch import Tensor
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
-from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks
+from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks, unmasked_remarks
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
@@ -141,6 +141,7 @@ def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, ma
         remarks=(
             *clipping_remarks(chosen.names, [one.clipped for one in read]),
             *mask_remarks([one.masked for one in read if one.masked is not None], masks),
+            *(unmasked_remarks(chosen.photographs) if masks != "unused" else []),
         ),
     )
 

@@ -64,10 +64,22 @@ def no_view(scene: PosedPhotographs) -> InputError:
     if first is not None:
         return InputError(first.problem)
     first = scene.photographs[0]
+    beside = _in_folder_beside(first.path)
     return InputError(
         f"{first.place}: there is no image {first.path}, nor any other that {scene.cameras_name} names; put the images "
-        "there."
+        f"there{f' (one of this name is {beside})' if beside else ''}."
     )
+
+
+def _in_folder_beside(path: Path) -> Path | None:
+    """Return a file of this name in a folder beside that of the path, None if there is none."""
+    try:
+        return next(
+            (folder / path.name for folder in sorted(path.parent.parent.iterdir()) if (folder / path.name).is_file()),
+            None,
+        )
+    except (OSError, ValueError):  # ValueError: an invalid file name
+        return None
 
 
 def choose_views(

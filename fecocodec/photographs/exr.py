@@ -119,6 +119,8 @@ def _chosen(path: Path, parts: list[Any]) -> tuple[Any, _Layer]:
     coloured = [(part, layer) for part in parts for layer in _layers(part) if layer.has_colour]
     if not coloured:
         names = sorted(channel.name for part in parts for channel in part.header["channels"])
+        if not names:  # of a file that is cut short, OpenEXR reads none
+            raise InputError(_unreadable(path))
         raise InputError(f"{path}: no colour among the channels {names}; store R, G and B.")
     plain = [(part, layer) for part, layer in coloured if not layer.name]
     named = [

@@ -1,5 +1,7 @@
 """Kinds and sizes of photographs, without their pixels and without torch."""
 
+import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from fecocodec.errors import InputError
@@ -11,6 +13,8 @@ IMAGE_SUFFIXES = (
     ".exr",
 )  # fmt: skip
 UNREAD_SUFFIXES = (*RAW_SUFFIXES, ".gif", ".jp2", ".jxl", ".ppm", ".psd", ".tga", ".hdr")
+PHOTOGRAPH_FOLDERS = ("images", "input")  # where programs keep photographs; `input` is that of the 3DGS reference
+_MAP = re.compile(r"(.+)[_.-](depth|disparity|normals?|masks?|alpha|confidence)([_.-]?\d+)?", re.IGNORECASE)
 _EXR_SIGNATURE = b"v/1\x01"
 
 
@@ -22,6 +26,13 @@ def has_image_name(path: Path) -> bool:
 def is_unread(path: Path) -> bool:
     """Return whether a file is, by its name, a photograph of a kind that cannot be read."""
     return path.suffix.lower() in UNREAD_SUFFIXES and not path.name.startswith(".")
+
+
+def maps_among(paths: Iterable[Path]) -> set[Path]:
+    """Return images that are, by their names, maps of other ones: `a_depth.png` or `a.mask.png` beside `a.jpg`."""
+    files = list(paths)
+    shown = {name for path in files for name in (path.stem, path.name)}
+    return {path for path in files if (found := _MAP.fullmatch(path.stem)) and found[1] in shown}
 
 
 def conversion_advice(unread: list[Path]) -> str:

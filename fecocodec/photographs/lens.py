@@ -66,7 +66,9 @@ class Lens:
         if abs(self.width * height - self.height * width) > ASPECT_TOLERANCE * self.width * height:
             turned = (self.width, self.height) == (height, width)
             remedy = (
-                "store the pixels upright, without an EXIF orientation" if turned else "use the image it was made for"
+                "turn the pixels by 90 degrees (an EXIF orientation is not applied), or swap the camera's sides"
+                if turned
+                else "use the image it was made for"
             )
             raise InputError(
                 f"{place}: the image is {width}x{height} pixels but its camera is for "

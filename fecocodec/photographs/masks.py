@@ -1,5 +1,7 @@
 """Masks of photographs: images of which black is to be ignored, as in nerfstudio (`mask_path`) and COLMAP."""
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import torch
@@ -8,10 +10,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.photographs.images import read_eight_bits
+from fecocodec.photographs.image_headers import has_image_name
+from fecocodec.photographs.images import read_image_and_alpha
 from fecocodec.photographs.lens import ASPECT_TOLERANCE
 
 FOLDER = "masks"
+_FOLDERS = (FOLDER, "mask")  # in any case
+_NAME_OF_MASK = re.compile(r"[_.-]masks?$")  # what may follow the name of the photograph
 _DEPTH = 3  # folders above a photograph in which a folder of masks is looked for
 _BRIGHT = 128  # level from which on a pixel is not black, if the mask has any such pixel
 
@@ -20,26 +25,48 @@ def find_mask(photograph: Path) -> Path | None:
     """Return the mask of a photograph in a folder `masks` beside it, or beside a folder that it is in; None without.
 
     The mask of `images/cam1/a.jpg` is `masks/cam1/a.jpg.png`, as COLMAP names it, `masks/cam1/a.jpg` or
-    `masks/cam1/a.png`.
+    `masks/cam1/a.png`, else the first image with such a name in another case, with another suffix, or as `a_mask.png`.
     """
-    for base in photograph.parents[:_DEPTH]:
+    for base, folder in mask_folders(photograph):
         relative = photograph.relative_to(base)
-        inside = [relative, Path(*relative.parts[1:])] if len(relative.parts) > 1 else [relative]
-        for name in inside if (base / FOLDER).is_dir() else []:
-            found = base / FOLDER / name
-            candidates = (found.with_name(f"{found.name}.png"), found, found.with_suffix(".png"))
+        for name in [relative, Path(*relative.parts[1:])] if len(relative.parts) > 1 else [relative]:
+            found = folder / name
+            candidates = (found.with_name(f"{found.name}.png"), found, found.with_suffix(".png"), *_similar(found))
             if mask := next((path for path in candidates if path.is_file() and path != photograph), None):
                 return mask
     return None
 
 
+def mask_folders(photograph: Path) -> Iterator[tuple[Path, Path]]:
+    """Yield (folder, its folder of masks) for the folders above a photograph that have one."""
+    for base in photograph.parents[:_DEPTH]:
+        named = (path for path in _entries(base) if path.name.lower() in _FOLDERS)
+        yield from ((base, folder) for folder in named if folder.is_dir())
+
+
+def _similar(wanted: Path) -> list[Path]:
+    names = {wanted.name.lower(), wanted.stem.lower()}
+    images = (path for path in _entries(wanted.parent) if has_image_name(path))
+    return [path for path in images if _NAME_OF_MASK.sub("", path.stem.lower()) in names]
+
+
+def _entries(folder: Path) -> list[Path]:
+    """Return what is in a folder; nothing if it is not there or cannot be read."""
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
+
+
 def read_mask(path: Path, height: int, width: int) -> Bool[Tensor, "height width"]:
     """Return where a mask is black, for a photograph of this size in pixels; the mask may be larger or smaller.
 
-    Black is darker than mid-grey; in a mask without brighter pixels, such as one of 0 and 1, it is 0.
+    Black is darker than mid-grey; in a mask without brighter pixels, such as one of 0 and 1, it is 0. If parts of a
+    mask are transparent, these are black, and the rest is white.
     Raises InputError if the mask cannot be read or has another shape.
     """
-    levels = torch.from_numpy(read_eight_bits(path)).amax(dim=-1)
+    colour, alpha = read_image_and_alpha(path)
+    levels = (255 * (colour.amax(dim=0) if alpha is None else alpha)).round()
     rows, columns = levels.shape
     if abs(rows * width - columns * height) > ASPECT_TOLERANCE * columns * height:
         raise InputError(

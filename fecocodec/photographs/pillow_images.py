@@ -20,7 +20,8 @@ RAW_SUFFIXES = (
     ".3fr", ".iiq", ".raw",
 )  # fmt: skip
 _HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
-_COLOUR_BYTES = 1 << 16  # in which HEIC and AVIF files state primaries and transfer function
+_CODED_COLOURS = ("HEIF", "AVIF", "PNG")
+_COLOUR_BYTES = 1 << 16  # in which these files state primaries and transfer function
 UPRIGHT, LAST_ORIENTATION = 1, 8  # of EXIF
 _TURNED_UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -168,8 +169,10 @@ def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:
     try:
         with open_image(source, place) as image:
             if has_sixteen_bits(_head(source, HEAD_BYTES)):
+                profile = image.info.get("icc_profile")
                 data = source.getvalue() if isinstance(source, BytesIO) else source.read_bytes()
-                return decode_sixteen_bits(data, str(place), image.info.get("icc_profile"))
+                samples = decode_sixteen_bits(data, str(place), profile)
+                return samples if profile else _from_coded_colours(samples, data[:_COLOUR_BYTES])
             return _samples(image, source, place)
     except (InputError, MemoryError):
         raise
@@ -193,22 +196,22 @@ def _samples(image: Image.Image, source: Path | BytesIO, place: Path | str) -> S
         return samples
     if exif_value(image, 1, ExifTags.IFD.Interop) == "R03":
         return np.concatenate((adobe_rgb_to_srgb(samples[..., :3]), samples[..., 3:]), axis=2)
-    return _from_coded_colours(samples, _head(source, _COLOUR_BYTES)) if image.format in ("HEIF", "AVIF") else samples
+    return _from_coded_colours(samples, _head(source, _COLOUR_BYTES)) if image.format in _CODED_COLOURS else samples
 
 
-def _from_coded_colours(
-    samples: UInt8[np.ndarray, "height width channel"], head: bytes
-) -> UInt8[np.ndarray, "height width channel"]:
-    """Return sRGB samples of a HEIC or AVIF image. head: its first bytes, which may state how colours are coded."""
-    _, mark, numbers = head.partition(b"colrnclx")
-    if not mark or len(numbers) < 4:
+def _from_coded_colours(samples: Samples, head: bytes) -> Samples:
+    """Return sRGB samples of HEIC, AVIF or PNG. head: the first bytes, which may state how colours are coded."""
+    mark, layout = (b"cICP", ">BB") if head.startswith(b"\x89PNG") else (b"colrnclx", ">HH")
+    numbers = head.partition(b"IDAT")[0].partition(mark)[2][: struct.calcsize(layout)]
+    if len(numbers) < struct.calcsize(layout) or samples.shape[2] < 3:
         return samples
-    primaries, transfer = struct.unpack(">HH", numbers[:4])
+    primaries, transfer = struct.unpack(layout, numbers)
     if is_srgb(primaries, transfer):
         return samples
-    pixels = samples[..., :3] / np.float32(255)
+    largest = np.float32(np.iinfo(samples.dtype).max)
+    pixels = samples[..., :3] / largest
     coded_to_srgb(pixels, primaries, transfer)
-    return np.concatenate((np.rint(255 * pixels).astype(np.uint8), samples[..., 3:]), axis=2)
+    return np.concatenate((np.rint(largest * pixels).astype(samples.dtype), samples[..., 3:]), axis=2)
 
 
 def _in_unit_range(

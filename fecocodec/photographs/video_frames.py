@@ -38,7 +38,9 @@ def write_sharp_frames(video: Path, folder: Path, count: int, *, is_most: bool =
     it has fewer frames, or its camera stands still.
     """
     small = [_measured(frame.to_ndarray(format="gray")) for frame, _ in _frames(video)]
-    if len(small) < (2 if is_most else count):
+    if len(small) < 2:
+        raise InputError(f"{video}: {len(small)} frame, but cameras are estimated from two or more; film longer.")
+    if len(small) < count and not is_most:
         raise InputError(f"{video}: {len(small)} frames, but {count} are needed; ask for fewer frames.")
     moving = _moving([grey for _, grey in small])
     if len(moving) < 2:
@@ -81,14 +83,22 @@ def _frames(video: Path) -> Iterator[tuple[Any, _Stream]]:
         with av.open(str(video)) as container:
             if not container.streams.video:
                 raise InputError(f"{video}: there is no video in this file; give a video or a folder of photographs.")
-            stream = container.streams.video[0]
+            stream = max(container.streams.video, key=_frames_and_size)  # a picture of the cover may come first
             stream.thread_type = "AUTO"
             coded = stream.codec_context
             for frame in container.decode(stream):
                 aspect = stream.sample_aspect_ratio or coded.sample_aspect_ratio or Fraction(1)
                 yield frame, _Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc))
     except (av.error.FFmpegError, OSError) as error:
-        raise InputError(f"{video}: the video cannot be read ({error.strerror}); convert it to MP4 (H.264).") from error
+        raise InputError(
+            f"{video}: the video cannot be read ({error.strerror}); it is damaged, cut short or of an unknown kind: "
+            "copy it again, or convert it to MP4 (H.264)."
+        ) from error
+
+
+def _frames_and_size(stream: Any) -> tuple[int, int]:
+    """Return the number of frames, 0 if the file does not state it, and the pixels of a frame."""
+    return stream.frames, stream.width * stream.height
 
 
 def _measured(grey: UInt8[np.ndarray, "height width"]) -> tuple[float, Float[np.ndarray, "rows columns"]]:

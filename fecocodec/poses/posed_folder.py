@@ -21,6 +21,7 @@ from fecocodec.poses.unposed_photographs import (
     MAX_PHOTOGRAPHS,
     find_photographs,
     unread_photographs,
+    unused_images,
     upright_copies,
     upright_masks,
 )
@@ -105,10 +106,14 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
             f"{name}: {found} without cameras, but cameras are estimated from two or more; add photographs or a camera "
             "file."
         )
+    unused = [str(path.relative_to(folder)) for path in unused_images(folder)]
+    others = f"{unused[0]} and {len(unused) - 1} more" if len(unused) > 1 else "".join(unused)
+    notes = [f"images in another folder, or maps by their names, are not used ({others})."] if unused else []
     if len(photographs) <= MAX_PHOTOGRAPHS:
-        return photographs, []
+        return photographs, notes
     kept = [photographs[index] for index in np.linspace(0, len(photographs) - 1, MAX_PHOTOGRAPHS).round().astype(int)]
-    return kept, [f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras."]
+    spread = f"{len(kept)} of {len(photographs)} photographs, evenly spread, are used to estimate cameras."
+    return kept, [*notes, spread]
 
 
 def _unread(folder: Path) -> list[str]:

@@ -9,7 +9,14 @@ from PIL import ExifTags, Image
 
 from fecocodec.errors import InputError
 from fecocodec.limits import MIN_SIDE
-from fecocodec.photographs.image_headers import has_image_name, is_exr, is_unread, read_image_size
+from fecocodec.photographs.image_headers import (
+    PHOTOGRAPH_FOLDERS,
+    has_image_name,
+    is_exr,
+    is_unread,
+    maps_among,
+    read_image_size,
+)
 from fecocodec.photographs.pillow_images import (
     exif_value,
     open_image,
@@ -28,20 +35,34 @@ _LEAST_FOCAL, _LARGEST_FOCAL = 0.2, 20.0  # longer image sides; others are error
 
 
 def find_photographs(folder: Path) -> list[Path]:
-    """Return the images of a folder, or of its folder `images`, in the order of their names."""
-    for place in (folder, folder / "images"):
-        files = place.iterdir() if place.is_dir() else ()
-        if found := sorted(path for path in files if has_image_name(path) and path.is_file()):
-            return found
-    return []
+    """Return the images of a folder, or of its folder `images` or `input` if more are there, in the order of names.
+
+    Maps of other images (`maps_among`) are left out.
+    """
+    found = [sorted(set(files) - maps_among(files)) for files in _images_by_place(folder)]
+    return max(found, key=len)
+
+
+def unused_images(folder: Path) -> list[Path]:
+    """Return the images at the places where `find_photographs` looks that it leaves out."""
+    used = set(find_photographs(folder))
+    return [path for files in _images_by_place(folder) for path in sorted(files) if path not in used]
+
+
+def _images_by_place(folder: Path) -> list[list[Path]]:
+    places = [folder, *(folder / name for name in PHOTOGRAPH_FOLDERS)]
+    return [
+        [path for path in (place.iterdir() if place.is_dir() else ()) if has_image_name(path) and path.is_file()]
+        for place in places
+    ]
 
 
 def unread_photographs(folder: Path) -> list[Path]:
-    """Return photographs of kinds that cannot be read, in a folder and in its folder `images`.
+    """Return photographs of kinds that cannot be read, at the places where `find_photographs` looks.
 
     A RAW file beside an image of the same name is left out: both are the same photograph.
     """
-    places = [place for place in (folder, folder / "images") if place.is_dir()]
+    places = [place for place in (folder, *(folder / name for name in PHOTOGRAPH_FOLDERS)) if place.is_dir()]
     files = [path for place in places for path in place.iterdir()]
     read = {path.with_suffix("") for path in files if has_image_name(path)}
     return sorted(path for path in files if is_unread(path) and path.with_suffix("") not in read)

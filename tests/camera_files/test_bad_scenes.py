@@ -167,7 +167,7 @@ def test_camera_of_another_shape_than_the_image(scene):
         image.transpose(Image.Transpose.ROTATE_90).save(scene / "images" / "001.png")
     assert message(scene) == (
         f"{scene}/transforms.json, frame 1 (images/001.png): the image is 80x96 pixels but its camera is for 96x80; "
-        "store the pixels upright, without an EXIF orientation."
+        "turn the pixels by 90 degrees (an EXIF orientation is not applied), or swap the camera's sides."
     )
 
 
@@ -237,7 +237,7 @@ def test_an_image_without_a_camera_is_told(scene):
     from shutil import copy
 
     assert read_views(scene).notes == ()
-    for name in ("b.png", "a.png", "note.txt"):
+    for name in ("b.png", "a.png", "note.txt", "000_depth_0001.png", "000.normal.png"):  # the last two: maps of 000.png
         copy(scene / "images" / "000.png", scene / "images" / name)
     told = "a.png, b.png have no camera in transforms.json and are not used; add one for each, or choose by `views`."
     assert read_views(scene).notes == (told,)

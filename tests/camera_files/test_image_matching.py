@@ -18,6 +18,7 @@ from wall_scene import (
     write_transforms,
 )
 
+from fecocodec.camera_files.image_matching import similar_key
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.captures.render_cameras import read_render_cameras
 from fecocodec.captures.view_selection import All, Auto, Spread
@@ -67,6 +68,17 @@ def assert_all_found(folder: Path, count: int = 2) -> ChosenPhotographs:
     return chosen
 
 
+@pytest.mark.parametrize(
+    ("named", "stored"), [("a%20b {}", "a b {}"), ("a b {}", "a%20b {}"), ("a b {}", "a\u202fb {}")]
+)
+def test_names_as_urls_and_other_spaces(named: str, stored: str, tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    rename_in_cameras(folder, lambda name: f"images/{named.format(name)}")
+    for image in [*(folder / "images").iterdir()]:
+        image.rename(image.with_name(stored.format(image.name)))
+    assert assert_all_found(folder).remarks[0].startswith(RENAMED)
+
+
 @pytest.mark.parametrize("write", WRITERS)
 @pytest.mark.parametrize("missing", ["000.png", "001.png"])
 def test_missing_images_are_passed_over_with_one_note(write: Write, missing: str, tmp_path: Path) -> None:
@@ -98,6 +110,20 @@ def test_all_missing_images_are_counted_and_named(tmp_path: Path) -> None:
         "25 of 30 images that transforms.json names are missing and are passed over "
         f"({names} and 5 more); put them there to use them."
     )
+
+
+def test_names_of_files_in_a_locale_that_is_not_utf8(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.fsencode", lambda name: name.encode("iso-8859-1"))
+    assert similar_key("K\xc3\xbcche.jpg") == similar_key("K\xfcche.jpg") == "k\xfcche.jpg"
+    assert similar_key("\u53f0.jpg") == "\u53f0.jpg"
+
+
+def test_a_folder_beside_with_the_images_is_named(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    (folder / "images").rename(folder / "rgb")
+    with pytest.raises(InputError) as error:
+        choose_photographs(folder)
+    assert str(error.value).endswith(f"; put the images there (one of this name is {folder / 'rgb' / '000.png'}).")
 
 
 @pytest.mark.parametrize("write", WRITERS)

@@ -119,7 +119,7 @@ def test_cameras_that_encode_has_saved_are_found_by_their_usual_name(tmp_path: P
 
 def test_other_files_called_cameras_json_are_named(tmp_path: Path) -> None:
     write_photographs(tmp_path, shots(2))
-    for text in ('{"cameras": []}', "[1, 2]", "broken"):
+    for text in ('{"cameras": []}', '{"frames": [{"pose": []}]}', "[1, 2]", "broken"):
         (tmp_path / "cameras.json").write_text(text)
         assert not has_cameras(tmp_path)
         assert unread_cameras_notes(tmp_path) == [
@@ -226,6 +226,7 @@ FOREIGN = {
     "lowres_wide.traj": ("1 2 3", "ARKitScenes"),
     "predictions.npz": ("", "VGGT"),
     "pred_traj.txt": ("0 1 2", "DUSt3R"),
+    "groundtruth.txt": ("# timestamp tx ty tz qx qy qz qw", "TUM RGB-D"),
     "cams/00000000_cam.txt": ("extrinsic", "MVSNet"),
     "my_poses.npy": ("", ""),
     "groundtruth_trajectory.txt": ("", ""),
@@ -258,6 +259,28 @@ def test_arrays_of_numpy_with_cameras_are_named(tmp_path: Path) -> None:
     np.savez(tmp_path / "depth.npz", depth=np.zeros(3))
     (note,) = unread_cameras_notes(tmp_path)
     assert note.startswith("cameras in result.npz are not read")
+
+
+@pytest.mark.parametrize("where", ["Transforms.json", "transforms (1).json", "model", "colmap/text", "a/b/sparse"])
+def test_cameras_with_unusual_names_and_places_can_be_given(where: str, tmp_path: Path) -> None:
+    if where.endswith(".json"):
+        folder = write_transforms(tmp_path / "scene", shots(3, **CENTRAL))
+        (folder / "transforms.json").rename(folder / where)
+    else:
+        folder = write_colmap_text(tmp_path / "scene", shots(3, **CENTRAL), where=where)
+    assert not has_cameras(folder)
+    to_use = f"to use them, give {folder / where}."
+    assert unread_cameras_notes(folder) == [
+        f"cameras in {where} are not looked for, and cameras are estimated; {to_use}"
+    ]
+    assert choose_photographs(folder / where).names == ("000.png", "001.png", "002.png")
+
+
+def test_a_part_of_a_colmap_model_is_named(tmp_path: Path) -> None:
+    folder = write_colmap_text(tmp_path / "scene", shots(3))
+    (folder / "sparse" / "0" / "images.txt").unlink()
+    (note,) = unread_cameras_notes(folder)
+    assert note == "sparse/0 has no images.bin or images.txt, and cameras are estimated; export it again."
 
 
 def test_many_files_of_one_program_are_counted(tmp_path: Path) -> None:

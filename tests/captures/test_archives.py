@@ -37,6 +37,14 @@ def test_an_archive_is_read_like_its_folder(write, prefix, tmp_path: Path) -> No
     assert torch.equal(read_render_cameras(archive).cameras.extrinsics, expected.cameras.extrinsics)
 
 
+def test_notes_beside_the_folder_of_a_scene_are_passed_over(tmp_path: Path) -> None:
+    archive = pack(write_transforms(tmp_path / "scene", shots(2)), tmp_path / "scan.zip", "scan/")
+    with zipfile.ZipFile(archive, "a") as packed:
+        packed.writestr("README.txt", "Thank you.")
+        packed.writestr("licence.json", "{}")
+    assert read_views(archive, near=1.0, far=9.0).names == ("000.png", "001.png")
+
+
 def test_photographs_without_cameras_are_unpacked_without_rubbish(tmp_path: Path) -> None:
     write_photographs(tmp_path / "scene", shots(2))
     for name in ("__MACOSX/._000.png", ".DS_Store", "._000.png", "video.mp4", "mesh.ply"):
@@ -65,7 +73,7 @@ def test_archives_that_cannot_be_unpacked(tmp_path: Path, monkeypatch: pytest.Mo
         with pytest.raises(InputError) as refused:
             read_views(archive)
         assert str(refused.value).startswith(f"{archive}: the ZIP archive {cause}")
-        assert str(refused.value).endswith("; unpack it and give the folder.")
+        assert str(refused.value).endswith("; it is damaged or no ZIP archive: copy it again.")
     pack(write_transforms(tmp_path / "scene", shots(2)), archive)
     whole = archive.read_bytes()
     archive.write_bytes(whole.replace(whole[60:90], os.urandom(30)))  # data of a member

@@ -30,7 +30,7 @@ def left_half(height: int, width: int) -> torch.Tensor:
     return (torch.arange(width) < width // 2).expand(height, width)
 
 
-FOUND = ["masks/000.png.png", "masks/000.png", "images/masks/000.png"]
+FOUND = ["masks/000.png.png", "masks/000.png", "images/masks/000.png", "Masks/000.PNG", "mask/000_mask.jpg"]
 
 
 @pytest.mark.parametrize(
@@ -49,10 +49,33 @@ def test_black_pixels_are_ignored(write, name, tmp_path):
     assert torch.equal(views.ignored[0], left_half(80, 96)) and not views.ignored[1].any()
     assert torch.equal(views.select([1, 0]).ignored, views.ignored.flip(0))
     assert views.alpha is None
-    assert views.remarks == ("masks of 1 photograph mark 50% of their pixels, which are left out.",)
+    masked, *unmasked = views.remarks
+    assert masked == "masks of 1 photograph mark 50% of their pixels, which are left out."
+    beside = f"{(folder / name).parent} has no mask for 1 photograph, such as 001.png; name a mask 001.png.png."
+    assert unmasked == ([] if name.startswith("other") else [beside])
     plain = read(folder, masks="unused").images
     assert torch.equal(views.images == plain, ~views.ignored[:, None] | (views.images == plain))
     assert torch.equal(views.images[0, :, :, :40], filled(plain, views.ignored)[0, :, :, :40])
+
+
+@pytest.mark.parametrize("named", ["/home/me/scan/other/a.PNG", "other\\a.jpg", "Other/a.png"])
+def test_masks_that_are_named_are_found_as_photographs_are(named, tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    store_mask(folder / "other" / "a.png")
+    scene = json.loads((folder / "transforms.json").read_text())
+    scene["frames"][0]["mask_path"] = named
+    scene["frames"][1]["mask_path"] = "masks/001.png"  # no such mask, and not the photograph 001.png
+    (folder / "transforms.json").write_text(json.dumps(scene))
+    assert torch.equal(read(folder, views=(0,)).ignored[0], left_half(80, 96))
+    with pytest.raises(InputError, match=r"001\.png: no such image"):
+        read(folder, views=(1,))
+
+
+def test_a_mask_in_the_opacity_of_its_image(tmp_path):
+    pixels = np.zeros((80, 96, 4), np.uint8)  # black, and opaque on the right
+    pixels[:, 48:, 3] = 255
+    Image.fromarray(pixels).save(tmp_path / "mask.png")
+    assert torch.equal(read_mask(tmp_path / "mask.png", 80, 96), left_half(80, 96))
 
 
 def test_masks_are_cropped_and_resized_with_their_photographs(tmp_path):
@@ -69,7 +92,7 @@ def test_a_cut_out_is_transparent(tmp_path):
     black = left_half(80, 96)
     assert views.ignored is None and torch.equal(views.alpha, torch.stack(((~black).float(), torch.ones(80, 96))))
     assert torch.equal(views.images[0], torch.where(black, 1.0, plain.images[0]))
-    assert views.remarks == ("masks of 1 photograph mark 50% of their pixels, which become transparent.",)
+    assert views.remarks[0] == "masks of 1 photograph mark 50% of their pixels, which become transparent."
     on_black = read(folder, masks="cut-out", background="black")
     assert on_black.alpha is None and torch.equal(on_black.images[0], torch.where(black, 0.0, plain.images[0]))
 

@@ -11,7 +11,7 @@ from PIL import Image
 from refusals import assert_refused
 
 from fecocodec.checkpoint import RECEIVER_FILE
-from fecocodec.poses.unposed_photographs import find_photographs
+from fecocodec.poses.unposed_photographs import find_photographs, unused_images
 from tests.example_scenes import MODEL
 
 Damage = Callable[[Path], None]
@@ -154,6 +154,27 @@ def test_hidden_files_are_no_photographs(tmp_path: Path) -> None:
     for name in ("a.jpg", "._a.jpg", "b.PNG"):
         (tmp_path / name).touch()
     assert [path.name for path in find_photographs(tmp_path)] == ["a.jpg", "b.PNG"]
+
+
+def test_photographs_are_those_of_the_folder_with_most(tmp_path: Path) -> None:
+    for name in ("preview.jpg", "input/a.jpg", "input/b.jpg", "input/b_depth.png", "input/b.jpg.mask.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert [path.name for path in find_photographs(tmp_path)] == ["a.jpg", "b.jpg"]
+    assert {path.name for path in unused_images(tmp_path)} == {"preview.jpg", "b_depth.png", "b.jpg.mask.png"}
+
+
+def test_photographs_in_other_folders_are_named(fecosplat, tmp_path: Path) -> None:
+    for folder in ("rgb", "scan/left"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "a.jpg").touch()
+    result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs")
+    assert result.err == (
+        f"fecosplat: {tmp_path}: no photographs found here, but in 2 folders below; give one of them, as "
+        f"{tmp_path / 'rgb'}, or put all photographs of the scene into one folder.\n"
+    )
+    result = fecosplat("encode", tmp_path / "scan", "-o", tmp_path / "a.fcs")
+    assert result.err.endswith(f"no photographs found here, but in {tmp_path / 'scan' / 'left'}; give that folder.\n")
 
 
 def test_large_photographs_are_said_to_be_scaled_before_they_are_read(fecosplat, scene: Path, tmp_path: Path) -> None:

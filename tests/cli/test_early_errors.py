@@ -197,3 +197,13 @@ def test_a_name_of_a_model_that_no_folder_can_have(fecosplat, stream_file: Path,
     assert result.code == 1 and result.err.endswith(
         "cannot be read (File name too long); check the path and its permissions.\n"
     )
+
+
+def test_a_working_folder_that_was_removed(fecosplat, tmp_path, monkeypatch):
+    def refuse() -> str:
+        raise FileNotFoundError(2, "No such file or directory")
+
+    monkeypatch.setattr("os.getcwd", refuse)
+    result = fecosplat("decode", tmp_path / "a.fcs", "-o", "a.ply")
+    told = "fecosplat: the working folder was removed; change to another one by `cd`.\n"
+    assert (result.code, result.err) == (1, told)

@@ -1,6 +1,7 @@
 """Colours of photographs become sRGB, however the file states what its numbers mean."""
 
 import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -134,3 +135,13 @@ def test_heic_of_a_wide_gamut_without_a_profile(tmp_path):
     flat(DISPLAY_P3).save(tmp_path / "a.heic", quality=100, chroma=444, color_primaries=12, transfer_characteristics=13)
     assert b"colrnclx\0\x0c\0\x0d" in (tmp_path / "a.heic").read_bytes()
     assert levels(read_image(tmp_path / "a.heic")) == pytest.approx(SRGB, abs=3)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_png_that_states_its_colours_by_numbers(dtype):
+    levels_of = np.full((64, 64, 3), np.array(DISPLAY_P3) * (np.iinfo(dtype).max // 255), dtype)
+    data = imagecodecs.png_encode(levels_of)
+    chunk = b"cICP" + bytes([12, 13, 0, 1])  # Display P3 with the curve of sRGB, RGB of full range
+    stated = data[:33] + struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[33:]
+    assert np.abs(np.array(levels(decode_image(data, "a.png"))) - DISPLAY_P3).max() <= 1
+    assert np.abs(np.array(levels(decode_image(stated, "a.png"))) - SRGB).max() <= 1

@@ -52,9 +52,29 @@ def test_all_frames_of_a_short_video_are_taken_without_a_note(tmp_path):
     assert len(list(tmp_path.glob("*.png"))) == 3
 
 
+def test_a_picture_of_the_cover_is_not_taken_for_the_video(tmp_path):
+    with av.open(str(tmp_path / "clip.mov"), "w") as container:
+        cover, video = (container.add_stream(codec, rate=10) for codec in ("mjpeg", "mpeg4"))
+        cover.width, cover.height, cover.pix_fmt = 320, 240, "yuvj420p"
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        for stream, levels in ((cover, [0]), (video, [0, 90, 180])):
+            pictures = [Image.new("RGB", (stream.width, stream.height), (level, 0, 0)) for level in levels]
+            frames = [av.VideoFrame.from_image(picture).reformat(format=stream.pix_fmt) for picture in pictures]
+            for frame in (*frames, None):
+                container.mux(stream.encode(frame))
+    assert write_sharp_frames(tmp_path / "clip.mov", tmp_path, 8, is_most=True) == ()
+    assert [Image.open(path).size for path in tmp_path.glob("*.png")] == 3 * [(64, 48)]
+
+
+def test_a_video_of_one_frame_is_refused(tmp_path):
+    write_video(tmp_path / "clip.mp4", 1, sharp=set())
+    with pytest.raises(InputError, match=r"1 frame, but cameras are estimated from two or more; film longer\.$"):
+        write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8, is_most=True)
+
+
 def test_a_file_that_is_no_video_is_refused(tmp_path):
     (tmp_path / "clip.mp4").write_bytes(b"no video" * 100)
-    with pytest.raises(InputError, match=r"clip\.mp4: the video cannot be read \([^'\[]+\); convert"):
+    with pytest.raises(InputError, match=r"clip\.mp4: the video cannot be read \([^'\[]+\); it is damaged, cut short"):
         write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 2)
 
 
