@@ -59,6 +59,7 @@ def write_small_model(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_it_trains_and_encodes_from_the_command_line(
     fecosplat: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
