@@ -80,7 +80,8 @@ def main() -> None:
     for seed in arguments.seeds:
         train_all(arguments, seed, {name: panel.anew for panel in panels for name in panel.variants.values()})
         for name in {name: None for panel in panels for name in panel.variants.values()}:
-            found.setdefault(name, []).extend(measure(folder_of(arguments, seed) / name, arguments))
+            of_seed = measure(folder_of(arguments, seed) / name, arguments)
+            found.setdefault(name, []).extend(replace(m, entry=f"{m.entry}, seed {seed}") for m in of_seed)
     rows = {name: averages(measurements) for name, measurements in found.items()}
     print(table_of(rows))
     print(differences_of(panels, found, len(arguments.seeds)))
