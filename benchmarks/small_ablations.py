@@ -18,7 +18,7 @@ interruption, or to join seeds that were trained apart; use another folder for o
 
 import argparse
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -211,8 +211,8 @@ def measure(folder: Path, arguments: argparse.Namespace) -> Sequence[Measurement
 def differences_of(panels: Sequence[Panel], found: Found, num_seeds: int) -> str:
     """Return a table of what each variant changes against the first of its panel, at equal lambda.
 
-    Means over seeds, entries and lambdas of bits (percent, geometric) and of the PSNR of target and of context views,
-    dB, with 95% intervals by bootstrap over scenes; in brackets the mean of each seed.
+    Means over seeds, entries and lambdas of bits (geometric mean, in percent) and of the PSNR of target and of context
+    views, in dB, with 95% intervals by bootstrap over scenes; in brackets the mean of each seed.
     """
     lines = []
     for panel in panels:
@@ -225,20 +225,28 @@ def differences_of(panels: Sequence[Panel], found: Found, num_seeds: int) -> str
                 np.array([getattr(b, field) - getattr(a, field) for a, b in pairs])
                 for field in ("psnr", "context_psnr")
             )
-            cells = (interval(values, scenes, num_seeds) for values in (100.0 * bits, target, context))
-            lines.append((name, first, *cells))
-    return table(("variant", "against", "bits, percent (log)", "target views, dB", "context views, dB"), lines)
+            of_views = (interval(values, scenes, num_seeds) for values in (target, context))
+            lines.append((name, first, interval(bits, scenes, num_seeds, in_percent), *of_views))
+    return table(("variant", "against", "bits, percent", "target views, dB", "context views, dB"), lines)
 
 
-def interval(values: np.ndarray, scenes: Sequence[str], num_seeds: int) -> str:
+def in_percent(log_ratio: float) -> str:
+    return f"{100.0 * math.expm1(log_ratio):+.1f}"
+
+
+def in_db(value: float) -> str:
+    return f"{value:+.2f}"
+
+
+def interval(values: np.ndarray, scenes: Sequence[str], num_seeds: int, shown: Callable[[float], str] = in_db) -> str:
     """Return the mean, its interval over scenes and the means of the seeds, which follow each other in `values`."""
     names = sorted(set(scenes))
     of_scene = [values[[scene == name for scene in scenes]] for name in names]
     drawn = np.random.default_rng(0).integers(0, len(names), (NUM_RESAMPLES, len(names)))
     sums, counts = np.array([v.sum() for v in of_scene]), np.array([len(v) for v in of_scene])
     low, high = np.percentile(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1), (2.5, 97.5))
-    of_seeds = ", ".join(f"{part.mean():+.2f}" for part in np.split(values, num_seeds))
-    return f"{values.mean():+.2f} [{low:+.2f}, {high:+.2f}] ({of_seeds})"
+    of_seeds = ", ".join(shown(part.mean()) for part in np.split(values, num_seeds))
+    return f"{shown(values.mean())} [{shown(low)}, {shown(high)}] ({of_seeds})"
 
 
 def chart_of(panel: Panel, rows: Mapping[str, tuple[Average, ...]]) -> Chart:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import click
 
+from fecocodec.config import LargeSenderConfig
 from fecocodec.errors import InputError
 
 from .command_line import add_common_options
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
 
 DEFAULT_MINUTES = 60.0
-FROZEN = "depthsplat-base"  # an extractor that no checkpoint of a run holds
 PAPER_BATCH = 4  # scenes a step in all processes (paper, implementation details)
 
 
@@ -152,7 +152,9 @@ def command(
         if trainer.step == 0 and is_first():
             for sentence in remarks_on_start(configuration, num_processes(), (*extractor, *filter(None, [start]))):
                 warn(f"warning: {in_options(sentence)}")
-        for source in extractor if trainer.step == 0 or configuration.sender.extractor == FROZEN else ():
+        for source in (
+            extractor if trainer.step == 0 or configuration.sender.extractor == LargeSenderConfig.extractor else ()
+        ):
             report = trainer.start_extractor_from(source)
             say("\n".join((f"extractor, from {source}: {report}", *report.table())))
         for row in train(trainer):
@@ -164,7 +166,7 @@ def command(
 
 
 def _check_options(configuration: "Configuration", num_workers: int, extractor: tuple[Path, ...]) -> None:
-    if configuration.sender.extractor == FROZEN and len(extractor) != 1:
+    if configuration.sender.extractor == LargeSenderConfig.extractor and len(extractor) != 1:
         raise InputError(
             "The extractor of this configuration is frozen; give DepthSplat-Base's file by `extractor_weights`, once."
         )

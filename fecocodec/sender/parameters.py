@@ -2,12 +2,18 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import torch
 from torch import nn
 
-from fecocodec.config import COMPACT_SENDER, PAPER_RECEIVER, PAPER_SENDER, LargeSenderConfig, ReceiverConfig
+from fecocodec.config import (
+    COMPACT_SENDER,
+    PAPER_RECEIVER,
+    PAPER_SENDER,
+    CodecConfig,
+    LargeSenderConfig,
+    ReceiverConfig,
+)
 from fecocodec.errors import InputError
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
@@ -32,7 +38,7 @@ PUBLISHED = {  # the paper's Table 1
     "paper-large": {RECEIVER_SUM: 3.45e6, SENDER_SUM: 126.11e6},
 }
 SHIPPED_DETAIL_PLANES = 64
-_PROFILES: dict[str, tuple[Any, ReceiverConfig]] = {
+_PROFILES: dict[str, tuple[CodecConfig, ReceiverConfig]] = {
     "compact": (replace(COMPACT_SENDER, has_sharp_steps=True), ReceiverConfig(detail_planes=SHIPPED_DETAIL_PLANES)),
     "paper": (PAPER_SENDER, PAPER_RECEIVER),
     "paper-large": (LargeSenderConfig(), PAPER_RECEIVER),

@@ -22,6 +22,21 @@ HERE = Path(__file__).parent
 SHIPPED = HERE / "public_base_outputs.npz"
 FULL = HERE.parents[3] / "shared" / "fixtures" / "depthsplat_base_2_views.npz"
 SHAPES: dict[str, list[int]] = json.loads((HERE / "public_base_tensors.json").read_text())
+PARAMETERS = {
+    "depth_predictor.backbone": 1_049_120,
+    "depth_predictor.transformer": 3_150_336,
+    "depth_predictor.mv_pyramid": 69_760,
+    "depth_predictor.pretrained": 86_579_712,
+    "depth_predictor.mono_pyramid": 2_507_520,
+    "depth_predictor.regressor.0": 6_895_872,
+    "depth_predictor.regressor_residual.0": 147_584,
+    "depth_predictor.depth_head.0": 590_208,
+    "depth_predictor.regressor.1": 2_114_304,
+    "depth_predictor.regressor_residual.1": 36_928,
+    "depth_predictor.depth_head.1": 110_752,
+    "depth_predictor.upsampler": 7_913_049,
+    "feature_upsampler": 9_420_576,
+}  # of each module; they add up to 120,585,721
 CHANNEL_STEPS = {
     "features_cnn_0": 8, "features_cnn_1": 8, "features_mv_0": 8, "features_mv_1": 8, "features_mono_0": 16,
     "features_mono_1": 32, "match_prob_0": 8, "match_prob_1": 8, "depth": 1, "features": 24,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from public_base_network import CHANNEL_STEPS, FULL, SHAPES, SHIPPED, made_up_network, read_arrays, views_of
+from public_base_network import CHANNEL_STEPS, FULL, PARAMETERS, SHAPES, SHIPPED, made_up_network, read_arrays, views_of
 from torch import Tensor
 
 from fecocodec.errors import InputError, ModelError
@@ -12,22 +12,6 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.adapter import LargeExtractor
 from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
 from tests.example_scenes import example_views
-
-PARAMETERS = {
-    "depth_predictor.backbone": 1_049_120,
-    "depth_predictor.transformer": 3_150_336,
-    "depth_predictor.mv_pyramid": 69_760,
-    "depth_predictor.pretrained": 86_579_712,
-    "depth_predictor.mono_pyramid": 2_507_520,
-    "depth_predictor.regressor.0": 6_895_872,
-    "depth_predictor.regressor_residual.0": 147_584,
-    "depth_predictor.depth_head.0": 590_208,
-    "depth_predictor.regressor.1": 2_114_304,
-    "depth_predictor.regressor_residual.1": 36_928,
-    "depth_predictor.depth_head.1": 110_752,
-    "depth_predictor.upsampler": 7_913_049,
-    "feature_upsampler": 9_420_576,
-}
 
 
 @pytest.fixture(scope="module")
