@@ -51,7 +51,7 @@ class PosedPhotographs:
     """All photographs of a scene folder, in the order of its camera file.
 
     near, far: depth bounds of that file. remarks: one sentence for each choice that reading made, such as the folder of
-    the images.
+    the images. posed_elsewhere: images of which another camera file beside it, such as that of a split, has cameras.
     """
 
     cameras_path: Path
@@ -59,6 +59,7 @@ class PosedPhotographs:
     near: float | None = None
     far: float | None = None
     remarks: tuple[str, ...] = ()
+    posed_elsewhere: frozenset[Path] = frozenset()
 
     @property
     def cameras_name(self) -> str:

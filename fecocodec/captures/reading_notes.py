@@ -73,11 +73,12 @@ def _listed(names: list[str], most: int = MOST_NAMED) -> str:
 def unposed_notes(scene: PosedPhotographs) -> list[str]:
     """Return a note if images beside the photographs of a scene have no camera."""
     posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
+    elsewhere = {Path(os.path.abspath(path)) for path in scene.posed_elsewhere}  # a remark tells of their cameras
     folders = sorted({path.parent for path in posed})
     beside = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
     images = [path for path in beside if has_image_name(path)]
     named = {Path(os.path.abspath(photograph.mask)) for photograph in scene.photographs if photograph.mask}
-    found = [path.name for path in images if path not in {*posed, *named, *maps_among(images)}]
+    found = [path.name for path in images if path not in {*posed, *elsewhere, *named, *maps_among(images)}]
     if not found:
         return []
     has, used = ("has", "is not used") if len(found) == 1 else ("have", "are not used")

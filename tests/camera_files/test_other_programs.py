@@ -184,14 +184,18 @@ def test_splits_of_blender_are_named_and_can_be_given(tmp_path: Path) -> None:
         (folder / f"transforms_{name}.json").write_text(json.dumps({"frames": frames}))
     (folder / "transforms.json").unlink()
     chosen = choose_photographs(folder)
-    assert chosen.names == ("000.png", "001.png")
+    assert (chosen.names, chosen.notes) == (("000.png", "001.png"), ())  # the others have cameras in other splits
     assert chosen.remarks == (
         "transforms_val.json, transforms_test.json have cameras, too, which are not used; give one of them in place of "
         "the folder to use it.",
     )
-    assert choose_photographs(folder / "transforms_test.json").names == ("003.png",)
-    (folder / "transforms_train.json").unlink()
-    assert choose_photographs(folder).names == ("002.png",)
+    chosen = choose_photographs(folder / "transforms_test.json")
+    assert (chosen.names, chosen.notes) == (("003.png",), ())
+    for name in ("train", "test"):
+        (folder / f"transforms_{name}.json").unlink()
+    chosen = choose_photographs(folder)
+    assert chosen.names == ("002.png",)
+    assert chosen.notes[0].startswith("000.png, 001.png, 003.png have no camera in transforms_val.json and are not")
 
 
 def test_formats_that_are_read_are_named_beside_the_one_that_is_used(tmp_path: Path) -> None:
