@@ -16,6 +16,7 @@ from fecocodec.errors import InputError
 from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
 from fecocodec.photographs.colour import SRGB_PRIMARIES, Chromaticities, luminance_weights, primaries_to_srgb
 from fecocodec.photographs.pillow_images import require_few_pixels, unreadable
+from fecocodec.photographs.silence import silenced
 
 _MAX_VALUES = 4 * MAX_IMAGE_PIXELS  # over all channels and parts; OpenEXR reads them all
 _HALF_STEP = 5e-4  # half of the distance of 1 to the next half float
@@ -48,7 +49,9 @@ def read_exr(path: Path, background: float = 1.0) -> ExrImage:
     """
     read_exr_size(path)  # refuses too many pixels before they are allocated
     try:
-        part, layer = _chosen(path, OpenEXR.File(str(path), separate_channels=True).parts)
+        with silenced():
+            parts = OpenEXR.File(str(path), separate_channels=True).parts
+        part, layer = _chosen(path, parts)
         planes = {name: _in_display_window(part, layer.channels[name]) for name in layer.channels}
     except (RuntimeError, ValueError, KeyError) as error:  # OpenEXR reports damage by any of them
         raise InputError(_unreadable(path)) from error
@@ -142,7 +145,8 @@ def _headers(path: Path) -> list[Any]:
     """Return the parts, without pixels."""
     try:
         require_regular_file(path)
-        parts: list[Any] = OpenEXR.File(str(path), header_only=True).parts
+        with silenced():
+            parts: list[Any] = OpenEXR.File(str(path), header_only=True).parts
         return parts
     except OSError as error:
         raise InputError(unreadable(path, error)) from error
