@@ -46,11 +46,11 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
     from fecocodec.poses.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
 
     with ExitStack() as stack:
-        photographs, of_video = path, tuple[str, ...]()
+        photographs, of_video, warnings = path, tuple[str, ...](), tuple[str, ...]()
         if is_video(path):
             photographs = options.frames_folder or stack.enter_context(temporary_folder())
             count = options.num_frames or DEFAULT_FRAMES
-            of_video = write_sharp_frames(path, photographs, count, is_most=options.num_frames is None)
+            of_video, warnings = write_sharp_frames(path, photographs, count, is_most=options.num_frames is None)
         threads, is_masked = options.num_threads, options.masks != "unused"
         cameras = posed_folder(photographs, threads, str(path), options.focal_px, has_masks=is_masked)
         try:
@@ -73,7 +73,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             replace(posed, photographs=named).save_cameras(file, overwrite=overwrite)
 
         save = save_beside if is_video(path) else posed.save_cameras
-        yield SceneSource(posed.path, notes, posed.warnings, save)
+        yield SceneSource(posed.path, notes, (*warnings, *posed.warnings), save)
 
 
 def require_no_cameras(path: Path, option: str) -> None:

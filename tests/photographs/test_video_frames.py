@@ -14,11 +14,11 @@ from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 av = pytest.importorskip("av")
 
 
-def write_video(path: Path, num_frames: int, sharp: set[int]) -> None:
+def write_video(path: Path, num_frames: int, sharp: set[int], **options: str) -> None:
     """Write textured frames, all blurred but those in `sharp`."""
     texture = Image.fromarray(np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8))
     texture = texture.resize((192, 144), Image.Resampling.NEAREST)
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", options=options) as container:
         stream = container.add_stream("mpeg4", rate=10)
         stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 192, 144, "yuv420p", 8_000_000
         for index in range(num_frames):
@@ -48,7 +48,7 @@ def test_more_frames_than_there_are_is_refused(tmp_path):
 
 def test_all_frames_of_a_short_video_are_taken_without_a_note(tmp_path):
     write_video(tmp_path / "clip.mp4", 3, sharp={1})
-    assert write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8, is_most=True) == ()
+    assert write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8, is_most=True) == ((), ())
     assert len(list(tmp_path.glob("*.png"))) == 3
 
 
@@ -62,7 +62,7 @@ def test_a_picture_of_the_cover_is_not_taken_for_the_video(tmp_path):
             frames = [av.VideoFrame.from_image(picture).reformat(format=stream.pix_fmt) for picture in pictures]
             for frame in (*frames, None):
                 container.mux(stream.encode(frame))
-    assert write_sharp_frames(tmp_path / "clip.mov", tmp_path, 8, is_most=True) == ()
+    assert write_sharp_frames(tmp_path / "clip.mov", tmp_path, 8, is_most=True) == ((), ())
     assert [Image.open(path).size for path in tmp_path.glob("*.png")] == 3 * [(64, 48)]
 
 
@@ -70,6 +70,44 @@ def test_a_video_of_one_frame_is_refused(tmp_path):
     write_video(tmp_path / "clip.mp4", 1, sharp=set())
     with pytest.raises(InputError, match=r"1 frame, but cameras are estimated from two or more; film longer\.$"):
         write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8, is_most=True)
+
+
+def positions(path: Path) -> list[tuple[int, int]]:
+    """Offset and size of each packet."""
+    with av.open(str(path)) as container:
+        return [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
+
+
+def damage(path: Path, places: list[tuple[int, int]]) -> None:
+    data = bytearray(path.read_bytes())
+    for position, size in places:
+        data[position : position + size] = bytes(size)
+    path.write_bytes(data)
+
+
+def test_damaged_frames_are_passed_over_and_counted(tmp_path):
+    clip = tmp_path / "clip.mp4"
+    write_video(clip, 30, sharp=set(range(0, 30, 2)))
+    places = positions(clip)
+    damage(clip, [places[7], places[12]])
+    warning = "the video is damaged at 2 places, and its frames there are passed over; copy it again."
+    assert write_sharp_frames(clip, tmp_path, 40, is_most=True)[1] == (warning,)
+    assert len(list(tmp_path.glob("*.png"))) == 28
+    with pytest.raises(InputError, match="28 frames without damage, but 30 are needed; ask for fewer frames"):
+        write_sharp_frames(clip, tmp_path, 30)
+    damage(clip, places[1:])
+    with pytest.raises(InputError, match=r"clip\.mp4: the video cannot be read \(Invalid data .*copy it again"):
+        write_sharp_frames(clip, tmp_path, 40, is_most=True)
+
+
+def test_a_video_that_is_cut_short_is_said_to_be(tmp_path):
+    clip = tmp_path / "clip.mp4"
+    write_video(clip, 30, sharp=set(range(0, 30, 2)), movflags="faststart")
+    clip.write_bytes(clip.read_bytes()[: sum(positions(clip)[22])])
+    notes, (warning,) = write_sharp_frames(clip, tmp_path, 40, is_most=True)
+    assert notes == () and warning == (
+        "the video ends after 2.3 of its 3.0 seconds, as a file that is cut short; copy it again to use all of it."
+    )
 
 
 def test_a_file_that_is_no_video_is_refused(tmp_path):
