@@ -16,8 +16,8 @@ from fecocodec.camera_files.posed_photographs import (
     stored_lens,
 )
 from fecocodec.captures.reading_notes import (
+    colour_remarks,
     framing_notes,
-    layer_remarks,
     lens_notes,
     orientation_notes,
     unposed_notes,
@@ -98,7 +98,7 @@ def framed(
     notes = [*notes, *lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
     paths = [photograph.path for photograph in photographs]
     notes += orientation_notes(paths)
-    remarks = (*scene.remarks, *layer_remarks(paths))
+    remarks = (*scene.remarks, *colour_remarks(paths))
     return ChosenPhotographs(scene, photographs, lenses, common, poses, intrinsics, tuple(names), tuple(notes), remarks)
 
 

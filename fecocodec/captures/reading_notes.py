@@ -12,6 +12,7 @@ from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share, most_pixels
 from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright, maps_among
 from fecocodec.photographs.lens import Lens
+from fecocodec.photographs.pillow_images import gamma_with_pillow
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
@@ -102,18 +103,28 @@ def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotog
     return kept, notes
 
 
-def layer_remarks(paths: list[Path]) -> list[str]:
-    """Return a sentence for each layer of OpenEXR files that is taken for their colours."""
+def colour_remarks(paths: list[Path]) -> list[str]:
+    """Return a sentence for each layer of OpenEXR files that is taken, and each gamma of PNG files that is undone."""
     exr = [path for path in paths if is_exr(path)]
+    gammas = Counter(gamma_with_pillow(path) for path in paths if path not in exr)
+    remarks = [
+        f"{_photographs(count)} {'is' if count == 1 else 'are'} converted to sRGB from the values of gamma {gamma:g} "
+        f"that a gAMA chunk states{', which is linear light' if gamma == 1 else ''}; store them without it if it is wrong."
+        for gamma, count in gammas.items()
+        if gamma
+    ]
     if not exr:
-        return []
+        return remarks
     from fecocodec.photographs.exr import colour_layer  # it loads torch
 
     layers = Counter(colour_layer(path) for path in exr)
     return [
-        f"the colours of {_photographs(count)} are those of the layer {layer}."
-        for layer, count in layers.items()
-        if layer
+        *remarks,
+        *(
+            f"the colours of {_photographs(count)} are those of the layer {layer}."
+            for layer, count in layers.items()
+            if layer
+        ),
     ]
 
 

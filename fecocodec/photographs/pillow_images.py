@@ -11,8 +11,9 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 
 from fecocodec.errors import InputError, installation
 from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
-from fecocodec.photographs.colour import adobe_rgb_to_srgb, coded_to_srgb, is_srgb, profile_to_srgb
+from fecocodec.photographs.colour import adobe_rgb_to_srgb, profile_to_srgb
 from fecocodec.photographs.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
+from fecocodec.photographs.stated_colours import COLOUR_BYTES, Samples, coded_colours, stated_to_srgb
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "TIFF", "BMP")
 RAW_SUFFIXES = (
@@ -21,7 +22,6 @@ RAW_SUFFIXES = (
 )  # fmt: skip
 _HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _CODED_COLOURS = ("HEIF", "AVIF", "PNG")
-_COLOUR_BYTES = 1 << 16  # in which these files state primaries and transfer function
 UPRIGHT, LAST_ORIENTATION = 1, 8  # of EXIF
 _TURNED_UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -32,7 +32,7 @@ _TURNED_UPRIGHT = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
-Samples = UInt8[np.ndarray, "height width channel"] | UInt16[np.ndarray, "height width channel"]
+_USUAL_GAMMA, _SAME_GAMMA = 1 / 2.2, 0.05  # of files whose values are taken as sRGB
 
 
 def decode_with_pillow(source: Path | BytesIO, place: Path | str) -> Float[np.ndarray, "channel height width"]:
@@ -86,6 +86,22 @@ def orientation_with_pillow(path: Path) -> int:
             return UPRIGHT
         found = exif_value(image, ExifTags.Base.Orientation)
     return found if isinstance(found, int) and UPRIGHT <= found <= LAST_ORIENTATION else UPRIGHT
+
+
+def gamma_with_pillow(path: Path) -> float | None:
+    """Return the exponent of a PNG's gAMA chunk if its values are converted to sRGB for it, None otherwise.
+
+    Raises InputError as `decode_with_pillow` does for an image that cannot be opened.
+    """
+    with open_image(path, path) as image:
+        return None if coded_colours(_head(path, COLOUR_BYTES)) else _gamma(image)
+
+
+def _gamma(image: Image.Image) -> float | None:
+    """Return the exponent of a PNG's gAMA chunk; None if it is about that of sRGB, or another chunk outranks it."""
+    gamma = (image.info.get("gamma") or 0.0) if image.format == "PNG" else 0.0
+    is_outranked = "srgb" in image.info or "icc_profile" in image.info
+    return None if is_outranked or gamma <= 0 or abs(gamma - _USUAL_GAMMA) < _SAME_GAMMA else gamma
 
 
 def exif_value(image: Image.Image, tag: int, ifd: int | None = None) -> object:
@@ -172,7 +188,7 @@ def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:
                 profile = image.info.get("icc_profile")
                 data = source.getvalue() if isinstance(source, BytesIO) else source.read_bytes()
                 samples = decode_sixteen_bits(data, str(place), profile)
-                return samples if profile else _from_coded_colours(samples, data[:_COLOUR_BYTES])
+                return samples if profile else stated_to_srgb(samples, data[:COLOUR_BYTES], _gamma(image))
             return _samples(image, source, place)
     except (InputError, MemoryError):
         raise
@@ -196,22 +212,9 @@ def _samples(image: Image.Image, source: Path | BytesIO, place: Path | str) -> S
         return samples
     if exif_value(image, 1, ExifTags.IFD.Interop) == "R03":
         return np.concatenate((adobe_rgb_to_srgb(samples[..., :3]), samples[..., 3:]), axis=2)
-    return _from_coded_colours(samples, _head(source, _COLOUR_BYTES)) if image.format in _CODED_COLOURS else samples
-
-
-def _from_coded_colours(samples: Samples, head: bytes) -> Samples:
-    """Return sRGB samples of HEIC, AVIF or PNG. head: the first bytes, which may state how colours are coded."""
-    mark, layout = (b"cICP", ">BB") if head.startswith(b"\x89PNG") else (b"colrnclx", ">HH")
-    numbers = head.partition(b"IDAT")[0].partition(mark)[2][: struct.calcsize(layout)]
-    if len(numbers) < struct.calcsize(layout) or samples.shape[2] < 3:
+    if image.format not in _CODED_COLOURS:
         return samples
-    primaries, transfer = struct.unpack(layout, numbers)
-    if is_srgb(primaries, transfer):
-        return samples
-    largest = np.float32(np.iinfo(samples.dtype).max)
-    pixels = samples[..., :3] / largest
-    coded_to_srgb(pixels, primaries, transfer)
-    return np.concatenate((np.rint(largest * pixels).astype(samples.dtype), samples[..., 3:]), axis=2)
+    return stated_to_srgb(samples, _head(source, COLOUR_BYTES), _gamma(image))
 
 
 def _in_unit_range(
