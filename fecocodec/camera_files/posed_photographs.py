@@ -73,7 +73,8 @@ CameraReader = Callable[[Path, str], PosedPhotograph]  # (image, place)
 def photographs_of(images: MatchedImages, cameras: Iterable[tuple[str, CameraReader]]) -> list[PosedPhotograph]:
     """Read the cameras of images, each given as (place, reader). A reader that raises InputError gives a problem.
 
-    A pose that is not rigid is a problem too, and so is a second camera of one image.
+    A pose that is not rigid is a problem too, and so are a lens that no image of the stated size has, and a second
+    camera of one image.
     """
     photographs: list[PosedPhotograph] = []
     place_of: dict[Path, str] = {}
@@ -91,6 +92,8 @@ def _checked(path: Path, place: str, read: CameraReader) -> PosedPhotograph:
     try:
         photograph = read(path, place)
         rigid_pose(photograph.camera_to_world, place)
+        if photograph.declared_size:
+            require_representable(photograph.lens_for(*photograph.declared_size), place)
         return photograph
     except InputError as error:
         return PosedPhotograph(path, place, np.full((4, 4), np.nan), _no_lens, problem=str(error))

@@ -109,7 +109,8 @@ def colour_remarks(paths: list[Path]) -> list[str]:
     gammas = Counter(gamma_with_pillow(path) for path in paths if path not in exr)
     remarks = [
         f"{_photographs(count)} {'is' if count == 1 else 'are'} converted to sRGB from the values of gamma {gamma:g} "
-        f"that a gAMA chunk states{', which is linear light' if gamma == 1 else ''}; store them without it if it is wrong."
+        f"that a gAMA chunk states{', which is linear light' if gamma == 1 else ''}; store them without it if it is "
+        "wrong."
         for gamma, count in gammas.items()
         if gamma
     ]

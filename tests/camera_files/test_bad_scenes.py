@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from wall_scene import (
     write_transforms,
 )
 
+from fecocodec.captures.chosen_photographs import choose_photographs
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
 
@@ -433,7 +435,31 @@ def test_point_ids_of_colmap_beyond_63_bits(point_id, tmp_path):
 def test_focal_lengths_out_of_range(focal, scene):
     edit(scene, lambda cameras: cameras["frames"][1].update(fl_x=focal))
     expected = r"frame 1 \(images/001\.png\): the focal length is .* image sides, but 0\.0156 to 256 are possible"
-    assert re.search(expected, message(scene))
+    assert re.search(expected, message(scene, views=(1,)))
+    chosen = choose_photographs(scene)
+    assert "001.png" not in chosen.names and "passed over (images/001.png): the focal length is" in chosen.notes[0]
+
+
+@pytest.mark.parametrize("centre", [(4000, 3000), (47, -500), (0.5, 0.5)])
+@pytest.mark.parametrize("write", [write_transforms, write_colmap_text])
+def test_principal_points_that_no_image_has(write, centre, tmp_path):
+    taken = shots(3)
+    wrong = replace(taken[1], cx=centre[0], cy=centre[1])
+    scene = write(tmp_path / "scene", [taken[0], replace(wrong, name="none.png"), taken[2]])
+    cause = (
+        f"the principal point ({centre[0]}, {centre[1]}) cannot be that of an image of 96x80 with a focal length of "
+        "100; give all in one unit, and cx before cy."
+    )
+    assert cause in message(scene, views=("none.png",))
+    chosen = choose_photographs(scene)
+    assert len(chosen.names) == 2
+    assert chosen.notes[0].startswith("1 of 3 cameras of ") and chosen.notes[0].endswith(f"none.png): {cause}")
+    scene = write(tmp_path / "all", [replace(wrong, name=shot.name) for shot in taken])
+    assert message(scene).endswith(f"000.png): {cause}" if write is write_transforms else f"000.png: {cause}")
+
+
+def test_a_photograph_cut_from_the_border_of_another_may_have_its_principal_point_outside(tmp_path):
+    assert len(choose_photographs(write_transforms(tmp_path, shots(2, cx=150.0))).names) == 2
 
 
 @pytest.mark.parametrize("value", [1e308, 1e200])
