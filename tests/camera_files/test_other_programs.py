@@ -231,6 +231,7 @@ FOREIGN = {
     "predictions.npz": ("", "VGGT"),
     "pred_traj.txt": ("0 1 2", "DUSt3R"),
     "groundtruth.txt": ("# timestamp tx ty tz qx qy qz qw", "TUM RGB-D"),
+    "livingroom.log": ("0 0 1\n1 0 0 0.5\n0 -1.0e-3 0 0\n0 0 1 0\n0 0 0 1\n", "Redwood, Open3D"),
     "cams/00000000_cam.txt": ("extrinsic", "MVSNet"),
     "my_poses.npy": ("", ""),
     "groundtruth_trajectory.txt": ("", ""),
@@ -297,8 +298,8 @@ def test_many_files_of_one_program_are_counted(tmp_path: Path) -> None:
 
 def test_files_that_hold_no_cameras_are_not_named(tmp_path: Path) -> None:
     folder = write_transforms(tmp_path / "scene", shots(2))
-    for name in ("notes.txt", "report.xml", "scene.json", "camera.jpg.txt", "._poses.npy", "points.npz"):
-        (folder / name).write_text("{}")
+    for name in ("notes.txt", "report.xml", "scene.json", "camera.jpg.txt", "._poses.npy", "points.npz", "a.log"):
+        (folder / name).write_text("1 2 3\n{}")
     (folder / "cam").mkdir()
     shutil.copy(folder / "images" / "000.png", folder / "cam")
     remarks = choose_photographs(folder).remarks
