@@ -77,13 +77,16 @@ def photographs_of(images: MatchedImages, cameras: Iterable[tuple[str, CameraRea
     camera of one image.
     """
     photographs: list[PosedPhotograph] = []
-    place_of: dict[Path, str] = {}
+    found: set[Path] = set()
     for name, path, (place, read) in zip(images.names, images.paths, cameras, strict=True):
         photograph = replace(_checked(path, place, read), name=name)
-        if path in place_of and not photograph.problem and os.path.isfile(path):
-            problem = f"{place}: another frame has this image, too ({place_of[path]}); remove one."
+        if path in found and not photograph.problem and os.path.isfile(path):
+            problem = (
+                f"{place}: another frame has this image, too, and its camera is used; name the image of each with its "
+                "folder, or remove one."
+            )
             photograph = replace(photograph, problem=problem)
-        place_of.setdefault(path, place)
+        found.add(path)
         photographs.append(photograph)
     return photographs
 

@@ -230,8 +230,8 @@ def test_no_pose(scene):
 def test_one_image_in_two_frames(scene):
     edit(scene, lambda cameras: cameras["frames"][1].update(file_path=cameras["frames"][0]["file_path"]))
     assert message(scene, views=(1,)) == (
-        f"{scene}/transforms.json, frame 1 (images/000.png): another frame has this image, too "
-        f"({scene}/transforms.json, frame 0 (images/000.png)); remove one."
+        f"{scene}/transforms.json, frame 1 (images/000.png): another frame has this image, too, and its camera is "
+        "used; name the image of each with its folder, or remove one."
     )
 
 
