@@ -29,7 +29,7 @@ from fecocodec.photographs.image_headers import (
     is_unread,
 )
 from fecocodec.photographs.video_frames import is_video
-from fecocodec.poses.unposed_photographs import find_photographs
+from fecocodec.poses.unposed_photographs import absent_photographs, find_photographs
 
 _ARCHIVE_SUFFIXES = (".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst")
 _FINDERS = (find_transforms_json, find_colmap_model, find_realestate10k, find_cameras_json, find_llff)
@@ -168,6 +168,8 @@ def _missing(path: Path) -> str:
         if unread := [file for file in _files(path) if is_unread(file)]:
             kinds = ", ".join(sorted({file.suffix.lower() for file in unread}))
             return f"photographs of this kind cannot be read ({kinds}); {conversion_advice(unread)}."
+        if absent := absent_photographs(path):
+            return f"{absent[0].name} is not here but only linked to, or not downloaded; put the photographs here."
         if videos := sorted(file for file in _files(path) if is_video(file)):
             return f"no photographs found, but a video; give the file itself, {videos[0]}."
         if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and camera_files(folder)]:
@@ -195,7 +197,7 @@ def _images_at(folder: Path, pattern: str) -> Iterator[Path]:
 
 def _has_images(folder: Path) -> bool:
     """Return whether the folder or its folder `images` holds a file with the name of an image."""
-    return any(has_image_name(path) for path in _files(folder))
+    return any(has_image_name(path) and path.exists() for path in _files(folder))
 
 
 def _files(folder: Path) -> list[Path]:
