@@ -58,8 +58,8 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             posed = stack.enter_context(cameras)
         except InputError as error:
             raise InputError(of_input(path, str(error))) from error
-        colours = [] if is_video(path) else colour_remarks(list(posed.photographs))
-        notes = (*unread_cameras_notes(path), *of_video, *colours, *posed.notes)
+        of_photographs = [] if is_video(path) else [*colour_remarks(list(posed.photographs)), *_videos_note(path)]
+        notes = (*unread_cameras_notes(path), *of_video, *of_photographs, *posed.notes)
         if not is_video(path) and (file_above := cameras_above(path)):
             above = path.absolute().parent
             notes += (f"{file_above} has cameras; to use them instead, give the folder {above}.",)
@@ -76,6 +76,14 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
 
         save = save_beside if is_video(path) else posed.save_cameras
         yield SceneSource(posed.path, notes, (*warnings, *posed.warnings), save)
+
+
+def _videos_note(folder: Path) -> list[str]:
+    """Return a sentence if videos lie beside photographs whose cameras are estimated."""
+    videos = sorted(path.name for path in folder.iterdir() if is_video(path))
+    return (
+        [f"videos beside photographs are not used ({', '.join(videos)}); give one itself to use it."] if videos else []
+    )
 
 
 def require_no_cameras(path: Path, option: str) -> None:
