@@ -163,7 +163,10 @@ def _missing(path: Path) -> str:
             return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
         if path.suffix.lower() in _ARCHIVE_SUFFIXES:
             return "an archive; unpack it and give the folder that holds the photographs."
-        return "not a camera file; give the folder that holds images and cameras."
+        if is_unread(path):
+            moving = ", or a moving one to MP4" if path.suffix.lower() == ".gif" else ""
+            return f"a picture of a kind that is not read; {conversion_advice([path])}{moving}."
+        return "not a camera file, nor a video by its name; give the folder that holds images and cameras."
     if not _has_images(path):
         if unread := [file for file in _files(path) if is_unread(file)]:
             kinds = ", ".join(sorted({file.suffix.lower() for file in unread}))

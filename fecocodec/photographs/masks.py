@@ -1,5 +1,6 @@
 """Masks of photographs: images of which black is to be ignored, as in nerfstudio (`mask_path`) and COLMAP."""
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,7 +32,7 @@ def find_mask(photograph: Path) -> Path | None:
         for name in [relative, Path(*relative.parts[1:])] if len(relative.parts) > 1 else [relative]:
             found = folder / name
             candidates = (found.with_name(f"{found.name}.png"), found, found.with_suffix(".png"), *_similar(found))
-            if mask := next((path for path in candidates if path.is_file() and path != photograph), None):
+            if mask := next((path for path in candidates if os.path.isfile(path) and path != photograph), None):
                 return mask
     return None
 

@@ -2,6 +2,7 @@
 
 import re
 from collections import defaultdict
+from errno import ENAMETOOLONG
 from hashlib import blake2b
 from pathlib import Path
 
@@ -143,7 +144,7 @@ def upright_masks(photographs: list[Path], target: Path) -> Path | None:
     """Write the masks of the photographs, of the size of their copies in `target`, as `masks/NAME.png` there.
 
     Returns the folder of the masks, white ones among them, because pycolmap leaves out photographs without a mask; None
-    if no photograph has one. Raises InputError as `read_mask` does.
+    if no photograph has one. Raises InputError as `read_mask` does, and for a name of 252 bytes or more.
     """
     from fecocodec.photographs.masks import FOLDER, find_mask  # it loads torch
 
@@ -155,7 +156,12 @@ def upright_masks(photographs: list[Path], target: Path) -> Path | None:
     for path, mask in zip(photographs, masks, strict=True):
         height, width = read_image_size(target / path.name)
         kept = Image.new("L", (width, height), "white") if mask is None else _upright_mask(path, mask)
-        kept.resize((width, height), Image.Resampling.NEAREST).save(folder / f"{path.name}.png")
+        try:
+            kept.resize((width, height), Image.Resampling.NEAREST).save(folder / f"{path.name}.png")
+        except OSError as error:
+            if error.errno != ENAMETOOLONG:
+                raise
+            raise InputError(f"{path}: the name is too long for that of a mask; shorten it.") from error
     return folder
 
 

@@ -96,7 +96,13 @@ def test_a_photograph_is_not_a_camera_file(tmp_path: Path) -> None:
 def test_a_file_that_is_no_camera_file(tmp_path: Path) -> None:
     file = tmp_path / "left.txt"
     file.write_bytes(b"hello")
-    assert message(file) == f"{file}: not a camera file; give the folder that holds images and cameras."
+    assert message(file) == (
+        f"{file}: not a camera file, nor a video by its name; give the folder that holds images and cameras."
+    )
+    for name, remedy in (("a.gif", "convert them to JPEG, PNG or WebP"), ("a.CR2", "develop RAW photographs to JPEG")):
+        (tmp_path / name).write_bytes(b"")
+        sentence = message(tmp_path / name)
+        assert sentence.startswith(f"{tmp_path / name}: a picture of a kind that is not read; {remedy}")
 
 
 def test_no_frames(scene):
@@ -486,7 +492,8 @@ def test_an_image_that_is_a_pipe(scene):
 def test_a_pipe_is_not_taken_for_a_folder_without_cameras(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     assert message(tmp_path / "pipe") == (
-        f"{tmp_path / 'pipe'}: not a camera file; give the folder that holds images and cameras."
+        f"{tmp_path / 'pipe'}: not a camera file, nor a video by its name; give the folder that holds images and "
+        "cameras."
     )
 
 
