@@ -27,7 +27,8 @@ class PosedPhotograph:
     sparse_depths: depths, in scene units, of the reconstructed points that this photograph observes, if the format has
     them. declared_size: (width, height) in pixels that the camera file states, None if it states none. name: of the
     image in the camera file. problem: why this camera cannot be used, as an error message that begins with `place`;
-    empty if it can. mask: file of its mask that the camera file names, see `read_mask`.
+    empty if it can. is_told: whether the user was told of it. mask: file of its mask that the camera file names, see
+    `read_mask`.
     """
 
     path: Path
@@ -38,6 +39,7 @@ class PosedPhotograph:
     declared_size: tuple[int, int] | None = None
     name: str = ""
     problem: str = ""
+    is_told: bool = False
     mask: Path | None = None
 
     @property

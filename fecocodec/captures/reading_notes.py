@@ -48,7 +48,7 @@ def passed_over_notes(scene: PosedPhotographs, usable: list[PosedPhotograph]) ->
     used = {id(photograph) for photograph in usable}
     names: dict[str, list[str]] = {}
     for photograph in scene.photographs:
-        if id(photograph) not in used:
+        if id(photograph) not in used and not photograph.is_told:
             names.setdefault(photograph.cause, []).append(photograph.name or photograph.place.split(", ")[-1])
     return [_passed_over(scene, cause, of_cause) for cause, of_cause in names.items()]
 
