@@ -64,6 +64,12 @@ def test_llff_needs_one_image_for_each_camera(tmp_path: Path) -> None:
     )
 
 
+def test_maps_beside_the_images_of_llff_are_left_out(tmp_path: Path) -> None:
+    folder = write_llff(tmp_path / "scene", shots(3, **CENTRAL))
+    shutil.copy(folder / "images" / "000.png", folder / "images" / "000_depth.png")
+    assert_cameras_of_shots(folder)
+
+
 def test_a_row_of_llff_that_is_not_valid_matters_only_if_it_is_named(tmp_path: Path) -> None:
     folder = write_llff(tmp_path / "scene", shots(3))
     rows = np.load(folder / "poses_bounds.npy")
