@@ -1,5 +1,6 @@
 """Take sharp frames of a moving camera from a video with PyAV (optional extra `video`)."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -22,6 +23,7 @@ _BORDER_SHARPNESS = 0.5  # what sharpness counts at the borders of a part, relat
 _LARGEST_ROWS_OF_601 = 576  # a video with more rows that does not state its matrix has that of BT.709
 # The part of a video, and the seconds, that must be missing at its end to be worth a warning.
 _LEAST_CUT, _LEAST_CUT_SECONDS = 0.05, 0.2
+_DURATION = re.compile(r"(\d{1,4}):(\d\d):(\d\d(?:\.\d{1,9})?)")
 Picture = UInt8[np.ndarray, "height width 3"]
 
 
@@ -120,9 +122,7 @@ def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, _Stream]]:
             stream: Any = max(container.streams.video, key=_frames_and_size)  # a picture of the cover may come first
             stream.thread_type = "AUTO"
             coded = stream.codec_context
-            length = Fraction(container.duration or 0, av.time_base)
-            damage.stated = float(stream.duration * stream.time_base if stream.duration else length)
-            start = float((stream.start_time or 0) * stream.time_base)
+            start, damage.stated = _stated_span(container, stream)
             for frame in _decoded(container, stream, damage):
                 last = float(frame.duration * frame.time_base or 1 / (stream.average_rate or 25))
                 damage.found = max(damage.found, (frame.time or 0.0) - start + last)
@@ -130,6 +130,21 @@ def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, _Stream]]:
                 yield frame, _Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc))
     except (av.error.FFmpegError, OSError) as error:
         raise InputError(_unreadable(video, error.strerror)) from error
+
+
+def _stated_span(container: Any, stream: Any) -> tuple[float, float]:
+    """Return the first time, and the length from there, that a file states for a stream; in seconds, 0 for none.
+
+    AVI states a number of frames. Matroska states the last time of all streams, and of each one in a tag at the end.
+    """
+    if container.format.name == "avi" and stream.average_rate:
+        return 0.0, float(stream.frames / stream.average_rate)
+    if stream.duration:
+        return float((stream.start_time or 0) * stream.time_base), float(stream.duration * stream.time_base)
+    if tag := _DURATION.fullmatch(stream.metadata.get("DURATION", "")):
+        hours, minutes, seconds = (float(number) for number in tag.groups())
+        return 0.0, 3600 * hours + 60 * minutes + seconds
+    return 0.0, (container.duration or 0) / 1e6
 
 
 def _decoded(container: Any, stream: Any, damage: _Damage) -> Iterator[Any]:

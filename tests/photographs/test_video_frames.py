@@ -100,14 +100,30 @@ def test_damaged_frames_are_passed_over_and_counted(tmp_path):
         write_sharp_frames(clip, tmp_path, 40, is_most=True)
 
 
-def test_a_video_that_is_cut_short_is_said_to_be(tmp_path):
-    clip = tmp_path / "clip.mp4"
-    write_video(clip, 30, sharp=set(range(0, 30, 2)), movflags="faststart")
+@pytest.mark.parametrize("kind", ["mp4", "mkv", "avi"])
+def test_a_video_that_is_cut_short_is_said_to_be(kind, tmp_path):
+    clip = tmp_path / f"clip.{kind}"
+    write_video(clip, 30, sharp=set(range(0, 30, 2)), **({"movflags": "faststart"} if kind == "mp4" else {}))
     clip.write_bytes(clip.read_bytes()[: sum(positions(clip)[22])])
     notes, (warning,) = write_sharp_frames(clip, tmp_path, 40, is_most=True)
+    seconds = "2.2" if kind == "mkv" else "2.3"  # a cut block of Matroska is left out, the last packet of others used
     assert notes == () and warning == (
-        "the video ends after 2.3 of its 3.0 seconds, as a file that is cut short; copy it again to use all of it."
+        f"the video ends after {seconds} of its 3.0 seconds, as a file that is cut short; copy it again to use all of "
+        "it."
     )
+
+
+def test_sound_that_is_longer_than_its_video_is_no_cut(tmp_path):
+    with av.open(str(tmp_path / "clip.mkv"), "w") as container:
+        video, sound = container.add_stream("mpeg4", rate=10), container.add_stream("pcm_s16le", rate=8000)
+        video.width, video.height, video.pix_fmt, sound.layout = 64, 48, "yuv420p", "mono"
+        for level in (0, 90, 180):
+            frame = av.VideoFrame.from_image(Image.new("RGB", (64, 48), (level, 0, 0))).reformat(format="yuv420p")
+            container.mux(video.encode(frame))
+        silence = av.AudioFrame.from_ndarray(np.zeros((1, 16000), np.int16), format="s16", layout="mono")
+        silence.sample_rate, silence.pts = 8000, 0
+        container.mux([*video.encode(), *sound.encode(silence), *sound.encode()])
+    assert write_sharp_frames(tmp_path / "clip.mkv", tmp_path, 8, is_most=True) == ((), ())
 
 
 def test_a_file_that_is_no_video_is_refused(tmp_path):
