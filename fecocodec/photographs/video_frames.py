@@ -13,6 +13,7 @@ from PIL import Image
 
 from fecocodec.errors import InputError, installation
 from fecocodec.photographs.colour import coded_to_srgb, is_hdr, is_srgb
+from fecocodec.photographs.lens import require_known_model
 
 VIDEO_SUFFIXES = (
     ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".3g2", ".mpg", ".mpeg", ".wmv", ".ogv",
@@ -24,6 +25,7 @@ _LARGEST_ROWS_OF_601 = 576  # a video with more rows that does not state its mat
 # The part of a video, and the seconds, that must be missing at its end to be worth a warning.
 _LEAST_CUT, _LEAST_CUT_SECONDS = 0.05, 0.2
 _DURATION = re.compile(r"(\d{1,4}):(\d\d):(\d\d(?:\.\d{1,9})?)")
+_RECTILINEAR = 4  # AV_SPHERICAL_RECTILINEAR; others are panoramas
 Picture = UInt8[np.ndarray, "height width 3"]
 
 
@@ -124,6 +126,9 @@ def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, _Stream]]:
             coded = stream.codec_context
             start, damage.stated = _stated_span(container, stream)
             for frame in _decoded(container, stream, damage):
+                projection = frame.side_data.get("SPHERICAL")
+                if projection is not None and np.frombuffer(projection, np.int32)[0] != _RECTILINEAR:
+                    require_known_model("EQUIRECTANGULAR", str(video))
                 last = float(frame.duration * frame.time_base or 1 / (stream.average_rate or 25))
                 damage.found = max(damage.found, (frame.time or 0.0) - start + last)
                 aspect = stream.sample_aspect_ratio or coded.sample_aspect_ratio or Fraction(1)

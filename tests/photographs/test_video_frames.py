@@ -1,6 +1,7 @@
 """Frames of a video: evenly spread, and the sharpest of their part."""
 
 import os
+import struct
 import sys
 from pathlib import Path
 
@@ -111,6 +112,27 @@ def test_a_video_that_is_cut_short_is_said_to_be(kind, tmp_path):
         f"the video ends after {seconds} of its 3.0 seconds, as a file that is cut short; copy it again to use all of "
         "it."
     )
+
+
+def box(kind: bytes, *parts: bytes) -> bytes:
+    return struct.pack(">I", 8 + len(b"".join(parts))) + kind + b"".join(parts)
+
+
+def test_a_video_of_360_degrees_is_refused(tmp_path):
+    """The box `sv3d` of Spherical Video V2, at the end of the sample entry; `moov` comes last."""
+    clip = tmp_path / "clip.mp4"
+    write_video(clip, 3, sharp={1})
+    flags = bytes(4)
+    shape = box(b"proj", box(b"prhd", flags, bytes(12)), box(b"equi", flags, bytes(16)))
+    added = box(b"sv3d", box(b"svhd", flags, b"\0"), shape)
+    data = bytearray(clip.read_bytes())
+    outer = [data.rindex(kind) - 4 for kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", b"mp4v")]
+    end = outer[-1] + struct.unpack_from(">I", data, outer[-1])[0]
+    for start in outer:
+        struct.pack_into(">I", data, start, struct.unpack_from(">I", data, start)[0] + len(added))
+    clip.write_bytes(data[:end] + added + data[end:])
+    with pytest.raises(InputError, match=r"clip\.mp4: panoramas \(EQUIRECTANGULAR\) are not read; cut them into persp"):
+        write_sharp_frames(clip, tmp_path, 2)
 
 
 def test_sound_that_is_longer_than_its_video_is_no_cut(tmp_path):
