@@ -16,10 +16,10 @@ from fecocodec.camera_files.posed_photographs import (
     stored_lens,
 )
 from fecocodec.captures.reading_notes import (
-    colour_remarks,
     framing_notes,
     lens_notes,
     orientation_notes,
+    picture_remarks,
     unposed_notes,
     without_copies,
 )
@@ -98,7 +98,7 @@ def framed(
     notes = [*notes, *lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
     paths = [photograph.path for photograph in photographs]
     notes += orientation_notes(paths)
-    remarks = (*scene.remarks, *colour_remarks(paths))
+    remarks = (*scene.remarks, *picture_remarks(paths))
     return ChosenPhotographs(scene, photographs, lenses, common, poses, intrinsics, tuple(names), tuple(notes), remarks)
 
 

@@ -12,7 +12,7 @@ from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share, most_pixels
 from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright, maps_among
 from fecocodec.photographs.lens import Lens
-from fecocodec.photographs.pillow_images import gamma_with_pillow
+from fecocodec.photographs.pillow_images import gamma_with_pillow, has_several_pictures
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
@@ -103,10 +103,11 @@ def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotog
     return kept, notes
 
 
-def colour_remarks(paths: list[Path]) -> list[str]:
-    """Return a sentence for each layer of OpenEXR files that is taken, and each gamma of PNG files that is undone."""
+def picture_remarks(paths: list[Path]) -> list[str]:
+    """Return sentences on what is read of files: the first picture, a gamma of PNG, a layer of OpenEXR."""
     exr = [path for path in paths if is_exr(path)]
-    gammas = Counter(gamma_with_pillow(path) for path in paths if path not in exr)
+    others = [path for path in paths if path not in exr]
+    gammas = Counter(gamma_with_pillow(path) for path in others)
     remarks = [
         f"{_photographs(count)} {'is' if count == 1 else 'are'} converted to sRGB from the values of gamma {gamma:g} "
         f"that a gAMA chunk states{', which is linear light' if gamma == 1 else ''}; store them without it if it is "
@@ -114,6 +115,10 @@ def colour_remarks(paths: list[Path]) -> list[str]:
         for gamma, count in gammas.items()
         if gamma
     ]
+    if several := [path.name for path in others if has_several_pictures(path)]:
+        remarks.append(
+            f"{_listed(several, 3)} {'holds' if len(several) == 1 else 'hold'} several pictures; the first is used."
+        )
     if not exr:
         return remarks
     from fecocodec.photographs.exr import colour_layer  # it loads torch

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fecocodec.atomic import temporary_folder
 from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras, unread_cameras_notes
-from fecocodec.captures.reading_notes import colour_remarks
+from fecocodec.captures.reading_notes import picture_remarks
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
 from fecocodec.errors import InputError, OptionError
@@ -58,7 +58,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             posed = stack.enter_context(cameras)
         except InputError as error:
             raise InputError(of_input(path, str(error))) from error
-        of_photographs = [] if is_video(path) else [*colour_remarks(list(posed.photographs)), *_videos_note(path)]
+        of_photographs = [] if is_video(path) else [*picture_remarks(list(posed.photographs)), *_videos_note(path)]
         notes = (*unread_cameras_notes(path), *of_video, *of_photographs, *posed.notes)
         if not is_video(path) and (file_above := cameras_above(path)):
             above = path.absolute().parent

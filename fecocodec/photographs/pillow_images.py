@@ -97,6 +97,16 @@ def gamma_with_pillow(path: Path) -> float | None:
         return None if coded_colours(_head(path, COLOUR_BYTES)) else _gamma(image)
 
 
+def has_several_pictures(path: Path) -> bool:
+    """Return whether a file has further pictures, such as pages, that are not read. Raises InputError as above."""
+    with open_image(path, path) as image:
+        is_kind = image.format in ("TIFF", "PNG", "WEBP", "AVIF", "HEIF")  # MPO has previews
+        try:
+            return is_kind and getattr(image, "n_frames", 1) > 1
+        except Exception:  # damage behind the first picture, which Pillow reports in many ways
+            return False
+
+
 def _gamma(image: Image.Image) -> float | None:
     """Return the exponent of a PNG's gAMA chunk; None if it is about that of sRGB, or another chunk outranks it."""
     gamma = (image.info.get("gamma") or 0.0) if image.format == "PNG" else 0.0

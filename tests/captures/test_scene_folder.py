@@ -384,6 +384,15 @@ def test_a_focal_length_in_pixels_of_a_larger_image_is_noted(factor, is_noted, t
     assert [note.startswith(start) for note in notes] == ([True] if is_noted else [])
 
 
+@pytest.mark.parametrize("kind", ["TIFF", "PNG", "WEBP"])
+def test_files_of_several_pictures_are_noted(kind, tmp_path):
+    folder = write_transforms(tmp_path, shots(3))
+    images = [Image.open(path).convert("RGB") for path in sorted((folder / "images").iterdir())]
+    images[0].save(folder / "images" / "000.png", kind, save_all=True, append_images=images[1:], lossless=True)
+    images[1].save(folder / "images" / "001.png", "MPO", save_all=True, append_images=images[:1])
+    assert read(folder).remarks == ("000.png holds several pictures; the first is used.",)
+
+
 def test_photographs_of_linear_light_are_noted(tmp_path):
     folder = write_transforms(tmp_path, shots(3))
     for path in (folder / "images").iterdir():
