@@ -2,6 +2,7 @@
 
 import struct
 import warnings
+from contextlib import nullcontext
 from io import BytesIO
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from fecocodec.errors import InputError, installation
 from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
 from fecocodec.photographs.colour import adobe_rgb_to_srgb, profile_to_srgb
 from fecocodec.photographs.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
+from fecocodec.photographs.silence import silenced
 from fecocodec.photographs.stated_colours import COLOUR_BYTES, Samples, coded_colours, stated_to_srgb
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "TIFF", "BMP")
@@ -142,7 +144,7 @@ def unreadable(place: Path | str, error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:  # from the system; Pillow's own errors have none
         return f"{place}: cannot be read ({error.strerror}); check the path and its permissions."
     has_reason = str(error) and not isinstance(error, UnidentifiedImageError)  # which only repeats the path
-    reason = f" ({error})" if has_reason else ""
+    reason = f" ({' '.join(str(error).split())})" if has_reason else ""
     return (
         f"{place}: the image is damaged, cut short or of a kind that is not read{reason}; store it again or remove it."
     )
@@ -199,7 +201,8 @@ def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:
                 data = source.getvalue() if isinstance(source, BytesIO) else source.read_bytes()
                 samples = decode_sixteen_bits(data, str(place), profile)
                 return samples if profile else stated_to_srgb(samples, data[:COLOUR_BYTES], _gamma(image))
-            return _samples(image, source, place)
+            with silenced() if image.format == "TIFF" else nullcontext():  # libtiff prints what is damaged
+                return _samples(image, source, place)
     except (InputError, MemoryError):
         raise
     except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
