@@ -464,6 +464,14 @@ def test_principal_points_that_no_image_has(write, centre, tmp_path):
     assert message(scene).endswith(f"000.png): {cause}" if write is write_transforms else f"000.png: {cause}")
 
 
+def test_coordinates_of_a_principal_point_that_are_swapped(tmp_path):
+    taken = [replace(shot, width=144, cx=71.0) for shot in shots(3)]
+    assert choose_photographs(write_transforms(tmp_path / "right", taken)).notes == ()
+    taken[1] = replace(taken[1], cx=41.5, cy=71.0)
+    (note,) = choose_photographs(write_transforms(tmp_path / "wrong", taken)).notes
+    assert "(images/001.png): the principal point (41.5, 71) cannot be that of an image of 144x80 with" in note
+
+
 def test_a_photograph_cut_from_the_border_of_another_may_have_its_principal_point_outside(tmp_path):
     assert len(choose_photographs(write_transforms(tmp_path, shots(2, cx=150.0))).names) == 2
 
