@@ -218,8 +218,8 @@ def _upright(path: Path) -> tuple[Image.Image, float | None, int]:
 def _require_no_panorama(path: Path) -> None:
     """Raise InputError for a photograph that states a projection of panoramas, as 360-degree cameras and phones do."""
     with open_image(path, path) as image:
-        found = _PROJECTION.search(image.info.get("xmp") or b"")
-    if found:
+        xmp = image.info.get("xmp")
+    if isinstance(xmp, bytes) and (found := _PROJECTION.search(xmp)):
         require_known_model(found[1].decode().upper(), str(path))
 
 
