@@ -8,6 +8,7 @@ import click
 from .batch_options import BatchOptions, batch_options, run_and_report
 from .encode_options import encoding_options, options_of, usage_errors
 from .options import FILE_PATH
+from .output import say
 
 
 @click.command(
@@ -40,8 +41,11 @@ def command(source: Path, batch: BatchOptions, is_measured: bool, **values: Any)
 
     scenes = scene_folders(source, output=batch.output)
 
-    from fecocodec.batch.encode_scene import EncodeScene
+    from fecocodec.batch.encode_scene import EncodeScene, passed_over
 
+    if files := passed_over(source):
+        more = f" and {len(files) - 3} more" if len(files) > 3 else ""
+        say(f"note: {source}: not encoded, because only folders are scenes: {', '.join(files[:3])}{more}.")
     work = EncodeScene(options)
     if batch.scheduler is None:  # its workers may have other devices and files
         options.require_device()

@@ -160,7 +160,7 @@ def summary_name(shard: tuple[int, int] | None) -> str:
 def _report(outcomes: "Sequence[Outcome]", seconds: float, summary: str, options: BatchOptions) -> None:
     failures = [outcome for outcome in outcomes if outcome.status == "failed"]
     for failure in failures[:LISTED_FAILURES]:
-        warn(printable(f"{failure.scene} failed: {failure.error or ''}"))
+        warn(f"{failure.scene} failed: {failure.error or ''}")
     if len(failures) > LISTED_FAILURES:
         warn(f"{len(failures) - LISTED_FAILURES} more scenes failed; {summary} lists them")
     if failures and not options.retry_failed:

@@ -14,7 +14,7 @@ from fecocodec.splat_files.output_formats import ENDINGS, FORMATS
 
 from .decode_options import decode_here, decoding_options, require_page
 from .options import FILE_PATH, STDIN, STREAM_PATH, json_option
-from .output import print_json, printable, say, warn, write_stdout
+from .output import print_json, say, warn, write_stdout
 from .paths import STDOUT, require_ending, require_model
 from .progress import progress_bar
 
@@ -104,7 +104,7 @@ def command(
         say(f"{output}: {decoded.gaussians.count} Gaussians in {seconds:.2f} s")
     if damage is None:
         return 0
-    warn(printable(f"fecosplat: {stream}: damaged, {DECODED[decoded.stages]} could be decoded: {damage}"))
+    warn(f"fecosplat: {stream}: damaged, {DECODED[decoded.stages]} could be decoded: {damage}")
     return PARTLY_DECODED
 
 
@@ -118,7 +118,7 @@ def _write(
     place = Path("standard output") if output == STDOUT else output
     data, cameras, note = decoded_file(decoded, place, **writing)
     if note is not None:
-        say(printable(f"note: {place}: {note}"))
+        say(f"note: {place}: {note}")
     with nullcontext() if output == STDOUT else write_atomically(output, overwrite=overwrite) as temporary:
         if temporary is not None:
             temporary.write_bytes(data)

@@ -18,7 +18,7 @@ from fecocodec.sender.view_quality import DecodedQuality, photographs
 from .encode_options import encoding_options, options_of, usage_errors
 from .info import summary_fields
 from .options import FILE_PATH, json_option, num_threads
-from .output import in_options, print_json, printable, say, warn
+from .output import in_options, print_json, say, warn
 from .paths import require_ending, require_model, require_photographs
 from .progress import progress_bar
 
@@ -114,8 +114,8 @@ def command(
             views_folder,
             replace(options, frames_folder=frames),
             on_progress=on_progress,
-            on_note=lambda sentence: say(printable(f"note: {in_options(sentence)}")),
-            on_warning=lambda sentence: warn(printable(f"warning: {in_options(sentence)}")),
+            on_note=lambda sentence: say(f"note: {in_options(sentence)}"),
+            on_warning=lambda sentence: warn(f"warning: {in_options(sentence)}"),
         )
         stack.enter_context(write_atomically(output, overwrite=overwrite)).write_bytes(report.data)
         if report.save_cameras is not None and frames is not None:
@@ -133,7 +133,7 @@ def command(
         print_json({**fields, **report_fields(report, summary)})
         return
     if note := roles_note(report, is_chosen=is_choice_left(options.views)):
-        say(printable(f"note: {note}"))
+        say(f"note: {note}")
     say_result(str(output), report, summary, views_folder)
 
 
@@ -203,7 +203,7 @@ def _of_view(names: tuple[str, ...], quality: DecodedQuality | None) -> list[dic
 
 def _worst(names: tuple[str, ...], quality: DecodedQuality) -> str:
     worst = quality.worst_view
-    return f" (worst {quality.psnr_of_view[worst]:.2f} dB, {printable(names[worst])})"
+    return f" (worst {quality.psnr_of_view[worst]:.2f} dB, {names[worst]})"
 
 
 def _stage_kib(summary: StreamSummary) -> list[float]:

@@ -27,7 +27,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     from .command_line import command_line
     from .config_file import with_file
-    from .output import in_options, printable, warn
+    from .output import in_options, warn
 
     try:
         code = command_line.main(arguments, prog_name="fecosplat", standalone_mode=False)
@@ -35,7 +35,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         warn(missing_module(error))
         return 1
     except FecoError as error:
-        warn(printable(f"fecosplat: {in_options(str(error))}"))  # file names can contain control characters
+        warn(f"fecosplat: {in_options(str(error))}")
         return 1
     except click.ClickException as error:
         with_file(error).show()

@@ -100,14 +100,14 @@ def write_stdout(data: bytes) -> None:
 
 
 def say(sentence: str) -> None:
-    """Print a message to stderr, unless --quiet was given."""
+    """Print a message of one line to stderr, unless --quiet was given."""
     if verbosity() is not Verbosity.QUIET:
-        click.echo(sentence, err=True)
+        warn(sentence)
 
 
 def warn(sentence: str) -> None:
-    """Print a warning or an error to stderr, also if --quiet was given."""
-    click.echo(sentence, err=True)
+    """Print a warning or an error of one line to stderr, also if --quiet was given."""
+    click.echo(printable(sentence), err=True)  # names of files can contain control characters
 
 
 def in_options(sentence: str) -> str:

@@ -156,7 +156,8 @@ def command(
             extractor if trainer.step == 0 or configuration.sender.extractor == LargeSenderConfig.extractor else ()
         ):
             report = trainer.start_extractor_from(source)
-            say("\n".join((f"extractor, from {source}: {report}", *report.table())))
+            for line in (f"extractor, from {source}: {report}", *report.table()):
+                say(line)
         for row in train(trainer):
             say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if model is not None and is_first():

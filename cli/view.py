@@ -15,7 +15,7 @@ from fecocodec.errors import OutputError, error_context
 
 from .decode_options import decode_here, require_page
 from .options import STREAM_PATH, max_pixels_option, model_option, threads_option
-from .output import printable, say
+from .output import say
 from .paths import require_model
 from .progress import progress_bar
 
@@ -142,7 +142,7 @@ def command(
         contents, query = {"index.html": _page(scene, model, max_pixels)}, ""
     with PageServer(contents, host, port) as server:
         address = f"{server.url}/{query}"
-        say(printable(f"{scene}: shown at {address}, Ctrl-C ends this"))
+        say(f"{scene}: shown at {address}, Ctrl-C ends this")
         if opens_browser:
             webbrowser.open(address)
         server.serve_forever()
@@ -166,7 +166,7 @@ def _page(scene: Path, model: Path | None, max_pixels: int) -> bytes:
         decoded = decode_here(data, model=model, max_pixels=max_pixels, on_progress=on_progress)
     page, _, note = decoded_file(decoded, scene.with_suffix(".html"))
     if note is not None:
-        say(printable(f"note: {scene}: {note}"))
+        say(f"note: {scene}: {note}")
     return page
 
 

@@ -8,7 +8,7 @@ from fecocodec.captures.view_selection import Selection
 from fecocodec.container import read_header
 from fecocodec.errors import error_context
 
-from .output import in_options, printable, say
+from .output import in_options, say
 
 if TYPE_CHECKING:
     from fecocodec import Cameras, Decoded, Gaussians
@@ -24,7 +24,7 @@ def read_given_cameras(path: Path, selection: Selection | None, size: tuple[int,
 
     cameras = read_render_cameras(path, views=selection, size=size)
     for note in cameras.notes:
-        say(printable(f"note: {in_options(note)}"))
+        say(f"note: {in_options(note)}")
     return cameras
 
 

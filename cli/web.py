@@ -7,7 +7,7 @@ import click
 from fecocodec.atomic import write_folder_atomically
 
 from .options import FILE_PATH
-from .output import printable, say
+from .output import say
 
 
 @click.command(
@@ -36,4 +36,4 @@ def command(folder: Path) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
     size = f"{len(contents)} files, {sum(map(len, contents.values())) / 1e6:.1f} MB"
-    say(printable(f"{folder}: {size}; put .fcs files into it, and open ?file=NAME.fcs"))
+    say(f"{folder}: {size}; put .fcs files into it, and open ?file=NAME.fcs")

@@ -9,14 +9,23 @@ from typing import Any
 import torch
 
 from fecocodec.batch.scene_task import Result
+from fecocodec.batch.scenes import listed
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_folder, model_id_of
 from fecocodec.codec.encode_folder import encode_folder
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.model_files import read_bytes
+from fecocodec.photographs.image_headers import has_image_name
+from fecocodec.photographs.video_frames import is_video
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.optimisation_config import config_of_effort
 
 _Stamps = tuple[tuple[int, int], ...]  # (modification time, size) of each weights file
+
+
+def passed_over(source: Path) -> tuple[str, ...]:
+    """Return the names of photographs, videos and archives beside scene folders, which are the only scenes."""
+    files = [path for path in listed(source) if path.is_file()] if source.is_dir() else []
+    return tuple(path.name for path in files if has_image_name(path) or is_video(path) or path.suffix.lower() == ".zip")
 
 
 @dataclass(frozen=True)

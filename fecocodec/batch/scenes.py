@@ -36,7 +36,7 @@ def scene_folders(source: StrPath, *, output: StrPath | None = None) -> tuple[Ba
     if any((source / name).exists() for name in _CAMERAS_OF_A_SCENE):
         raise InputError(f"{source}: this folder is a scene; give the folder that contains the scene folders.")
     left_out = None if output is None else Path(output).absolute()
-    folders = [path for path in _listed(source) if path.is_dir() and path.absolute() != left_out]
+    folders = [path for path in listed(source) if path.is_dir() and path.absolute() != left_out]
     return _named([BatchScene(path.name, path.absolute()) for path in folders], source)
 
 
@@ -48,7 +48,7 @@ def coded_scenes(source: StrPath) -> tuple[BatchScene, ...]:
     source = _existing(Path(source))
     if source.is_file():
         return _named(_manifest_scenes(source, Path.is_file, "file"), source)
-    files = [path for path in _listed(source) if path.suffix.lower() == ".fcs" and path.is_file()]
+    files = [path for path in listed(source) if path.suffix.lower() == ".fcs" and path.is_file()]
     return _named([BatchScene(path.stem, path.absolute()) for path in files], source)
 
 
@@ -71,7 +71,7 @@ def _existing(source: Path) -> Path:
     return source
 
 
-def _listed(folder: Path) -> list[Path]:
+def listed(folder: Path) -> list[Path]:
     """Return the entries of a folder that are neither hidden nor of the system, sorted by name. Raises InputError."""
     try:
         entries = sorted(path for path in folder.iterdir() if not path.name.startswith("."))

@@ -1,6 +1,7 @@
 """Find and read the cameras of a scene folder, in any supported format."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from fecocodec.photographs.image_headers import (
     is_unread,
 )
 from fecocodec.photographs.video_frames import is_video
-from fecocodec.poses.unposed_photographs import find_photographs
+from fecocodec.poses.unposed_photographs import absent_photographs, find_photographs
 
 _ARCHIVE_SUFFIXES = (".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst")
 _FINDERS = (find_transforms_json, find_colmap_model, find_realestate10k, find_cameras_json, find_llff)
@@ -47,11 +48,14 @@ def read_cameras(path: StrPath) -> PosedPhotographs:
         if not found:
             raise InputError(f"{path}: {_missing(path)}")
         scene = _read(path, found[0])
-        others = _others(path, found) if path.is_dir() else []
+        folder = path if path.is_dir() else path.parent
+        others = _others(folder, found)
+        remarks = _remarks(folder, found, others) if path.is_dir() else []
+        posed_elsewhere = _images_of(folder, others)
     except (OSError, ValueError) as error:  # ValueError: an invalid file name
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions.") from error
-    return replace(scene, remarks=(*scene.remarks, *others))
+    return replace(scene, remarks=(*scene.remarks, *remarks), posed_elsewhere=posed_elsewhere)
 
 
 def has_cameras(path: StrPath) -> bool:
@@ -124,17 +128,30 @@ def _read(path: Path, found: Path) -> PosedPhotographs:
     return read_realestate10k(found) if found.suffix.lower() == ".txt" else read_transforms_json(found)
 
 
-def _others(folder: Path, found: list[Path]) -> list[str]:
-    """Return sentences on camera files beside the first, which is read."""
+def _others(folder: Path, found: list[Path]) -> list[Path]:
+    """Return camera files of kinds that are read beside the first, which is read."""
     splits = [folder / name for name in FILE_NAMES if (folder / name).is_file()]
-    others = [path for path in dict.fromkeys((*found, *splits)) if path != found[0]]
+    return [path for path in dict.fromkeys((*found, *splits)) if path != found[0]]
+
+
+def _images_of(folder: Path, others: list[Path]) -> frozenset[Path]:
+    """Return the images of other camera files; not of COLMAP models, which may take seconds to read."""
+    images = set[Path]()
+    for path in others:
+        with suppress(InputError):
+            images |= {photograph.path for photograph in _read(folder, path).photographs} if path.is_file() else set()
+    return frozenset(images)
+
+
+def _remarks(folder: Path, found: list[Path], others: list[Path]) -> list[str]:
+    """Return sentences on camera files beside the first, which is read."""
     notes = []
     if others:
         names = ", ".join(str(path.relative_to(folder)) for path in others)
         has, it = ("has", "it") if len(others) == 1 else ("have", "one of them")
         notes.append(f"{names} {has} cameras, too, which are not used; give {it} in place of the folder to use it.")
     tables = {folder / "cameras.txt"} if folder in found else set()  # the folder is itself a COLMAP model
-    if unread := unread_cameras(folder, {*found, *splits, *tables}):
+    if unread := unread_cameras(folder, {*found, *others, *tables}):
         notes.append(f"cameras in {unread} are not read; those of {short_name(found[0])} are used.")
     return notes
 
@@ -146,11 +163,16 @@ def _missing(path: Path) -> str:
             return "a photograph, not a camera file; give a folder of two or more photographs, or a camera file."
         if path.suffix.lower() in _ARCHIVE_SUFFIXES:
             return "an archive; unpack it and give the folder that holds the photographs."
-        return "not a camera file; give the folder that holds images and cameras."
+        if is_unread(path):
+            moving = ", or a moving one to MP4" if path.suffix.lower() == ".gif" else ""
+            return f"a picture of a kind that is not read; {conversion_advice([path])}{moving}."
+        return "not a camera file, nor a video by its name; give the folder that holds images and cameras."
     if not _has_images(path):
         if unread := [file for file in _files(path) if is_unread(file)]:
             kinds = ", ".join(sorted({file.suffix.lower() for file in unread}))
             return f"photographs of this kind cannot be read ({kinds}); {conversion_advice(unread)}."
+        if absent := absent_photographs(path):
+            return f"{absent[0].name} is not here but only linked to, or not downloaded; put the photographs here."
         if videos := sorted(file for file in _files(path) if is_video(file)):
             return f"no photographs found, but a video; give the file itself, {videos[0]}."
         if scenes := [folder for folder in sorted(path.iterdir()) if folder.is_dir() and camera_files(folder)]:
@@ -178,7 +200,7 @@ def _images_at(folder: Path, pattern: str) -> Iterator[Path]:
 
 def _has_images(folder: Path) -> bool:
     """Return whether the folder or its folder `images` holds a file with the name of an image."""
-    return any(has_image_name(path) for path in _files(folder))
+    return any(has_image_name(path) and path.exists() for path in _files(folder))
 
 
 def _files(folder: Path) -> list[Path]:

@@ -15,7 +15,7 @@ from fecocodec.camera_files.image_matching import MatchedImages, image_folders
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, photographs_of, require_numbers
 from fecocodec.errors import InputError
 from fecocodec.input_file import read_file
-from fecocodec.photographs.image_headers import has_image_name
+from fecocodec.photographs.image_headers import has_image_name, maps_among
 from fecocodec.photographs.lens import MAX_SIDE_PX, Lens
 
 FILE_NAME = "poses_bounds.npy"
@@ -70,8 +70,9 @@ def _images(path: Path, count: int) -> MatchedImages:
     return MatchedImages(tuple(file.name for file in files), tuple(files), 1, remarks)
 
 
-def _images_in(folder: Path) -> list[Path]:
-    return [file for file in folder.iterdir() if has_image_name(file)] if folder.is_dir() else []
+def _images_in(folder: Path) -> set[Path]:
+    images = {file for file in folder.iterdir() if has_image_name(file)} if folder.is_dir() else set[Path]()
+    return images - maps_among(images)
 
 
 def _photograph(row: Float[np.ndarray, "17"], image: Path, place: str) -> PosedPhotograph:

@@ -14,7 +14,7 @@ _MOST_NAMED = 4
 
 @dataclass(frozen=True)
 class _Kind:
-    """A camera file of another program. pattern: glob below the scene folder. content: bytes that its beginning has."""
+    """A camera file of another program. pattern: glob below the scene folder. content: expression for its beginning."""
 
     program: str
     pattern: str
@@ -47,6 +47,7 @@ _KINDS = (
     _Kind("MVSNet", "cams/*_cam.txt"),
     _Kind("DUSt3R", "pred_traj.txt"),
     _Kind("TUM RGB-D", "groundtruth.txt"),
+    _Kind("Redwood, Open3D", "*.log", rb"\A\s*(\d+\s+){3}([-+.\deE]+\s+){16}"),
 )
 _NAME = re.compile(r"cam(era)?s?|poses?|extrinsics?|intrinsics?|traj(ectory)?|transforms?|calibration|focals?", re.I)
 _SUFFIXES = {".json", ".xml", ".csv", ".txt", ".npy", ".npz", ".pt", ".pth", ".pkl", ".log", ".out", ".yaml", ".yml"}
@@ -109,6 +110,6 @@ def _has(path: Path, content: bytes) -> bool:
         return True
     try:
         with path.open("rb") as file:
-            return content in file.read(_HEAD_BYTES)
+            return re.search(content, file.read(_HEAD_BYTES)) is not None
     except OSError:
         return False

@@ -27,7 +27,8 @@ class PosedPhotograph:
     sparse_depths: depths, in scene units, of the reconstructed points that this photograph observes, if the format has
     them. declared_size: (width, height) in pixels that the camera file states, None if it states none. name: of the
     image in the camera file. problem: why this camera cannot be used, as an error message that begins with `place`;
-    empty if it can. mask: file of its mask that the camera file names, see `read_mask`.
+    empty if it can. is_told: whether the user was told of it. mask: file of its mask that the camera file names, see
+    `read_mask`.
     """
 
     path: Path
@@ -38,6 +39,7 @@ class PosedPhotograph:
     declared_size: tuple[int, int] | None = None
     name: str = ""
     problem: str = ""
+    is_told: bool = False
     mask: Path | None = None
 
     @property
@@ -51,7 +53,7 @@ class PosedPhotographs:
     """All photographs of a scene folder, in the order of its camera file.
 
     near, far: depth bounds of that file. remarks: one sentence for each choice that reading made, such as the folder of
-    the images.
+    the images. posed_elsewhere: images of which another camera file beside it, such as that of a split, has cameras.
     """
 
     cameras_path: Path
@@ -59,6 +61,7 @@ class PosedPhotographs:
     near: float | None = None
     far: float | None = None
     remarks: tuple[str, ...] = ()
+    posed_elsewhere: frozenset[Path] = frozenset()
 
     @property
     def cameras_name(self) -> str:
@@ -72,16 +75,20 @@ CameraReader = Callable[[Path, str], PosedPhotograph]  # (image, place)
 def photographs_of(images: MatchedImages, cameras: Iterable[tuple[str, CameraReader]]) -> list[PosedPhotograph]:
     """Read the cameras of images, each given as (place, reader). A reader that raises InputError gives a problem.
 
-    A pose that is not rigid is a problem too, and so is a second camera of one image.
+    A pose that is not rigid is a problem too, and so are a lens that no image of the stated size has, and a second
+    camera of one image.
     """
     photographs: list[PosedPhotograph] = []
-    place_of: dict[Path, str] = {}
+    found: set[Path] = set()
     for name, path, (place, read) in zip(images.names, images.paths, cameras, strict=True):
         photograph = replace(_checked(path, place, read), name=name)
-        if path in place_of and not photograph.problem and os.path.isfile(path):
-            problem = f"{place}: another frame has this image, too ({place_of[path]}); remove one."
+        if path in found and not photograph.problem and os.path.isfile(path):
+            problem = (
+                f"{place}: another frame has this image, too, and its camera is used; name the image of each with its "
+                "folder, or remove one."
+            )
             photograph = replace(photograph, problem=problem)
-        place_of.setdefault(path, place)
+        found.add(path)
         photographs.append(photograph)
     return photographs
 
@@ -90,6 +97,8 @@ def _checked(path: Path, place: str, read: CameraReader) -> PosedPhotograph:
     try:
         photograph = read(path, place)
         rigid_pose(photograph.camera_to_world, place)
+        if photograph.declared_size:
+            require_representable(photograph.lens_for(*photograph.declared_size), place)
         return photograph
     except InputError as error:
         return PosedPhotograph(path, place, np.full((4, 4), np.nan), _no_lens, problem=str(error))

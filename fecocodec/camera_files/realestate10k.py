@@ -15,7 +15,7 @@ from fecocodec.camera_files.image_matching import match_images
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, photographs_of, require_numbers
 from fecocodec.errors import InputError
 from fecocodec.input_file import read_text
-from fecocodec.photographs.lens import Lens
+from fecocodec.photographs.lens import Lens, require_representable
 
 _COLUMNS = 19
 _LONGEST_LINE = 1 << 16  # characters
@@ -45,6 +45,7 @@ def _photograph(words: list[str], image: Path, place: str) -> PosedPhotograph:
     fx, fy, cx, cy, *reserved = (float(value) for value in values[:6])
     if fx <= 0 or fy <= 0:
         raise InputError(f"{place}: the focal length is not positive; export the cameras again.")
+    require_representable(_lens(fx, fy, cx, cy, 1, 1), place)
     if any(reserved):
         raise InputError(f"{place}: columns 6 and 7 are not 0 0, and distortion is not defined here; undistort first.")
     world_to_camera = np.eye(4)

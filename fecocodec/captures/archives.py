@@ -16,7 +16,10 @@ from fecocodec.poses.unposed_photographs import find_photographs
 
 MAX_MEMBERS = 20_000
 MAX_TOTAL_BYTES = 32 << 30
-_CAMERA_SUFFIXES = (".json", ".txt", ".bin", ".npy", ".npz", ".csv", ".xml", ".xmp", ".out", ".nvm", ".sfm", ".traj")
+_CAMERA_SUFFIXES = (
+    ".json", ".txt", ".bin", ".npy", ".npz", ".csv", ".xml", ".xmp", ".out", ".nvm", ".sfm", ".traj", ".log", ".psx",
+    ".yaml", ".yml",
+)  # fmt: skip
 _WANTED = {*IMAGE_SUFFIXES, *UNREAD_SUFFIXES, *_CAMERA_SUFFIXES}
 _REMEDY = "unpack it and give the folder"
 

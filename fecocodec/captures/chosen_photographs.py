@@ -17,9 +17,9 @@ from fecocodec.camera_files.posed_photographs import (
 )
 from fecocodec.captures.reading_notes import (
     framing_notes,
-    layer_remarks,
     lens_notes,
     orientation_notes,
+    picture_remarks,
     unposed_notes,
     without_copies,
 )
@@ -98,7 +98,7 @@ def framed(
     notes = [*notes, *lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
     paths = [photograph.path for photograph in photographs]
     notes += orientation_notes(paths)
-    remarks = (*scene.remarks, *layer_remarks(paths))
+    remarks = (*scene.remarks, *picture_remarks(paths))
     return ChosenPhotographs(scene, photographs, lenses, common, poses, intrinsics, tuple(names), tuple(notes), remarks)
 
 

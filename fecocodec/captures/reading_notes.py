@@ -12,6 +12,7 @@ from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share, most_pixels
 from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright, maps_among
 from fecocodec.photographs.lens import Lens
+from fecocodec.photographs.pillow_images import gamma_with_pillow, has_several_pictures
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
@@ -47,7 +48,7 @@ def passed_over_notes(scene: PosedPhotographs, usable: list[PosedPhotograph]) ->
     used = {id(photograph) for photograph in usable}
     names: dict[str, list[str]] = {}
     for photograph in scene.photographs:
-        if id(photograph) not in used:
+        if id(photograph) not in used and not photograph.is_told:
             names.setdefault(photograph.cause, []).append(photograph.name or photograph.place.split(", ")[-1])
     return [_passed_over(scene, cause, of_cause) for cause, of_cause in names.items()]
 
@@ -73,11 +74,12 @@ def _listed(names: list[str], most: int = MOST_NAMED) -> str:
 def unposed_notes(scene: PosedPhotographs) -> list[str]:
     """Return a note if images beside the photographs of a scene have no camera."""
     posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
+    elsewhere = {Path(os.path.abspath(path)) for path in scene.posed_elsewhere}  # a remark tells of their cameras
     folders = sorted({path.parent for path in posed})
     beside = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
     images = [path for path in beside if has_image_name(path)]
     named = {Path(os.path.abspath(photograph.mask)) for photograph in scene.photographs if photograph.mask}
-    found = [path.name for path in images if path not in {*posed, *named, *maps_among(images)}]
+    found = [path.name for path in images if path not in {*posed, *elsewhere, *named, *maps_among(images)}]
     if not found:
         return []
     has, used = ("has", "is not used") if len(found) == 1 else ("have", "are not used")
@@ -101,18 +103,34 @@ def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotog
     return kept, notes
 
 
-def layer_remarks(paths: list[Path]) -> list[str]:
-    """Return a sentence for each layer of OpenEXR files that is taken for their colours."""
+def picture_remarks(paths: list[Path]) -> list[str]:
+    """Return sentences on what is read of files: the first picture, a gamma of PNG, a layer of OpenEXR."""
     exr = [path for path in paths if is_exr(path)]
+    others = [path for path in paths if path not in exr]
+    gammas = Counter(gamma_with_pillow(path) for path in others)
+    remarks = [
+        f"{_photographs(count)} {'is' if count == 1 else 'are'} converted to sRGB from the values of gamma {gamma:g} "
+        f"that a gAMA chunk states{', which is linear light' if gamma == 1 else ''}; store them without it if it is "
+        "wrong."
+        for gamma, count in gammas.items()
+        if gamma
+    ]
+    if several := [path.name for path in others if has_several_pictures(path)]:
+        remarks.append(
+            f"{_listed(several, 3)} {'holds' if len(several) == 1 else 'hold'} several pictures; the first is used."
+        )
     if not exr:
-        return []
+        return remarks
     from fecocodec.photographs.exr import colour_layer  # it loads torch
 
     layers = Counter(colour_layer(path) for path in exr)
     return [
-        f"the colours of {_photographs(count)} are those of the layer {layer}."
-        for layer, count in layers.items()
-        if layer
+        *remarks,
+        *(
+            f"the colours of {_photographs(count)} are those of the layer {layer}."
+            for layer, count in layers.items()
+            if layer
+        ),
     ]
 
 

@@ -100,8 +100,11 @@ def read_others(
     return joined(read) if read else None
 
 
-def with_problems(scene: PosedPhotographs, indices: list[int]) -> PosedPhotographs:
-    """Return the scene with the problem of each of these photographs that cannot be read; the same one if all can."""
+def with_problems(scene: PosedPhotographs, indices: list[int], *, are_told: bool = False) -> PosedPhotographs:
+    """Return the scene with the problem of each of these photographs that cannot be read; the same one if all can.
+
+    are_told: whether the user was told of them.
+    """
     problems = dict[int, str]()
     for index in indices:
         try:
@@ -111,7 +114,7 @@ def with_problems(scene: PosedPhotographs, indices: list[int]) -> PosedPhotograp
     if not problems:
         return scene
     photographs = [
-        replace(photograph, problem=problems[index]) if index in problems else photograph
+        replace(photograph, problem=problems[index], is_told=are_told) if index in problems else photograph
         for index, photograph in enumerate(scene.photographs)
     ]
     return replace(scene, photographs=photographs)

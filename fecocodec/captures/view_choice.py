@@ -1,6 +1,7 @@
 """Choose the views of a scene: by index or name, by overlap, or all that can be used."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,22 +65,23 @@ def no_view(scene: PosedPhotographs) -> InputError:
     if first is not None:
         return InputError(first.problem)
     first = scene.photographs[0]
-    beside = _in_folder_beside(first.path)
+    beside = _of_this_name(first.path)
+    remedy = f"put the images there{f' (one of this name is {beside[0]})' if beside else ''}"
+    if len(beside) > 1:
+        remedy = f"{len(beside)} have this name, as {beside[0]} and {beside[1]}; name each with its folder"
     return InputError(
-        f"{first.place}: there is no image {first.path}, nor any other that {scene.cameras_name} names; put the images "
-        f"there{f' (one of this name is {beside})' if beside else ''}."
+        f"{first.place}: there is no image {first.path}, nor any other that {scene.cameras_name} names; {remedy}."
     )
 
 
-def _in_folder_beside(path: Path) -> Path | None:
-    """Return a file of this name in a folder beside that of the path, None if there is none."""
-    try:
-        return next(
-            (folder / path.name for folder in sorted(path.parent.parent.iterdir()) if (folder / path.name).is_file()),
-            None,
-        )
-    except (OSError, ValueError):  # ValueError: an invalid file name
-        return None
+def _of_this_name(path: Path) -> list[Path]:
+    """Return the files of this name in folders below that of the path, or else beside it."""
+    for folder in (path.parent, path.parent.parent):
+        with suppress(OSError, ValueError):  # ValueError: an invalid file name
+            found = [below / path.name for below in sorted(folder.iterdir()) if (below / path.name).is_file()]
+            if found:
+                return found
+    return []
 
 
 def choose_views(

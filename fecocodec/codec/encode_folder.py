@@ -174,7 +174,7 @@ def _read(
         if readable is scene:
             raise
     else:
-        readable = with_problems(scene, roles.checks) if found.checks is None else scene
+        readable = with_problems(scene, roles.checks, are_told=True) if found.checks is None else scene
         if readable is scene:
             return roles, found
     return _read(readable, options, messages, on_progress)

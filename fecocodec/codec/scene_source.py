@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fecocodec.atomic import temporary_folder
 from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras, unread_cameras_notes
+from fecocodec.captures.reading_notes import picture_remarks
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
 from fecocodec.errors import InputError, OptionError
@@ -46,18 +47,19 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
     from fecocodec.poses.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
 
     with ExitStack() as stack:
-        photographs, of_video = path, tuple[str, ...]()
+        photographs, of_video, warnings = path, tuple[str, ...](), tuple[str, ...]()
         if is_video(path):
             photographs = options.frames_folder or stack.enter_context(temporary_folder())
             count = options.num_frames or DEFAULT_FRAMES
-            of_video = write_sharp_frames(path, photographs, count, is_most=options.num_frames is None)
+            of_video, warnings = write_sharp_frames(path, photographs, count, is_most=options.num_frames is None)
         threads, is_masked = options.num_threads, options.masks != "unused"
         cameras = posed_folder(photographs, threads, str(path), options.focal_px, has_masks=is_masked)
         try:
             posed = stack.enter_context(cameras)
         except InputError as error:
             raise InputError(of_input(path, str(error))) from error
-        notes = (*unread_cameras_notes(path), *of_video, *posed.notes)
+        of_photographs = [] if is_video(path) else [*picture_remarks(list(posed.photographs)), *_videos_note(path)]
+        notes = (*unread_cameras_notes(path), *of_video, *of_photographs, *posed.notes)
         if not is_video(path) and (file_above := cameras_above(path)):
             above = path.absolute().parent
             notes += (f"{file_above} has cameras; to use them instead, give the folder {above}.",)
@@ -73,7 +75,15 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             replace(posed, photographs=named).save_cameras(file, overwrite=overwrite)
 
         save = save_beside if is_video(path) else posed.save_cameras
-        yield SceneSource(posed.path, notes, posed.warnings, save)
+        yield SceneSource(posed.path, notes, (*warnings, *posed.warnings), save)
+
+
+def _videos_note(folder: Path) -> list[str]:
+    """Return a sentence if videos lie beside photographs whose cameras are estimated."""
+    videos = sorted(path.name for path in folder.iterdir() if is_video(path))
+    return (
+        [f"videos beside photographs are not used ({', '.join(videos)}); give one itself to use it."] if videos else []
+    )
 
 
 def require_no_cameras(path: Path, option: str) -> None:

@@ -96,7 +96,7 @@ def _with_matched_depth(cameras: Cameras, encoder: SceneEncoder) -> Cameras:
 def _are_confirmed(encoder: SceneEncoder) -> list[bool]:
     """Return which coded views other photographs confirm; others show another scene, or have a wrong camera."""
     disparity = encoder.matching.depth.relative_disparity
-    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0), encoder.guides)
+    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0), encoder.guides, encoder.ignored)
     is_confirmed: list[bool] = (overlap.confirmed.amax(dim=1) >= LEAST_CONFIRMED).tolist()
     return is_confirmed
 

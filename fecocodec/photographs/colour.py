@@ -76,6 +76,11 @@ def primaries_to_srgb(primaries: Chromaticities) -> Float[np.ndarray, "3 3"]:
     return (np.linalg.solve(target, adapt @ source)).astype(np.float32)
 
 
+def xyz_to_srgb() -> Float[np.ndarray, "3 3"]:
+    """Return the matrix from CIE XYZ, of which Y is 1 and the chromaticity D65 for white, to linear sRGB."""
+    return np.linalg.inv(_rgb_to_xyz(SRGB_PRIMARIES)).astype(np.float32)
+
+
 def luminance_weights(primaries: Chromaticities) -> Float[np.ndarray, "3"]:
     """Return the luminance of red, green and blue of these primaries; their sum is 1."""
     return _rgb_to_xyz(primaries)[1]

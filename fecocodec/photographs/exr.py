@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import torch
-from einops import einsum, rearrange
+from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import InputError
 from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
-from fecocodec.photographs.colour import SRGB_PRIMARIES, Chromaticities, luminance_weights, primaries_to_srgb
+from fecocodec.photographs.exr_light import linear_light
 from fecocodec.photographs.pillow_images import require_few_pixels, unreadable
+from fecocodec.photographs.silence import silenced
 
 _MAX_VALUES = 4 * MAX_IMAGE_PIXELS  # over all channels and parts; OpenEXR reads them all
 _HALF_STEP = 5e-4  # half of the distance of 1 to the next half float
@@ -27,8 +28,8 @@ _USUAL_NAMES = {"combined", "beauty", "rgba", "rgb", "color", "colour"}  # of th
 class ExrImage:
     """Content of an OpenEXR file; None for what the file lacks.
 
-    colour: sRGB in [0, 1]. depth: channel Z, in scene units. alpha: opacity in [0, 1]. clipped: share of the pixels
-    with light above 1, which is clipped.
+    colour: sRGB in [0, 1]. depth: channel Z, in scene units, unless it is CIE Z. alpha: opacity in [0, 1].
+    clipped: share of the pixels with light above 1, which is clipped.
     """
 
     colour: Float[Tensor, "3 height width"]
@@ -40,25 +41,27 @@ class ExrImage:
 def read_exr(path: Path, background: float = 1.0) -> ExrImage:
     """Read colour, depth and opacity in the display window; what the data window leaves out is black and transparent.
 
-    Colour is R, G and B, luminance Y, or Y with the chroma channels RY and BY, of the part and layer that
-    `colour_layer` chooses. It is composited on a background if there is opacity A. Stated chromaticities are converted
-    to sRGB. background: linear grey level; 1 is white.
+    Colour is R, G and B, CIE X, Y and Z, luminance Y, or Y with the chroma channels RY and BY, of the part and layer
+    that `colour_layer` chooses. It is composited on a background if there is opacity A. Stated chromaticities are
+    converted to sRGB. background: linear grey level; 1 is white.
     Values above 1 are clipped; NaN counts as 0. Raises InputError if the file cannot be read, has no colour, or has
     more than MAX_IMAGE_PIXELS pixels.
     """
     read_exr_size(path)  # refuses too many pixels before they are allocated
     try:
-        part, layer = _chosen(path, OpenEXR.File(str(path), separate_channels=True).parts)
+        with silenced():
+            parts = OpenEXR.File(str(path), separate_channels=True).parts
+        part, layer = _chosen(path, parts)
         planes = {name: _in_display_window(part, layer.channels[name]) for name in layer.channels}
     except (RuntimeError, ValueError, KeyError) as error:  # OpenEXR reports damage by any of them
         raise InputError(_unreadable(path)) from error
     alpha = planes.get("A")
-    light = _light(planes, part.header.get("chromaticities"))
+    light = linear_light(planes, part.header.get("chromaticities"))
     if alpha is not None:  # OpenEXR colour is premultiplied by alpha
         light = light + background * (1 - alpha)
     light = light.nan_to_num(nan=0.0)
     clipped = (light > 1 + _HALF_STEP).any(dim=0).float().mean().item()
-    depth = planes.get("Z")
+    depth = None if "X" in planes else planes.get("Z")
     opacity = None if alpha is None else alpha.nan_to_num(nan=0.0).clamp(0, 1)
     return ExrImage(linear_to_srgb(light), depth, opacity, clipped)
 
@@ -102,6 +105,8 @@ class _Layer:
 
     @property
     def has_colour(self) -> bool:
+        if set("XYZ") <= self.channels.keys() and self.name:  # normals or positions
+            return False
         return {"R", "G", "B"} <= self.channels.keys() or "Y" in self.channels
 
 
@@ -142,7 +147,8 @@ def _headers(path: Path) -> list[Any]:
     """Return the parts, without pixels."""
     try:
         require_regular_file(path)
-        parts: list[Any] = OpenEXR.File(str(path), header_only=True).parts
+        with silenced():
+            parts: list[Any] = OpenEXR.File(str(path), header_only=True).parts
         return parts
     except OSError as error:
         raise InputError(unreadable(path, error)) from error
@@ -181,37 +187,6 @@ def _upsampled(values: Float[Tensor, "height width"], axis: int, factor: int) ->
     after = (before + 1).clamp_max(values.shape[axis] - 1)
     weight = (position - before)[:, None] if axis == 0 else position - before
     return values.index_select(axis, before) * (1 - weight) + values.index_select(axis, after) * weight
-
-
-def _light(planes: dict[str, Float[Tensor, "height width"]], chromaticities: Any) -> Float[Tensor, "3 height width"]:
-    """Return linear sRGB from R, G and B, or from luminance with or without chroma.
-
-    RY and BY are (R - Y) / Y and (B - Y) / Y, where Y is the luminance of R, G and B in their chromaticities.
-    """
-    primaries = _primaries(chromaticities)
-    if "R" in planes:
-        light = torch.stack([planes[kind] for kind in "RGB"])
-    elif {"RY", "BY"} <= planes.keys():
-        luma = planes["Y"]
-        red, blue = (planes["RY"] + 1) * luma, (planes["BY"] + 1) * luma
-        of_red, of_green, of_blue = luminance_weights(primaries).tolist()
-        light = torch.stack((red, (luma - of_red * red - of_blue * blue) / of_green, blue))
-    else:
-        light = planes["Y"].expand(3, -1, -1)
-    if primaries == SRGB_PRIMARIES:
-        return light
-    return einsum(torch.from_numpy(primaries_to_srgb(primaries)), light, "out rgb, rgb h w -> out h w")
-
-
-def _primaries(chromaticities: Any) -> Chromaticities:
-    """Return the file's chromaticities; those of sRGB if it states none, or the same to three digits."""
-    if chromaticities is None:
-        return SRGB_PRIMARIES
-    values = np.asarray(chromaticities, np.float64).ravel().tolist()
-    points = tuple((x, y) for x, y in zip(values[0::2], values[1::2], strict=True))
-    if len(points) != 4 or np.abs(np.array(points) - SRGB_PRIMARIES).max() < 1e-3:
-        return SRGB_PRIMARIES
-    return points
 
 
 def write_exr(path: Path, image: ExrImage, *, overwrite: bool = False) -> None:

@@ -14,7 +14,11 @@ IMAGE_SUFFIXES = (
 )  # fmt: skip
 UNREAD_SUFFIXES = (*RAW_SUFFIXES, ".gif", ".jp2", ".jxl", ".ppm", ".psd", ".tga", ".hdr")
 PHOTOGRAPH_FOLDERS = ("images", "input")  # where programs keep photographs; `input` is that of the 3DGS reference
-_MAP = re.compile(r"(.+)[_.-](depth|disparity|normals?|masks?|alpha|confidence)([_.-]?\d+)?", re.IGNORECASE)
+MASK_FOLDERS = ("masks", "mask")  # in any case
+_KIND = r"(?:depth|disparity|normals?|masks?|alpha|confidence)"
+_MAP = re.compile(rf"(.+)[_.-]{_KIND}(?:[_.-]?\d+)?|{_KIND}[_.-]?(.+)", re.IGNORECASE)
+_PICTURE = re.compile(r"(?:rgb|colou?r|image|img|frame)[_.-]?(?=\d)|[_.-](?:rgb|colou?r|image|img)$", re.IGNORECASE)
+_PLACEHOLDER = re.compile(r"\.(.+)\.icloud")  # of a file that is not downloaded
 _EXR_SIGNATURE = b"v/1\x01"
 
 
@@ -29,10 +33,21 @@ def is_unread(path: Path) -> bool:
 
 
 def maps_among(paths: Iterable[Path]) -> set[Path]:
-    """Return images that are, by their names, maps of other ones: `a_depth.png` or `a.mask.png` beside `a.jpg`."""
+    """Return images that are, by their names, maps of other ones.
+
+    Such as `a_depth.png`, `a.mask.png` or `depth_a.png` beside `a.jpg`, and `depth_01.png` beside `rgb_01.png`.
+    """
     files = list(paths)
-    shown = {name for path in files for name in (path.stem, path.name)}
-    return {path for path in files if (found := _MAP.fullmatch(path.stem)) and found[1] in shown}
+    shown = {name for path in files for name in (path.stem, path.name, _PICTURE.sub("", path.stem))}
+    return {path for path in files if (found := _MAP.fullmatch(path.stem)) and (found[1] or found[2]) in shown}
+
+
+def is_absent(path: Path) -> bool:
+    """Return whether a file stands for an image that is not here: a link to none, or a placeholder of iCloud."""
+    placeholder = _PLACEHOLDER.fullmatch(path.name)
+    if placeholder:
+        return has_image_name(Path(placeholder[1]))
+    return has_image_name(path) and not path.exists()
 
 
 def conversion_advice(unread: list[Path]) -> str:

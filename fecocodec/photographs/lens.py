@@ -20,11 +20,22 @@ _OTHER_COLMAP_MODELS = (
 )
 _OTHER_MODELS = ("FISHEYE624", "FTHETA")
 _PANORAMAS = (
-    *("EQUIRECTANGULAR", "SPHERICAL", "OMNIDIRECTIONALSTEREO_L", "OMNIDIRECTIONALSTEREO_R", "VR180_L", "VR180_R"),
+    *(
+        "EQUIRECTANGULAR",
+        "CYLINDRICAL",
+        "SPHERICAL",
+        "OMNIDIRECTIONALSTEREO_L",
+        "OMNIDIRECTIONALSTEREO_R",
+        "VR180_L",
+        "VR180_R",
+    ),
 )
 MAX_SIDE_PX = 10**6  # largest image side in a camera file
 MAX_GROWTH = 2.0  # largest ratio of the sides of an undistorted image to those of the photograph
-MAX_FISHEYE_SLOPE = np.tan(np.radians(60.0))  # a pinhole of more than 120 degrees shows little but stretched edges
+# A pinhole of more than 120 degrees shows little but stretched edges. Nor is the image of one, cut from a photograph,
+# farther than this from the optical axis.
+MAX_SLOPE = np.tan(np.radians(60.0))
+_NEAR_CENTRE, _LEAST_ASPECT = 0.05, 1.3  # of swapped coordinates, in sides
 ASPECT_TOLERANCE = 0.01
 _SOLVER_STEPS = 200
 _ANGLES = np.radians(np.linspace(0, 89, 8193))  # of rays to the optical axis; linear interpolation errs by 1e-8
@@ -112,13 +123,31 @@ def lens_of_model(model: str, size: tuple[int, int], values: Mapping[str, float]
 
 
 def require_representable(lens: Lens, place: str) -> None:
-    """Raise InputError, which begins with `place`, if focal length or principal point exceed the limits of streams."""
+    """Raise InputError, which begins with `place`, if focal length or principal point exceed the limits of streams.
+
+    Also if the principal point is so far outside that no pinhole shows this image, in parts of the image, or the centre
+    of a turned one. Without pixels, the lens may be of a 1x1 image.
+    """
     for focal, centre, side in ((lens.fx, lens.cx, lens.width), (lens.fy, lens.cy, lens.height)):
         if not MIN_FOCAL <= focal / side <= MAX_FOCAL or not abs(centre / side) <= MAX_PRINCIPAL_POINT:
             raise InputError(
                 f"{place}: the focal length is {focal / side:.3g} and the principal point {centre / side:.3g} image "
                 f"sides, but {MIN_FOCAL:.3g} to {MAX_FOCAL:.0f} are possible; correct the camera."
             )
+    slope = max(abs(lens.cx - lens.width / 2) / lens.fx, abs(lens.cy - lens.height / 2) / lens.fy)
+    is_in_parts = 0 < lens.cx <= 1 and 0 < lens.cy <= 1 < min(lens.width, lens.height)
+    if slope > MAX_SLOPE or is_in_parts or _is_centre_of_turned(lens):
+        raise InputError(
+            f"{place}: the principal point ({lens.cx:.6g}, {lens.cy:.6g}) cannot be that of an image of "
+            f"{lens.width}x{lens.height} with a focal length of {lens.fx:.6g}; give all in one unit, and cx before cy."
+        )
+
+
+def _is_centre_of_turned(lens: Lens) -> bool:
+    """Return whether cx and cy, or width and height, seem to be swapped."""
+    across, down = abs(lens.cx - lens.height / 2) / lens.height, abs(lens.cy - lens.width / 2) / lens.width
+    short, long = sorted((lens.width, lens.height))
+    return max(across, down) < _NEAR_CENTRE and long > _LEAST_ASPECT * short
 
 
 def undistorted(lens: Lens, place: str) -> Lens:
@@ -199,7 +228,7 @@ def _tangential_shift(lens: Lens, plane: Float[np.ndarray, "*n 2"]) -> Float[np.
 
 def _reach(lens: Lens, focal: float, centre: float) -> tuple[float, float]:
     """Return the first and last position, in pixels, that an undistorted fisheye may show."""
-    reach = focal * MAX_FISHEYE_SLOPE if lens.is_fisheye else np.inf
+    reach = focal * MAX_SLOPE if lens.is_fisheye else np.inf
     return centre - reach, centre + reach
 
 

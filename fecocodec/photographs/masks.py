@@ -1,5 +1,6 @@
 """Masks of photographs: images of which black is to be ignored, as in nerfstudio (`mask_path`) and COLMAP."""
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,12 +11,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.photographs.image_headers import has_image_name
+from fecocodec.photographs.image_headers import MASK_FOLDERS, has_image_name
 from fecocodec.photographs.images import read_image_and_alpha
 from fecocodec.photographs.lens import ASPECT_TOLERANCE
 
 FOLDER = "masks"
-_FOLDERS = (FOLDER, "mask")  # in any case
 _NAME_OF_MASK = re.compile(r"[_.-]masks?$")  # what may follow the name of the photograph
 _DEPTH = 3  # folders above a photograph in which a folder of masks is looked for
 _BRIGHT = 128  # level from which on a pixel is not black, if the mask has any such pixel
@@ -32,7 +32,7 @@ def find_mask(photograph: Path) -> Path | None:
         for name in [relative, Path(*relative.parts[1:])] if len(relative.parts) > 1 else [relative]:
             found = folder / name
             candidates = (found.with_name(f"{found.name}.png"), found, found.with_suffix(".png"), *_similar(found))
-            if mask := next((path for path in candidates if path.is_file() and path != photograph), None):
+            if mask := next((path for path in candidates if os.path.isfile(path) and path != photograph), None):
                 return mask
     return None
 
@@ -40,7 +40,7 @@ def find_mask(photograph: Path) -> Path | None:
 def mask_folders(photograph: Path) -> Iterator[tuple[Path, Path]]:
     """Yield (folder, its folder of masks) for the folders above a photograph that have one."""
     for base in photograph.parents[:_DEPTH]:
-        named = (path for path in _entries(base) if path.name.lower() in _FOLDERS)
+        named = (path for path in _entries(base) if path.name.lower() in MASK_FOLDERS)
         yield from ((base, folder) for folder in named if folder.is_dir())
 
 

@@ -2,6 +2,7 @@
 
 import struct
 import warnings
+from contextlib import nullcontext
 from io import BytesIO
 from pathlib import Path
 
@@ -11,8 +12,10 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 
 from fecocodec.errors import InputError, installation
 from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
-from fecocodec.photographs.colour import adobe_rgb_to_srgb, coded_to_srgb, is_srgb, profile_to_srgb
+from fecocodec.photographs.colour import adobe_rgb_to_srgb, profile_to_srgb
 from fecocodec.photographs.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
+from fecocodec.photographs.silence import silenced
+from fecocodec.photographs.stated_colours import COLOUR_BYTES, Samples, coded_colours, stated_to_srgb
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "TIFF", "BMP")
 RAW_SUFFIXES = (
@@ -21,7 +24,6 @@ RAW_SUFFIXES = (
 )  # fmt: skip
 _HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _CODED_COLOURS = ("HEIF", "AVIF", "PNG")
-_COLOUR_BYTES = 1 << 16  # in which these files state primaries and transfer function
 UPRIGHT, LAST_ORIENTATION = 1, 8  # of EXIF
 _TURNED_UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -32,7 +34,7 @@ _TURNED_UPRIGHT = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
-Samples = UInt8[np.ndarray, "height width channel"] | UInt16[np.ndarray, "height width channel"]
+_USUAL_GAMMA, _SAME_GAMMA = 1 / 2.2, 0.05  # of files whose values are taken as sRGB
 
 
 def decode_with_pillow(source: Path | BytesIO, place: Path | str) -> Float[np.ndarray, "channel height width"]:
@@ -88,6 +90,32 @@ def orientation_with_pillow(path: Path) -> int:
     return found if isinstance(found, int) and UPRIGHT <= found <= LAST_ORIENTATION else UPRIGHT
 
 
+def gamma_with_pillow(path: Path) -> float | None:
+    """Return the exponent of a PNG's gAMA chunk if its values are converted to sRGB for it, None otherwise.
+
+    Raises InputError as `decode_with_pillow` does for an image that cannot be opened.
+    """
+    with open_image(path, path) as image:
+        return None if coded_colours(_head(path, COLOUR_BYTES)) else _gamma(image)
+
+
+def has_several_pictures(path: Path) -> bool:
+    """Return whether a file has further pictures, such as pages, that are not read. Raises InputError as above."""
+    with open_image(path, path) as image:
+        is_kind = image.format in ("TIFF", "PNG", "WEBP", "AVIF", "HEIF")  # MPO has previews
+        try:
+            return is_kind and getattr(image, "n_frames", 1) > 1
+        except Exception:  # damage behind the first picture, which Pillow reports in many ways
+            return False
+
+
+def _gamma(image: Image.Image) -> float | None:
+    """Return the exponent of a PNG's gAMA chunk; None if it is about that of sRGB, or another chunk outranks it."""
+    gamma = (image.info.get("gamma") or 0.0) if image.format == "PNG" else 0.0
+    is_outranked = "srgb" in image.info or "icc_profile" in image.info
+    return None if is_outranked or gamma <= 0 or abs(gamma - _USUAL_GAMMA) < _SAME_GAMMA else gamma
+
+
 def exif_value(image: Image.Image, tag: int, ifd: int | None = None) -> object:
     """Return a value of the EXIF data, from their main directory or from `ifd`; None if it is not there or damaged."""
     with warnings.catch_warnings():
@@ -116,7 +144,7 @@ def unreadable(place: Path | str, error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:  # from the system; Pillow's own errors have none
         return f"{place}: cannot be read ({error.strerror}); check the path and its permissions."
     has_reason = str(error) and not isinstance(error, UnidentifiedImageError)  # which only repeats the path
-    reason = f" ({error})" if has_reason else ""
+    reason = f" ({' '.join(str(error).split())})" if has_reason else ""
     return (
         f"{place}: the image is damaged, cut short or of a kind that is not read{reason}; store it again or remove it."
     )
@@ -172,8 +200,9 @@ def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:
                 profile = image.info.get("icc_profile")
                 data = source.getvalue() if isinstance(source, BytesIO) else source.read_bytes()
                 samples = decode_sixteen_bits(data, str(place), profile)
-                return samples if profile else _from_coded_colours(samples, data[:_COLOUR_BYTES])
-            return _samples(image, source, place)
+                return samples if profile else stated_to_srgb(samples, data[:COLOUR_BYTES], _gamma(image))
+            with silenced() if image.format == "TIFF" else nullcontext():  # libtiff prints what is damaged
+                return _samples(image, source, place)
     except (InputError, MemoryError):
         raise
     except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
@@ -196,22 +225,9 @@ def _samples(image: Image.Image, source: Path | BytesIO, place: Path | str) -> S
         return samples
     if exif_value(image, 1, ExifTags.IFD.Interop) == "R03":
         return np.concatenate((adobe_rgb_to_srgb(samples[..., :3]), samples[..., 3:]), axis=2)
-    return _from_coded_colours(samples, _head(source, _COLOUR_BYTES)) if image.format in _CODED_COLOURS else samples
-
-
-def _from_coded_colours(samples: Samples, head: bytes) -> Samples:
-    """Return sRGB samples of HEIC, AVIF or PNG. head: the first bytes, which may state how colours are coded."""
-    mark, layout = (b"cICP", ">BB") if head.startswith(b"\x89PNG") else (b"colrnclx", ">HH")
-    numbers = head.partition(b"IDAT")[0].partition(mark)[2][: struct.calcsize(layout)]
-    if len(numbers) < struct.calcsize(layout) or samples.shape[2] < 3:
+    if image.format not in _CODED_COLOURS:
         return samples
-    primaries, transfer = struct.unpack(layout, numbers)
-    if is_srgb(primaries, transfer):
-        return samples
-    largest = np.float32(np.iinfo(samples.dtype).max)
-    pixels = samples[..., :3] / largest
-    coded_to_srgb(pixels, primaries, transfer)
-    return np.concatenate((np.rint(largest * pixels).astype(samples.dtype), samples[..., 3:]), axis=2)
+    return stated_to_srgb(samples, _head(source, COLOUR_BYTES), _gamma(image))
 
 
 def _in_unit_range(

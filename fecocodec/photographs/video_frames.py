@@ -1,5 +1,6 @@
 """Take sharp frames of a moving camera from a video with PyAV (optional extra `video`)."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,6 +13,7 @@ from PIL import Image
 
 from fecocodec.errors import InputError, installation
 from fecocodec.photographs.colour import coded_to_srgb, is_hdr, is_srgb
+from fecocodec.photographs.lens import require_known_model
 
 VIDEO_SUFFIXES = (
     ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".3g2", ".mpg", ".mpeg", ".wmv", ".ogv",
@@ -20,6 +22,10 @@ _SHARPNESS_WIDTH, _CHANGE_WIDTH = 480, 96  # pixels of the small grey frames tha
 _LEAST_CHANGE = 0.02  # mean change of a frame that is not passed over, in standard deviations of its grey levels
 _BORDER_SHARPNESS = 0.5  # what sharpness counts at the borders of a part, relative to its middle
 _LARGEST_ROWS_OF_601 = 576  # a video with more rows that does not state its matrix has that of BT.709
+# The part of a video, and the seconds, that must be missing at its end to be worth a warning.
+_LEAST_CUT, _LEAST_CUT_SECONDS = 0.05, 0.2
+_DURATION = re.compile(r"(\d{1,4}):(\d\d):(\d\d(?:\.\d{1,9})?)")
+_RECTILINEAR = 4  # AV_SPHERICAL_RECTILINEAR; others are panoramas
 Picture = UInt8[np.ndarray, "height width 3"]
 
 
@@ -28,20 +34,26 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEO_SUFFIXES and not path.name.startswith(".") and not path.is_dir()
 
 
-def write_sharp_frames(video: Path, folder: Path, count: int, *, is_most: bool = False) -> tuple[str, ...]:
-    """Write `count` sharp frames, spread over the video, as PNG named by the number of the frame; return notes.
+def write_sharp_frames(
+    video: Path, folder: Path, count: int, *, is_most: bool = False
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Write `count` sharp frames, spread over the video, as PNG named by their number; return notes and warnings.
 
     Frames that hardly differ from those before are passed over; the others are divided into equal parts, of each of
     which the sharpest is taken. Frames are upright, of square pixels, deinterlaced and in sRGB. If fewer than `count`
     frames differ, all of these are taken. is_most: take all frames of a video that has no more than `count`.
-    The video is read twice: to measure, then to write. Raises InputError if PyAV is missing, the video cannot be read,
-    it has fewer frames, or its camera stands still.
+    The video is read twice: to measure, then to write. Damaged frames are passed over.
+    Raises InputError if PyAV is missing, the video cannot be read, it has fewer frames, or its camera stands still.
     """
-    small = [_measured(frame.to_ndarray(format="gray")) for frame, _ in _frames(video)]
+    damage = _Damage()
+    small = [_measured(frame.to_ndarray(format="gray")) for frame, _ in _frames(video, damage)]
+    if len(small) < 2 and damage.count:
+        raise InputError(_unreadable(video, damage.reason))
     if len(small) < 2:
         raise InputError(f"{video}: {len(small)} frame, but cameras are estimated from two or more; film longer.")
+    of_damaged = " without damage" if damage.count else ""
     if len(small) < count and not is_most:
-        raise InputError(f"{video}: {len(small)} frames, but {count} are needed; ask for fewer frames.")
+        raise InputError(f"{video}: {len(small)} frames{of_damaged}, but {count} are needed; ask for fewer frames.")
     moving = _moving([grey for _, grey in small])
     if len(moving) < 2:
         raise InputError(f"{video}: all {len(small)} frames are equal; film with a camera that moves.")
@@ -49,13 +61,38 @@ def write_sharp_frames(video: Path, folder: Path, count: int, *, is_most: bool =
     notes = list[str]()
     if len(moving) < min(count, len(small)):
         notes.append(f"{len(moving)} of {len(small)} frames differ from those before, and only these are taken.")
-    for index, (frame, stream) in enumerate(_frames(video)):
+    for index, (frame, stream) in enumerate(_frames(video, _Damage())):
         if index == 0 and is_hdr(stream.transfer):
             notes.append("the frames are of HDR video; their colours are tone-mapped to sRGB.")
         if index in chosen:
             picture = Image.fromarray(_upright(_in_srgb(frame, stream), stream, frame))
             picture.save(folder / f"frame{index:06d}.png", compress_level=1)
-    return tuple(notes)
+    return tuple(notes), damage.warnings()
+
+
+@dataclass
+class _Damage:
+    """What is missing of a video. count: of packets and frames that cannot be decoded. reason: of the last one.
+
+    stated, found: length of the video in seconds, by what it says and by its last frame; 0 if it says nothing.
+    """
+
+    count: int = 0
+    reason: str | None = None
+    stated: float = 0.0
+    found: float = 0.0
+
+    def warnings(self) -> tuple[str, ...]:
+        sentences = list[str]()
+        if self.count:
+            places = f"{self.count} place{'' if self.count == 1 else 's'}"
+            sentences.append(f"the video is damaged at {places}, and its frames there are passed over; copy it again.")
+        if self.stated - self.found > max(_LEAST_CUT_SECONDS, _LEAST_CUT * self.stated):
+            sentences.append(
+                f"the video ends after {self.found:.1f} of its {self.stated:.1f} seconds, as a file that is cut short; "
+                "copy it again to use all of it."
+            )
+        return tuple(sentences)
 
 
 @dataclass(frozen=True)
@@ -70,7 +107,8 @@ class _Stream:
     transfer: int
 
 
-def _frames(video: Path) -> Iterator[tuple[Any, _Stream]]:
+def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, _Stream]]:
+    """Yield the frames that can be decoded. damage: gets what is missing."""
     try:
         import av
     except ImportError as error:
@@ -83,17 +121,62 @@ def _frames(video: Path) -> Iterator[tuple[Any, _Stream]]:
         with av.open(str(video)) as container:
             if not container.streams.video:
                 raise InputError(f"{video}: there is no video in this file; give a video or a folder of photographs.")
-            stream = max(container.streams.video, key=_frames_and_size)  # a picture of the cover may come first
+            stream: Any = max(container.streams.video, key=_frames_and_size)  # a picture of the cover may come first
             stream.thread_type = "AUTO"
             coded = stream.codec_context
-            for frame in container.decode(stream):
+            start, damage.stated = _stated_span(container, stream)
+            for frame in _decoded(container, stream, damage):
+                projection = frame.side_data.get("SPHERICAL")
+                if projection is not None and np.frombuffer(projection, np.int32)[0] != _RECTILINEAR:
+                    require_known_model("EQUIRECTANGULAR", str(video))
+                last = float(frame.duration * frame.time_base or 1 / (stream.average_rate or 25))
+                damage.found = max(damage.found, (frame.time or 0.0) - start + last)
                 aspect = stream.sample_aspect_ratio or coded.sample_aspect_ratio or Fraction(1)
                 yield frame, _Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc))
     except (av.error.FFmpegError, OSError) as error:
-        raise InputError(
-            f"{video}: the video cannot be read ({error.strerror}); it is damaged, cut short or of an unknown kind: "
-            "copy it again, or convert it to MP4 (H.264)."
-        ) from error
+        raise InputError(_unreadable(video, error.strerror)) from error
+
+
+def _stated_span(container: Any, stream: Any) -> tuple[float, float]:
+    """Return the first time, and the length from there, that a file states for a stream; in seconds, 0 for none.
+
+    AVI states a number of frames. Matroska states the last time of all streams, and of each one in a tag at the end.
+    """
+    if container.format.name == "avi" and stream.average_rate:
+        return 0.0, float(stream.frames / stream.average_rate)
+    if stream.duration:
+        return float((stream.start_time or 0) * stream.time_base), float(stream.duration * stream.time_base)
+    if tag := _DURATION.fullmatch(stream.metadata.get("DURATION", "")):
+        hours, minutes, seconds = (float(number) for number in tag.groups())
+        return 0.0, 3600 * hours + 60 * minutes + seconds
+    return 0.0, (container.duration or 0) / 1e6
+
+
+def _decoded(container: Any, stream: Any, damage: _Damage) -> Iterator[Any]:
+    """Yield the frames of a stream without damage, and count the others."""
+    from av.error import FFmpegError
+
+    packets = container.demux(stream)
+    while True:
+        try:
+            frames = next(packets).decode()
+        except StopIteration:
+            return
+        except FFmpegError as error:
+            damage.count, damage.reason = damage.count + 1, error.strerror
+            continue
+        for frame in frames:
+            if frame.is_corrupt:
+                damage.count += 1
+            else:
+                yield frame
+
+
+def _unreadable(video: Path, reason: str | None) -> str:
+    return (
+        f"{video}: the video cannot be read ({reason or 'damaged frames'}); it is damaged, cut short or of an unknown "
+        "kind: copy it again, or convert it to MP4 (H.264)."
+    )
 
 
 def _frames_and_size(stream: Any) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from fecocodec.poses.pose_estimation import LEAST_ANGLE, LEAST_MATCHES, LEAST_PO
 from fecocodec.poses.pose_warnings import reliability_warnings
 from fecocodec.poses.unposed_photographs import (
     MAX_PHOTOGRAPHS,
+    absent_photographs,
     find_photographs,
     unread_photographs,
     unused_images,
@@ -117,14 +118,18 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
 
 
 def _unread(folder: Path) -> list[str]:
-    """Return a warning about photographs of kinds that cannot be read."""
-    paths = unread_photographs(folder)
-    unread = [path.name for path in paths]
-    if not unread:
-        return []
-    more = f" and {len(unread) - 3} more" if len(unread) > 3 else ""
-    verb = "is" if len(unread) == 1 else "are"
-    return [f"{', '.join(unread[:3])}{more} {verb} of a kind that cannot be read; {conversion_advice(paths)}."]
+    """Return warnings about photographs of kinds that cannot be read, and about those that are not here."""
+    unread = unread_photographs(folder)
+    of_kinds = f"of a kind that cannot be read; {conversion_advice(unread)}."
+    warnings = [f"{_listed(unread)} {of_kinds}"] if unread else []
+    if absent := absent_photographs(folder):
+        warnings.append(f"{_listed(absent)} not here but only linked to, or not downloaded; put the photographs here.")
+    return warnings
+
+
+def _listed(paths: list[Path]) -> str:
+    more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
+    return f"{', '.join(path.name for path in paths[:3])}{more} {'is' if len(paths) == 1 else 'are'}"
 
 
 def _require_cameras(name: str, found: Reconstruction) -> None:

@@ -1,6 +1,8 @@
 """Prepare photographs without cameras for pose estimation: upright copies of moderate size and focal lengths."""
 
+import re
 from collections import defaultdict
+from errno import ENAMETOOLONG
 from hashlib import blake2b
 from pathlib import Path
 
@@ -10,13 +12,16 @@ from PIL import ExifTags, Image
 from fecocodec.errors import InputError
 from fecocodec.limits import MIN_SIDE
 from fecocodec.photographs.image_headers import (
+    MASK_FOLDERS,
     PHOTOGRAPH_FOLDERS,
     has_image_name,
+    is_absent,
     is_exr,
     is_unread,
     maps_among,
     read_image_size,
 )
+from fecocodec.photographs.lens import require_known_model
 from fecocodec.photographs.pillow_images import (
     exif_value,
     open_image,
@@ -31,6 +36,7 @@ MAX_SIDE_PX = 1600  # of the copies from which features are extracted
 # Without EXIF data: the median of 8 training captures, in longer image sides (a 27 mm lens on 35 mm film).
 FOCAL_PRIOR = 0.75
 _FILM_WIDTH_MM = 36.0
+_PROJECTION = re.compile(rb"ProjectionType\s*(?:=\s*[\"']|>)\s*(equirectangular|cylindrical)", re.I)  # of XMP, GPano
 _LEAST_FOCAL, _LARGEST_FOCAL = 0.2, 20.0  # longer image sides; others are errors
 
 
@@ -40,21 +46,33 @@ def find_photographs(folder: Path) -> list[Path]:
     Maps of other images (`maps_among`) are left out.
     """
     found = [sorted(set(files) - maps_among(files)) for files in _images_by_place(folder)]
-    return max(found, key=len)
+    return max(found, key=len, default=[])
 
 
 def unused_images(folder: Path) -> list[Path]:
-    """Return the images at the places where `find_photographs` looks that it leaves out."""
+    """Return the images that `find_photographs` leaves out, also two folders deep; masks are used."""
     used = set(find_photographs(folder))
-    return [path for files in _images_by_place(folder) for path in sorted(files) if path not in used]
+    images = [
+        path for pattern in ("*", "*/*", "*/*/*") for path in sorted(folder.glob(pattern)) if has_image_name(path)
+    ]
+    return [path for path in images if path not in used and path.is_file() and not _is_apart(path.relative_to(folder))]
+
+
+def _is_apart(path: Path) -> bool:
+    return any(part.startswith(".") or part.lower() in MASK_FOLDERS for part in path.parts[:-1])
+
+
+def absent_photographs(folder: Path) -> list[Path]:
+    """Return files that stand for photographs that are not here, at the places where `find_photographs` looks."""
+    return sorted(path for place in _places(folder) for path in place.iterdir() if is_absent(path))
+
+
+def _places(folder: Path) -> list[Path]:
+    return [place for place in (folder, *(folder / name for name in PHOTOGRAPH_FOLDERS)) if place.is_dir()]
 
 
 def _images_by_place(folder: Path) -> list[list[Path]]:
-    places = [folder, *(folder / name for name in PHOTOGRAPH_FOLDERS)]
-    return [
-        [path for path in (place.iterdir() if place.is_dir() else ()) if has_image_name(path) and path.is_file()]
-        for place in places
-    ]
+    return [[path for path in place.iterdir() if has_image_name(path) and path.is_file()] for place in _places(folder)]
 
 
 def unread_photographs(folder: Path) -> list[Path]:
@@ -62,8 +80,7 @@ def unread_photographs(folder: Path) -> list[Path]:
 
     A RAW file beside an image of the same name is left out: both are the same photograph.
     """
-    places = [place for place in (folder, *(folder / name for name in PHOTOGRAPH_FOLDERS)) if place.is_dir()]
-    files = [path for place in places for path in place.iterdir()]
+    files = [path for place in _places(folder) for path in place.iterdir()]
     read = {path.with_suffix("") for path in files if has_image_name(path)}
     return sorted(path for path in files if is_unread(path) and path.with_suffix("") not in read)
 
@@ -127,7 +144,7 @@ def upright_masks(photographs: list[Path], target: Path) -> Path | None:
     """Write the masks of the photographs, of the size of their copies in `target`, as `masks/NAME.png` there.
 
     Returns the folder of the masks, white ones among them, because pycolmap leaves out photographs without a mask; None
-    if no photograph has one. Raises InputError as `read_mask` does.
+    if no photograph has one. Raises InputError as `read_mask` does, and for a name of 252 bytes or more.
     """
     from fecocodec.photographs.masks import FOLDER, find_mask  # it loads torch
 
@@ -139,7 +156,12 @@ def upright_masks(photographs: list[Path], target: Path) -> Path | None:
     for path, mask in zip(photographs, masks, strict=True):
         height, width = read_image_size(target / path.name)
         kept = Image.new("L", (width, height), "white") if mask is None else _upright_mask(path, mask)
-        kept.resize((width, height), Image.Resampling.NEAREST).save(folder / f"{path.name}.png")
+        try:
+            kept.resize((width, height), Image.Resampling.NEAREST).save(folder / f"{path.name}.png")
+        except OSError as error:
+            if error.errno != ENAMETOOLONG:
+                raise
+            raise InputError(f"{path}: the name is too long for that of a mask; shorten it.") from error
     return folder
 
 
@@ -186,10 +208,19 @@ def _upright(path: Path) -> tuple[Image.Image, float | None, int]:
 
         image, focal = Image.fromarray(read_eight_bits(path)), None
     else:
+        _require_no_panorama(path)
         image, focal = upright_with_pillow(path), _focal_of_exif(path)
     longer_side = max(image.size)
     image.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX), Image.Resampling.LANCZOS)
     return image, focal, longer_side
+
+
+def _require_no_panorama(path: Path) -> None:
+    """Raise InputError for a photograph that states a projection of panoramas, as 360-degree cameras and phones do."""
+    with open_image(path, path) as image:
+        xmp = image.info.get("xmp")
+    if isinstance(xmp, bytes) and (found := _PROJECTION.search(xmp)):
+        require_known_model(found[1].decode().upper(), str(path))
 
 
 def _focal_of_exif(path: Path) -> float | None:

@@ -158,7 +158,7 @@ def write_scene(
 def warn_of_overlap(encoder: SceneEncoder, names: tuple[str, ...], on_warning: OnWarning) -> None:
     """Call `on_warning` with a sentence about each view that does not fit the others, as matching shows."""
     disparity = encoder.matching.depth.relative_disparity
-    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0), encoder.guides)
+    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0), encoder.guides, encoder.ignored)
     for sentence in overlap_warnings(overlap, names):
         on_warning(sentence)
 

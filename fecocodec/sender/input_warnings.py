@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -85,7 +86,7 @@ def _warnings_about_cameras(views: Views, guides: Views | None) -> list[str]:
             "one view has no parallax, so its depth is unreliable; add a view from another position.",
         ]
     points = _sample_points(cameras)
-    overlap = _largest_overlap(points, cameras)
+    overlap = _largest_overlap(points, cameras, views.ignored)
     alone = [
         f"{name} ({100 * share:.0f}%)"
         for name, share in zip(views.names, overlap.tolist(), strict=False)  # not of guides
@@ -197,9 +198,18 @@ def _sample_points(cameras: Cameras) -> Float[Tensor, "view n 3"]:
     return camera_to_world_points(cameras, depth * pixel_rays(cameras, _GRID, _GRID)).flatten(1, 2)
 
 
-def _largest_overlap(points: Float[Tensor, "view n 3"], cameras: Cameras) -> Float[Tensor, " view"]:
-    """Return, for each view, the fraction of its points that project into the image of the best other view."""
-    share = cameras.project(points).is_visible.float().mean(dim=-1).T.clone()
+def _largest_overlap(
+    points: Float[Tensor, "view n 3"], cameras: Cameras, ignored: Bool[Tensor, "some height width"] | None
+) -> Float[Tensor, " view"]:
+    """Return, for each view, the fraction of its points that project into the image of the best other view.
+
+    ignored: pixels of the first views, whose points do not count.
+    """
+    kept = torch.ones(points.shape[:2])
+    if ignored is not None:
+        kept[: len(ignored)] -= F.interpolate(ignored[:, None].float(), (_GRID, _GRID), mode="area").flatten(1)
+    is_visible = cameras.project(points).is_visible  # [camera view n]
+    share = ((is_visible * kept).sum(dim=-1) / kept.sum(dim=-1).clamp_min(1e-6)).T.clone()
     share.fill_diagonal_(0.0)
     return share.amax(dim=1)
 

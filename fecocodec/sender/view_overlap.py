@@ -45,16 +45,20 @@ def view_overlap(
     relative_disparity: Float[Tensor, "view 1 h4 w4"],
     cameras: Cameras,
     guides: Guides | None = None,
+    ignored: Bool[Tensor, "view h w"] | None = None,
 ) -> ViewOverlap:
     """Measure the overlap of all pairs of views of one scene, and of the views with the guides.
 
     images: sRGB in [0, 1]. relative_disparity: in [0, 1], of every view by matching (`MatchedDepth`). cameras: of the
-    scene, normalised.
+    scene, normalised. ignored: pixels of the views that do not count; None if all do.
     """
     relative = rearrange(relative_disparity, "v 1 h w -> v h w")
     colours = F.interpolate(images, relative.shape[-2:], mode="area")
     depth = depth_from_relative_disparity(relative[None], cameras.as_batch())[0]
     points = camera_to_world_points(cameras, pixel_rays(cameras, *relative.shape[-2:]) * depth[..., None])
+    kept = torch.ones_like(relative)
+    if ignored is not None:
+        kept = 1 - F.interpolate(ignored[:, None].float(), relative.shape[-2:], mode="area")[:, 0]
     count, num_guides = len(images), 0 if guides is None else guides.count
     shared, confirmed = torch.zeros(2, count, count + num_guides)
     of_guides = () if guides is None else F.interpolate(guides.images, relative.shape[-2:], mode="area")
@@ -64,15 +68,19 @@ def view_overlap(
             consistency = consistency_with(relative[other], points[view], cameras, other)
             has_same_depth = consistency > math.exp(-DISPARITY_DIFFERENCE / TOLERANCE)
             is_confirmed = has_same_depth & _looks_alike(colours[view], colours[other], projected.uv[0])
-            shared[view, other] = projected.is_visible[0].float().mean()
-            confirmed[view, other] = is_confirmed.float().mean()
+            shared[view, other] = _share(projected.is_visible[0], kept[view])
+            confirmed[view, other] = _share(is_confirmed, kept[view])
         for guide, colour in enumerate(of_guides, start=count):
             assert guides is not None
             projected = guides.cameras.select([guide - count]).project(points[view])
             is_confirmed = projected.is_visible[0] & _looks_alike(colours[view], colour, projected.uv[0])
-            shared[view, guide] = projected.is_visible[0].float().mean()
-            confirmed[view, guide] = is_confirmed.float().mean()
+            shared[view, guide] = _share(projected.is_visible[0], kept[view])
+            confirmed[view, guide] = _share(is_confirmed, kept[view])
     return ViewOverlap(shared, confirmed)
+
+
+def _share(found: Bool[Tensor, "h w"], kept: Float[Tensor, "h w"]) -> Float[Tensor, ""]:
+    return (found * kept).sum() / kept.sum().clamp_min(1e-6)
 
 
 def overlap_warnings(overlap: ViewOverlap, names: tuple[str, ...]) -> tuple[str, ...]:

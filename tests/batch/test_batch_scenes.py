@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fecocodec.batch.encode_scene import EncodeScene
+from fecocodec.batch.encode_scene import EncodeScene, passed_over
 from fecocodec.batch.scenes import BatchScene, coded_scenes, scene_folders, shard_of
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.errors import InputError
@@ -24,6 +24,14 @@ def root(tmp_path: Path) -> Path:
 
 def test_subfolders_are_scenes_except_the_output(root: Path) -> None:
     assert scene_folders(root, output=root / "out") == (BatchScene("a", root / "a"), BatchScene("b", root / "b"))
+
+
+def test_files_beside_scene_folders_are_named(root: Path) -> None:
+    assert passed_over(root) == ()
+    for name in ("a.zip", "clip.MOV", "b.jpg", ".c.jpg"):
+        (root / name).touch()
+    assert passed_over(root) == ("a.zip", "b.jpg", "clip.MOV")
+    assert passed_over(root / "notes.txt") == ()
 
 
 def test_a_manifest_names_paths_relative_to_itself(root: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from wall_scene import (
     write_transforms,
 )
 
+from fecocodec.captures.chosen_photographs import choose_photographs
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
 
@@ -94,7 +96,13 @@ def test_a_photograph_is_not_a_camera_file(tmp_path: Path) -> None:
 def test_a_file_that_is_no_camera_file(tmp_path: Path) -> None:
     file = tmp_path / "left.txt"
     file.write_bytes(b"hello")
-    assert message(file) == f"{file}: not a camera file; give the folder that holds images and cameras."
+    assert message(file) == (
+        f"{file}: not a camera file, nor a video by its name; give the folder that holds images and cameras."
+    )
+    for name, remedy in (("a.gif", "convert them to JPEG, PNG or WebP"), ("a.CR2", "develop RAW photographs to JPEG")):
+        (tmp_path / name).write_bytes(b"")
+        sentence = message(tmp_path / name)
+        assert sentence.startswith(f"{tmp_path / name}: a picture of a kind that is not read; {remedy}")
 
 
 def test_no_frames(scene):
@@ -228,8 +236,8 @@ def test_no_pose(scene):
 def test_one_image_in_two_frames(scene):
     edit(scene, lambda cameras: cameras["frames"][1].update(file_path=cameras["frames"][0]["file_path"]))
     assert message(scene, views=(1,)) == (
-        f"{scene}/transforms.json, frame 1 (images/000.png): another frame has this image, too "
-        f"({scene}/transforms.json, frame 0 (images/000.png)); remove one."
+        f"{scene}/transforms.json, frame 1 (images/000.png): another frame has this image, too, and its camera is "
+        "used; name the image of each with its folder, or remove one."
     )
 
 
@@ -433,7 +441,39 @@ def test_point_ids_of_colmap_beyond_63_bits(point_id, tmp_path):
 def test_focal_lengths_out_of_range(focal, scene):
     edit(scene, lambda cameras: cameras["frames"][1].update(fl_x=focal))
     expected = r"frame 1 \(images/001\.png\): the focal length is .* image sides, but 0\.0156 to 256 are possible"
-    assert re.search(expected, message(scene))
+    assert re.search(expected, message(scene, views=(1,)))
+    chosen = choose_photographs(scene)
+    assert "001.png" not in chosen.names and "passed over (images/001.png): the focal length is" in chosen.notes[0]
+
+
+@pytest.mark.parametrize("centre", [(4000, 3000), (47, -500), (0.5, 0.5)])
+@pytest.mark.parametrize("write", [write_transforms, write_colmap_text])
+def test_principal_points_that_no_image_has(write, centre, tmp_path):
+    taken = shots(3)
+    wrong = replace(taken[1], cx=centre[0], cy=centre[1])
+    scene = write(tmp_path / "scene", [taken[0], replace(wrong, name="none.png"), taken[2]])
+    cause = (
+        f"the principal point ({centre[0]}, {centre[1]}) cannot be that of an image of 96x80 with a focal length of "
+        "100; give all in one unit, and cx before cy."
+    )
+    assert cause in message(scene, views=("none.png",))
+    chosen = choose_photographs(scene)
+    assert len(chosen.names) == 2
+    assert chosen.notes[0].startswith("1 of 3 cameras of ") and chosen.notes[0].endswith(f"none.png): {cause}")
+    scene = write(tmp_path / "all", [replace(wrong, name=shot.name) for shot in taken])
+    assert message(scene).endswith(f"000.png): {cause}" if write is write_transforms else f"000.png: {cause}")
+
+
+def test_coordinates_of_a_principal_point_that_are_swapped(tmp_path):
+    taken = [replace(shot, width=144, cx=71.0) for shot in shots(3)]
+    assert choose_photographs(write_transforms(tmp_path / "right", taken)).notes == ()
+    taken[1] = replace(taken[1], cx=41.5, cy=71.0)
+    (note,) = choose_photographs(write_transforms(tmp_path / "wrong", taken)).notes
+    assert "(images/001.png): the principal point (41.5, 71) cannot be that of an image of 144x80 with" in note
+
+
+def test_a_photograph_cut_from_the_border_of_another_may_have_its_principal_point_outside(tmp_path):
+    assert len(choose_photographs(write_transforms(tmp_path, shots(2, cx=150.0))).names) == 2
 
 
 @pytest.mark.parametrize("value", [1e308, 1e200])
@@ -460,7 +500,8 @@ def test_an_image_that_is_a_pipe(scene):
 def test_a_pipe_is_not_taken_for_a_folder_without_cameras(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     assert message(tmp_path / "pipe") == (
-        f"{tmp_path / 'pipe'}: not a camera file; give the folder that holds images and cameras."
+        f"{tmp_path / 'pipe'}: not a camera file, nor a video by its name; give the folder that holds images and "
+        "cameras."
     )
 
 

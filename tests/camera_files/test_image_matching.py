@@ -304,6 +304,29 @@ def test_a_second_camera_of_an_image_is_passed_over(tmp_path: Path) -> None:
     assert note.startswith("1 of 3 cameras of transforms.json is passed over (images/000.png): another frame has")
 
 
+def test_a_rig_whose_model_leaves_out_the_folders_is_never_matched_in_silence(tmp_path: Path) -> None:
+    """Two cameras, each with a folder of images with the same names."""
+    folder = write_colmap_binary(tmp_path / "scene", shots(4))
+    rename_in_cameras(folder, lambda name: f"000{int(name[:3]) % 2}.png")
+    images = folder / "images"
+    for number in range(4):
+        camera = images / f"cam{number // 2}"
+        camera.mkdir(exist_ok=True)
+        (images / f"{number:03d}.png").rename(camera / f"000{number % 2}.png")
+    with pytest.raises(InputError) as refused:
+        choose_photographs(folder)
+    assert str(refused.value) == (
+        f"{folder}/sparse/0, image 0000.png: there is no image {images}/0000.png, nor any other that sparse/0 names; "
+        f"2 have this name, as {images}/cam0/0000.png and {images}/cam1/0000.png; name each with its folder."
+    )
+    for image in (images / "cam1").iterdir():
+        shutil.copy(image, images)
+    assert choose_photographs(folder).notes == (
+        "2 of 4 cameras of sparse/0 are passed over (0000.png, 0001.png): another frame has this image, too, and its "
+        "camera is used; name the image of each with its folder, or remove one.",
+    )
+
+
 def spoil_pose(folder: Path, number: int, value: object) -> None:
     scene = json.loads((folder / "transforms.json").read_text())
     scene["frames"][number]["transform_matrix"] = value

@@ -64,6 +64,12 @@ def test_llff_needs_one_image_for_each_camera(tmp_path: Path) -> None:
     )
 
 
+def test_maps_beside_the_images_of_llff_are_left_out(tmp_path: Path) -> None:
+    folder = write_llff(tmp_path / "scene", shots(3, **CENTRAL))
+    shutil.copy(folder / "images" / "000.png", folder / "images" / "000_depth.png")
+    assert_cameras_of_shots(folder)
+
+
 def test_a_row_of_llff_that_is_not_valid_matters_only_if_it_is_named(tmp_path: Path) -> None:
     folder = write_llff(tmp_path / "scene", shots(3))
     rows = np.load(folder / "poses_bounds.npy")
@@ -184,14 +190,18 @@ def test_splits_of_blender_are_named_and_can_be_given(tmp_path: Path) -> None:
         (folder / f"transforms_{name}.json").write_text(json.dumps({"frames": frames}))
     (folder / "transforms.json").unlink()
     chosen = choose_photographs(folder)
-    assert chosen.names == ("000.png", "001.png")
+    assert (chosen.names, chosen.notes) == (("000.png", "001.png"), ())  # the others have cameras in other splits
     assert chosen.remarks == (
         "transforms_val.json, transforms_test.json have cameras, too, which are not used; give one of them in place of "
         "the folder to use it.",
     )
-    assert choose_photographs(folder / "transforms_test.json").names == ("003.png",)
-    (folder / "transforms_train.json").unlink()
-    assert choose_photographs(folder).names == ("002.png",)
+    chosen = choose_photographs(folder / "transforms_test.json")
+    assert (chosen.names, chosen.notes) == (("003.png",), ())
+    for name in ("train", "test"):
+        (folder / f"transforms_{name}.json").unlink()
+    chosen = choose_photographs(folder)
+    assert chosen.names == ("002.png",)
+    assert chosen.notes[0].startswith("000.png, 001.png, 003.png have no camera in transforms_val.json and are not")
 
 
 def test_formats_that_are_read_are_named_beside_the_one_that_is_used(tmp_path: Path) -> None:
@@ -227,6 +237,7 @@ FOREIGN = {
     "predictions.npz": ("", "VGGT"),
     "pred_traj.txt": ("0 1 2", "DUSt3R"),
     "groundtruth.txt": ("# timestamp tx ty tz qx qy qz qw", "TUM RGB-D"),
+    "livingroom.log": ("0 0 1\n1 0 0 0.5\n0 -1.0e-3 0 0\n0 0 1 0\n0 0 0 1\n", "Redwood, Open3D"),
     "cams/00000000_cam.txt": ("extrinsic", "MVSNet"),
     "my_poses.npy": ("", ""),
     "groundtruth_trajectory.txt": ("", ""),
@@ -293,8 +304,8 @@ def test_many_files_of_one_program_are_counted(tmp_path: Path) -> None:
 
 def test_files_that_hold_no_cameras_are_not_named(tmp_path: Path) -> None:
     folder = write_transforms(tmp_path / "scene", shots(2))
-    for name in ("notes.txt", "report.xml", "scene.json", "camera.jpg.txt", "._poses.npy", "points.npz"):
-        (folder / name).write_text("{}")
+    for name in ("notes.txt", "report.xml", "scene.json", "camera.jpg.txt", "._poses.npy", "points.npz", "a.log"):
+        (folder / name).write_text("1 2 3\n{}")
     (folder / "cam").mkdir()
     shutil.copy(folder / "images" / "000.png", folder / "cam")
     remarks = choose_photographs(folder).remarks

@@ -45,6 +45,16 @@ def test_notes_beside_the_folder_of_a_scene_are_passed_over(tmp_path: Path) -> N
     assert read_views(archive, near=1.0, far=9.0).names == ("000.png", "001.png")
 
 
+@pytest.mark.parametrize("name", ["room.log", "export.psx", "my_poses.yaml"])
+def test_cameras_that_are_not_read_are_named(name: str, tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    (folder / name).write_text("0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
+    (remark,) = read_views(pack(folder, tmp_path / "scan.zip"), near=1.0, far=9.0).remarks
+    assert remark.startswith(f"cameras in {name} ") and remark.endswith(
+        "are not read; those of transforms.json are used."
+    )
+
+
 def test_photographs_without_cameras_are_unpacked_without_rubbish(tmp_path: Path) -> None:
     write_photographs(tmp_path / "scene", shots(2))
     for name in ("__MACOSX/._000.png", ".DS_Store", "._000.png", "video.mp4", "mesh.ply"):

@@ -1,6 +1,7 @@
 """Masks: which file is that of a photograph, which pixels it marks, and what becomes of them."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
 from fecocodec.geometry.coding_grid import filled
 from fecocodec.photographs.masks import find_mask, read_mask
+from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
 
 read = partial(read_views, near=1.0, far=9.0)
 
@@ -139,6 +141,19 @@ def test_a_named_mask_that_is_missing_is_refused(tmp_path):
     (folder / "transforms.json").write_text(json.dumps(scene))
     with pytest.raises(InputError, match=r"masks/no\.png: no such image"):
         read(folder)
+
+
+def test_names_so_long_that_no_mask_can_be_called_so(tmp_path):
+    folder = write_transforms(tmp_path, [replace(shots(1)[0], name="n" * 251 + ".png")])
+    store_mask(folder / "masks" / "other.png")
+    assert read(folder).ignored is None
+    (folder / "images" / "masks").mkdir()
+    photographs = list((folder / "images").glob("*.png"))
+    store_mask(folder / "masks" / photographs[0].name)
+    (tmp_path / "copies").mkdir()
+    upright_copies(photographs, tmp_path / "copies")
+    with pytest.raises(InputError, match=r"n\.png: the name is too long for that of a mask; shorten it\.$"):
+        upright_masks(photographs, tmp_path / "copies")
 
 
 def test_masks_lie_in_the_same_subfolders_as_photographs(tmp_path):

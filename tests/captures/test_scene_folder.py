@@ -1,6 +1,7 @@
 """Every camera format gives views whose pixels are what their cameras say."""
 
 import json
+import struct
 from dataclasses import replace
 from functools import partial
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 from wall_scene import (
     shots,
     take,
@@ -380,3 +382,24 @@ def test_a_focal_length_in_pixels_of_a_larger_image_is_noted(factor, is_noted, t
     start = f"the focal length of 000.png is {factor * 100:.0f} pixels for an image of 96x80, a narrow"
     notes = read(folder).notes
     assert [note.startswith(start) for note in notes] == ([True] if is_noted else [])
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "PNG", "WEBP"])
+def test_files_of_several_pictures_are_noted(kind, tmp_path):
+    folder = write_transforms(tmp_path, shots(3))
+    images = [Image.open(path).convert("RGB") for path in sorted((folder / "images").iterdir())]
+    images[0].save(folder / "images" / "000.png", kind, save_all=True, append_images=images[1:], lossless=True)
+    images[1].save(folder / "images" / "001.png", "MPO", save_all=True, append_images=images[:1])
+    assert read(folder).remarks == ("000.png holds several pictures; the first is used.",)
+
+
+def test_photographs_of_linear_light_are_noted(tmp_path):
+    folder = write_transforms(tmp_path, shots(3))
+    for path in (folder / "images").iterdir():
+        info = PngInfo()
+        info.add(b"gAMA", struct.pack(">I", 100_000))
+        Image.open(path).save(path, pnginfo=info)
+    assert read_views(folder).remarks == (
+        "3 photographs are converted to sRGB from the values of gamma 1 that a gAMA chunk states, which is linear "
+        "light; store them without it if it is wrong.",
+    )

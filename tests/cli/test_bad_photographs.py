@@ -162,6 +162,10 @@ def test_photographs_are_those_of_the_folder_with_most(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     assert [path.name for path in find_photographs(tmp_path)] == ["a.jpg", "b.jpg"]
     assert {path.name for path in unused_images(tmp_path)} == {"preview.jpg", "b_depth.png", "b.jpg.mask.png"}
+    for name in ("rgb_01.png", "depth_01.png", "02_color.png", "02_depth.png", "03.png", "normal03.png", "depth_9.png"):
+        (tmp_path / "input" / name).touch()
+    shown = {"a.jpg", "b.jpg", "rgb_01.png", "02_color.png", "03.png", "depth_9.png"}
+    assert {path.name for path in find_photographs(tmp_path)} == shown
 
 
 def test_photographs_in_other_folders_are_named(fecosplat, tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ EARLY = [
     (("encode", "empty", "-o", "a.fcs"), "empty: no photographs and no camera file found; give a folder that"),
     (("encode", "one/a.png", "-o", "a.fcs"), "one/a.png: a photograph, not a camera file; give a folder of two or"),
     (("encode", "one", "-o", "a.fcs"), "one: one photograph without cameras, but cameras are estimated from two"),
-    (("encode", "text.fcs", "-o", "a.fcs"), "text.fcs: not a camera file; give the folder that holds images"),
+    (("encode", "text.fcs", "-o", "a.fcs"), "text.fcs: not a camera file, nor a video by its name; give"),
     (("encode", "broken", "-o", "a.fcs"), "broken/transforms.json, line 1, column 2: broken JSON"),
     (
         ("encode", "absent", "-o", "a.fcs"),

@@ -32,6 +32,13 @@ def test_decode_refuses_other_endings(fecosplat, stream_file: Path, output: Path
     )
 
 
+def test_output_paths_with_control_characters_are_shown_escaped(fecosplat, coded_scene: Path, output: Path) -> None:
+    for command, name in (("decode", "a\n\x1b[2Jb.ply"), ("render", "a\n\x1b[2Jb.png")):
+        result = fecosplat(command, coded_scene, "-o", output / name)
+        assert result.code == 0 and (output / name).exists()
+        assert result.err.count("\n") == 1 and f"{output}/a\\n\\x1b[2Jb.p" in result.err
+
+
 @pytest.mark.parametrize("command", ["encode", "render"])
 def test_standard_output_is_refused_where_it_is_not_meant(
     fecosplat, photographs: Path, coded_scene: Path, output: Path, command: str, monkeypatch: pytest.MonkeyPatch

@@ -171,6 +171,14 @@ def test_focal_px_is_not_in_millimetres(fecosplat, unposed: Path, tmp_path: Path
     assert "give --focal-px in pixels of the photographs, not in millimetres.\n" in result.err
 
 
+def test_videos_beside_photographs_are_named(fecosplat, unposed: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    (unposed / "clip.mp4").touch()
+    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", *FAST)
+    assert result.code == 0
+    assert "note: videos beside photographs are not used (clip.mp4); give one itself to use it.\n" in result.err
+
+
 def test_cameras_in_the_folder_above_are_named(fecosplat, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     scene = Path(shutil.copytree(EXAMPLE, tmp_path / "scene"))

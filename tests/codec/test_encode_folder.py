@@ -208,12 +208,13 @@ def test_another_photograph_takes_the_place_of_a_broken_one(
 
 
 def test_another_check_takes_the_place_of_a_broken_one(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:
-    options = replace(shipped, views=(0, 1), num_stages=1, is_measured=False)
+    options = replace(shipped, views=Spread(2), num_stages=1, is_measured=False)
     (check,) = encode_folder(seven, options).checks.names
     png = (seven / check).read_bytes()
     report = encode_folder(copied(seven, tmp_path / "scene", check, png[: len(png) // 2]), options)
     assert len(report.checks.names) == 1 and check not in (*report.checks.names, *report.guides.names)
-    assert any(check in warning for warning in report.warnings)
+    (warning,) = (warning for warning in report.warnings if check in warning)
+    assert warning.startswith(f"left out {check}, which cannot be used: ")
 
 
 def test_opaque_guides_do_not_teach_cut_outs(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:

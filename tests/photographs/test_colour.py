@@ -9,8 +9,9 @@ import torch
 from PIL import Image
 
 from fecocodec.photographs.colour import coded_to_srgb, is_srgb
+from fecocodec.photographs.exr import linear_to_srgb
 from fecocodec.photographs.images import decode_image, read_image, read_image_and_alpha
-from fecocodec.photographs.pillow_images import upright_with_pillow
+from fecocodec.photographs.pillow_images import gamma_with_pillow, upright_with_pillow
 
 imagecodecs = pytest.importorskip("imagecodecs")  # writes profiles, and PNG of 16 bits
 
@@ -137,11 +138,42 @@ def test_heic_of_a_wide_gamut_without_a_profile(tmp_path):
     assert levels(read_image(tmp_path / "a.heic")) == pytest.approx(SRGB, abs=3)
 
 
+def with_chunk(png: bytes, kind: bytes, data: bytes) -> bytes:
+    """Add a chunk behind the head."""
+    return png[:33] + struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) + png[33:]
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_png_of_linear_light_becomes_srgb(dtype, channels, tmp_path):
+    plain, largest = tmp_path / "a.png", np.iinfo(dtype).max
+    light = np.random.default_rng(0).integers(0, largest, (64, 64, channels), dtype, endpoint=True)
+    if channels in (2, 4):
+        light[..., -1] = largest
+    plain.write_bytes(imagecodecs.png_encode(light.squeeze()))
+
+    def read_with(kind: bytes, *numbers: int) -> torch.Tensor:
+        data = b"".join(struct.pack(">I", number) for number in numbers)
+        (tmp_path / "b.png").write_bytes(with_chunk(plain.read_bytes(), kind, data or b"\0"))
+        return read_image(tmp_path / "b.png")
+
+    values = torch.from_numpy(light[..., : 1 if channels < 3 else 3] / largest).float().movedim(-1, 0).expand(3, -1, -1)
+    torch.testing.assert_close(read_with(b"gAMA", 100_000), linear_to_srgb(values), atol=0.6 / largest, rtol=0)
+    assert gamma_with_pillow(tmp_path / "b.png") == 1.0
+    for kind, numbers in ((b"gAMA", (45455,)), (b"gAMA", (0,)), (b"sRGB", ())):
+        assert torch.equal(read_with(kind, *numbers), read_image(plain))
+        assert gamma_with_pillow(tmp_path / "b.png") is None
+    (tmp_path / "b.png").write_bytes(
+        with_chunk(with_chunk(plain.read_bytes(), b"gAMA", struct.pack(">I", 100_000)), b"sRGB", b"\0")
+    )
+    assert torch.equal(read_image(tmp_path / "b.png"), read_image(plain))
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_png_that_states_its_colours_by_numbers(dtype):
     levels_of = np.full((64, 64, 3), np.array(DISPLAY_P3) * (np.iinfo(dtype).max // 255), dtype)
     data = imagecodecs.png_encode(levels_of)
-    chunk = b"cICP" + bytes([12, 13, 0, 1])  # Display P3 with the curve of sRGB, RGB of full range
-    stated = data[:33] + struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[33:]
+    stated = with_chunk(data, b"cICP", bytes([12, 13, 0, 1]))  # Display P3 with the curve of sRGB, RGB of full range
     assert np.abs(np.array(levels(decode_image(data, "a.png"))) - DISPLAY_P3).max() <= 1
-    assert np.abs(np.array(levels(decode_image(stated, "a.png"))) - SRGB).max() <= 1
+    for png in (stated, with_chunk(stated, b"gAMA", struct.pack(">I", 100_000))):
+        assert np.abs(np.array(levels(decode_image(png, "a.png"))) - SRGB).max() <= 1

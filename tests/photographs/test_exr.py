@@ -64,6 +64,8 @@ def test_luminance_is_grey(tmp_path):
         read_exr(tmp_path / "image.exr").colour, torch.full((3, 2, 3), 0.4614), atol=1e-4, rtol=0
     )
     assert read_exr_size(tmp_path / "image.exr") == (2, 3)
+    store(tmp_path / "red.exr", {kind: np.full((2, 3), 0.18, np.float32) for kind in "RY"})
+    torch.testing.assert_close(read_exr(tmp_path / "red.exr").colour, read_exr(tmp_path / "image.exr").colour)
 
 
 def test_without_colour_it_is_refused(tmp_path):
@@ -100,12 +102,13 @@ def test_too_many_channels_are_refused_before_they_are_decoded(tmp_path):
         read_exr(path)
 
 
-def test_a_file_that_is_cut_short_is_refused(tmp_path):
+def test_a_file_that_is_cut_short_is_refused_in_one_sentence(tmp_path, capfd):
     image = torch.rand(3, 128, 128)
     write_exr(tmp_path / "a.exr", ExrImage(image, None))
     (tmp_path / "a.exr").write_bytes((tmp_path / "a.exr").read_bytes()[:80_000])
     with pytest.raises(InputError, match=r"a\.exr: the image is damaged, cut short or not OpenEXR"):
         read_exr(tmp_path / "a.exr")
+    assert capfd.readouterr() == ("", "")  # OpenEXR prints of its own
 
 
 def test_opacity_is_returned(tmp_path):
@@ -190,6 +193,26 @@ def test_chromaticities_are_converted_to_srgb(tmp_path):
     store(tmp_path / "image.exr", {"RGB": light}, chromaticities=acescg)
     colour = srgb_to_linear(read_exr(tmp_path / "image.exr").colour)
     torch.testing.assert_close(colour, torch.tensor([[[1.0, 1.0]], [[1.0, 0.0]], [[1.0, 0.0]]]), atol=2e-3, rtol=0)
+
+
+def test_cie_xyz_becomes_srgb(tmp_path):
+    light = np.random.default_rng(0).random((2, 3, 3), np.float32)
+    of_rgb = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]  # IEC 61966-2-1
+    xyz = np.moveaxis(light @ np.array(of_rgb, np.float32).T, -1, 0)
+    store(tmp_path / "a.exr", dict(zip("XYZ", map(np.ascontiguousarray, xyz), strict=True)))
+    image = read_exr(tmp_path / "a.exr")
+    torch.testing.assert_close(srgb_to_linear(image.colour), torch.from_numpy(light).movedim(-1, 0), atol=5e-4, rtol=0)
+    assert image.depth is None
+
+
+def test_normals_are_no_colours(tmp_path):
+    path, plane = tmp_path / "a.exr", np.full((2, 3), 0.18, np.float32)
+    normals = {f"Normal.{axis}": plane for axis in "XYZ"}
+    store(path, normals)
+    with pytest.raises(InputError, match=r"no colour among the channels \['Normal.X', 'Normal.Y', 'Normal.Z'\]"):
+        read_exr(path)
+    store(path, normals | {f"Layer.{kind}": plane for kind in "RGB"})
+    assert colour_layer(path) == "Layer"
 
 
 def exr_of_luminance_and_chroma(luma: np.ndarray, red: np.ndarray, blue: np.ndarray) -> bytes:

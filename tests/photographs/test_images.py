@@ -13,6 +13,7 @@ from PIL import Image
 from fecocodec.errors import InputError, OutputError
 from fecocodec.photographs.image_headers import read_image_size
 from fecocodec.photographs.images import decode_image, read_image, read_image_and_alpha, write_image
+from fecocodec.photographs.pillow_images import unreadable
 
 HEIGHT, WIDTH = 40, 56
 
@@ -129,6 +130,18 @@ def test_a_cut_image_is_refused_wherever_it_is_cut(suffix, colours, tmp_path):
         path.write_bytes(whole[:length])
         with pytest.raises(InputError, match="image"):
             read_image(path)
+
+
+def test_decoders_that_print_or_break_lines_give_one_sentence(tmp_path, capfd):
+    path = tmp_path / "image.tif"
+    noise = np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8)
+    Image.fromarray(noise).save(path, compression="tiff_deflate")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 3] + bytes(9) + data[len(data) // 3 + 9 :])
+    with pytest.raises(InputError, match=r"image\.tif: the image is damaged.* \(decoder error -2\); store it again"):
+        read_image(path)
+    assert capfd.readouterr() == ("", "")
+    assert "(two lines); store it" in unreadable(path, ValueError("two\n lines\n"))
 
 
 def test_a_missing_image_is_named(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fecocodec.errors import InputError
-from fecocodec.photographs.lens import MAX_FISHEYE_SLOPE, Lens, distort, lens_of_model, undistorted
+from fecocodec.photographs.lens import MAX_SLOPE, Lens, distort, lens_of_model, undistorted
 
 # Camera parameters of COLMAP's own tests (models_test.cc), and what `pycolmap.Camera.img_from_cam` of pycolmap 4.2.1
 # gives for the points (0.16435402478574512, -0.27625594348335564, 1) and (-0.5508317712765664, -0.580166837365765, 1).
@@ -51,8 +51,8 @@ def test_a_fisheye_of_180_degrees_is_cut_to_120() -> None:
     focal = 400 / (np.pi / 2)
     lens = lens_of_model("FISHEYE", (800, 800), {"fx": focal, "fy": focal, "cx": 400.0, "cy": 400.0})
     pinhole = undistorted(lens, "a")
-    assert abs(pinhole.width / 2 - focal * MAX_FISHEYE_SLOPE) < 1.5
-    assert abs(pinhole.height / 2 - focal * MAX_FISHEYE_SLOPE) < 1.5
+    assert abs(pinhole.width / 2 - focal * MAX_SLOPE) < 1.5
+    assert abs(pinhole.height / 2 - focal * MAX_SLOPE) < 1.5
 
 
 def test_a_polynomial_that_falls_is_used_up_to_its_turning_point() -> None:

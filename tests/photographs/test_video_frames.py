@@ -1,6 +1,7 @@
 """Frames of a video: evenly spread, and the sharpest of their part."""
 
 import os
+import struct
 import sys
 from pathlib import Path
 
@@ -14,11 +15,11 @@ from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 av = pytest.importorskip("av")
 
 
-def write_video(path: Path, num_frames: int, sharp: set[int]) -> None:
+def write_video(path: Path, num_frames: int, sharp: set[int], **options: str) -> None:
     """Write textured frames, all blurred but those in `sharp`."""
     texture = Image.fromarray(np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8))
     texture = texture.resize((192, 144), Image.Resampling.NEAREST)
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", options=options) as container:
         stream = container.add_stream("mpeg4", rate=10)
         stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 192, 144, "yuv420p", 8_000_000
         for index in range(num_frames):
@@ -48,7 +49,7 @@ def test_more_frames_than_there_are_is_refused(tmp_path):
 
 def test_all_frames_of_a_short_video_are_taken_without_a_note(tmp_path):
     write_video(tmp_path / "clip.mp4", 3, sharp={1})
-    assert write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8, is_most=True) == ()
+    assert write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8, is_most=True) == ((), ())
     assert len(list(tmp_path.glob("*.png"))) == 3
 
 
@@ -62,7 +63,7 @@ def test_a_picture_of_the_cover_is_not_taken_for_the_video(tmp_path):
             frames = [av.VideoFrame.from_image(picture).reformat(format=stream.pix_fmt) for picture in pictures]
             for frame in (*frames, None):
                 container.mux(stream.encode(frame))
-    assert write_sharp_frames(tmp_path / "clip.mov", tmp_path, 8, is_most=True) == ()
+    assert write_sharp_frames(tmp_path / "clip.mov", tmp_path, 8, is_most=True) == ((), ())
     assert [Image.open(path).size for path in tmp_path.glob("*.png")] == 3 * [(64, 48)]
 
 
@@ -70,6 +71,81 @@ def test_a_video_of_one_frame_is_refused(tmp_path):
     write_video(tmp_path / "clip.mp4", 1, sharp=set())
     with pytest.raises(InputError, match=r"1 frame, but cameras are estimated from two or more; film longer\.$"):
         write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 8, is_most=True)
+
+
+def positions(path: Path) -> list[tuple[int, int]]:
+    """Offset and size of each packet."""
+    with av.open(str(path)) as container:
+        return [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
+
+
+def damage(path: Path, places: list[tuple[int, int]]) -> None:
+    data = bytearray(path.read_bytes())
+    for position, size in places:
+        data[position : position + size] = bytes(size)
+    path.write_bytes(data)
+
+
+def test_damaged_frames_are_passed_over_and_counted(tmp_path):
+    clip = tmp_path / "clip.mp4"
+    write_video(clip, 30, sharp=set(range(0, 30, 2)))
+    places = positions(clip)
+    damage(clip, [places[7], places[12]])
+    warning = "the video is damaged at 2 places, and its frames there are passed over; copy it again."
+    assert write_sharp_frames(clip, tmp_path, 40, is_most=True)[1] == (warning,)
+    assert len(list(tmp_path.glob("*.png"))) == 28
+    with pytest.raises(InputError, match="28 frames without damage, but 30 are needed; ask for fewer frames"):
+        write_sharp_frames(clip, tmp_path, 30)
+    damage(clip, places[1:])
+    with pytest.raises(InputError, match=r"clip\.mp4: the video cannot be read \(Invalid data .*copy it again"):
+        write_sharp_frames(clip, tmp_path, 40, is_most=True)
+
+
+@pytest.mark.parametrize("kind", ["mp4", "mkv", "avi"])
+def test_a_video_that_is_cut_short_is_said_to_be(kind, tmp_path):
+    clip = tmp_path / f"clip.{kind}"
+    write_video(clip, 30, sharp=set(range(0, 30, 2)), **({"movflags": "faststart"} if kind == "mp4" else {}))
+    clip.write_bytes(clip.read_bytes()[: sum(positions(clip)[22])])
+    notes, (warning,) = write_sharp_frames(clip, tmp_path, 40, is_most=True)
+    seconds = "2.2" if kind == "mkv" else "2.3"  # a cut block of Matroska is left out, the last packet of others used
+    assert notes == () and warning == (
+        f"the video ends after {seconds} of its 3.0 seconds, as a file that is cut short; copy it again to use all of "
+        "it."
+    )
+
+
+def box(kind: bytes, *parts: bytes) -> bytes:
+    return struct.pack(">I", 8 + len(b"".join(parts))) + kind + b"".join(parts)
+
+
+def test_a_video_of_360_degrees_is_refused(tmp_path):
+    """The box `sv3d` of Spherical Video V2, at the end of the sample entry; `moov` comes last."""
+    clip = tmp_path / "clip.mp4"
+    write_video(clip, 3, sharp={1})
+    flags = bytes(4)
+    shape = box(b"proj", box(b"prhd", flags, bytes(12)), box(b"equi", flags, bytes(16)))
+    added = box(b"sv3d", box(b"svhd", flags, b"\0"), shape)
+    data = bytearray(clip.read_bytes())
+    outer = [data.rindex(kind) - 4 for kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", b"mp4v")]
+    end = outer[-1] + struct.unpack_from(">I", data, outer[-1])[0]
+    for start in outer:
+        struct.pack_into(">I", data, start, struct.unpack_from(">I", data, start)[0] + len(added))
+    clip.write_bytes(data[:end] + added + data[end:])
+    with pytest.raises(InputError, match=r"clip\.mp4: panoramas \(EQUIRECTANGULAR\) are not read; cut them into persp"):
+        write_sharp_frames(clip, tmp_path, 2)
+
+
+def test_sound_that_is_longer_than_its_video_is_no_cut(tmp_path):
+    with av.open(str(tmp_path / "clip.mkv"), "w") as container:
+        video, sound = container.add_stream("mpeg4", rate=10), container.add_stream("pcm_s16le", rate=8000)
+        video.width, video.height, video.pix_fmt, sound.layout = 64, 48, "yuv420p", "mono"
+        for level in (0, 90, 180):
+            frame = av.VideoFrame.from_image(Image.new("RGB", (64, 48), (level, 0, 0))).reformat(format="yuv420p")
+            container.mux(video.encode(frame))
+        silence = av.AudioFrame.from_ndarray(np.zeros((1, 16000), np.int16), format="s16", layout="mono")
+        silence.sample_rate, silence.pts = 8000, 0
+        container.mux([*video.encode(), *sound.encode(silence), *sound.encode()])
+    assert write_sharp_frames(tmp_path / "clip.mkv", tmp_path, 8, is_most=True) == ((), ())
 
 
 def test_a_file_that_is_no_video_is_refused(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image, ImageFilter
 from scipy.ndimage import map_coordinates
 
-from fecocodec.camera_files.find import has_cameras
+from fecocodec.camera_files.find import has_cameras, read_cameras
 from fecocodec.camera_files.transforms_json import read_transforms_json
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError, OutputError
@@ -196,6 +196,51 @@ def test_photographs_that_cannot_be_used_are_left_out_and_named(tmp_path):
     assert same == f"same.png is left out: it is the same picture as {first.name}."
     assert torn.startswith("torn.png is left out: the image is damaged, cut short or of a kind that is not read")
     assert small == "zz.png is left out: 48x64 pixels are too few, sides must be 64 or more."
+
+
+def test_photographs_that_are_not_here_are_named(tmp_path):
+    copies(tmp_path)
+    os.symlink("/nowhere/a.jpg", tmp_path / "a.jpg")
+    (tmp_path / ".b.HEIC.icloud").write_bytes(b"bplist00")
+    (tmp_path / ".c.txt.icloud").write_bytes(b"bplist00")
+    with posed_folder(tmp_path) as posed:
+        assert posed.warnings[0] == (
+            ".b.HEIC.icloud, a.jpg are not here but only linked to, or not downloaded; put the photographs here."
+        )
+    for path in PHOTOGRAPHS:
+        (tmp_path / path.name).unlink()
+    assert has_cameras(tmp_path)
+    with pytest.raises(InputError, match=r"\.b\.HEIC\.icloud is not here but only linked to, or not downloaded; put"):
+        read_cameras(tmp_path)
+
+
+def test_photographs_in_other_folders_and_maps_named_in_front_are_noted(tmp_path):
+    copies(tmp_path)
+    left, right = (path.name for path in PHOTOGRAPHS)
+    for name in (f"depth_{left}", "more/a.png", "scan/b/c.png", "masks/d.png", ".cache/e.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / name).write_bytes(b"")
+    with posed_folder(tmp_path) as posed:
+        assert {path.name for path in posed.photographs} == {left, right}
+        assert posed.notes[0] == (
+            f"images in another folder, or maps by their names, are not used (depth_{left} and 2 more)."
+        )
+
+
+@pytest.mark.parametrize("projection", ["ProjectionType='equirectangular'", "ProjectionType>cylindrical<"])
+def test_panoramas_are_refused(projection, tmp_path):
+    copies(tmp_path)
+    with Image.open(PHOTOGRAPHS[0]) as image:
+        image.convert("RGB").save(tmp_path / "p.jpg", xmp=f"<rdf:Description GPano:{projection}".encode())
+    (tmp_path / "copies").mkdir()
+    photographs = sorted(path for path in tmp_path.iterdir() if path.is_file())
+    groups, (left_out,) = upright_copies(photographs, tmp_path / "copies")
+    kind = projection.split("Type")[1].strip(">='<").upper()
+    assert left_out == (
+        f"p.jpg is left out: panoramas ({kind}) are not read; cut them into perspective images, as `ns-process-data` "
+        "of nerfstudio does for its camera type equirectangular."
+    )
+    assert "p.jpg" not in [name for group in groups for name in group.names]
 
 
 def test_a_name_that_is_not_utf8_is_refused(tmp_path):

@@ -41,6 +41,15 @@ def test_cameras_that_reconstruct_badly(poses: torch.Tensor, sentence: str) -> N
     assert any(warning.startswith(sentence) for warning in check_input(context_of(poses)))
 
 
+def test_what_masks_mark_needs_no_overlap() -> None:
+    poses = torch.stack([look((-0.1, 0.0, -1.5), -24.0), look((0.1, 0.05, -1.5), 24.0)])
+    views = photograph(Room(painted), poses, (64, 64))
+    assert "hardly overlap with any other: view 0 (12%), view 1 (12%)" in "".join(check_input(views))
+    ignored = torch.zeros(2, 64, 64, dtype=torch.bool)
+    ignored[0, :, :48] = ignored[1, :, 16:] = True
+    assert "overlap" not in "".join(check_input(replace(views, ignored=ignored)))
+
+
 def test_cameras_in_the_axes_of_another_convention() -> None:
     converging = torch.stack([look((-0.4, 0.0, -1.5), 12.0), look((0.4, 0.05, -1.5), -12.0)])
     views = photograph(Room(painted), converging, (64, 64))

@@ -30,6 +30,23 @@ def views() -> Views:
     return replace(photograph(Room(painted), POSES, (128, 128)), names=("a.png", "b.png", "c.png"))
 
 
+def test_pixels_that_masks_mark_do_not_count(views: Views) -> None:
+    scene = prepare_scene(views, torch.device("cpu"))
+    is_left = torch.zeros(3, 128, 128, dtype=torch.bool)
+    is_left[..., :64] = True
+    disparity = torch.full((3, 1, 32, 32), 0.5)
+    whole, right, left = (
+        view_overlap(scene.images[0], disparity, scene.cameras.scene(0), None, ignored)
+        for ignored in (None, is_left, ~is_left)
+    )
+    for share, of_right, of_left in (
+        (whole.shared, right.shared, left.shared),
+        (whole.confirmed, right.confirmed, left.confirmed),
+    ):
+        torch.testing.assert_close((of_right + of_left) / 2, share)
+    assert not torch.allclose(right.shared, whole.shared)
+
+
 def test_overlapping_views_get_no_warning(views: Views) -> None:
     overlap = overlap_of(views)
     assert overlap.shared.amax(dim=1).min() > 0.5 and overlap.confirmed.amax(dim=1).min() > 0.3
