@@ -4,25 +4,27 @@
 Kerbl et al., "3D Gaussian Splatting", 2023, section 4: alpha = opacity * exp(-d^T K d / 2), clamped to ALPHA_MAX
 and skipped below ALPHA_MIN; a pixel is finished once its transmittance is under TRANSMITTANCE_MIN.
 
-The 16 pixels of a tile's row are computed without branches, so that the loop vectorises. For that reason indices are
-unsigned (a signed index may count from the end, which needs a check), and the values of a tile are planes of one flat
-array (which cannot overlap).
+A splat is computed in columns of 16 pixels, the lanes of a vector, from its own left edge on. The values of a tile are
+planes of one flat array. Their indices are unsigned: a signed index may count from the end, which needs a check.
 """
-
-import math
 
 import numpy as np
 
 from fecocodec.kernels.compilation import compiled
+from fecocodec.kernels.lanes import NUM_LANES, lane_numbers, lanes, load, store, total, where
 from fecocodec.rendering.splats import ALPHA_MAX, TRANSMITTANCE_MIN, falloff
 from fecocodec.rendering.tiles import TILE_SIZE
 
-SIDE = np.uintp(TILE_SIZE)
-PIXELS = np.uintp(TILE_SIZE * TILE_SIZE)  # pixels of a tile, and length of one plane
+LANES = np.uintp(NUM_LANES)
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
-# Offsets of the planes of a tile. `has_light_left` relies on transmittance being first.
-_TRANSMITTANCE, _RED, _GREEN, _BLUE, _DEPTH, _END = (np.uintp(plane) * PIXELS for plane in range(6))
+# A row of a tile holds the row of each plane, one after another: planes one page apart would slow each other down.
+# Beside the tile there is room for a vector that begins at its last pixel; transmittance is zero there.
+_NUM_PLANES = 7  # of `compositing_backward`; here 5
+PLANE = np.uintp(TILE_SIZE + NUM_LANES)  # from a number in one plane to the same in the next
+ROW = _NUM_PLANES * PLANE  # from a number to the one below
+PLANES_OF_TILE = TILE_SIZE * ROW
+_TRANSMITTANCE, _RED, _GREEN, _BLUE, _DEPTH = (np.uintp(plane) * PLANE for plane in range(5))
 
 _HITS_PER_CHECK = 32  # hits between two checks whether the whole tile is finished
 
@@ -30,23 +32,39 @@ _HITS_PER_CHECK = 32  # hits between two checks whether the whole tile is finish
 @compiled
 def composite(start, stop, first_tile, offsets, splat_of_hit, splats, background, color, depth, alpha):
     """Write the pixels of the listed tiles in [start, stop), counted from first_tile."""
-    planes = np.empty(_END, np.float32)
+    planes = np.empty(PLANES_OF_TILE, np.float32)
     for listed in range(start, stop):
-        left, top = tile_corner(first_tile + listed, alpha.shape[1])
-        planes[:PIXELS] = ONE
-        planes[PIXELS:] = ZERO
+        left, top, width, height = tile_box(first_tile + listed, alpha)
+        clear(width, height, planes)
         for hit in range(offsets[listed], offsets[listed + 1]):
             if not has_light_left(hit - offsets[listed], planes):
                 break
             _blend(splats[splat_of_hit[hit]], left, top, planes)
-        _write_tile(left, top, planes, background, color, depth, alpha)
+        _write_tile(left, top, width, height, planes, background, color, depth, alpha)
 
 
 @compiled
-def tile_corner(tile, width):
-    """Return the column and row of the tile's first pixel."""
+def tile_box(tile, image):
+    """Return the column and row of the tile's first pixel, and its width and height inside the image."""
+    height, width = image.shape
     tile_columns = (width + TILE_SIZE - 1) // TILE_SIZE
-    return tile % tile_columns * TILE_SIZE, tile // tile_columns * TILE_SIZE
+    left, top = tile % tile_columns * TILE_SIZE, tile // tile_columns * TILE_SIZE
+    return left, top, min(TILE_SIZE, width - left), min(TILE_SIZE, height - top)
+
+
+@compiled
+def pixel_index(row, column):
+    """Return the index of a pixel of the tile in the first plane."""
+    return np.uintp(row) * ROW + np.uintp(column)
+
+
+@compiled
+def clear(width, height, planes):
+    """Set transmittance, the first plane, to one inside the image and all else to zero."""
+    planes[:] = ZERO
+    for row in range(height):
+        for column in range(width):
+            planes[pixel_index(row, column)] = ONE
 
 
 @compiled
@@ -54,22 +72,23 @@ def has_light_left(num_blended, planes):
     """Return False if every pixel of the tile is finished; checked once in _HITS_PER_CHECK hits."""
     if num_blended % _HITS_PER_CHECK != _HITS_PER_CHECK - 1:
         return True
-    most = ZERO
-    for pixel in range(PIXELS):
-        most = max(most, planes[pixel])
-    return most >= TRANSMITTANCE_MIN
+    most = lanes(ZERO)
+    for row in range(TILE_SIZE):
+        for column in range(0, TILE_SIZE, NUM_LANES):
+            most = max(most, load(planes, pixel_index(row, column)))
+    return total(where(most >= TRANSMITTANCE_MIN, ONE, ZERO)) > ZERO
 
 
 @compiled
-def row_range(centre_y, radius_y):
-    """Return the first and last (exclusive) row of a tile that a splat reaches.
+def reach(centre, radius):
+    """Return the first and last (exclusive) row or column of a tile that a splat reaches.
 
-    centre_y: in pixels from the centres of the tile's first row. Rows are clamped to the tile, because far outside the
-    image rounding can list a splat in a tile that it does not reach.
+    centre: in pixels from the centres of the tile's first row or column. The result is clamped to the tile, because far
+    outside the image rounding can list a splat in a tile that it does not reach.
     """
-    first = min(max(math.ceil(centre_y - radius_y), ZERO), np.float32(TILE_SIZE))
-    stop = min(max(math.floor(centre_y + radius_y) + ONE, ZERO), np.float32(TILE_SIZE))
-    return np.uintp(first), np.uintp(stop)
+    low = min(max(centre - radius, ZERO), np.float32(TILE_SIZE))
+    first, stop = np.int32(low), np.int32(min(max(centre + radius + ONE, ZERO), np.float32(TILE_SIZE)))
+    return np.uintp(first + (np.float32(first) < low)), np.uintp(stop)
 
 
 @compiled
@@ -80,31 +99,33 @@ def _blend(splat, left, top, planes):
     half_xx, xy, half_yy = HALF * splat.conic_xx, splat.conic_xy, HALF * splat.conic_yy
     opacity, cutoff = splat.opacity, splat.cutoff
     red, green, blue, depth = splat.red, splat.green, splat.blue, splat.depth
-    first_row, stop_row = row_range(centre_y, splat.radius_y)
-    for row in range(first_row, stop_row):
-        dy = np.float32(np.int32(row)) - centre_y
-        for column in range(SIDE):
-            pixel = row * SIDE + column
-            dx = np.float32(np.int32(column)) - centre_x
-            exponent = half_xx * dx * dx + xy * dy * dx + half_yy * dy * dy
-            transmittance = planes[_TRANSMITTANCE + pixel]
-            alpha = min(ALPHA_MAX, opacity * falloff(exponent))
-            alpha = alpha if exponent <= cutoff and transmittance >= TRANSMITTANCE_MIN else ZERO
+    first_row, stop_row = reach(centre_y, splat.radius_y)
+    column, stop_column = reach(centre_x, splat.radius_x)
+    while column < stop_column:
+        dx = lane_numbers() - (centre_x - np.float32(np.int32(column)))
+        of_x, of_xy = half_xx * dx * dx, xy * dx
+        for row in range(first_row, stop_row):
+            pixel = pixel_index(row, column)
+            dy = np.float32(np.int32(row)) - centre_y
+            exponent = of_x + of_xy * dy + half_yy * dy * dy
+            transmittance = load(planes, _TRANSMITTANCE + pixel)
+            alpha = min(opacity * falloff(exponent), ALPHA_MAX)
+            alpha = where((exponent <= cutoff) & (transmittance >= TRANSMITTANCE_MIN), alpha, ZERO)
             weight = alpha * transmittance
-            planes[_TRANSMITTANCE + pixel] = transmittance - weight
-            planes[_RED + pixel] += weight * red
-            planes[_GREEN + pixel] += weight * green
-            planes[_BLUE + pixel] += weight * blue
-            planes[_DEPTH + pixel] += weight * depth
+            store(planes, _TRANSMITTANCE + pixel, transmittance - weight)
+            store(planes, _RED + pixel, load(planes, _RED + pixel) + weight * red)
+            store(planes, _GREEN + pixel, load(planes, _GREEN + pixel) + weight * green)
+            store(planes, _BLUE + pixel, load(planes, _BLUE + pixel) + weight * blue)
+            store(planes, _DEPTH + pixel, load(planes, _DEPTH + pixel) + weight * depth)
+        column += LANES
 
 
 @compiled
-def _write_tile(left, top, planes, background, color, depth, alpha):
-    """Write the part of the tile that lies inside the image, over the background."""
-    for row in range(min(TILE_SIZE, alpha.shape[0] - top)):
-        for column in range(min(TILE_SIZE, alpha.shape[1] - left)):
-            pixel = np.uintp(row * TILE_SIZE + column)
-            y, x = top + row, left + column
+def _write_tile(left, top, width, height, planes, background, color, depth, alpha):
+    """Write the tile to the images, over the background."""
+    for row in range(height):
+        for column in range(width):
+            pixel, y, x = pixel_index(row, column), top + row, left + column
             transmittance = planes[_TRANSMITTANCE + pixel]
             covered = ONE - transmittance
             color[0, y, x] = planes[_RED + pixel] + transmittance * background[0]

@@ -1,12 +1,12 @@
 """Rendering on the CPU, by the kernels of this folder, as one differentiable function."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Float64, Int32
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
@@ -15,13 +15,25 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.kernels.threads import run_in_ranges, run_side_by_side
 from fecocodec.rendering.compositing import composite
 from fecocodec.rendering.compositing_backward import composite_backward
-from fecocodec.rendering.projection import project, project_backward
+from fecocodec.rendering.covariances import covariances_backward, covariances_of
+from fecocodec.rendering.projection import cutoffs, project, project_backward
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
 from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes
 from fecocodec.rendering.tiles import TileLists, front_to_back, sum_over_tiles, tile_lists
 
 Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], depth and alpha [height width], float32
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """Gaussians, with what is the same for all cameras: covariances and cutoffs as `projection` takes them."""
+
+    means: Float32[np.ndarray, "n 3"]
+    opacities: Float32[np.ndarray, " n"]
+    harmonics: Float32[np.ndarray, "n coefficients 3"]
+    covariances: Float64[np.ndarray, "n 6"]
+    cutoffs: Float64[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
@@ -61,18 +73,19 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> tuple[Tensor, Tensor, Tensor]:
         *fields, cameras, (height, width), background = inputs
-        arrays = [_array(field) for field in fields]
+        gaussians = _measured(*(_array(field) for field in fields))
         color = fields[0].new_empty(len(cameras), 3, height, width)
         depth, alpha = color.new_empty(len(cameras), height, width), color.new_empty(len(cameras), height, width)
         needs_gradients = any(ctx.needs_input_grad)
 
         def draw(view: int) -> _Projected | None:
-            seen = _project(cameras[view], arrays)
+            seen = _project(cameras[view], gaussians)
             images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
             whole = _composite(seen, np.asarray(background, np.float32), images)
             # Without gradients, splats are not kept: they are larger than the images.
             return replace(seen, whole=whole) if needs_gradients else None
 
+        ctx.gaussians = gaussians if needs_gradients else None
         ctx.projected = run_side_by_side(draw, len(cameras))
         ctx.save_for_backward(*fields, color, depth, alpha)
         return color, depth, alpha
@@ -81,7 +94,6 @@ class _Rasterize(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, d_color: Tensor, d_depth: Tensor, d_alpha: Tensor) -> tuple[Tensor | None, ...]:
         *fields, color, depth, alpha = ctx.saved_tensors
-        arrays = [_array(field) for field in fields]
 
         def splat_gradients(view: int) -> np.ndarray:
             images = (_array(color[view]), _array(depth[view]), _array(alpha[view]))
@@ -89,9 +101,14 @@ class _Rasterize(torch.autograd.Function):
             return _composite_backward(ctx.projected[view], images, d_images)
 
         gradients = [torch.zeros_like(field, memory_format=torch.contiguous_format) for field in fields]
+        d_means, d_scales, d_rotations, d_opacities, d_harmonics = (_array(gradient) for gradient in gradients)
+        d_covariances = np.zeros_like(ctx.gaussians.covariances)
         of_views = run_side_by_side(splat_gradients, len(ctx.projected))
         for projected, of_splats in zip(ctx.projected, of_views, strict=True):
-            _project_backward(projected, arrays, of_splats, [_array(gradient) for gradient in gradients])
+            targets = (d_means, d_covariances, d_opacities, d_harmonics)
+            _project_backward(projected, ctx.gaussians, of_splats, *targets)
+        shapes = (_array(fields[1]), _array(fields[2]), d_covariances)
+        run_in_ranges(covariances_backward, len(d_covariances), *shapes, d_scales, d_rotations)
         return *gradients, None, None, None
 
 
@@ -100,13 +117,22 @@ def _array(tensor: Float[Tensor, "*shape"]) -> Float32[np.ndarray, "*shape"]:
     return tensor.detach().contiguous().numpy()
 
 
-def _project(pinhole: Pinhole, fields: Sequence[np.ndarray]) -> _Projected:
-    means, scales, rotations, opacities, harmonics = fields
+def _measured(
+    means: np.ndarray, scales: np.ndarray, rotations: np.ndarray, opacities: np.ndarray, harmonics: np.ndarray
+) -> _Measured:
+    covariances = np.empty((len(means), 6))
+    run_in_ranges(covariances_of, len(means), scales, rotations, covariances)
+    return _Measured(means, opacities, harmonics, covariances, cutoffs(opacities))
+
+
+def _project(pinhole: Pinhole, gaussians: _Measured) -> _Projected:
+    means = gaussians.means
     splats, indices = np.empty(len(means), SPLAT), np.full(len(means), -1, np.int32)
-    run_in_ranges(project, len(means), pinhole, means, scales, rotations, opacities, splats, indices)
+    shapes = (gaussians.covariances, gaussians.opacities, gaussians.cutoffs)
+    run_in_ranges(project, len(means), pinhole, means, *shapes, splats, indices)
     visible = np.flatnonzero(indices >= 0)
     splats, indices = splats.take(visible), indices[visible]
-    run_in_ranges(shade, len(splats), pinhole.eye, means, harmonics, indices, splats)
+    run_in_ranges(shade, len(splats), pinhole.eye, means, gaussians.harmonics, indices, splats)
     return _Projected(pinhole, splats, indices, front_to_back(splats))
 
 
@@ -135,14 +161,16 @@ def _composite_backward(
 
 def _project_backward(
     projected: _Projected,
-    fields: Sequence[np.ndarray],
+    gaussians: _Measured,
     splat_gradients: Float32[np.ndarray, "visible fields"],
-    gradients: Sequence[np.ndarray],
+    d_means: Float32[np.ndarray, "n 3"],
+    d_covariances: Float64[np.ndarray, "n 6"],
+    d_opacities: Float32[np.ndarray, " n"],
+    d_harmonics: Float32[np.ndarray, "n coefficients 3"],
 ) -> None:
-    """Add the gradients from one view to those of means, scales, rotations, opacities and harmonics."""
-    means, scales, rotations, _, harmonics = fields
-    d_means, *d_shapes, d_harmonics = gradients
+    """Add the gradients from one view to those of the Gaussians."""
     pinhole, splats, indices = projected.pinhole, projected.splats, projected.gaussian_of_splat
-    geometry, colours = (means, scales, rotations, indices), (means, harmonics, indices, splats)
-    run_in_ranges(project_backward, len(splats), pinhole, *geometry, splat_gradients, d_means, *d_shapes)
-    run_in_ranges(shade_backward, len(splats), pinhole.eye, *colours, splat_gradients, d_means, d_harmonics)
+    geometry = (gaussians.means, gaussians.covariances, indices, splat_gradients)
+    run_in_ranges(project_backward, len(splats), pinhole, *geometry, d_means, d_covariances, d_opacities)
+    colours = (gaussians.means, gaussians.harmonics, indices, splats, splat_gradients)
+    run_in_ranges(shade_backward, len(splats), pinhole.eye, *colours, d_means, d_harmonics)

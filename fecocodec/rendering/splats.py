@@ -72,17 +72,16 @@ def _vector(row: list[float]) -> Vector3:
 
 @compiled
 def falloff(exponent):  # type: ignore[no-untyped-def]
-    """Return exp(-exponent) for exponents in [0, 6] with a relative error below 3e-6, in operations that vectorise.
+    """Return exp(-exponent) of `Lanes` in [0, 6] with a relative error below 3e-6.
 
-    Minimax polynomial of exp(-exponent / 8), squared three times. Exponents above 6 give exp(-6); they are not used,
+    Minimax polynomial of exp(-exponent / 8), squared three times. Lanes above 6 may be infinite; they are not used,
     because alpha is below ALPHA_MIN from ln 255 = 5.54 on.
     """
-    p = min(max(exponent, np.float32(0.0)), np.float32(6.0))
-    root = np.float32(9.65796413135044e-06) + p * np.float32(-1.745353500777486e-07)
-    root = np.float32(-0.00032392379188796926) + p * root
-    root = np.float32(0.007810199126091689) + p * root
-    root = np.float32(-0.12499875964526308) + p * root
-    root = np.float32(0.9999998988236805) + p * root
+    root = np.float32(9.65796413135044e-06) + exponent * np.float32(-1.745353500777486e-07)
+    root = np.float32(-0.00032392379188796926) + exponent * root
+    root = np.float32(0.007810199126091689) + exponent * root
+    root = np.float32(-0.12499875964526308) + exponent * root
+    root = np.float32(0.9999998988236805) + exponent * root
     fourth = root * root
     fourth = fourth * fourth
     return fourth * fourth

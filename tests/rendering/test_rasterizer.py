@@ -8,7 +8,7 @@ from small_scenes import random_gaussians, two_cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.rasterizer import Rendering, render
 
-IMAGE_SIZE = (22, 35)  # two by three tiles, the last ones cut by the border
+IMAGE_SIZE = (38, 67)  # two by three tiles, the last ones cut by the border
 BACKGROUND = (0.2, 0.5, 0.9)
 FIELDS = ("means", "scales", "rotations", "opacities", "harmonics")
 OUTPUTS = ("color", "depth", "alpha")
