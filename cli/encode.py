@@ -85,7 +85,7 @@ def command(
     as_json: bool,
     **values: Any,
 ) -> None:
-    """Compress the photographs in the folder VIEWS to a .fcs file.
+    """Compress the photographs in VIEWS, a folder or ZIP archive, to a .fcs file.
 
     VIEWS contains images (PNG, JPEG, WebP, EXR) and their cameras: a transforms.json (nerfstudio, instant-ngp), a
     COLMAP sparse model, or a RealEstate10K camera file. Without cameras, or for a video, they are estimated (needs the

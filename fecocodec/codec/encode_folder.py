@@ -1,4 +1,4 @@
-"""`encode_folder`: a folder of photographs, or a video -> the bytes of a file, and what there is to say about it.
+"""`encode_folder`: a folder or ZIP archive of photographs, or a video -> the bytes of a file, and what is to be said.
 
 What cameras and headers of images tell is reported before torch is loaded, and before any pixel is read.
 """
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
+from fecocodec.captures.archives import is_archive, unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
 from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
 from fecocodec.captures.view_selection import Spread
@@ -82,7 +83,7 @@ def encode_folder(
     on_note: OnMessage = lambda _sentence: None,
     on_warning: OnMessage = lambda _sentence: None,
 ) -> EncodingReport:
-    """Encode a folder of photographs, a camera file or a video, as the command `fecosplat encode` does.
+    """Encode a folder of photographs, a ZIP archive of it, a camera file or a video, as the command `encode` does.
 
     Cameras are estimated if there are none. on_progress: as for `encode`. on_note, on_warning: called with each
     sentence as soon as it is known; the result has all of them. Nothing is written.
@@ -94,7 +95,8 @@ def encode_folder(
     if options.device != "cpu":  # the check loads torch
         options.require_device()
     on_progress("reading views", 0.0)
-    with scene_source(path, options) as source:
+    with unpacked(path) as folder, scene_source(folder, options) as source:
+        messages.folder = folder
         messages.note(*source.notes)
         messages.warn(*source.warnings)
         roles, photographs = _read(read_cameras(source.path), options, messages, on_progress)
@@ -142,7 +144,7 @@ def encode_folder(
         tuple(messages.notes),
         tuple(messages.warnings),
         round(perf_counter() - start, 3),
-        source.save_cameras,
+        None if is_archive(path) else source.save_cameras,  # its photographs are no longer unpacked
     )
 
 

@@ -25,7 +25,8 @@ def of_input(path: Path, sentence: str) -> str:
 class Messages:
     """Passes each sentence on as soon as it is known, once, and keeps it.
 
-    path: of the input. is_strict: raise StrictError for a warning instead.
+    path: of the input, which is named in place of `folder`, to which an archive is unpacked. is_strict: raise
+    StrictError for a warning instead.
     """
 
     def __init__(
@@ -35,21 +36,21 @@ class Messages:
         on_note: OnMessage = lambda _sentence: None,
         on_warning: OnMessage = lambda _sentence: None,
     ) -> None:
-        self.path, self._is_strict = path, is_strict
+        self.path, self.folder, self._is_strict = path, path, is_strict
         self._on_note, self._on_warning = on_note, on_warning
         self.notes: list[str] = []
         self.warnings: list[str] = []
         self.omitted: list[str] = []
 
     def note(self, *sentences: str) -> None:
-        for sentence in (of_input(self.path, sentence) for sentence in sentences):
+        for sentence in map(self._told, sentences):
             if sentence not in self.notes:
                 self.notes.append(sentence)
                 self._on_note(sentence)
 
     def warn(self, *sentences: str) -> None:
         """Raises StrictError for the first warning if it is an error."""
-        for sentence in (of_input(self.path, sentence) for sentence in sentences):
+        for sentence in map(self._told, sentences):
             if self._is_strict:
                 raise strict_error(str(self.path), sentence)
             if sentence not in self.warnings:
@@ -60,6 +61,9 @@ class Messages:
         """Warn of photographs that are left out: no error, as others take their place. names: kept in `omitted`."""
         self.omitted += names
         (self.note if self._is_strict else self.warn)(sentence)
+
+    def _told(self, sentence: str) -> str:
+        return of_input(self.path, sentence.replace(str(self.folder), str(self.path)))
 
     def refuse(self, sentence: str) -> None:
         """Raise InputError."""

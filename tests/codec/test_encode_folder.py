@@ -1,5 +1,6 @@
 """`encode_folder`: what the command does, as a call of the library."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +32,21 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def options(random_weights: Path) -> EncodingOptions:
     return EncodingOptions(effort="fast", model=random_weights / MODEL)
+
+
+def test_a_zip_archive_is_encoded_as_its_folder_and_named_in_what_is_said(
+    folder: Path, options: EncodingOptions, tmp_path: Path
+) -> None:
+    cameras = json.loads((folder / "transforms.json").read_text())
+    cameras["frames"].append({**cameras["frames"][0], "file_path": "images/absent.png"})
+    shutil.copytree(folder, tmp_path / "scene")
+    (tmp_path / "scene" / "transforms.json").write_text(json.dumps(cameras))
+    archive = Path(shutil.make_archive(str(tmp_path / "scan"), "zip", tmp_path, "scene"))
+    report, of_folder = (encode_folder(path, options) for path in (archive, tmp_path / "scene"))
+    assert report.data == of_folder.data
+    for told, expected in ((report.notes, of_folder.notes), (report.warnings, of_folder.warnings)):
+        assert told == tuple(sentence.replace(str(tmp_path / "scene"), str(archive)) for sentence in expected)
+    assert any("absent.png" in warning for warning in report.warnings)
 
 
 def test_it_encodes_what_is_in_the_folder_and_says_how_it_went(folder: Path, options: EncodingOptions) -> None:
