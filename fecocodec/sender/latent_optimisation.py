@@ -75,7 +75,7 @@ def optimiser(
 
     estimate: differentiable coder, (y, inputs) -> y_hat and bits.
     """
-    num_steps = config.steps_of_last(encoder.num_pixels, lambda_q, is_guided=encoder.guides is not None)
+    num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
 
     def optimise(y: Tensor, features: Tensor, inputs: StageInputs, progress: Progress) -> Tensor:
         steps = num_steps if inputs.is_last else steps_of_first(num_steps)

@@ -14,9 +14,8 @@ class OptimisationConfig:
     num_steps: number of steps for the last stage; stage 1 of two gets half of them plus one. extra_step_below: one step
     is added for each of these values that exceeds the quantised lambda. extra_step_above: one step is added for each of
     these values that the quantised lambda exceeds, unless the scene has more than `large_pixels`. num_steps_large:
-    replaces `num_steps` for these. steps_guided: so many more where guides teach, unless the scene is as large; guides
-    keep further steps from fitting the context views alone. max_pixels: larger scenes get no steps: gradients at this
-    size take encoding from 2.1 to 4.4 GiB.
+    replaces `num_steps` for these. max_pixels: larger scenes get no steps: gradients at this size take encoding
+    from 2.1 to 4.4 GiB.
 
     detail_steps: steps of the detail layer just below lambda 1e-3; 0 for no such layer. detail_steps_per_decade: more
     steps for each power of ten that lambda is below; none for scenes with more than `large_pixels`. detail_steps_many:
@@ -32,7 +31,6 @@ class OptimisationConfig:
     extra_step_below: tuple[int, ...] = (944, 256, 256, 256)  # lambda 4e-4 and, for three steps, 2.7e-5
     extra_step_above: tuple[int, ...] = (1356, 1356)  # lambda 2e-3
     num_steps_large: int = 2
-    steps_guided: int = 2
     large_pixels: int = 2**19
     max_pixels: int = 2**22
     detail_steps: int = 4
@@ -50,14 +48,13 @@ class OptimisationConfig:
                 f"sharpness {self.sharpness:g} needs steps, which `effort` fast does not take; choose another."
             )
 
-    def steps_of_last(self, num_pixels: int, lambda_q: int, *, is_guided: bool) -> int:
+    def steps_of_last(self, num_pixels: int, lambda_q: int) -> int:
         """Return the number of steps of the last stage. num_pixels: of all views. lambda_q: quantised lambda."""
         if num_pixels > self.max_pixels:
             return 0
         num_steps = self.num_steps_large
         if num_pixels <= self.large_pixels:
             num_steps = self.num_steps + sum(lambda_q > bound for bound in self.extra_step_above)
-            num_steps += self.steps_guided if is_guided else 0
         return num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
 
     def detail_steps_of(self, num_views: int, num_pixels: int, lambda_q: int) -> int:
@@ -73,12 +70,7 @@ class OptimisationConfig:
     def with_steps(self, num_steps: int) -> "OptimisationConfig":
         """Return a copy with exactly `num_steps` steps, for all scenes of up to `max_pixels`."""
         changed = replace(
-            self,
-            num_steps=num_steps,
-            num_steps_large=num_steps,
-            steps_guided=0,
-            extra_step_below=(),
-            extra_step_above=(),
+            self, num_steps=num_steps, num_steps_large=num_steps, extra_step_below=(), extra_step_above=()
         )
         return changed if num_steps else replace(changed, detail_steps=0)
 

@@ -99,7 +99,7 @@ def encode_to_target_with(
         data = write_scene(encoder, scene, lambda_q, 2, config, on_progress)
         return Attempt(lambda_q, data, quality_of(codec.receiver, data, measured))
 
-    num_steps = config.steps_of_last(encoder.num_pixels, FIRST_LAMBDA_Q, is_guided=guides is not None)
+    num_steps = config.steps_of_last(encoder.num_pixels, FIRST_LAMBDA_Q)
     return search(attempt, target, config, num_steps, measured.names, on_progress).data
 
 

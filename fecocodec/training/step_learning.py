@@ -119,7 +119,7 @@ class StepLearner:
         """Draw the number of steps of the last stage."""
         if float(torch.rand((), generator=self.generator)) < OTHER_SHARE:
             return OTHER_STEPS[int(torch.randint(len(OTHER_STEPS), (), generator=self.generator))]
-        return self.config.steps_of_last(num_pixels, lambda_q, is_guided=False)
+        return self.config.steps_of_last(num_pixels, lambda_q)
 
     @torch.no_grad()
     def _optimise_scene(

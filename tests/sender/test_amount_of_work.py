@@ -39,8 +39,8 @@ def views() -> Views:
     ("num_views", "num_guides", "lmbda", "most"),
     [
         (2, 0, 1e-3, {"match": 1, "predict": 8, "pictures": 2 * 8}),
-        (2, 3, 1e-3, {"match": 1, "predict": 11, "pictures": 2 * 11 + 3 * 10}),
-        (4, 3, 1e-3, {"match": 1, "predict": 11, "pictures": 4 * 11 + 3 * 10 + 7 * 10}),
+        (2, 3, 1e-3, {"match": 1, "predict": 8, "pictures": 2 * 8 + 3 * 7}),
+        (4, 3, 1e-3, {"match": 1, "predict": 8, "pictures": 4 * 8 + 3 * 7 + 7 * 10}),
         (2, 0, 1e-4, {"match": 1, "predict": 8, "pictures": 2 * 8 + 2 * 14}),
     ],
 )

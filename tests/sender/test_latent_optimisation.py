@@ -75,25 +75,14 @@ def test_the_log_distortion_is_lowered_where_it_is_asked_for(encoder: SceneEncod
 def test_scenes_get_as_many_steps_as_their_size_allows() -> None:
     small, large, largest = DEFAULT.large_pixels, DEFAULT.max_pixels, DEFAULT.max_pixels + 1
     sizes = (small, large, largest)
-    assert [DEFAULT.steps_of_last(size, quantise_lambda(1e-2), is_guided=False) for size in sizes] == [6, 2, 0]
-    assert [DEFAULT.steps_of_last(size, COARSE_LAMBDA_Q, is_guided=False) for size in sizes] == [4, 2, 0]
-    assert [DEFAULT.steps_of_last(size, LAMBDA_Q, is_guided=False) for size in sizes] == [5, 3, 0]
-    assert [DEFAULT.steps_of_last(size, 0, is_guided=False) for size in sizes] == [8, 6, 0]
-    assert [BEST.steps_of_last(size, 0, is_guided=False) for size in sizes] == [16, 6, 0]
-    assert [BEST.steps_of_last(size, quantise_lambda(1e-2), is_guided=False) for size in sizes] == [16, 6, 0]
-    assert [FAST.steps_of_last(size, 0, is_guided=False) for size in sizes] == [0, 0, 0]
-    assert [DEFAULT.with_steps(9).steps_of_last(size, 0, is_guided=True) for size in sizes] == [9, 9, 0]
-
-
-def test_scenes_with_guides_get_more_steps_unless_they_are_large() -> None:
-    small, large = DEFAULT.large_pixels, DEFAULT.large_pixels + 1
-    for lambda_q in (quantise_lambda(1e-2), COARSE_LAMBDA_Q, 0):
-        more = [
-            DEFAULT.steps_of_last(size, lambda_q, is_guided=True)
-            - DEFAULT.steps_of_last(size, lambda_q, is_guided=False)
-            for size in (small, large)
-        ]
-        assert more == [2, 0]
+    assert [DEFAULT.steps_of_last(size, quantise_lambda(1e-2)) for size in sizes] == [6, 2, 0]
+    assert [DEFAULT.steps_of_last(size, COARSE_LAMBDA_Q) for size in sizes] == [4, 2, 0]
+    assert [DEFAULT.steps_of_last(size, LAMBDA_Q) for size in sizes] == [5, 3, 0]
+    assert [DEFAULT.steps_of_last(size, 0) for size in sizes] == [8, 6, 0]
+    assert [BEST.steps_of_last(size, 0) for size in sizes] == [16, 6, 0]
+    assert [BEST.steps_of_last(size, quantise_lambda(1e-2)) for size in sizes] == [16, 6, 0]
+    assert [FAST.steps_of_last(size, 0) for size in sizes] == [0, 0, 0]
+    assert [DEFAULT.with_steps(9).steps_of_last(size, 0) for size in sizes] == [9, 9, 0]
 
 
 def test_encoding_optimises_by_default_and_always_alike(codec: Codec) -> None:
