@@ -49,8 +49,6 @@ class _MaskModel(models.PrimitiveModel):
 
 
 _LANES, _MASK, _FLOAT = _Lanes(), _Mask(), types.float32
-
-
 _WITH_NUMBERS = ((_LANES, _LANES), (_LANES, _FLOAT), (_FLOAT, _LANES))
 
 
@@ -67,8 +65,8 @@ def _define(function, result, emit, operands=_WITH_NUMBERS):
         lower_builtin(function, *pair)(lower)
 
 
-for plus in (operator.add, operator.iadd):
-    _define(plus, _LANES, lambda builder, a, b: builder.fadd(a, b))
+_define(operator.add, _LANES, lambda builder, a, b: builder.fadd(a, b))
+_define(operator.iadd, _LANES, lambda builder, a, b: builder.fadd(a, b))
 _define(operator.sub, _LANES, lambda builder, a, b: builder.fsub(a, b))
 _define(operator.mul, _LANES, lambda builder, a, b: builder.fmul(a, b))
 _define(operator.truediv, _LANES, lambda builder, a, b: builder.fdiv(a, b))

@@ -20,15 +20,8 @@ _OTHER_COLMAP_MODELS = (
 )
 _OTHER_MODELS = ("FISHEYE624", "FTHETA")
 _PANORAMAS = (
-    *(
-        "EQUIRECTANGULAR",
-        "CYLINDRICAL",
-        "SPHERICAL",
-        "OMNIDIRECTIONALSTEREO_L",
-        "OMNIDIRECTIONALSTEREO_R",
-        "VR180_L",
-        "VR180_R",
-    ),
+    *("EQUIRECTANGULAR", "CYLINDRICAL", "SPHERICAL"),
+    *("OMNIDIRECTIONALSTEREO_L", "OMNIDIRECTIONALSTEREO_R", "VR180_L", "VR180_R"),
 )
 MAX_SIDE_PX = 10**6  # largest image side in a camera file
 MAX_GROWTH = 2.0  # largest ratio of the sides of an undistorted image to those of the photograph

@@ -16,7 +16,7 @@ from fecocodec.kernels.threads import run_in_ranges, run_side_by_side
 from fecocodec.rendering.compositing import composite
 from fecocodec.rendering.compositing_backward import composite_backward
 from fecocodec.rendering.covariances import covariances_backward, covariances_of
-from fecocodec.rendering.projection import cutoffs, project, project_backward
+from fecocodec.rendering.projection import cutoffs_of, project, project_backward
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
 from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes
@@ -122,7 +122,7 @@ def _measured(
 ) -> _Measured:
     covariances = np.empty((len(means), 6))
     run_in_ranges(covariances_of, len(means), scales, rotations, covariances)
-    return _Measured(means, opacities, harmonics, covariances, cutoffs(opacities))
+    return _Measured(means, opacities, harmonics, covariances, cutoffs_of(opacities))
 
 
 def _project(pinhole: Pinhole, gaussians: _Measured) -> _Projected:

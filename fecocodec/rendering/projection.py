@@ -19,7 +19,7 @@ _FIELD_MARGIN = 0.3  # J is evaluated at most this fraction of half the field of
 _LARGEST_PX, _FARTHEST = 1e9, 1e30  # beyond these, float32 arithmetic on splats could overflow
 
 
-def cutoffs(opacities):
+def cutoffs_of(opacities):
     """Return the exponent at which the alpha of each Gaussian is ALPHA_MIN; where there is none, NaN or infinity."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.log(opacities.astype(np.float64) / ALPHA_MIN)
