@@ -29,7 +29,7 @@ def find_realestate10k(path: Path) -> Path | None:
 
 def read_realestate10k(path: Path) -> PosedPhotographs:
     """Read the camera of every line. A line that is not valid gives a camera with a problem."""
-    lines = [(number, line.split()) for number, line in enumerate(_lines(path), start=1) if line.strip()]
+    lines = [(number, _words(line)) for number, line in enumerate(_lines(path), start=1) if line.strip()]
     if len(lines[0][1]) == 1:  # the video's URL
         lines = lines[1:]
     folders = [path.parent, path.parent / "images", path.with_suffix("")]
@@ -68,8 +68,14 @@ def _has_camera_line(path: Path) -> bool:
     """Return whether one of the first two lines has 19 columns. Other text files need not be read further."""
     with path.open(encoding="utf-8", errors="replace") as file:
         return any(
-            len(line.split()) == _COLUMNS for line in (file.readline(_LONGEST_LINE), file.readline(_LONGEST_LINE))
+            len(_words(line)) == _COLUMNS for line in (file.readline(_LONGEST_LINE), file.readline(_LONGEST_LINE))
         )
+
+
+def _words(line: str) -> list[str]:
+    """Return the columns of a line, which spaces or commas separate."""
+    words = line.replace(",", " ").split()
+    return words if len(words) == _COLUMNS else line.split()
 
 
 def _lines(path: Path) -> list[str]:

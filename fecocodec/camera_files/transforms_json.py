@@ -122,6 +122,8 @@ def _photograph(
 ) -> PosedPhotograph:
     if not isinstance(frame, dict) or not _is_named(frame):
         raise InputError(f"{place}: no `file_path`; name the image of this camera.")
+    if not isinstance(frame.get("mask_path", ""), str | None):
+        raise InputError(f"{place}: `mask_path` is not text; name the mask of this image, or leave it out.")
     model = _model(_stated(scene) | _stated(frame), place)
     values = _with_coefficients(scene, place) | _with_coefficients(frame, place)
     numbers = {key: _number(values, key, place) for key in _NUMBERS if key in values}

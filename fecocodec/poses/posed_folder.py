@@ -74,7 +74,7 @@ def posed_folder(
     photographs, notes = _chosen(folder, name or str(folder))
     warnings = _unread(folder)
     with temporary_folder() as root:
-        groups, left_out = upright_copies(photographs, root, focal_px)
+        groups, left_out = upright_copies(photographs, root, focal_px, num_threads)
         warnings += left_out
         photographs = [path for path in photographs if (root / path.name).exists()]
         if len(photographs) < 2:

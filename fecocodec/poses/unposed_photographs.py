@@ -2,6 +2,7 @@
 
 import re
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from errno import ENAMETOOLONG
 from hashlib import blake2b
 from pathlib import Path
@@ -86,12 +87,13 @@ def unread_photographs(folder: Path) -> list[Path]:
 
 
 def upright_copies(
-    photographs: list[Path], target: Path, focal_px: float | None = None
+    photographs: list[Path], target: Path, focal_px: float | None = None, num_threads: int = -1
 ) -> tuple[list[ImageGroup], list[str]]:
     """Write an upright copy of every photograph to `target`, under its own name, with sides of at most 1600 pixels.
 
     Copies hold PNG data whatever their suffix; readers recognise the format by the content.
     focal_px: known focal length in pixels of the photographs, None to start from EXIF data or a standard lens.
+    num_threads: that write copies while the next photographs are read, -1 for all cores.
     Returns groups of photographs of one size and focal length, and a sentence for each that is left out: damaged, too
     small, or the same picture as another. Raises InputError for a name that is not UTF-8, and for a focal length that
     cannot be that of all.
@@ -100,26 +102,30 @@ def upright_copies(
     name_of_pixels: dict[bytes, str] = {}
     sides: dict[int, str] = {}
     left_out = list[str]()
-    for path in photographs:
-        _require_utf8(path)
-        try:
-            image, focal, longer_side = _upright(path)
-        except InputError as error:
-            left_out.append(f"{path.name} is left out: {str(error).removeprefix(f'{path}: ')}")
-            continue
-        pixels = blake2b(image.tobytes()).digest()
-        if min(image.size) < MIN_SIDE:
-            reason = f"{image.size[0]}x{image.size[1]} pixels are too few, sides must be {MIN_SIDE} or more"
-            left_out.append(f"{path.name} is left out: {reason}.")
-            continue
-        if (same := name_of_pixels.get(pixels)) is not None:
-            left_out.append(f"{path.name} is left out: it is the same picture as {same}.")
-            continue
-        if focal_px is not None:
-            focal = _given_focal(focal_px, path, longer_side, sides)
-        name_of_pixels[pixels] = path.name
-        image.save(target / path.name, format="PNG", compress_level=1)
-        members[image.size, focal].append(path.name)
+    with ThreadPoolExecutor(num_threads if num_threads > 0 else None) as threads:
+        written = []
+        for path in photographs:
+            _require_utf8(path)
+            try:
+                image, focal, longer_side = _upright(path)
+            except InputError as error:
+                left_out.append(f"{path.name} is left out: {str(error).removeprefix(f'{path}: ')}")
+                continue
+            pixels = blake2b(image.tobytes()).digest()
+            if min(image.size) < MIN_SIDE:
+                reason = f"{image.size[0]}x{image.size[1]} pixels are too few, sides must be {MIN_SIDE} or more"
+                left_out.append(f"{path.name} is left out: {reason}.")
+                continue
+            if (same := name_of_pixels.get(pixels)) is not None:
+                left_out.append(f"{path.name} is left out: it is the same picture as {same}.")
+                continue
+            if focal_px is not None:
+                focal = _given_focal(focal_px, path, longer_side, sides)
+            name_of_pixels[pixels] = path.name
+            written.append(threads.submit(image.save, target / path.name, format="PNG", compress_level=1))
+            members[image.size, focal].append(path.name)
+        for copy in written:
+            copy.result()  # raises the error of one that failed
     groups = [
         ImageGroup(
             tuple(names),

@@ -71,6 +71,10 @@ def test_masks_that_are_named_are_found_as_photographs_are(named, tmp_path):
     assert torch.equal(read(folder, views=(0,)).ignored[0], left_half(80, 96))
     with pytest.raises(InputError, match=r"001\.png: no such image"):
         read(folder, views=(1,))
+    scene["frames"][1]["mask_path"] = 1
+    (folder / "transforms.json").write_text(json.dumps(scene))
+    with pytest.raises(InputError, match=r"frame 1 \(.*\): `mask_path` is not text; name the mask of this image"):
+        read(folder, views=(1,))
 
 
 def test_a_mask_in_the_opacity_of_its_image(tmp_path):
