@@ -53,8 +53,9 @@ _OPTIONS = (
     click.option(
         "--sh-degree",
         type=click.IntRange(0, 3),
-        help="Degree of the spherical harmonics in the file. 0: constant colours; 1: view-dependent colours; 2, 3: the "
-        f"same colours, with zeros for loaders that expect this degree.  [default: {PLY.sh_degree} for .ply, else 1]",
+        help="Degree of the spherical harmonics in the file. 0: constant colours; above the model's (1, or 2 with the "
+        f"paper's method): zeros for loaders that expect this degree.  [default: {PLY.sh_degree} for .ply, else the "
+        "model's]",
     ),
     click.option(
         "--background-layer/--no-background-layer",

@@ -25,7 +25,7 @@ class Method:
     quantised lambda of stage 1 of two, in units of the header (EXCESS_UNIT steps each). has_depth_feedback: E_fb gets
     depth errors, and differences of pictures in place of pictures.
     has_conditioned_adapter: the adapter of a third-party extractor depends on lambda. gaussians_per_side: of a cell of
-    the 1/4 grid, as allowed.
+    the 1/4 grid, as allowed. max_sh_degree: of the harmonics that P predicts.
     """
 
     has_rules: bool = True
@@ -35,11 +35,12 @@ class Method:
     has_depth_feedback: bool = True
     has_conditioned_adapter: bool = False
     gaussians_per_side: tuple[int, ...] = (PER_CELL,)
+    max_sh_degree: int = 0
 
 
 METHODS = {
     COMPACT: Method(),
-    PAPER: Method(False, False, False, 0, False, True, gaussians_per_side=(1, 2, 4)),
+    PAPER: Method(False, False, False, 0, False, True, gaussians_per_side=(1, 2, 4), max_sh_degree=2),
 }
 
 
@@ -83,6 +84,7 @@ class ReceiverConfig:
     # Method: "paper" switches off what this codec adds to the paper (docs/paper_profile.md).
     method: str = field(default=COMPACT, metadata=OPTIONAL)
     gaussians_per_side: int = field(default=PER_CELL, metadata=OPTIONAL)  # of a cell of the 1/4 grid: 1, 2 or 4
+    sh_degree: int = field(default=0, metadata=OPTIONAL)  # of the harmonics that P predicts, in each camera's frame
     lambda_range: tuple[float, float] = field(default=(1e-5, 1e-2), metadata=OPTIONAL)  # that the model was trained for
     num_stages: int = field(default=2, metadata=OPTIONAL)  # likewise; streams hold at most two
     prior_channels: int = field(default=64, metadata=OPTIONAL)  # inner width of the entropy model
@@ -104,6 +106,7 @@ PAPER_RECEIVER = ReceiverConfig(
     synthesis_depth=3,
     predictor_channels=(184, 264),
     method=PAPER,
+    sh_degree=2,  # of DepthSplat
     codes_stages_apart=True,
 )
 

@@ -31,7 +31,7 @@ def decode(
     stages: "all" decodes the whole stream and rejects a damaged one. 1 or 2 decodes that many stages; the rest of the
     stream may be damaged or missing. "intact" decodes the stages before the first damage, which `Decoded.damage` then
     describes.
-    sh_degree: 1 for view-dependent colours (spherical harmonics of degree 1), 0 for constant colours.
+    sh_degree: largest degree of the spherical harmonics, of which a model emits 1 or 2; 0 for constant colours.
     has_background: whether to add the layer that fills what no context view shows.
     is_merged: whether to merge neighbouring Gaussians of similar colour; without it they stay on their grid.
     device: "cpu", "cuda" or "cuda:N". On "cpu", onnxruntime computes. Torch computes on other devices and, where it is
@@ -48,7 +48,7 @@ def decode(
     header = part.stream.header
     check_pixels(header, max_pixels)
     if sh_degree not in range(MAX_SH_DEGREE + 1):
-        raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}.")
+        raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 to {MAX_SH_DEGREE}.")
     folder = find_receiver(header.model_id, None if model is None else Path(model)).parent
     merging = DEFAULT_MERGING if is_merged else None
     if device == "cpu" and (has_graphs(folder, header.model_id) or find_spec("torch") is None):

@@ -145,8 +145,8 @@ def test_colours_may_be_had_that_are_the_same_from_everywhere(data: bytes, rando
     assert (leaning.harmonics.shape[1], plain.harmonics.shape[1]) == (4, 1)
     assert leaning.harmonics[:, 1:].abs().max() > 0
     assert_equal(replace(leaning, harmonics=plain.harmonics), plain)
-    with pytest.raises(InputError, match="degree 2"):
-        decode(data, sh_degree=2, model=random_weights / MODEL)
+    with pytest.raises(InputError, match="degree 3"):
+        decode(data, sh_degree=3, model=random_weights / MODEL)
 
 
 def test_a_stream_of_one_stage_equals_the_first_of_two_at_its_lambda(views: Views, random_weights: Path) -> None:

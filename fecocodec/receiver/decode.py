@@ -181,8 +181,8 @@ def emission_of(
 ) -> Emission:
     """Return what a decoder emits. Raises InputError for a degree of the harmonics that is not supported."""
     if sh_degree not in range(MAX_SH_DEGREE + 1):
-        raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 or {MAX_SH_DEGREE}.")
-    return Emission(has_constant_colours=sh_degree == 0, is_culled=True, background=background, merging=merging)
+        raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 to {MAX_SH_DEGREE}.")
+    return Emission(sh_degree=sh_degree, is_culled=True, background=background, merging=merging)
 
 
 def _with_detail(

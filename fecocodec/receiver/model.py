@@ -112,6 +112,11 @@ def _check(config: ReceiverConfig) -> None:
             f"{config.gaussians_per_side} Gaussians a side of a cell with the method '{config.method}' are not "
             f"supported; choose 2, or 1 or 4 with the method '{PAPER}'."
         )
+    if config.sh_degree > config.kind.max_sh_degree:
+        raise ModelError(
+            f"Predicted harmonics of degree {config.sh_degree} are not supported with the method '{config.method}'; "
+            f"choose at most {config.kind.max_sh_degree}."
+        )
     if config.detail_planes and not config.kind.has_steps:
         raise ModelError(f"The method '{PAPER}' has no detail layer; set detail_planes to 0.")
 

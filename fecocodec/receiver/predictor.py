@@ -46,8 +46,8 @@ class Predictor(nn.Module):
         self.attention = NeighbourAttention(
             fine, config.attention_channels, config.num_neighbours, config.neighbour_fade
         )
-        per_cell = config.gaussians_per_side**2
-        first, last = PointwiseConv2d(fine, fine), PointwiseConv2d(fine, per_cell * sum(RAW.values()))
+        outputs = sum(RAW.values()) + 3 * ((config.sh_degree + 1) ** 2 - 1)
+        first, last = PointwiseConv2d(fine, fine), PointwiseConv2d(fine, config.gaussians_per_side**2 * outputs)
         self.head = nn.Sequential(first, nn.GELU(approximate="tanh"), last)
         nn.init.normal_(last.weight, std=0.02)
         nn.init.constant_(last.get_parameter("bias"), 0.0)

@@ -17,9 +17,9 @@ LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 
 @dataclass(frozen=True)
 class EmissionConfig:
-    """Options of the emitted Gaussians: degree of the harmonics (0 or 1), background layer, merging (None: none).
+    """Options of the emitted Gaussians: largest degree of the harmonics, background layer, merging (None: none).
 
-    The paper's method has harmonics of degree 0, no background layer and no merging, whatever the options say.
+    The paper's method has no background layer and no merging, whatever the options say.
     """
 
     sh_degree: int
@@ -48,8 +48,9 @@ def emit(
         visible = prediction.opacities * visibility.reshape(prediction.opacities.shape)
         prediction = replace(prediction, opacities=visible)
     gaussians = plain = prediction.gaussians()
-    if has_rules and config.sh_degree == 1 and cameras.num_views > 1:
+    if has_rules and config.sh_degree and cameras.num_views > 1:
         gaussians = replace(plain, harmonics=fitted_harmonics(graphs, prediction, normalised))
+    gaussians = replace(gaussians, harmonics=gaussians.harmonics[:, : (config.sh_degree + 1) ** 2])
     is_emitted = (plain.opacities >= LEAST_OPACITY) & np.isfinite(plain.means).all(axis=1)
     if config.merging is None or not has_rules:
         emitted = gaussians.keep(is_emitted)

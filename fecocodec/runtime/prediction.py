@@ -28,13 +28,17 @@ class LastState:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted Gaussians in the normalised frame, on grids of their views, usually the 1/2 grids. colours: sRGB."""
+    """Predicted Gaussians in the normalised frame, on grids of their views, usually the 1/2 grids.
+
+    colours: sRGB, of degree 0. higher: coefficients of the harmonics above degree 0.
+    """
 
     positions: Float32[np.ndarray, "view 3 h2 w2"]
     colours: Float32[np.ndarray, "view 3 h2 w2"]
     opacities: Float32[np.ndarray, "view h2 w2"]
     scales: Float32[np.ndarray, "n 3"]
     rotations: Float32[np.ndarray, "n 4"]
+    higher: Float32[np.ndarray, "n rest 3"]
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -45,27 +49,31 @@ class Prediction:
         return {"positions": self.positions, "colours": self.colours}
 
     def gaussians(self) -> GaussianArrays:
-        """Return the Gaussians, ordered (view, row, column), with harmonics of degree 0."""
+        """Return the Gaussians, ordered (view, row, column), with the predicted harmonics."""
         means, colours = (np.moveaxis(x, 1, 3).reshape(-1, 3) for x in (self.positions, self.colours))
         harmonics = (colours[:, None] - np.float32(0.5)) / np.float32(SH_DEGREE_0)
+        harmonics = np.concatenate((harmonics, self.higher), axis=1)
         return GaussianArrays(means, self.scales, self.rotations, self.opacities.reshape(-1), harmonics)
 
 
 def predict(graphs: Graphs, last: LastState, cameras: SceneCameras) -> Prediction:
     """Return the Gaussians of a state. cameras: normalised."""
-    positions, scales, rotations, opacities, colours, *surfaces = _attributes(graphs, last, cameras)
+    positions, scales, rotations, opacities, colours, *others = _attributes(graphs, last, cameras)
+    higher = np.zeros((len(scales), 0, 3), np.float32)
     if graphs.kind.method.has_rules:
-        of_views = {"positions": positions, "colours": colours, "surface": surfaces[0]} | poses_of(cameras)
+        of_views = {"positions": positions, "colours": colours, "surface": others[0]} | poses_of(cameras)
         opacities = opacities * (1 - _free_space_violation(graphs, of_views))
         opacities = np.minimum(opacities, np.float32(1))  # the sigmoid of onnxruntime can be 1 + 2^-23
         opacities = opacities * _kept_share(graphs, of_views, opacities)
-    return Prediction(positions, colours, np.minimum(opacities, np.float32(1)), scales, rotations)
+    elif others:
+        higher = others[0]
+    return Prediction(positions, colours, np.minimum(opacities, np.float32(1)), scales, rotations, higher)
 
 
 def _attributes(graphs: Graphs, last: LastState, cameras: SceneCameras) -> list[np.ndarray]:
     """Return the outputs of the graph `attributes`: attributes before the free-space check, and surfaces of views.
 
-    Models of a method without rules have no surfaces.
+    Models of a method without rules have no surfaces, but may have harmonics above degree 0.
     """
     poses, far = poses_of(cameras), {"far": np.asarray(cameras.far, np.float32)}
     rate: dict[str, Any] = {"lambda_q": last.lambda_q, "stage": last.stage}

@@ -156,9 +156,9 @@ def search_of(encoder: SceneEncoder, last: Stage[Any], lambda_q: int) -> Search:
     inputs = predictor.before_head(last.state, encoder.cameras, last.inputs.condition)
     step = float(step_size(detail_step(lambda_q)))
 
-    def gaussians(values: Values, has_constant_colours: bool = True) -> Gaussians:
+    def gaussians(values: Values, has_fitted_colours: bool = False) -> Gaussians:
         prediction = predictor.at_head(*inputs, encoder.cameras, basis(values * step))
-        return encoder.emit(prediction, last.fading, has_constant_colours=has_constant_colours)
+        return encoder.emit(prediction, last.fading, has_fitted_colours=has_fitted_colours)
 
     price = price_of_detail(encoder.num_views, lambda_q) / encoder.num_pixels
-    return Search(References.of(encoder), gaussians, partial(gaussians, has_constant_colours=False), price)
+    return Search(References.of(encoder), gaussians, partial(gaussians, has_fitted_colours=True), price)

@@ -205,7 +205,7 @@ def gaussians_of(encoder: SceneEncoder, inputs: StageInputs, y_hat: Float[Tensor
     is_direct = encoder.num_views <= MAX_VIEWS_OF_DIRECT_GRADIENTS
     with direct_gradients() if is_direct else nullcontext():
         prediction = encoder.predict(encoder.update(inputs, y_hat), inputs.condition)
-    return encoder.emit(prediction, inputs.fading, has_constant_colours=True)
+    return encoder.emit(prediction, inputs.fading, has_fitted_colours=False)
 
 
 @torch.enable_grad()

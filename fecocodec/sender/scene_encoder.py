@@ -191,7 +191,7 @@ class SceneEncoder:
         prediction: Prediction,
         fading: Fading | None = None,
         *,
-        has_constant_colours: bool = False,
+        has_fitted_colours: bool = True,
         is_filled: bool = True,
         scene: int = 0,
     ) -> Gaussians:
@@ -204,7 +204,7 @@ class SceneEncoder:
             is_covered = self.cut_out.is_covered.flatten().to(self.images.dtype)
             visibility = is_covered if visibility is None else is_covered * visibility
         is_filled = is_filled and self.is_filled
-        emission = Emission(visibility, has_constant_colours=has_constant_colours, is_filled=is_filled)
+        emission = Emission(visibility, has_fitted_colours=has_fitted_colours, is_filled=is_filled)
         cameras = self.cameras.scene(scene).as_batch()
         return emit(prediction.scene(scene), cameras, self.codec.receiver.config, emission)
 

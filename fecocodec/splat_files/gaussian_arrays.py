@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from fecocodec.errors import OutputError
 from fecocodec.geometry.gaussian_arrays import GaussianArrays
+from fecocodec.geometry.harmonics import rotated_harmonics
 from fecocodec.splat_files.output_formats import SpzVersion
 
 OPACITY_MARGIN = 1e-6  # opacities 0 and 1 have no finite logit; they are stored this far inside
@@ -44,17 +45,18 @@ class OutputGaussians(GaussianArrays):
     def transformed(self, pose: Float[np.ndarray, "4 4"]) -> "OutputGaussians":
         """Return the Gaussians in another frame. pose: rigid transform from the old frame to the new one.
 
-        Raises OutputError for harmonics above degree 1 that are not zero: their rotation is not implemented.
+        Raises OutputError for harmonics above degree 2 that are not zero: their rotation is not implemented.
         """
-        if self.harmonics[:, 4:].any():
-            raise OutputError("the frame of harmonics above degree 1 cannot be changed; write them in their own frame.")
+        if self.harmonics[:, 9:].any():
+            raise OutputError("the frame of harmonics above degree 2 cannot be changed; write them in their own frame.")
         rotation = pose[:3, :3]
+        rotated = rotated_harmonics(self.harmonics[:, 1:9], rotation)
         return OutputGaussians(
             self.means @ rotation.T + pose[:3, 3],
             self.scales,
             _multiply(_quaternion(rotation), self.rotations),
             self.opacities,
-            _rotated_harmonics(self.harmonics, rotation),
+            np.concatenate((self.harmonics[:, :1], rotated, self.harmonics[:, 9:]), axis=1),
         )
 
 
@@ -156,17 +158,6 @@ def _multiply(first: Float[np.ndarray, " 4"], second: Float[np.ndarray, "n 4"]) 
     """Return the quaternion products wxyz `first * second`, which rotate by `second` and then by `first`."""
     w, x, y, z = first
     return second @ np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]).T
-
-
-def _rotated_harmonics(
-    harmonics: Float[np.ndarray, "n d_sh 3"], rotation: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "n d_sh 3"]:
-    """Rotate harmonics that are zero above degree 1. Degree 1 is a linear function of the direction, v . direction."""
-    if harmonics.shape[1] == 1:
-        return harmonics
-    of_y, of_z, of_x = -harmonics[:, 1], harmonics[:, 2], -harmonics[:, 3]
-    x, y, z = np.einsum("ij,jnc->inc", rotation, np.stack((of_x, of_y, of_z)))
-    return np.concatenate((np.stack((harmonics[:, 0], -y, z, -x), axis=1), harmonics[:, 4:]), axis=1)
 
 
 def kd_order(points: Float[np.ndarray, "n axis"], run: int) -> Int[np.ndarray, " n"]:

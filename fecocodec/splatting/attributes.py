@@ -10,19 +10,23 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, depth_from_relative_disparity, rays_through
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
+from fecocodec.geometry.harmonics import LINEAR, QUADRATIC, rotated_harmonics
 from fecocodec.geometry.rotations import multiply, quaternion_from_matrix
 
 LARGEST_OFFSET_CELLS = 1.0  # largest offset of a Gaussian from the centre of its cell, in cells of the 1/2 grid
 LARGEST_DISPARITY_STEP = 0.08  # largest difference of a Gaussian's relative disparity from that of its cell
 LARGEST_LOG_SCALE = 2.5  # scales lie within a factor exp(+-2.5) of 0.67 footprints
 RAW = {"opacity": 1, "offset": 2, "disparity": 1, "scale": 3, "rotation": 4, "colour": 3}  # head outputs a Gaussian
+# Factor of the raw coefficient above degree 0: 0.1 * 0.25^degree, as in DepthSplat. Their outputs follow those of RAW.
+HARMONICS_SHARES = (0.025,) * 3 + (0.00625,) * 5
 
 
 @dataclass(frozen=True)
 class Attributes:
     """Attributes of Gaussians on their grid, in the frame of the cameras.
 
-    scales, rotations, opacity: as in `Gaussians`. colour: sRGB. depth: in the Gaussian's own view, in scene units.
+    scales, rotations, opacity: as in `Gaussians`. colour: sRGB, of degree 0. depth: in the Gaussian's own view, in
+    scene units. higher: coefficients of the harmonics above degree 0, none for constant colours.
     """
 
     means: Float[Tensor, "batch view height width 3"]
@@ -31,6 +35,7 @@ class Attributes:
     opacity: Float[Tensor, "batch view height width"]
     colour: Float[Tensor, "batch view height width 3"]
     depth: Float[Tensor, "batch view height width"]
+    higher: Float[Tensor, "batch view height width rest 3"]
 
     def scene(self, index: int) -> "Attributes":
         """Return the attributes of one scene, as a batch of one."""
@@ -38,12 +43,14 @@ class Attributes:
 
     def gaussians(self) -> Gaussians:
         """Return the Gaussians of each scene, ordered (view, row, column)."""
+        colour = rearrange((self.colour - 0.5) / SH_DEGREE_0, "b v h w rgb -> b (v h w) 1 rgb")
+        higher = rearrange(self.higher, "b v h w rest rgb -> b (v h w) rest rgb")
         return Gaussians(
             means=rearrange(self.means, "b v h w xyz -> b (v h w) xyz"),
             scales=rearrange(self.scales, "b v h w xyz -> b (v h w) xyz"),
             rotations=rearrange(self.rotations, "b v h w q -> b (v h w) q"),
             opacities=rearrange(self.opacity, "b v h w -> b (v h w)"),
-            harmonics=rearrange((self.colour - 0.5) / SH_DEGREE_0, "b v h w rgb -> b (v h w) 1 rgb"),
+            harmonics=torch.cat((colour, higher), dim=2),
         )
 
 
@@ -55,7 +62,8 @@ def activate(
     relative: relative disparity on the 1/4 grid.
     """
     height, width = raw.shape[2:4]
-    opacity, offset, disparity, scale, rotation, colour = raw.split([*RAW.values()], dim=-1)
+    known, higher = raw[..., : sum(RAW.values())], raw[..., sum(RAW.values()) :]
+    opacity, offset, disparity, scale, rotation, colour = known.split([*RAW.values()], dim=-1)
     fine = F.interpolate(relative, size=(height, width), mode="bilinear", align_corners=False)
     depth = depth_from_relative_disparity(fine + LARGEST_DISPARITY_STEP * torch.tanh(disparity[..., 0]), cameras)
     rays = rays_through(cameras, _cell_positions(raw, height, width) + _offset_uv(offset, height, width))
@@ -67,7 +75,22 @@ def activate(
     view_to_world = quaternion_from_matrix(cameras.extrinsics[..., :3, :3])[..., None, None, :]
     colour, opacity = torch.sigmoid(2.0 * colour), torch.sigmoid(opacity[..., 0] + 2.0)
     means = camera_to_world_points(cameras, rays * depth[..., None])
-    return Attributes(means, scales, multiply(view_to_world, local), opacity, colour, depth)
+    return Attributes(
+        means, scales, multiply(view_to_world, local), opacity, colour, depth, _harmonics_in_world(higher, cameras)
+    )
+
+
+def _harmonics_in_world(
+    raw: Float[Tensor, "batch view height width raw"], cameras: Cameras
+) -> Float[Tensor, "batch view height width rest 3"]:
+    """Convert raw coefficients, red, green and blue of each, from the frame of their camera to the world frame."""
+    height, num_rest = raw.shape[2], raw.shape[-1] // 3
+    higher = rearrange(raw, "b v h w (rest rgb) -> b v (h w) rest rgb", rgb=3)
+    if num_rest:
+        forms = [torch.from_numpy(form).to(raw) for form in (LINEAR, QUADRATIC)]
+        shares = raw.new_tensor(HARMONICS_SHARES[:num_rest])
+        higher = rotated_harmonics(higher * shares[:, None], cameras.extrinsics[..., :3, :3], *forms)
+    return rearrange(higher, "b v (h w) rest rgb -> b v h w rest rgb", h=height)
 
 
 def _cell_positions(like: Tensor, height: int, width: int) -> Float[Tensor, "height width 2"]:

@@ -16,6 +16,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.limits import MAX_SH_DEGREE
 from fecocodec.merging.grouping import MergingConfig
 from fecocodec.merging.merge import merged_fields
 from fecocodec.splatting.attributes import Attributes
@@ -59,16 +60,17 @@ class Emission:
     """What `emit` leaves out or adds. The defaults are those of the sender's feedback.
 
     visibility: factors in [0, 1] of opacities by coverage and fading, ordered (view, row, column); None for 1.
-    has_constant_colours: leave out colours by direction; the sender does in its optimisation, where they would
-    compensate depth errors. is_culled: remove Gaussians that renderers skip; the sender keeps them, because its
-    gradients and masks need all Gaussians in their order. background: layer outside all images, None for no layer; the
-    sender leaves it out, because no context view shows it. is_filled: add the layer behind near surfaces, see
-    `is_filled_behind`. merging: merge similar neighbours of culled Gaussians, on the CPU; None for no
-    merging. Only models with rules have layers and merging.
+    sh_degree: largest degree of the harmonics; higher coefficients are left out. has_fitted_colours: fit colours by
+    direction; the sender does not in its optimisation, where they would compensate depth errors. is_culled: remove
+    Gaussians that renderers skip; the sender keeps them, because its gradients and masks need all Gaussians in their
+    order. background: layer outside all images, None for no layer; the sender leaves it out, because no context view
+    shows it. is_filled: add the layer behind near surfaces, see `is_filled_behind`. merging: merge similar neighbours
+    of culled Gaussians, on the CPU; None for no merging. Only models with rules have fits, layers and merging.
     """
 
     visibility: Float[Tensor, " n"] | None = None
-    has_constant_colours: bool = False
+    sh_degree: int = MAX_SH_DEGREE
+    has_fitted_colours: bool = True
     is_culled: bool = False
     background: BackgroundConfig | None = None
     is_filled: bool = False
@@ -87,8 +89,9 @@ def emit(prediction: Prediction, cameras: Cameras, config: ReceiverConfig, emiss
         found = fade_contradicted(found, cameras, config)
     plain = found.gaussians().scene(0)
     gaussians = plain
-    if config.kind.has_rules and not emission.has_constant_colours:
+    if config.kind.has_rules and emission.has_fitted_colours and emission.sh_degree:
         gaussians = view_dependent(plain, of_scene, grid, config)
+    gaussians = replace(gaussians, harmonics=gaussians.harmonics[:, : (emission.sh_degree + 1) ** 2])
     if emission.visibility is not None:
         gaussians = replace(gaussians, opacities=gaussians.opacities * emission.visibility)
     emitted, opacities = gaussians, gaussians.opacities

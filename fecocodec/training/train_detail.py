@@ -130,7 +130,7 @@ def _slope(encoder: SceneEncoder, last: Stage[Any], change: Raw | None) -> Raw:
     change = change.detach().requires_grad_()
     inputs = predictor.before_head(last.state, cameras, last.inputs.condition)
     prediction: Prediction = predictor.at_head(*inputs, cameras, change)
-    gaussians = encoder.emit(prediction, has_constant_colours=True)
+    gaussians = encoder.emit(prediction, has_fitted_colours=False)
     rendered = render(gaussians, cameras.scene(0), encoder.size).color
     squared = (rendered - encoder.images[0]).square().mean(dim=(-3, -2, -1))
     (gradient,) = torch.autograd.grad(torch.log(squared + LogDistortion.least_error).mean(), change)

@@ -108,7 +108,7 @@ class BatchEncoder(SceneEncoder):
         prediction = self.predict(stage.state, stage.inputs.condition)
         cameras = self.batch.cameras.select(list(range(num_views)))
         scenes = (
-            render(self.emit(prediction, has_constant_colours=True, scene=scene), cameras.scene(scene), self.size)
+            render(self.emit(prediction, has_fitted_colours=False, scene=scene), cameras.scene(scene), self.size)
             for scene in range(len(self.images))
         )
         return StageRendering(prediction, tuple(scenes))

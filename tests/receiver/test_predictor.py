@@ -5,15 +5,17 @@ from dataclasses import replace
 
 import pytest
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn import functional as F
 
-from fecocodec.config import ReceiverConfig
+from fecocodec.config import PAPER, ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import direct_gradients
 from fecocodec.receiver.model import Receiver
 from fecocodec.splatting.emission import Emission, emit
 from tests.example_scenes import example_cameras
+from tests.rendering.brute_force import sh_basis
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,7 @@ def receiver() -> Receiver:
 def predict(receiver: Receiver, state: Tensor, cameras: Cameras) -> Gaussians:
     condition = receiver.condition(torch.full((len(state),), 600), 2)
     prediction = receiver.predict(state, cameras.as_batch(), condition)
-    return emit(prediction, cameras.as_batch(), receiver.config, Emission(has_constant_colours=True))
+    return emit(prediction, cameras.as_batch(), receiver.config, Emission(has_fitted_colours=False))
 
 
 def state_of(num_views: int, height4: int = 16, width4: int = 16) -> Tensor:
@@ -83,6 +85,25 @@ def test_the_unit_of_length_scales_gaussians_and_nothing_else(receiver: Receiver
     torch.testing.assert_close(large.scales, small.scales * unit, atol=0, rtol=1e-4)
     torch.testing.assert_close(large.opacities, small.opacities, atol=1e-4, rtol=0)
     torch.testing.assert_close(large.harmonics, small.harmonics, atol=1e-4, rtol=0)
+
+
+def test_predicted_harmonics_are_in_the_frame_of_their_camera() -> None:
+    """Constant outputs of the head give the colours, and their gradient, of section 9.1 of FORMAT.md."""
+    receiver = Receiver(ReceiverConfig(method=PAPER, sh_degree=2, gaussians_per_side=1))
+    last, cameras = receiver.predictor.head[2], example_cameras(2)
+    nn.init.zeros_(last.weight)
+    nn.init.normal_(last.bias, generator=torch.Generator().manual_seed(1))
+    direction = F.normalize(torch.tensor([0.3, -0.5, 0.7]), dim=0)
+    harmonics = predict(receiver, state_of(2), cameras).harmonics
+    found = torch.einsum("k,nkc->nc", sh_basis(direction)[:9], harmonics).unflatten(0, (2, -1))
+    base, higher = torch.sigmoid(2.0 * last.bias[11:14]) - 0.5, last.bias[14:].view(8, 3)
+    shares = torch.tensor([0.1 * 0.25**degree for degree in (1, 1, 1, 2, 2, 2, 2, 2)])
+    for view, colours in enumerate(found):
+        basis = sh_basis(cameras.extrinsics[view, :3, :3].T @ direction)[1:9]
+        expected = base + (shares * basis) @ higher
+        torch.testing.assert_close(colours, expected.expand_as(colours), atol=1e-6, rtol=0)
+        gradients = (torch.autograd.grad(x[..., 0].mean(), last.bias, retain_graph=True) for x in (colours, expected))
+        torch.testing.assert_close(*gradients, atol=1e-6, rtol=0)
 
 
 def test_the_state_starts_the_same_everywhere_and_is_moved_by_the_latent(receiver: Receiver) -> None:

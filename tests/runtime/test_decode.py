@@ -38,11 +38,16 @@ MODEL_ID = read_stream(SCENE).header.model_id
 
 
 def test_the_papers_method_agrees_with_torch_in_all_measures() -> None:
-    """Both emit what the predictor gives: constant colours, and no layer."""
+    """Both emit what the predictor gives: harmonics of degree 2, and no layer; or those of a smaller degree."""
     data = (VECTORS / PAPER_STREAM).read_bytes()
     assert decoding.has_graphs(PAPER_MODEL, read_stream(data).header.model_id)
     found, expected = decode(data, model=PAPER_MODEL), decode_with_torch(data, model=PAPER_MODEL)
-    assert 1500 < found.gaussians.count <= 2 * 32 * 48 and found.gaussians.harmonics.shape[1] == 1
+    assert 1500 < found.gaussians.count <= 2 * 32 * 48 and found.gaussians.harmonics.shape[1] == 9
+    for degree in (0, 1):
+        decoded = [run(data, model=PAPER_MODEL, sh_degree=degree) for run in (decode, decode_with_torch)]
+        for fewer, whole in zip(decoded, (found, expected), strict=True):
+            fewer_harmonics, harmonics = (torch.as_tensor(of.gaussians.harmonics) for of in (fewer, whole))
+            assert torch.equal(fewer_harmonics, harmonics[:, : (degree + 1) ** 2])
     worst = difference(data, table(expected.gaussians), table(as_tensors(found.gaussians)))
     assert beyond(worst, "full") == [], worst
 
@@ -178,7 +183,7 @@ def test_detail_changes_the_gaussians_as_with_torch() -> None:
 
 
 def test_arguments_are_checked() -> None:
-    with pytest.raises(InputError, match="degree 2"):
-        decode(SCENE, sh_degree=2)
+    with pytest.raises(InputError, match="degree 3"):
+        decode(SCENE, sh_degree=3)
     with pytest.raises(InputError, match="max_pixels"):
         decode(SCENE, max_pixels=100)

@@ -115,7 +115,7 @@ def test_many_steps_hold_the_views_between_and_few_do_not(
     def between(config: OptimisationConfig) -> Tensor:
         (stage,) = coded(encoder, config, num_stages=1)
         prediction = encoder.predict(stage.state, stage.inputs.condition)
-        held = hold_views_between(encoder, encoder.emit(prediction, has_constant_colours=True, is_filled=False))
+        held = hold_views_between(encoder, encoder.emit(prediction, has_fitted_colours=False, is_filled=False))
         assert held is not None
         return held.images
 

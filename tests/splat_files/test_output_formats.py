@@ -20,7 +20,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.rasterizer import render
 from fecocodec.splat_files.camera_json import write_camera_json
-from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputGaussians, gaussian_arrays
+from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, CameraArrays, OutputGaussians, gaussian_arrays
 from fecocodec.splat_files.gaussian_files import NO_VERTICAL, decoded_file, in_frame, write_gaussians
 from fecocodec.splat_files.ply import read_ply
 
@@ -108,10 +108,18 @@ def test_the_converter_of_a_viewer_reads_the_same_gaussians(name, version, harmo
     assert_alike(expected, converted(tmp_path / name), harmonics, shape)
 
 
-def test_gsply_reads_the_same_compressed_ply(tmp_path):
-    gaussians = some_gaussians()
-    write_gaussians(tmp_path / "scene.compressed.ply", gaussians)
-    read = gsply.plyread(str(tmp_path / "scene.compressed.ply"))
+@pytest.mark.parametrize("d_sh", [4, 9])
+@pytest.mark.parametrize(
+    ("name", "reader", "axes", "harmonics", "shape"),
+    [
+        ("scene.compressed.ply", gsply.plyread, np.eye(4), 0.02, 0.03),
+        ("scene.spz", gsply.read_spz, RDF_TO_RUB, 0.005, 0.08),
+    ],
+)
+def test_gsply_reads_the_same_gaussians(name, reader, axes, harmonics, shape, d_sh, tmp_path):
+    gaussians = some_gaussians(d_sh=d_sh)
+    write_gaussians(tmp_path / name, gaussians)
+    read = reader(str(tmp_path / name))
     received = OutputGaussians(
         read.means.astype(np.float64),
         np.exp(read.scales.astype(np.float64)),
@@ -119,7 +127,7 @@ def test_gsply_reads_the_same_compressed_ply(tmp_path):
         1 / (1 + np.exp(-read.opacities.astype(np.float64))),
         np.concatenate((read.sh0[:, None], read.shN), axis=1).astype(np.float64),
     )
-    assert_alike(gaussians, received, 0.02, 0.03)
+    assert_alike(gaussians.transformed(axes), received, harmonics, shape)
 
 
 def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
@@ -182,8 +190,9 @@ def rendered(gaussians: OutputGaussians, cameras: CameraArrays) -> torch.Tensor:
     return render(tensors, poses, cameras.image_size).color
 
 
-def test_the_frame_of_the_first_camera_renders_alike():
-    gaussians, cameras = some_gaussians(count=800), some_cameras()
+@pytest.mark.parametrize("d_sh", [1, 4, 9])
+def test_the_frame_of_the_first_camera_renders_alike(d_sh):
+    gaussians, cameras = some_gaussians(count=800, d_sh=d_sh), some_cameras()
     moved, moved_cameras, _ = in_frame("first-camera", gaussians, cameras)
     np.testing.assert_allclose(moved_cameras.extrinsics[0], np.eye(4), atol=1e-12)
     before, after = rendered(gaussians, cameras), rendered(moved, moved_cameras)
@@ -223,13 +232,13 @@ def test_cameras_that_do_not_show_which_way_is_up_are_told():
     np.testing.assert_allclose(moved.extrinsics[0], np.eye(4), atol=1e-12)
 
 
-def test_harmonics_above_degree_1_turn_only_if_they_are_zero():
+def test_harmonics_above_degree_2_turn_only_if_they_are_zero():
     gaussians, cameras = some_gaussians(count=50), some_cameras()
     moved, _, _ = in_frame("first-camera", gaussians, cameras)
     padded, _, _ = in_frame("first-camera", gaussians.padded(3), cameras)
     assert np.array_equal(padded.harmonics[:, :4], moved.harmonics) and padded.harmonics.shape[1] == 16
-    with pytest.raises(OutputError, match="harmonics above degree 1 cannot be changed"):
-        in_frame("first-camera", some_gaussians(count=50, d_sh=9), cameras)
+    with pytest.raises(OutputError, match="harmonics above degree 2 cannot be changed"):
+        in_frame("first-camera", some_gaussians(count=50, d_sh=16), cameras)
 
 
 def test_saved_cameras_follow_the_frame_that_was_asked_for_and_not_that_of_the_format(tmp_path):

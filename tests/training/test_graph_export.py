@@ -107,9 +107,11 @@ def coded_anew(stream: Stream, receiver: Receiver, weights: bytes) -> Stream:
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("change", [{"gaussians_per_side": 1}, {"gaussians_per_side": 4}, {"codes_stages_apart": True}])
+@pytest.mark.parametrize(
+    "change", [{"gaussians_per_side": 1}, {"gaussians_per_side": 4}, {"codes_stages_apart": True}, {"sh_degree": 0}]
+)
 def test_graphs_of_other_models_agree_with_torch(change: dict[str, Any], tmp_path: Path) -> None:
-    """Other resolutions and stages that are coded apart; with faded blocks and cells that are not covered."""
+    """Other resolutions, stages coded apart, constant colours; with faded blocks and cells that are not covered."""
     weights = make_paper_model(replace(CONFIG, **change))
     (tmp_path / RECEIVER_FILE).write_bytes(weights)
     subprocess.run([sys.executable, "-m", "fecocodec.training.graphs", str(tmp_path)], check=True)

@@ -56,7 +56,7 @@ def batch() -> Batch:
 @pytest.mark.parametrize("name", PAPERS)
 def test_no_configuration_of_the_paper_has_an_addition_of_ours(name: str) -> None:
     found = configuration_named(name)
-    assert found.is_paper and found.receiver.kind.stage_1_offset == 0
+    assert found.is_paper and found.receiver.kind.stage_1_offset == 0 and found.receiver.sh_degree == 2
     assert found.distortion == PerceptualDistortion(perceptual_weight=0.05)
     assert found.schedule.one_stage_until == found.schedule.bypass_until == 0 and found.schedule.warm_up == 1
     assert found.schedule.learning_rate == 2e-4 and found.schedule.disparity_weight == (0.0, 0.0)
@@ -78,7 +78,9 @@ def test_the_method_is_stored_with_the_weights_and_compact_files_do_not_change(c
     path.write_bytes(serialise_receiver(codec.receiver))
     assert load_receiver(path)[0].config == codec.receiver.config
     assert stored_fields(codec.receiver.config)["method"] == PAPER
-    assert {"method", "gaussians_per_side", "lambda_range", "num_stages"}.isdisjoint(stored_fields(ReceiverConfig()))
+    assert {"method", "sh_degree", "gaussians_per_side", "lambda_range", "num_stages"}.isdisjoint(
+        stored_fields(ReceiverConfig())
+    )
 
 
 def test_streams_have_one_lambda_rounded_latents_and_no_optimisation(codec: Codec) -> None:
@@ -108,6 +110,19 @@ def test_gaussians_at_other_resolutions(per_side: int) -> None:
     assert decode_with(codec.receiver, data).gaussians.count == 2 * (16 * per_side) ** 2
     with pytest.raises(ModelError, match=f"{per_side} Gaussians a side of a cell with the method 'compact'"):
         Receiver(ReceiverConfig(gaussians_per_side=per_side))
+
+
+def test_training_and_decoding_have_predicted_harmonics(batch: Batch) -> None:
+    codec = paper_codec(sh_degree=2)
+    data = encode_with(codec, example_views(2), LAMBDA_Q)
+    assert decode_with(codec.receiver, data).gaussians.harmonics.shape[1] == 9
+    last = codec.receiver.predictor.head[2].weight.requires_grad_()
+    code = code_with_additive_noise(codec.receiver, codec.sender)
+    first = run_paper_stages(codec.sender, codec.receiver, batch, code, 2)[0]
+    (gradient,) = torch.autograd.grad(first.images.square().sum(), last)
+    assert (gradient[4 * 14 :].abs().amax(dim=(1, 2, 3)) > 0).all()  # of coefficients 1 to 8 of four Gaussians
+    with pytest.raises(ModelError, match="degree 2 are not supported with the method 'compact'; choose at most 0"):
+        Receiver(ReceiverConfig(sh_degree=2))
 
 
 def test_a_model_of_one_stage_codes_one(codec: Codec) -> None:

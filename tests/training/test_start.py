@@ -26,10 +26,10 @@ def test_the_papers_start_has_no_remark() -> None:
 @pytest.mark.parametrize(
     ("name", "at_receiver", "in_all"),
     [
-        ("paper-re10k", 3_460_029, 37_313_085),
-        ("ablate-no-feedback", 3_460_029, 37_313_085),
-        ("ablate-gaussians-quarter", 3_454_611, 37_307_667),
-        ("ablate-gaussians-full", 3_481_701, 37_334_757),
+        ("paper-re10k", 3_472_413, 37_325_469),
+        ("ablate-no-feedback", 3_472_413, 37_325_469),
+        ("ablate-gaussians-quarter", 3_457_707, 37_310_763),
+        ("ablate-gaussians-full", 3_531_237, 37_384_293),
     ],
 )
 def test_ablations_keep_the_widths_and_print_their_totals(name: str, at_receiver: int, in_all: int) -> None:

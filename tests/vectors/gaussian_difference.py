@@ -14,9 +14,10 @@ from torch.nn.functional import normalize
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.container import read_stream
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
+from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
+from tests.rendering.brute_force import sh_basis
 from tests.vectors.gaussian_samples import nearest_depth
 
 SPECIFICATION = Path(__file__).resolve().parents[2] / "bitstream_spec"
@@ -75,12 +76,12 @@ def beyond(found: Difference, kind: str) -> list[str]:
     return low + [name for name in bounds if name != "render_psnr" and getattr(found, name) > bounds[name]]
 
 
-def difference(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
+def difference(data: bytes, one: Float[Tensor, "n field"], other: Float[Tensor, "m field"]) -> Difference:
     """Compare the Gaussians of two machines for the stream `data`, as tables of `gaussian_samples.table`."""
     return replace(without_rendering(data, one, other), render_psnr=_render_psnr(data, one, other))
 
 
-def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]) -> Difference:
+def without_rendering(data: bytes, one: Float[Tensor, "n field"], other: Float[Tensor, "m field"]) -> Difference:
     """Compare subsets of Gaussians, without rendering; render_psnr is infinite."""
     first, second = matched(data, one, other)
     cameras = unpack(read_stream(data).cameras)
@@ -98,15 +99,15 @@ def without_rendering(data: bytes, one: Float[Tensor, "n 23"], other: Float[Tens
 
 
 def matched(
-    data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]
-) -> tuple[Float[Tensor, "k 23"], Float[Tensor, "k 23"]]:
+    data: bytes, one: Float[Tensor, "n field"], other: Float[Tensor, "m field"]
+) -> tuple[Float[Tensor, "k field"], Float[Tensor, "k field"]]:
     """Return the pairs of rows of the same Gaussian."""
     rows, rows_of_other = pairs(data, one, other)
     return one[rows], other[rows_of_other]
 
 
 def pairs(
-    data: bytes, one: Float[Tensor, "n 23"], other: Float[Tensor, "m 23"]
+    data: bytes, one: Float[Tensor, "n field"], other: Float[Tensor, "m field"]
 ) -> tuple[Int[Tensor, " k"], Int[Tensor, " k"]]:
     """Return the indices of the rows of the same Gaussian: mutually most similar rows at about the same index.
 
@@ -136,7 +137,7 @@ def _shift_between(shift: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
 
 
 def _most_alike(
-    data: bytes, rows: Float[Tensor, "n 23"], among: Float[Tensor, "m 23"], reach: int
+    data: bytes, rows: Float[Tensor, "n field"], among: Float[Tensor, "m field"], reach: int
 ) -> Int[Tensor, " n"]:
     """Return, for each row, the index of the most similar row, or of a closer one of comparable similarity."""
     offsets = torch.arange(-reach, reach + 1)
@@ -153,11 +154,12 @@ def _centres(cameras: Cameras) -> Float[Tensor, "view 3"]:
     return cameras.extrinsics[:, :3, 3].double()
 
 
-def _colours(cameras: Cameras, rows: Float[Tensor, "n 23"]) -> Float[Tensor, "n view 3"]:
+def _colours(cameras: Cameras, rows: Float[Tensor, "n field"]) -> Float[Tensor, "n view 3"]:
     """Return the colour of each Gaussian in the direction of each context camera."""
-    x, y, z = normalize(rows[:, None, :3].double() - _centres(cameras), dim=-1).unbind(dim=-1)
-    basis = torch.stack((torch.full_like(x, SH_DEGREE_0), -SH_DEGREE_1 * y, SH_DEGREE_1 * z, -SH_DEGREE_1 * x), dim=-1)
-    return basis @ rows[:, 11:].double().unflatten(1, (4, 3))
+    directions = normalize(rows[:, None, :3].double() - _centres(cameras), dim=-1)
+    harmonics = rows[:, 11:].double().unflatten(1, (-1, 3))
+    basis = sh_basis(directions.movedim(-1, 0))[: harmonics.shape[1]]
+    return torch.einsum("knv,nkc->nvc", basis, harmonics)
 
 
 def _without_largest(differences: Float[Tensor, "n value"]) -> Float[Tensor, "m value"]:
@@ -178,9 +180,9 @@ def _render_psnr(data: bytes, one: Tensor, other: Tensor) -> float:
     return float(psnr(*images).min())
 
 
-def to_gaussians(rows: Float[Tensor, "n 23"]) -> Gaussians:
-    means, scales, rotations, opacities, harmonics = rows.split([3, 3, 4, 1, 12], dim=1)
-    return Gaussians(means, scales, rotations, opacities[:, 0], harmonics.unflatten(1, (4, 3)))
+def to_gaussians(rows: Float[Tensor, "n field"]) -> Gaussians:
+    means, scales, rotations, opacities, harmonics = rows.split([3, 3, 4, 1, rows.shape[1] - 11], dim=1)
+    return Gaussians(means, scales, rotations, opacities[:, 0], harmonics.unflatten(1, (-1, 3)))
 
 
 def _rms(values: Tensor) -> float:

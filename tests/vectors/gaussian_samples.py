@@ -17,14 +17,15 @@ from tests.vectors.paper_model import PAPER_MODEL
 PAPER_STREAM = "valid/paper.fcs"  # of the model in vectors/paper
 EVERY = 16
 FIELDS = 23  # mean, scales, rotation, opacity, harmonics up to degree 1
+PAPER_FIELDS = 38  # up to degree 2
 
 
-def table(gaussians: Gaussians) -> Float[Tensor, "n 23"]:
+def table(gaussians: Gaussians) -> Float[Tensor, "n field"]:
     """Return one row per Gaussian: x y z, scales, quaternion wxyz, opacity, harmonics (coefficient, then rgb).
 
     Missing harmonics of degree 1 are 0.
     """
-    missing = 4 - gaussians.harmonics.shape[1]
+    missing = max(0, 4 - gaussians.harmonics.shape[1])
     gaussians = replace(gaussians, harmonics=pad(gaussians.harmonics, (0, 0, 0, missing)))
     fields = (field.reshape(gaussians.count, -1) for field in gaussians.fields())
     return torch.cat(tuple(fields), dim=1)
@@ -46,11 +47,12 @@ def scene_samples(data: bytes, model: Path | None = None) -> bytes:
     return rows.numpy().astype("<f4").tobytes()
 
 
-def read_samples(path: Path) -> Float[Tensor, "n 23"]:
-    return torch.frombuffer(bytearray(path.read_bytes()), dtype=torch.float32).view(-1, FIELDS)
+def read_samples(path: Path) -> Float[Tensor, "n field"]:
+    fields = PAPER_FIELDS if path.stem == Path(PAPER_STREAM).stem else FIELDS
+    return torch.frombuffer(bytearray(path.read_bytes()), dtype=torch.float32).view(-1, fields)
 
 
-def like_samples(rows: Float[Tensor, "n 23"], samples: Float[Tensor, "m 23"]) -> Float[Tensor, "m 23"]:
+def like_samples(rows: Float[Tensor, "n field"], samples: Float[Tensor, "m field"]) -> Float[Tensor, "m field"]:
     """Return the row of the Gaussian of each sample: the nearest one at about the same index.
 
     Indices shift, because Gaussians near the opacity threshold may be emitted on one machine only.
@@ -61,7 +63,7 @@ def like_samples(rows: Float[Tensor, "n 23"], samples: Float[Tensor, "m 23"]) ->
     return rows[around.gather(1, distance.argmin(dim=1, keepdim=True))[:, 0]]
 
 
-def nearest_depth(data: bytes, rows: Float[Tensor, "n 23"]) -> Float[Tensor, " n"]:
+def nearest_depth(data: bytes, rows: Float[Tensor, "n field"]) -> Float[Tensor, " n"]:
     """Return the distance of each Gaussian from the nearest context camera, in scene units."""
     centres = unpack(read_stream(data).cameras).extrinsics[:, :3, 3]
     return torch.cdist(rows[:, :3].double(), centres.double()).min(dim=1).values

@@ -29,6 +29,7 @@ CONFIG = ReceiverConfig(
     num_neighbours=4,
     attention_channels=4,
     prior_channels=4,
+    sh_degree=2,
 )
 
 

@@ -77,7 +77,7 @@ def _attribute_graphs(receiver: Receiver) -> dict[str, Graph]:
     if config.detail_planes:
         attributes["detail"] = _floats(f"views {config.detail_planes} 4*rows 4*columns")
     outputs = ["positions", "scales", "rotations", "opacities", "colours"]
-    outputs += ["surfaces"] if config.kind.has_rules else []
+    outputs += ["surfaces"] if config.kind.has_rules else ["higher"] if config.sh_degree else []
     return {
         "attend": Graph(prediction.AttendGraph(receiver), attend, ("attended",)),
         "attributes": Graph(prediction.AttributesGraph(receiver), attributes, tuple(outputs)),

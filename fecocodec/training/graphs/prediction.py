@@ -136,7 +136,8 @@ class AttendGraph(nn.Module):
 class AttributesGraph(nn.Module):
     """Features, residual of attention, cameras -> attributes before the free-space check, and surfaces of the views.
 
-    The last input are the numbers of the detail layer, if the model has one. Without rules there are no surfaces.
+    The last input are the numbers of the detail layer, if the model has one. Without rules there are no surfaces, but
+    the harmonics above degree 0, if the model has any.
     """
 
     def __init__(self, receiver: Receiver) -> None:
@@ -161,7 +162,7 @@ class AttributesGraph(nn.Module):
         scales, rotations = (x[0].flatten(0, 2) for x in (found.scales, found.rotations))
         attributes = positions[0], scales, rotations, found.opacity[0], colours[0]
         if not self.receiver.config.kind.has_rules:
-            return attributes
+            return (*attributes, found.higher[0].flatten(0, 2)) if self.receiver.config.sh_degree else attributes
         return *attributes, surfaces_of(found.depth, colours, found.opacity)[0]
 
 
