@@ -23,7 +23,6 @@ SIGMA_ONE_INDEX = 22
 WIDE_SHARE, WIDE_SIGMA = 0.125, 1.8
 NARROW_SIGMA = math.sqrt((1.0 - WIDE_SHARE * WIDE_SIGMA**2) / (1.0 - WIDE_SHARE))  # 0.825: the mixture has variance 1
 FIRST_CODED_TABLE = 6  # sigma 0.205; below it symbols are nearly always 0, and coding them hardly lowers the error
-PRECISION_BITS = 24
 SYMBOL_LIMIT = 1 << 20  # largest magnitude of a symbol: the sender clamps to it, the receiver refuses more
 FILE_NAME = "symbol_tables.bin"
 SHA256 = "b48cf11ed8025fa24296cda054e9917eb96d004be7d83b91395714867feb34c2"
