@@ -100,6 +100,11 @@ class Batch:
     lambda_q: Int[Tensor, " batch"]
     skipped: tuple[str, ...] = ()
 
+    @property
+    def num_context_pixels(self) -> int:
+        """Number of pixels of the context views of a scene."""
+        return self.num_context * self.images.shape[-1] * self.images.shape[-2]
+
     def to(self, device: str) -> "Batch":
         """Return the batch on a device."""
         images, depth, lambda_q = (
@@ -143,6 +148,11 @@ class StageOutcome:
     """Results of one stage of a training pass. lambda_q: quantised lambda of the stage."""
 
     prediction: Prediction
-    renderings: tuple[Rendering, ...]  # one per scene, all its views
+    renderings: tuple[Rendering, ...]  # one per scene, context views first
     estimated_bits: Float[Tensor, " batch"]
     lambda_q: Int[Tensor, " batch"]
+
+    @property
+    def images(self) -> Float[Tensor, "batch view 3 h w"]:
+        """The colours of the renderings."""
+        return torch.stack([rendering.color for rendering in self.renderings])

@@ -43,16 +43,13 @@ def loss_of(
     The gradient of R has the weight ENTROPY_PRICE, which `code_with_noise` rescales to lambda for all networks except
     the entropy model.
     """
-    pixels = batch.num_context * batch.images.shape[-1] * batch.images.shape[-2]
     truth = _best_known_disparity(batch, matched)
     parts = {"matching": _masked_l1(matched.learned, truth)}
     total = disparity_weight * MATCHING_WEIGHT * parts["matching"]
     for stage, outcome in enumerate(outcomes, start=1):
-        rendered = torch.stack([rendering.color for rendering in outcome.renderings])
+        rendered, rate = outcome.images, outcome.estimated_bits / batch.num_context_pixels
         images = batch.images[:, : rendered.shape[1]]
-        squared = (rendered.detach() - images).square().mean(dim=(0, 2, 3, 4))
-        weight = _view_weights(batch.num_context, images.shape[1], distortion.target_weight).to(squared)
-        rate = outcome.estimated_bits / pixels
+        weight = _view_weights(batch.num_context, images.shape[1], distortion.target_weight).to(images)
         disparity = _masked_l1(outcome.prediction.relative_disparity, truth)
         priced = ENTROPY_PRICE * (rate - rate.detach()) + lambda_of(outcome.lambda_q) * rate.detach()
         total = total + (distortion(rendered, images).mean(dim=0) * weight).mean() + priced.mean()
@@ -60,13 +57,20 @@ def loss_of(
         if perceptual_weight and stage == len(outcomes):
             parts["perceptual"] = perceptual_distance(rendered, images, batch.num_context, weight)
             total = total + perceptual_weight * parts["perceptual"]
-        parts |= {
-            f"mse{stage}": squared[batch.num_context :].mean(),
-            f"mse_context{stage}": squared[: batch.num_context].mean(),
-            f"bpp{stage}": rate.mean(),
-            f"disparity{stage}": disparity,
-        }
+        parts |= errors_and_rate(batch, stage, rendered, rate) | {f"disparity{stage}": disparity}
     return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def errors_and_rate(
+    batch: Batch, stage: int, rendered: Float[Tensor, "batch view 3 h w"], rate: Float[Tensor, " batch"]
+) -> dict[str, Tensor]:
+    """Return what the log says of a stage: squared errors of target and context views, and bits per context pixel."""
+    squared = (rendered.detach() - batch.images[:, : rendered.shape[1]]).square().mean(dim=(0, 2, 3, 4))
+    return {
+        f"mse{stage}": squared[batch.num_context :].mean(),
+        f"mse_context{stage}": squared[: batch.num_context].mean(),
+        f"bpp{stage}": rate.mean(),
+    }
 
 
 def perceptual_distance(

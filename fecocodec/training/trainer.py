@@ -36,7 +36,6 @@ from fecocodec.training.training_pass import (
     code_with_noise,
     extract,
     paper_loss,
-    run_paper_stages,
     run_stages,
 )
 
@@ -184,8 +183,10 @@ class Trainer:
         """Run the stages and return the loss and its parts."""
         configuration, coding, num_stages = self.settings.configuration, self.coding, self.num_stages
         if configuration.is_paper:
-            stages = run_paper_stages(self.sender, self.receiver, batch, coding, num_stages, extracted)
-            return paper_loss(batch, stages, configuration.distortion)
+            outcomes, _ = run_stages(
+                self.sender, self.receiver, batch, coding, num_stages, extracted, 0.0, has_all_targets=True
+            )
+            return paper_loss(batch, outcomes, configuration.distortion)
         weight = configuration.schedule.disparity_weight_at(self.step)
         learner = self._draw_learner()
         outcomes, matched = run_stages(

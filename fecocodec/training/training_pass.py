@@ -1,6 +1,5 @@
 """One training pass: the stages of the codec on a batch, with latents coded by an estimate of the rate."""
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -28,7 +27,7 @@ from fecocodec.sender.stages import (
     StageRendering,
 )
 from fecocodec.training.batch import Batch, Extracted, MatchedDisparity, StageOutcome
-from fecocodec.training.loss import ENTROPY_PRICE, MIN_CONSISTENCY, lambda_of
+from fecocodec.training.loss import ENTROPY_PRICE, MIN_CONSISTENCY, errors_and_rate, lambda_of
 from fecocodec.training.step_learning import StepLearner
 
 Coding = LatentCoder[EstimatedLatent]
@@ -52,6 +51,19 @@ def code_with_noise(receiver: Receiver, sender: Sender) -> Coding:
     return code
 
 
+def code_with_additive_noise(receiver: Receiver, sender: Sender) -> Coding:
+    """Return the paper's latent coder: uniform noise replaces rounding, for g_s and for the rate."""
+
+    def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
+        z = sender.hyper_analysis(y)
+        estimate = estimate_latents(
+            receiver.prior, y, z, inputs.lambda_q, inputs.stage, inputs.y_hat, additive_noise(uniform_noise())
+        )
+        return EstimatedLatent(estimate.y_hat, estimate.bits_y + estimate.bits_z)
+
+    return code
+
+
 def bypass_coding(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
     """Code latents during warm-up: add uniform noise in [-1/2, 1/2), with zero bits."""
     return EstimatedLatent(y + torch.rand_like(y) - 0.5, y.new_zeros(y.shape[0]))
@@ -64,11 +76,21 @@ def _scale_gradient(x: Tensor, factor: Tensor) -> Tensor:
 class BatchEncoder(SceneEncoder):
     """Scene encoder for a training batch. It also renders target views; colours do not depend on the direction."""
 
-    def __init__(self, sender: Sender, receiver: Receiver, batch: Batch, extracted: Extracted | None = None) -> None:
-        """extracted: what frozen parts of the extractor compute, None to compute it here."""
+    def __init__(
+        self,
+        sender: Sender,
+        receiver: Receiver,
+        batch: Batch,
+        extracted: Extracted | None = None,
+        has_all_targets: bool = False,
+    ) -> None:
+        """extracted: what frozen parts of the extractor compute, None to compute it here.
+
+        has_all_targets: whether every stage is rendered at all target views, and not only the last one.
+        """
         context = list(range(batch.num_context))
         super().__init__(Codec(sender, receiver, b""), batch.images[:, context], batch.cameras.select(context))
-        self.batch, self.extracted = batch, extracted
+        self.batch, self.extracted, self.has_all_targets = batch, extracted, has_all_targets
 
     @cached_property
     def matching(self) -> Any:
@@ -100,8 +122,8 @@ class BatchEncoder(SceneEncoder):
         return MatchedDisparity(*(rearrange(item, "(b v) 1 h w -> b v h w", v=self.num_views) for item in maps))
 
     def render(self, stage: Stage[Any]) -> StageRendering:
-        """Render the context views, which feedback needs, and one target view."""
-        return self.render_views(stage, self.num_views + 1)
+        """Render the context views, which feedback needs, and one target view or all of them."""
+        return self.render_views(stage, self.batch.images.shape[1] if self.has_all_targets else self.num_views + 1)
 
     def render_views(self, stage: Stage[Any], num_views: int) -> StageRendering:
         """Render the first `num_views` views of every scene."""
@@ -130,14 +152,15 @@ def run_stages(
     extracted: Extracted | None = None,
     disparity_weight: float = 1.0,
     learner: StepLearner | None = None,
+    has_all_targets: bool = False,
 ) -> tuple[list[StageOutcome], MatchedDisparity]:
     """Code, decode and render a batch; returns the results per stage and the disparity of matching.
 
     learner: optimises the latents before they are coded, None for latents as g_a gives them.
     disparity_weight: with 0, target views are not matched, which would take a third of a step. The last stage is
-    rendered at all views, earlier stages at the context views and one target view.
+    rendered at all views. extracted, has_all_targets: see `BatchEncoder`.
     """
-    encoder = without(sender.config.ablation, BatchEncoder)(sender, receiver, batch, extracted)
+    encoder = without(sender.config.ablation, BatchEncoder)(sender, receiver, batch, extracted, has_all_targets)
     improve = NO_IMPROVEMENTS if learner is None else Improvements(learner.optimiser(encoder, batch))
     stages = encoder.run(batch.lambda_q, num_stages, coding, improve)
     renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None]
@@ -175,59 +198,8 @@ def with_targets(sender: Sender, batch: Batch, matched: MatchedDisparity) -> Mat
     )
 
 
-@dataclass(frozen=True)
-class RatedStage:
-    """One stage of a pass. images: renderings of all views. rate: bits per context pixel."""
-
-    images: Float[Tensor, "batch view 3 h w"]
-    rate: Float[Tensor, " batch"]
-
-
-class PaperBatchEncoder(BatchEncoder):
-    """Batch encoder that renders all views after every stage: feedback needs context views, the loss target views."""
-
-    def render(self, stage: Stage[EstimatedLatent]) -> StageRendering:
-        """Render all views of every scene."""
-        return self.render_views(stage, self.batch.images.shape[1])
-
-
-def code_with_additive_noise(receiver: Receiver, sender: Sender) -> Coding:
-    """Return the paper's latent coder: uniform noise replaces rounding, for g_s and for the rate."""
-
-    def code(y: Tensor, inputs: StageInputs) -> EstimatedLatent:
-        z = sender.hyper_analysis(y)
-        estimate = estimate_latents(
-            receiver.prior, y, z, inputs.lambda_q, inputs.stage, inputs.y_hat, additive_noise(uniform_noise())
-        )
-        return EstimatedLatent(estimate.y_hat, estimate.bits_y + estimate.bits_z)
-
-    return code
-
-
-def run_paper_stages(
-    sender: Sender,
-    receiver: Receiver,
-    batch: Batch,
-    coding: Coding,
-    num_stages: int,
-    extracted: Extracted | None = None,
-) -> list[RatedStage]:
-    """Code, decode and render a batch; returns the results per stage. extracted: see `BatchEncoder`."""
-    encoder = without(sender.config.ablation, PaperBatchEncoder)(sender, receiver, batch, extracted)
-    num_pixels = encoder.num_pixels / len(batch.images)
-    stages = encoder.run(batch.lambda_q, num_stages, coding)
-    renderings = [stage.feedback for stage in stages[1:] if stage.feedback is not None] + [encoder.render(stages[-1])]
-    return [
-        RatedStage(
-            torch.stack([scene.color for scene in rendering.scenes]),
-            rearrange(stage.coded.bits, "(b v) -> b v", v=encoder.num_views).sum(dim=1) / num_pixels,
-        )
-        for stage, rendering in zip(stages, renderings, strict=True)
-    ]
-
-
 def paper_loss(
-    batch: Batch, stages: list[RatedStage], distortion: Distortion
+    batch: Batch, outcomes: list[StageOutcome], distortion: Distortion
 ) -> tuple[Float[Tensor, ""], dict[str, float]]:
     """Return the loss and its parts for the log (paper, training strategy).
 
@@ -235,14 +207,9 @@ def paper_loss(
     """
     num_context, total = batch.num_context, batch.images.new_zeros(())
     parts: dict[str, Tensor] = {}
-    for number, stage in enumerate(stages, start=1):
-        targets = batch.images[:, num_context:]
-        rendering_loss = distortion(stage.images[:, num_context:], targets).sum(dim=1)
-        total = total + (lambda_of(batch.lambda_q) * stage.rate + rendering_loss).mean()
-        squared = (stage.images.detach() - batch.images).square().mean(dim=(0, 2, 3, 4))
-        parts |= {
-            f"mse{number}": squared[num_context:].mean(),
-            f"mse_context{number}": squared[:num_context].mean(),
-            f"bpp{number}": stage.rate.mean(),
-        }
+    for stage, outcome in enumerate(outcomes, start=1):
+        images, rate = outcome.images, outcome.estimated_bits / batch.num_context_pixels
+        rendering_loss = distortion(images[:, num_context:], batch.images[:, num_context:]).sum(dim=1)
+        total = total + (lambda_of(batch.lambda_q) * rate + rendering_loss).mean()
+        parts |= errors_and_rate(batch, stage, images, rate)
     return total, {name: float(value.detach()) for name, value in parts.items()}

@@ -25,7 +25,7 @@ from fecocodec.sender.model import Sender
 from fecocodec.training import training_pass
 from fecocodec.training.batch import Batch
 from fecocodec.training.configurations import configuration_named
-from fecocodec.training.training_pass import code_with_additive_noise, run_paper_stages
+from fecocodec.training.training_pass import code_with_additive_noise, run_stages
 
 DEVICE = "meta"
 TINY = 1e-6  # what the host reads: equal intrinsics differ by less, and a near bound is positive
@@ -93,8 +93,9 @@ def test_a_pass_of_the_paper_stays_on_the_device(name: str, num_context: int, mo
         receiver, sender = Receiver(configuration.receiver), Sender(configuration.sender, configuration.receiver)
     batch = batch_on_device(num_context, 1, (64, 64))
     with Hops() as hops:
-        stages = run_paper_stages(sender, receiver, batch, code_with_additive_noise(receiver, sender), 2)
-        loss = sum(stage.images.mean() + stage.rate.mean() for stage in stages)
+        coding = code_with_additive_noise(receiver, sender)
+        stages, _ = run_stages(sender, receiver, batch, coding, 2, None, 0.0, has_all_targets=True)
+        loss = sum(stage.images.mean() + stage.estimated_bits.mean() for stage in stages)
         loss.backward()
     assert loss.device.type == DEVICE and all(stage.images.device.type == DEVICE for stage in stages)
     assert set(hops.found) == {"copied in cost_volume", "copied in cross_view_consistency"}

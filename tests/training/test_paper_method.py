@@ -18,14 +18,14 @@ from fecocodec.sender.extractors.adapter import ConditionedAdapter
 from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import BEST
-from fecocodec.training.batch import Batch, BatchShape
+from fecocodec.training.batch import Batch, BatchShape, StageOutcome
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import SHARE, build_optimiser
 from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures
-from fecocodec.training.training_pass import RatedStage, code_with_additive_noise, paper_loss, run_paper_stages
+from fecocodec.training.training_pass import Coding, code_with_additive_noise, paper_loss, run_stages
 from tests.example_scenes import example_views
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -155,29 +155,32 @@ def test_noise_is_additive_in_the_latent_and_in_the_rate(codec: Codec, batch: Ba
         seen.append((y, coded.y_hat))
         return coded
 
-    torch.manual_seed(0)
-    first, second = run_paper_stages(codec.sender, codec.receiver, batch, watched, 2)  # type: ignore[arg-type]
+    first, second = stages_of(codec, batch, watched)  # type: ignore[arg-type]
     for y, y_hat in seen:
         noise = y_hat - y
         assert noise.abs().max() <= 0.51 and 0.27 < noise.std() < 0.31  # means are multiples of 1/256
     assert first.images.shape[1] == second.images.shape[1] == 4  # all targets of both stages
-    assert first.rate > 0 and second.rate > 0
+    assert first.estimated_bits > 0 and second.estimated_bits > 0
 
 
-def test_the_loss_is_the_papers_sum(batch: Batch) -> None:
-    generator = torch.Generator().manual_seed(0)
-    stages = [
-        RatedStage(torch.rand(batch.images.shape, generator=generator), torch.tensor([rate])) for rate in (0.5, 2.0)
-    ]
+def stages_of(codec: Codec, batch: Batch, coding: Coding | None = None) -> list[StageOutcome]:
+    torch.manual_seed(0)
+    coding = coding or code_with_additive_noise(codec.receiver, codec.sender)
+    return run_stages(codec.sender, codec.receiver, batch, coding, 2, None, 0.0, has_all_targets=True)[0]
+
+
+def test_the_loss_is_the_papers_sum(codec: Codec, batch: Batch) -> None:
+    stages = stages_of(codec, batch)
     distortion = PerceptualDistortion()
     found, parts = paper_loss(batch, stages, distortion)
     expected = torch.zeros(())
-    for stage in stages:
-        expected += float(lambda_of(batch.lambda_q)) * float(stage.rate)
+    for number, stage in enumerate(stages, start=1):
+        rate = float(stage.estimated_bits) / (2 * 64 * 64)
+        expected += float(lambda_of(batch.lambda_q)) * rate
         for view in range(batch.num_context, batch.images.shape[1]):
             expected += distortion(stage.images[0, view], batch.images[0, view])
+        assert parts[f"bpp{number}"] == pytest.approx(rate)
     torch.testing.assert_close(found, expected)
-    assert parts["bpp1"] == 0.5 and parts["bpp2"] == 2.0
 
 
 def test_only_the_pretrained_backbone_has_a_smaller_learning_rate() -> None:
@@ -227,14 +230,11 @@ def test_ablations_of_the_sender_change_stage_2_alone(codec: Codec, batch: Batch
         for sender in senders
     )
     assert whole[0] == without[0] and whole[1] != without[1]
-    rates = [rates_in_training(Codec(sender, codec.receiver, bytes(8)), batch) for sender in senders]
+    rates = [
+        [float(stage.estimated_bits) for stage in stages_of(Codec(sender, codec.receiver, bytes(8)), batch)]
+        for sender in senders
+    ]
     assert rates[0][0] == rates[1][0] and rates[0][1] != rates[1][1]
-
-
-def rates_in_training(codec: Codec, batch: Batch) -> list[float]:
-    torch.manual_seed(0)
-    code = code_with_additive_noise(codec.receiver, codec.sender)
-    return [float(stage.rate) for stage in run_paper_stages(codec.sender, codec.receiver, batch, code, 2)]
 
 
 def test_what_does_not_exist_is_refused() -> None:
