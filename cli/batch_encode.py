@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from fecocodec.errors import some_of
+
 from .batch_options import BatchOptions, batch_options, run_and_report
 from .encode_options import encoding_options, options_of, usage_errors
 from .options import FILE_PATH
@@ -44,8 +46,7 @@ def command(source: Path, batch: BatchOptions, is_measured: bool, **values: Any)
     from fecocodec.batch.encode_scene import EncodeScene, passed_over
 
     if files := passed_over(source):
-        more = f" and {len(files) - 3} more" if len(files) > 3 else ""
-        say(f"note: {source}: not encoded, because only folders are scenes: {', '.join(files[:3])}{more}.")
+        say(f"note: {source}: not encoded, because only folders are scenes: {some_of(files)}.")
     work = EncodeScene(options)
     if batch.scheduler is None:  # its workers may have other devices and files
         options.require_device()

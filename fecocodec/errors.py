@@ -1,7 +1,9 @@
 """Exceptions of the library. Each message is one sentence with file, location, cause and remedy."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+
+BAD_WRITER = "the program that wrote it is at fault, encode the scene again."  # ends messages about streams
 
 
 class FecoError(Exception):
@@ -35,6 +37,11 @@ class StrictError(FecoError):
 def installation(extra: str) -> str:
     """Return how an extra is installed. Not by the project's name, because it is not on a package index."""
     return f"`pip install '.[{extra}]'` in the project's folder"
+
+
+def some_of(names: Sequence[object], most: int = 3) -> str:
+    """Return the first names and the number of the others: `a, b, c and 2 more`."""
+    return ", ".join(map(str, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def strict_error(place: str, warning: str) -> StrictError:

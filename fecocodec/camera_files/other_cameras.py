@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from fecocodec.errors import some_of
 from fecocodec.photographs.image_headers import has_image_name
 
 _HEAD_BYTES = 8192
@@ -63,8 +64,7 @@ def unread_cameras(folder: Path, read: set[Path]) -> str:
     for program, path in _found(folder, set(read)):
         named.setdefault(program, []).append(path)
     shown = [
-        f"{paths[0].relative_to(folder)}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}"
-        f"{f' ({program})' if program else ''}"
+        some_of([path.relative_to(folder) for path in paths], 1) + (f" ({program})" if program else "")
         for program, paths in named.items()
     ]
     return ", ".join(shown[:_MOST_NAMED]) + (" and others" if len(shown) > _MOST_NAMED else "")

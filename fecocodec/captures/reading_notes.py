@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names
+from fecocodec.errors import some_of
 from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share, most_pixels
 from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright, maps_among
@@ -59,16 +60,11 @@ def _passed_over(scene: PosedPhotographs, cause: str, names: list[str]) -> str:
     if not cause:
         are = "is missing and is" if is_one else "are missing and are"
         return (
-            f"{count} images that {scene.cameras_name} names {are} passed over ({_listed(names)}); put "
+            f"{count} images that {scene.cameras_name} names {are} passed over ({some_of(names, MOST_NAMED)}); put "
             f"{'it' if is_one else 'them'} there to use {'it' if is_one else 'them'}."
         )
-    return (
-        f"{count} cameras of {scene.cameras_name} {'is' if is_one else 'are'} passed over ({_listed(names)}): {cause}"
-    )
-
-
-def _listed(names: list[str], most: int = MOST_NAMED) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+    are = "is" if is_one else "are"
+    return f"{count} cameras of {scene.cameras_name} {are} passed over ({some_of(names, MOST_NAMED)}): {cause}"
 
 
 def unposed_notes(scene: PosedPhotographs) -> list[str]:
@@ -84,8 +80,7 @@ def unposed_notes(scene: PosedPhotographs) -> list[str]:
         return []
     has, used = ("has", "is not used") if len(found) == 1 else ("have", "are not used")
     return [
-        f"{_listed(found, 3)} {has} no camera in {scene.cameras_name} and {used}; add one for each, or choose by "
-        "`views`."
+        f"{some_of(found)} {has} no camera in {scene.cameras_name} and {used}; add one for each, or choose by `views`."
     ]
 
 
@@ -117,7 +112,7 @@ def picture_remarks(paths: list[Path]) -> list[str]:
     ]
     if several := [path.name for path in others if has_several_pictures(path)]:
         remarks.append(
-            f"{_listed(several, 3)} {'holds' if len(several) == 1 else 'hold'} several pictures; the first is used."
+            f"{some_of(several)} {'holds' if len(several) == 1 else 'hold'} several pictures; the first is used."
         )
     if not exr:
         return remarks

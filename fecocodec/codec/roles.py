@@ -28,7 +28,7 @@ from fecocodec.captures.view_spread import (
     with_neighbours,
     within_reach,
 )
-from fecocodec.errors import InputError, error_context
+from fecocodec.errors import InputError, error_context, some_of
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import MIN_KEPT_AREA, kept_share
 from fecocodec.photographs.lens import Lens
@@ -226,9 +226,8 @@ def _omissions(photographs: list[PosedPhotograph], problems: dict[int, str]) -> 
     if not problems:
         return ()
     names = [photographs[index].path.name for index in problems]
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     first = next(iter(problems.values())).removesuffix(".")
-    return (f"left out {', '.join(names[:3])}{more}, which cannot be used: {first}.",)
+    return (f"left out {some_of(names)}, which cannot be used: {first}.",)
 
 
 def _overlaps(scene: PosedPhotographs, indices: list[int]) -> tuple[Overlap, Overlap]:

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from fecocodec.container.deflate import BAD_WRITER, deflate, inflate
+from fecocodec.container.deflate import deflate, inflate
 from fecocodec.container.rotation import float_to_word, rotation_from_words, rotation_to_words, word_to_float
-from fecocodec.errors import BitstreamError
+from fecocodec.errors import BAD_WRITER, BitstreamError
 
 _NUM_ROTATION_WORDS = 9
 

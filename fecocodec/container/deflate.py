@@ -2,9 +2,7 @@
 
 import zlib
 
-from fecocodec.errors import BitstreamError
-
-BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
+from fecocodec.errors import BAD_WRITER, BitstreamError
 
 _WINDOW_BITS = -15  # raw Deflate without a checksum of its own, because a section has a CRC
 

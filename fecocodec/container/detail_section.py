@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from fecocodec.container.deflate import BAD_WRITER
-from fecocodec.errors import BitstreamError
+from fecocodec.errors import BAD_WRITER, BitstreamError
 
 MAX_DETAIL_STEP = 63
 

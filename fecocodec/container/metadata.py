@@ -6,14 +6,13 @@ from typing import Any, NoReturn
 
 import zstandard
 
-from fecocodec.errors import BitstreamError
+from fecocodec.errors import BAD_WRITER, BitstreamError
 
 MAX_JSON_BYTES = 1 << 16
 MAX_JSON_DEPTH = 8  # nesting of objects and lists; far below the depth that exhausts the stack
 MAX_WINDOW_BYTES = 1 << 23  # the window that RFC 8878, section 3.1.1.1.2, recommends every decoder to support
 
 Metadata = dict[str, Any]
-_BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
 
 def pack_metadata(metadata: Metadata) -> bytes:
@@ -44,16 +43,16 @@ def unpack_metadata(payload: bytes, place: str) -> Metadata:
         frame = zstandard.get_frame_parameters(payload)
         if frame.content_size > MAX_JSON_BYTES:  # zstd reports an unstated size as 2^64 - 1
             raise BitstreamError(
-                f"{place}: its zstd frame does not state a size of at most {MAX_JSON_BYTES} bytes; {_BAD_WRITER}"
+                f"{place}: its zstd frame does not state a size of at most {MAX_JSON_BYTES} bytes; {BAD_WRITER}"
             )
         if frame.window_size > MAX_WINDOW_BYTES:
             raise BitstreamError(
                 f"{place}: its zstd frame has a window of {frame.window_size} bytes, at most {MAX_WINDOW_BYTES} are "
-                f"allowed; {_BAD_WRITER}"
+                f"allowed; {BAD_WRITER}"
             )
         content = zstandard.ZstdDecompressor().decompress(payload, allow_extra_data=False)
     except zstandard.ZstdError as error:
-        raise BitstreamError(f"{place}: no valid zstd frame ({error}); {_BAD_WRITER}") from error
+        raise BitstreamError(f"{place}: no valid zstd frame ({error}); {BAD_WRITER}") from error
     return _parse(content, place)
 
 
@@ -69,9 +68,9 @@ def _parse(content: bytes, place: str) -> Metadata:
         _check_depth(value, MAX_JSON_DEPTH)
         json.dumps(value, ensure_ascii=False).encode("utf-8")  # fails for an unpaired surrogate
     except (ValueError, RecursionError) as error:
-        raise BitstreamError(f"{place}: no valid JSON ({error}); {_BAD_WRITER}") from error
+        raise BitstreamError(f"{place}: no valid JSON ({error}); {BAD_WRITER}") from error
     if not isinstance(value, dict):
-        raise BitstreamError(f"{place}: its JSON is not an object; {_BAD_WRITER}")
+        raise BitstreamError(f"{place}: its JSON is not an object; {BAD_WRITER}")
     return value
 
 

@@ -5,7 +5,7 @@ import zlib
 from dataclasses import dataclass
 from enum import IntEnum
 
-from fecocodec.errors import BitstreamError
+from fecocodec.errors import BAD_WRITER, BitstreamError
 
 CRITICAL = 0x80  # bit of a kind: a reader refuses an unknown kind with this bit and skips one without it
 MAX_PAYLOAD = 1 << 26
@@ -142,10 +142,7 @@ def check_kind(head: SectionHead, previous: SectionHead | None) -> None:
     """
     if head.kind not in _NAMES:
         if head.kind ^ CRITICAL in _NAMES:
-            raise BitstreamError(
-                f"{head.place}: the critical bit of this kind is wrong; the program that wrote it is at fault, "
-                "encode the scene again."
-            )
+            raise BitstreamError(f"{head.place}: the critical bit of this kind is wrong; {BAD_WRITER}")
         if head.kind & CRITICAL:
             raise BitstreamError(
                 f"{head.place}: this kind is unknown and marked as needed for decoding; install a newer fecosplat."
@@ -153,7 +150,7 @@ def check_kind(head: SectionHead, previous: SectionHead | None) -> None:
     if previous is None or head.kind & ~CRITICAL > previous.kind & ~CRITICAL:
         return
     problem = "appears twice" if head.kind == previous.kind else f"must stand before section {previous.name}"
-    raise BitstreamError(f"{head.place}: it {problem}; the program that wrote it is at fault, encode the scene again.")
+    raise BitstreamError(f"{head.place}: it {problem}; {BAD_WRITER}")
 
 
 def without_fallback(message: str) -> str:

@@ -24,11 +24,9 @@ from fecocodec.container.sections import (
     without_fallback,
 )
 from fecocodec.container.view_grids import COVERAGE_CELLS, FADING_BLOCKS
-from fecocodec.errors import BitstreamError, InputError
+from fecocodec.errors import BAD_WRITER, BitstreamError, InputError
 
 MAX_STREAM_BYTES = MAX_SECTIONS * MAX_PAYLOAD  # no valid stream is longer
-
-_BAD_WRITER = "the program that wrote it is at fault, encode the scene again."
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,7 @@ def _sections(data: bytes, parsed: ParsedHeader) -> Iterator[_Section]:
         check_kind(head, previous)
         if head.kind in STAGE_KINDS[parsed.header.num_stages :]:
             raise BitstreamError(
-                f"{head.place}: the header announces {parsed.header.num_stages} stage, this is one more; {_BAD_WRITER}"
+                f"{head.place}: the header announces {parsed.header.num_stages} stage, this is one more; {BAD_WRITER}"
             )
         yield _Section(head, payload if head.kind in KNOWN_KINDS else b"")
         offset, previous = head.end, head
@@ -191,7 +189,7 @@ def _assemble(header: Header, sections: list[_Section], num_stages: int) -> Stre
     stage_kinds = STAGE_KINDS[:num_stages]
     for kind in (SectionKind.CAMERAS, *stage_kinds):
         if kind not in found:
-            raise BitstreamError(f"section {section_name(kind)}: it is missing; {_BAD_WRITER}")
+            raise BitstreamError(f"section {section_name(kind)}: it is missing; {BAD_WRITER}")
     head, payload = found[SectionKind.CAMERAS]
     cameras = unpack_cameras(payload, header.num_views, head.place)
     check_cameras(cameras, head.place)

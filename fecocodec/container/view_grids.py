@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from fecocodec.container.deflate import BAD_WRITER, deflate, inflate
+from fecocodec.container.deflate import deflate, inflate
 from fecocodec.container.header import Header
-from fecocodec.errors import BitstreamError
+from fecocodec.errors import BAD_WRITER, BitstreamError
 from fecocodec.grid import FADING, FEATURES
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fecocodec.atomic import require_space, temporary_folder, write_atomically
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, some_of
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice
 from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
@@ -107,9 +107,10 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
             f"{name}: {found} without cameras, but cameras are estimated from two or more; add photographs or a camera "
             "file."
         )
-    unused = [str(path.relative_to(folder)) for path in unused_images(folder)]
-    others = f"{unused[0]} and {len(unused) - 1} more" if len(unused) > 1 else "".join(unused)
-    notes = [f"images in another folder, or maps by their names, are not used ({others})."] if unused else []
+    unused = [path.relative_to(folder) for path in unused_images(folder)]
+    notes = []
+    if unused:
+        notes.append(f"images in another folder, or maps by their names, are not used ({some_of(unused, 1)}).")
     if len(photographs) <= MAX_PHOTOGRAPHS:
         return photographs, notes
     kept = [photographs[index] for index in np.linspace(0, len(photographs) - 1, MAX_PHOTOGRAPHS).round().astype(int)]
@@ -128,8 +129,7 @@ def _unread(folder: Path) -> list[str]:
 
 
 def _listed(paths: list[Path]) -> str:
-    more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
-    return f"{', '.join(path.name for path in paths[:3])}{more} {'is' if len(paths) == 1 else 'are'}"
+    return f"{some_of([path.name for path in paths])} {'is' if len(paths) == 1 else 'are'}"
 
 
 def _require_cameras(name: str, found: Reconstruction) -> None:
