@@ -5,7 +5,7 @@ from pathlib import Path
 
 from fecocodec.container import Stages, check_pixels, read_stages
 from fecocodec.errors import InputError
-from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
+from fecocodec.geometry.gaussian_arrays import GaussianArrays
 from fecocodec.limits import DEFAULT_MAX_PIXELS, MAX_SH_DEGREE
 from fecocodec.merging.grouping import DEFAULT_MERGING
 from fecocodec.model_files import find_receiver, has_graphs
@@ -75,10 +75,9 @@ def decode(
         max_pixels=max_pixels,
         on_progress=on_progress,
     )
-    extrinsics, intrinsics, near, far = (field.numpy() for field in decoded.cameras.fields())
     return Decoded(
         GaussianArrays(*(field.numpy() for field in decoded.gaussians.fields())),
-        SceneCameras(extrinsics, intrinsics, float(near), float(far)),
+        decoded.cameras.arrays(),
         decoded.image_size,
         decoded.stages,
         decoded.damage,

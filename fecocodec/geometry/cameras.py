@@ -47,6 +47,11 @@ class Cameras:
         """Return cameras as tensors; those of arrays share their memory."""
         return cls(*map(torch.as_tensor, cameras.fields()))
 
+    def arrays(self) -> SceneCameras:
+        """Return the cameras of one scene as arrays; those of tensors on the CPU share their memory."""
+        extrinsics, intrinsics, near, far = (field.cpu().numpy() for field in self.fields())
+        return SceneCameras(extrinsics, intrinsics, float(near), float(far))
+
     @property
     def num_views(self) -> int:
         return self.extrinsics.shape[-3]

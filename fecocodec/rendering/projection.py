@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
+from fecocodec.geometry.gaussian_arrays import ALPHA_MIN
 from fecocodec.kernels.compilation import compiled
 from fecocodec.rendering.small_matrices import add, apply, apply_transposed, dot, scaled
-from fecocodec.rendering.splats import ALPHA_MIN
 
 _DILATION_PX2 = 0.3  # added to both variances: a splat is never much narrower than a pixel
 _FIELD_MARGIN = 0.3  # J is evaluated at most this fraction of half the field of view outside the image

@@ -15,7 +15,6 @@ DIFFERENTIABLE_FIELDS = ("x", "y", "conic_xx", "conic_xy", "conic_yy", "opacity"
 # radius_x, radius_y: half size in pixels of the box outside which alpha is below ALPHA_MIN; 0 if invisible.
 SPLAT = np.dtype([(name, np.float32) for name in (*DIFFERENTIABLE_FIELDS, "cutoff", "radius_x", "radius_y")])
 
-ALPHA_MIN = 1.0 / 255.0  # a splat is skipped at pixels where its alpha is below this
 ALPHA_MAX = np.float32(0.999)
 TRANSMITTANCE_MIN = np.float32(1e-4)  # a pixel is finished once its transmittance is below this
 

@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float32
 
-from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
+from fecocodec.geometry.gaussian_arrays import ALPHA_MIN, GaussianArrays, SceneCameras
+from fecocodec.geometry.scene_frame import normalise
 from fecocodec.merging.grouping import MergingConfig
 from fecocodec.merging.merge import merged_fields
 from fecocodec.runtime.graphs import Graphs
 from fecocodec.runtime.prediction import LastState, Prediction, fitted_harmonics, poses_of, predict
-from fecocodec.runtime.scene import normalise
-
-LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ def emit(
     if has_rules and config.sh_degree and cameras.num_views > 1:
         gaussians = replace(plain, harmonics=fitted_harmonics(graphs, prediction, normalised))
     gaussians = replace(gaussians, harmonics=gaussians.harmonics[:, : (config.sh_degree + 1) ** 2])
-    is_emitted = (plain.opacities >= LEAST_OPACITY) & np.isfinite(plain.means).all(axis=1)
+    is_emitted = (plain.opacities >= ALPHA_MIN) & np.isfinite(plain.means).all(axis=1)
     if config.merging is None or not has_rules:
         emitted = gaussians.keep(is_emitted)
     else:

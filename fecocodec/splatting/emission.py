@@ -15,6 +15,7 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussian_arrays import ALPHA_MIN
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.limits import MAX_SH_DEGREE
 from fecocodec.merging.grouping import MergingConfig
@@ -35,9 +36,6 @@ def merged(
     poses = (cameras.extrinsics.cpu().numpy(), cameras.intrinsics.cpu().numpy())
     found = merged_fields(arrays, is_present.cpu().numpy(), grid, *poses, config)
     return Gaussians(*(torch.from_numpy(field) for field in found)).to(gaussians.means.device)
-
-
-LEAST_OPACITY = 1.0 / 255.0  # renderers skip fainter Gaussians
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,7 @@ def emit(prediction: Prediction, cameras: Cameras, config: ReceiverConfig, emiss
         gaussians = replace(gaussians, opacities=gaussians.opacities * emission.visibility)
     emitted, opacities = gaussians, gaussians.opacities
     if emission.is_culled:
-        is_drawn = (opacities >= LEAST_OPACITY) & gaussians.means.isfinite().all(dim=-1)
+        is_drawn = (opacities >= ALPHA_MIN) & gaussians.means.isfinite().all(dim=-1)
         opacities = opacities * is_drawn
         if emission.merging is None or not config.kind.has_rules:
             emitted = gaussians.keep(is_drawn)

@@ -10,8 +10,8 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.rotations import matrix_from_quaternion
+from fecocodec.splatting.sampling import SMALLEST_DEPTH
 
-SMALLEST_DEPTH = 1e-6
 VISIBLE_DEVIATIONS = 3.2  # radius of a Gaussian; alpha is 0.6% there
 JACOBIAN_MARGIN = 0.15  # renderers evaluate the projection's Jacobian at most this share of a side outside the image
 DEPTH_REACH = 0.5  # as a share of a side: distance outside the image up to which extended depth is used

@@ -12,6 +12,7 @@ from fecocodec.checkpoint import model_folder
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.coding.visibility import is_filled_behind, visibility_of
 from fecocodec.container import quantise_lambda, read_stream, write_stream
+from fecocodec.geometry.gaussian_arrays import ALPHA_MIN
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import normalise_scene
 from fecocodec.geometry.views import Views
@@ -24,7 +25,6 @@ from fecocodec.sender.latent_optimisation import gaussians_of
 from fecocodec.sender.optimisation_config import DEFAULT, FAST
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.splatting.emission import LEAST_OPACITY
 from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures
 from tests.example_scenes import example_views
@@ -65,13 +65,13 @@ def test_feedback_and_objective_show_what_is_decoded(codec: Codec, count: int, i
     def decoded(sh_degree: int) -> Gaussians:
         """What `decode` emits, in the normalised frame: Gaussians of the views, layers outside and behind."""
         emitted = decode_with(codec.receiver, data, sh_degree=sh_degree, merging=None).gaussians
-        means = ((emitted.means.double() - frame.origin) / frame.scale).float()
+        means = ((emitted.means.double() - torch.from_numpy(frame.origin)) / frame.scale).float()
         return replace(emitted, means=means, scales=emitted.scales / frame.scale)
 
     per_view = prediction.attributes.opacity.numel()
     for mine, theirs in ((sent, decoded(1)), (optimised, decoded(0))):
         number = torch.arange(mine.count)
-        drawn = mine.keep((number < per_view) & (mine.opacities >= LEAST_OPACITY))
+        drawn = mine.keep((number < per_view) & (mine.opacities >= ALPHA_MIN))
         behind = mine.keep(number >= per_view)
         of_views = torch.arange(theirs.count) < drawn.count
         of_layer = torch.arange(theirs.count) >= theirs.count - behind.count
