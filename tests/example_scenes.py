@@ -14,6 +14,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.photographs.images import write_image
 from fecocodec.receiver.model import Receiver, serialise_receiver
 from fecocodec.sender.codec import serialise_sender
+from fecocodec.sender.extractors.protocol import Extractor
 from fecocodec.sender.model import Sender
 
 MODEL = "random"
@@ -72,3 +73,8 @@ def write_random_model(weights: Path) -> None:
     receiver_bytes = serialise_receiver(receiver)
     (folder / RECEIVER_FILE).write_bytes(receiver_bytes)
     (folder / SENDER_FILE).write_bytes(serialise_sender(sender, model_id_of(receiver_bytes)))
+
+
+def fused(extractor: Extractor, images: torch.Tensor, cameras: Cameras) -> torch.Tensor:
+    """Return F1 of an extractor."""
+    return extractor.fuse(images, extractor.match(images, cameras))

@@ -27,7 +27,7 @@ from fecocodec.sender.codec import (
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, LargeExtractor
 from tests.chunk_files import write_wall_chunks
-from tests.example_scenes import MODEL, example_cameras, example_views
+from tests.example_scenes import MODEL, example_cameras, example_views, fused
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "larger_extractor.py"
 
@@ -54,7 +54,7 @@ class Ramps:
 def test_features_are_adapted_to_quarter_resolution_and_only_the_adapter_learns() -> None:
     extractor = AdaptedExtractor(Ramps(), 128)
     views = example_views(3, 64, 96)
-    found = extractor(views.images[None], views.cameras.as_batch())
+    found = fused(extractor, views.images[None], views.cameras.as_batch())
     assert found.shape == (3, 128, 16, 24)
     found.square().mean().backward()
     assert all(parameter.grad is not None for parameter in extractor.parameters())
@@ -92,7 +92,7 @@ def test_refusals(random_weights: Path, tmp_path: Path) -> None:
     with pytest.raises(
         ModelError, match=r"extractor ramps: gave features \(1, 2, 5, 64, 64\).*one vector of 7 channels"
     ):
-        AdaptedExtractor(Ramps(num_channels=7), 128)(example_views(2).images[None], example_cameras(2).as_batch())
+        AdaptedExtractor(Ramps(num_channels=7), 128).match(example_views(2).images[None], example_cameras(2).as_batch())
 
 
 def worked_example() -> ModuleType:

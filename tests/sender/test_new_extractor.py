@@ -30,15 +30,6 @@ class PixelConfig(CodecConfig):
     width: int = 24
 
 
-@dataclass(frozen=True)
-class NoMatches:
-    relative_disparity: Tensor
-
-    @property
-    def depth(self) -> MatchedDepth:
-        return MatchedDepth(self.relative_disparity, torch.zeros_like(self.relative_disparity))
-
-
 class PixelExtractor(nn.Module):
     """Pixels, without depth."""
 
@@ -54,11 +45,12 @@ class PixelExtractor(nn.Module):
 
     def match(
         self, images: Tensor, cameras: Cameras, guides: Guides | None = None, ignored: Tensor | None = None
-    ) -> NoMatches:
+    ) -> Matching:
         height, width = (side // 4 for side in images.shape[-2:])
-        return NoMatches(images.new_full((images.shape[0] * images.shape[1], 1, height, width), 0.5))
+        disparity = images.new_full((images.shape[0] * images.shape[1], 1, height, width), 0.5)
+        return Matching(disparity, MatchedDepth(disparity, torch.zeros_like(disparity)))
 
-    def fuse(self, images: Tensor, matching: NoMatches, condition: RateCondition | None = None) -> Tensor:
+    def fuse(self, images: Tensor, matching: Matching, condition: RateCondition | None = None) -> Tensor:
         pixels = F.pixel_unshuffle(rearrange(images, "b v c h w -> (b v) c h w"), 4)
         features: Tensor = self.output(self.input(pixels).relu())
         return features

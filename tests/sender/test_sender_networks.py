@@ -10,7 +10,7 @@ from fecocodec.layers.blocks import RateEmbedding
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.model import Sender
 from fecocodec.sender.parameters import parameter_table
-from tests.example_scenes import example_views
+from tests.example_scenes import example_views, fused
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def sender() -> Sender:
 def test_shapes_from_views_to_latents(sender: Sender, num_views: int, height: int, width: int) -> None:
     views = example_views(num_views, height, width)
     cameras, _ = normalise_scene(views.cameras)
-    features = sender.extractor(views.images[None], cameras.as_batch())
+    features = fused(sender.extractor, views.images[None], cameras.as_batch())
     assert features.shape == (num_views, 128, height // 4, width // 4)
     condition = RateEmbedding(1768, 11.0, 0.5)(torch.full((num_views,), 600), 1)
     depth_errors = torch.zeros(num_views, 2, height // 4, width // 4)
@@ -41,17 +41,17 @@ def test_permuting_the_views_permutes_the_features(sender: Sender) -> None:
     views = example_views(4)
     order = [2, 0, 3, 1]
     cameras, _ = normalise_scene(views.cameras)
-    features = sender.extractor(views.images[None], cameras.as_batch())
-    permuted = sender.extractor(views.images[None, order], cameras.select(order).as_batch())
+    features = fused(sender.extractor, views.images[None], cameras.as_batch())
+    permuted = fused(sender.extractor, views.images[None, order], cameras.select(order).as_batch())
     torch.testing.assert_close(permuted, features[order], atol=1e-4, rtol=1e-4)
 
 
 def test_a_batch_gives_what_its_scenes_give_alone(sender: Sender) -> None:
     scenes = [example_views(2, seed=seed) for seed in (1, 2)]
     batches = [normalise_scene(scene.cameras)[0].as_batch() for scene in scenes]
-    alone = [sender.extractor(s.images[None], c) for s, c in zip(scenes, batches, strict=True)]
+    alone = [fused(sender.extractor, s.images[None], c) for s, c in zip(scenes, batches, strict=True)]
     joined = type(batches[0])(*(torch.cat(parts) for parts in zip(*(c.fields() for c in batches), strict=True)))
-    together = sender.extractor(torch.stack([scene.images for scene in scenes]), joined)
+    together = fused(sender.extractor, torch.stack([scene.images for scene in scenes]), joined)
     torch.testing.assert_close(together, torch.cat(alone), atol=1e-4, rtol=1e-4)
 
 

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from fecocodec.config import PAPER, ReceiverConfig, SenderConfig
 from fecocodec.geometry.gaussians import SH_DEGREE_0
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.extractors.compact import MatchedMaps, Matching
+from fecocodec.sender.extractors.compact import MatchedMaps, SweptMatching
 from fecocodec.sender.model import Sender
 from fecocodec.training.initialisation import (
     CELL_CHANNELS,
@@ -97,11 +97,11 @@ def test_matched_disparity_reaches_the_predictor(networks: tuple[Sender, Receive
     stem, candidates = sender.config.stem_channels, sender.config.num_candidates
     relative = F.avg_pool2d(smooth_picture()[:, :1], 4) / 2 + 0.5
     nothing = torch.zeros(1, 1, 16, 16)
-    matching = Matching(
+    matching = SweptMatching(
+        relative_disparity=nothing,
+        depth=MatchedMaps(relative, nothing, nothing, relative),
         appearance=torch.zeros(1, 2 * stem, 16, 16),
         cost=torch.zeros(1, candidates, 16, 16),
-        relative_disparity=nothing,
-        maps=MatchedMaps(relative, nothing, nothing, relative),
     )
     features = sender.extractor.fuse(views.images[None], matching)
     condition = receiver.condition(LAMBDA_Q, 1)

@@ -26,7 +26,7 @@ from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.training_pass import Coding, code_with_additive_noise, paper_loss, run_stages
-from tests.example_scenes import example_views
+from tests.example_scenes import example_views, fused
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -216,7 +216,7 @@ def test_every_2d_block_of_the_adapter_depends_on_lambda() -> None:
     assert decode_with(codec.receiver, encode_with(codec, example_views(2), LAMBDA_Q)).stages == 2
     with pytest.raises(ModelError, match="The adapter depends on lambda"):
         images, cameras = example_views(1).images[None], example_views(1).cameras.as_batch()
-        sender.extractor(images, cameras)
+        fused(sender.extractor, images, cameras)
 
 
 @pytest.mark.parametrize("ablation", ["no-context", "no-feedback", "no-context no-feedback"])

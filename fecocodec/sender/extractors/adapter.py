@@ -18,7 +18,7 @@ from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.grid import FEATURES
 from fecocodec.layers.blocks import BlockChain, PlainBlock2d, PointwiseConv2d, RateCondition
-from fecocodec.sender.extractors.protocol import MatchedDepth
+from fecocodec.sender.extractors.protocol import MatchedDepth, Matching
 from fecocodec.sender.scene import Guides
 
 NUM_BLOCKS, HIDDEN = 3, 96
@@ -45,19 +45,14 @@ class LargeExtractor(Protocol):
 
 
 @dataclass(frozen=True)
-class AdaptedFeatures:
-    """The frozen features at 1/4 resolution, before adaptation; item = (batch view).
+class AdaptedFeatures(Matching):
+    """The frozen features at 1/4 resolution, before adaptation.
 
-    relative_disparity: constant 0.5, because a third-party extractor returns no depth.
+    A third-party extractor returns no depth: its disparity is 0.5 and its consistency 0, so stage 2 gets no depth
+    feedback.
     """
 
     unshuffled: Float[Tensor, "item channel16 h4 w4"]
-    relative_disparity: Float[Tensor, "item 1 h4 w4"]
-
-    @property
-    def depth(self) -> MatchedDepth:
-        """Depth with zero consistency: stage 2 gets no depth feedback."""
-        return MatchedDepth(self.relative_disparity, torch.zeros_like(self.relative_disparity))
 
 
 class AdaptedExtractor(nn.Module):
@@ -70,12 +65,6 @@ class AdaptedExtractor(nn.Module):
         self._frozen = (extractor,)  # a tuple keeps it out of this module's parameters
         self.input = PointwiseConv2d(16 * extractor.num_channels(), channels)
         self.blocks: nn.Module = nn.Sequential(*(PlainBlock2d(channels, HIDDEN) for _ in range(NUM_BLOCKS)))
-
-    def forward(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
-    ) -> Float[Tensor, "item channel h4 w4"]:
-        """Return F1 of every view. Arguments as for `LargeExtractor.features`."""
-        return self.fuse(images, self.match(images, cameras))
 
     def match(
         self,
@@ -98,7 +87,8 @@ class AdaptedExtractor(nn.Module):
                 f"{tuple(images.shape)}; return one vector of {extractor.num_channels()} channels a pixel."
             )
         unshuffled = F.pixel_unshuffle(rearrange(features, "b v c h w -> (b v) c h w"), FEATURES)
-        return AdaptedFeatures(unshuffled, unshuffled.new_full((len(unshuffled), 1, h // FEATURES, w // FEATURES), 0.5))
+        disparity = unshuffled.new_full((len(unshuffled), 1, h // FEATURES, w // FEATURES), 0.5)
+        return AdaptedFeatures(disparity, MatchedDepth(disparity, torch.zeros_like(disparity)), unshuffled)
 
     @property
     def frozen(self) -> LargeExtractor:

@@ -18,7 +18,7 @@ from fecocodec.sender.extractors.cross_view_consistency import cross_view_consis
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
 from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
 from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
-from fecocodec.sender.extractors.protocol import MatchedDepth
+from fecocodec.sender.extractors.protocol import MatchedDepth, Matching
 from fecocodec.sender.extractors.semi_global import aggregate_costs
 from fecocodec.sender.scene import Guides
 
@@ -28,22 +28,20 @@ SHARPNESS = 0.5  # factor before the softmax: aggregated scores differ more than
 
 
 @dataclass(frozen=True)
-class MatchedMaps:
+class MatchedMaps(MatchedDepth):
     """Result of the aggregation of matching scores, without gradient; item = (batch view), 1/4 resolution, in [0, 1].
 
-    disparity: relative disparity. consistency: its cross-view consistency. confidence: its largest probability.
-    extrapolated: relative disparity of the planes of confirmed neighbours.
+    confidence: largest probability of the disparity. extrapolated: relative disparity of the planes of confirmed
+    neighbours.
     """
 
-    disparity: Float[Tensor, "item 1 h4 w4"]
-    consistency: Float[Tensor, "item 1 h4 w4"]
     confidence: Float[Tensor, "item 1 h4 w4"]
     extrapolated: Float[Tensor, "item 1 h4 w4"]
 
     @property
     def blended(self) -> Float[Tensor, "item 1 h4 w4"]:
         """Matched disparity where it is consistent, extrapolated disparity elsewhere."""
-        return torch.lerp(self.extrapolated, self.disparity, self.consistency)
+        return torch.lerp(self.extrapolated, self.relative_disparity, self.consistency)
 
     def first(self, count: int) -> "MatchedMaps":
         """Return the maps of the first `count` items."""
@@ -51,22 +49,15 @@ class MatchedMaps:
 
 
 @dataclass(frozen=True)
-class Matching:
-    """Result of matching the views, before fusion; item = (batch view), all at 1/4 resolution.
+class SweptMatching(Matching):
+    """Result of the plane sweep. cost: matching score of each depth candidate, higher is better.
 
-    cost: matching score of each depth candidate, higher is better. relative_disparity: expectation over the softmax of
-    `cost`, in [0, 1]; differentiable, for the depth loss of training.
+    relative_disparity: expectation over the softmax of `cost`.
     """
 
+    depth: MatchedMaps
     appearance: Float[Tensor, "item stem h4 w4"]
     cost: Float[Tensor, "item candidate h4 w4"]
-    relative_disparity: Float[Tensor, "item 1 h4 w4"]
-    maps: MatchedMaps
-
-    @property
-    def depth(self) -> MatchedDepth:
-        """Depth for the feedback of stage 2."""
-        return MatchedDepth(self.maps.disparity, self.maps.consistency)
 
 
 class CompactExtractor(nn.Module):
@@ -110,19 +101,13 @@ class CompactExtractor(nn.Module):
             self.stem, self.down_stem, self.cross_view, self.up_attended, self.matching_head, self.log_temperature,
         )  # fmt: skip
 
-    def forward(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
-    ) -> Float[Tensor, "item channel h4 w4"]:
-        """Return F1. images: sRGB in [0, 1], sides multiples of 32. cameras: a batch of normalised scenes."""
-        return self.fuse(images, self.match(images, cameras))
-
     def match(
         self,
         images: Float[Tensor, "batch view 3 h w"],
         cameras: Cameras,
         guides: Guides | None = None,
         ignored: Bool[Tensor, "view h w"] | None = None,
-    ) -> Matching:
+    ) -> SweptMatching:
         """Compute the features of all views, the cost volume, and depth with its cross-view consistency.
 
         Scores are summed over an image pyramid: coarse levels resolve ambiguities of the fine ones. Photo-consistency
@@ -137,7 +122,7 @@ class CompactExtractor(nn.Module):
             maps = self._guided_maps(images, cameras, guides, ignored)
         else:
             maps = self._aggregated(cost, images, cameras, sources, kept)
-        return Matching(appearance, cost, _expectation(cost.softmax(dim=1)), maps)
+        return SweptMatching(_expectation(cost.softmax(dim=1)), maps, appearance, cost)
 
     def _guided_maps(
         self,
@@ -215,11 +200,11 @@ class CompactExtractor(nn.Module):
         return appearance, _flat(cost_volume(features, cameras, sources, self.config.num_candidates))
 
     def fuse(
-        self, images: Float[Tensor, "batch view 3 h w"], matching: Matching, condition: RateCondition | None = None
+        self, images: Float[Tensor, "batch view 3 h w"], matching: SweptMatching, condition: RateCondition | None = None
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1: the U-Net applied to appearance, matching results and pixels."""
         pixels = F.pixel_unshuffle(_flat(images) * 2.0 - 1.0, FEATURES)
-        maps, disparity = matching.maps, 2.0 * matching.maps.blended - 1.0
+        maps, disparity = matching.depth, 2.0 * matching.depth.blended - 1.0
         inputs = (matching.appearance, matching.cost / 8.0, maps.consistency, disparity, maps.confidence)
         fine = self.fine_in(self.input(torch.cat((*inputs, pixels), dim=1)))
         middle = self.middle_in(self.down_fine(fine))

@@ -36,17 +36,15 @@ def depth_feedback(matched: MatchedDepth, decoded: Float[Tensor, "item 1 h4 w4"]
     return torch.cat((matched.consistency * difference, matched.consistency), dim=1).detach()
 
 
-@runtime_checkable
-class Matching(Protocol):
-    """Result of matching, before fusion; item = (batch view), at 1/4 resolution. Extractors add what `fuse` needs."""
+@dataclass(frozen=True)
+class Matching:
+    """Result of matching, before fusion; item = (batch view), at 1/4 resolution. Extractors add what `fuse` needs.
 
-    @property
-    def relative_disparity(self) -> Float[Tensor, "item 1 h4 w4"]:
-        """Relative disparity in [0, 1]; differentiable where training has a depth loss."""
+    relative_disparity: in [0, 1]; differentiable where training has a depth loss. depth: for the depth errors of E_fb.
+    """
 
-    @property
-    def depth(self) -> MatchedDepth:
-        """Disparity with its cross-view consistency, for the depth errors of E_fb; no gradient."""
+    relative_disparity: Float[Tensor, "item 1 h4 w4"]
+    depth: MatchedDepth
 
 
 @runtime_checkable

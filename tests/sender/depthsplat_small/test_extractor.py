@@ -7,7 +7,7 @@ from public_network import made_up_extractor
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
-from tests.example_scenes import example_cameras, example_views
+from tests.example_scenes import example_cameras, example_views, fused
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def inputs(num_views: int, height: int = 64, width: int = 64, seed: int = 0) -> 
 @pytest.mark.parametrize(("num_views", "size"), [(1, (64, 64)), (3, (64, 96)), (5, (96, 64))])
 @torch.inference_mode()
 def test_views_and_sizes(extractor: DepthSplatSmall, num_views: int, size: tuple[int, int]) -> None:
-    features = extractor(*inputs(num_views, *size))
+    features = fused(extractor, *inputs(num_views, *size))
     assert features.shape == (num_views, 128, size[0] // 4, size[1] // 4) and features.isfinite().all()
 
 
@@ -30,16 +30,16 @@ def test_views_and_sizes(extractor: DepthSplatSmall, num_views: int, size: tuple
 def test_scenes_of_a_batch_do_not_mix(extractor: DepthSplatSmall) -> None:
     (images_a, cameras_a), (images_b, cameras_b) = inputs(2, seed=1), inputs(2, seed=2)
     joined = Cameras(*(torch.cat(pair) for pair in zip(cameras_a.fields(), cameras_b.fields(), strict=True)))
-    together = extractor(torch.cat((images_a, images_b)), joined)
-    alone = torch.cat((extractor(images_a, cameras_a), extractor(images_b, cameras_b)))
+    together = fused(extractor, torch.cat((images_a, images_b)), joined)
+    alone = torch.cat((fused(extractor, images_a, cameras_a), fused(extractor, images_b, cameras_b)))
     torch.testing.assert_close(together, alone, atol=1e-4, rtol=1e-4)
 
 
 @torch.inference_mode()
 def test_the_order_of_two_views_changes_nothing(extractor: DepthSplatSmall) -> None:
     images, cameras = inputs(2)
-    turned = extractor(images.flip(1), cameras.scene(0).select([1, 0]).as_batch())
-    torch.testing.assert_close(turned.flip(0), extractor(images, cameras), atol=1e-4, rtol=1e-4)
+    turned = fused(extractor, images.flip(1), cameras.scene(0).select([1, 0]).as_batch())
+    torch.testing.assert_close(turned.flip(0), fused(extractor, images, cameras), atol=1e-4, rtol=1e-4)
 
 
 @torch.inference_mode()
@@ -48,7 +48,7 @@ def test_the_unit_of_length_changes_nothing(extractor: DepthSplatSmall) -> None:
     extrinsics = cameras.extrinsics.clone()
     extrinsics[..., :3, 3] *= 50.0
     scaled = Cameras(extrinsics, cameras.intrinsics, 50.0 * cameras.near, 50.0 * cameras.far)
-    found, expected = extractor(images, scaled), extractor(images, cameras)
+    found, expected = fused(extractor, images, scaled), fused(extractor, images, cameras)
     assert (found - expected).norm() < 1e-3 * expected.norm()
 
 
@@ -63,8 +63,8 @@ def test_matching_at_half_resolution_resembles_matching_at_full() -> None:
 @torch.inference_mode()
 def test_both_geometries_are_there_and_differ(extractor: DepthSplatSmall) -> None:
     images, cameras = inputs(3)
-    exact = made_up_extractor(geometry="exact")(images, cameras)
-    public = extractor(images, cameras)
+    exact = fused(made_up_extractor(geometry="exact"), images, cameras)
+    public = fused(extractor, images, cameras)
     assert exact.isfinite().all() and (exact - public).norm() > 0.01 * public.norm()
 
 
@@ -75,7 +75,7 @@ def test_bfloat16_stays_within_its_stated_bound(extractor: DepthSplatSmall) -> N
     Small images, because a CPU without bfloat16 instructions takes minutes for larger ones.
     """
     images, cameras = inputs(2, 32, 32)
-    expected = extractor(images, cameras)
+    expected = fused(extractor, images, cameras)
     with torch.autocast("cpu", torch.bfloat16):
         evidence = extractor.match(images, cameras)
         found = extractor.fuse(images, evidence)
@@ -87,13 +87,13 @@ def test_every_parameter_learns() -> None:
     torch.manual_seed(0)
     extractor = made_up_extractor().requires_grad_(True)
     images, cameras = inputs(2)
-    extractor(images, cameras).square().mean().backward()
+    fused(extractor, images, cameras).square().mean().backward()
     silent = [name for name, p in extractor.named_parameters() if p.grad is None or not p.grad.abs().sum() > 0]
     assert silent == []
 
 
 def test_refusals(extractor: DepthSplatSmall) -> None:
     with pytest.raises(InputError, match="images of 72x64 pixels: pad to multiples of 16"):
-        extractor(*inputs(2, 64, 72))
+        fused(extractor, *inputs(2, 64, 72))
     with pytest.raises(ModelError, match="geometry 'wrong': there is none of that name; choose one of public, exact"):
         DepthSplatSmall(geometry="wrong")

@@ -30,7 +30,7 @@ from fecocodec.sender.extractors.depthsplat_small.transformer import (
     public_masks_of_sources,
 )
 from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, NUM_LEVELS, CrossViewUNet
-from fecocodec.sender.extractors.protocol import MatchedDepth
+from fecocodec.sender.extractors.protocol import MatchedDepth, Matching
 from fecocodec.sender.extractors.vision_transformer import CHANNELS as MONOCULAR_CHANNELS
 from fecocodec.sender.extractors.vision_transformer import VisionTransformer, normalised
 from fecocodec.sender.scene import Guides
@@ -41,25 +41,17 @@ _MASKS_OF_SOURCES = {"public": public_masks_of_sources, "exact": masks_of_source
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Outputs of the branches, before fusion; item = (batch view), all at 1/4 resolution.
+class Evidence(Matching):
+    """Outputs of the branches. cost: matching score of each depth candidate.
 
-    cost: matching score of each depth candidate. relative_disparity: expectation over the softmax of `cost`, in [0, 1].
-    consistency: cross-view consistency of the relative disparity, in [0, 1].
+    relative_disparity: expectation over the softmax of `cost`.
     """
 
     cost: Float[Tensor, "item candidate h4 w4"]
     appearance: Float[Tensor, "item channel h4 w4"]
     multi_view: Float[Tensor, "item channel h4 w4"]
     monocular: Float[Tensor, "item mono h4 w4"]
-    relative_disparity: Float[Tensor, "item 1 h4 w4"]
-    consistency: Float[Tensor, "item 1 h4 w4"]
     num_views: int
-
-    @property
-    def depth(self) -> MatchedDepth:
-        """Depth for the feedback of stage 2."""
-        return MatchedDepth(self.relative_disparity.detach(), self.consistency)
 
 
 class Fusion(nn.ModuleDict):
@@ -110,10 +102,6 @@ class DepthSplatSmall(nn.Module):
         self.regressor = nn.ModuleList([Fusion(joined)])
         self.regressor_residual = nn.ModuleList([nn.Conv2d(joined, CHANNELS, 1)])
 
-    def forward(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Float[Tensor, "item 128 h4 w4"]:
-        """Return F1 of every view. images: sRGB in [0, 1], sides multiples of 16. cameras: normalised scenes."""
-        return self.fuse(images, self.match(images, cameras))
-
     @property
     def before_fusion(self) -> tuple[nn.Module | nn.Parameter, ...]:
         """Nothing: its branches are frozen one by one, or as the whole extractor."""
@@ -141,7 +129,8 @@ class DepthSplatSmall(nn.Module):
         monocular = monocular_features(self.pretrained, pictures)
         disparity = rearrange(expected, "(b v) 1 h w -> b v h w", v=views)
         consistency = cross_view_consistency(disparity, cameras, source_views(cameras))
-        return Evidence(cost, appearance, flat(multi_view), monocular, expected, flat(consistency[:, :, None]), views)
+        depth = MatchedDepth(expected.detach(), flat(consistency[:, :, None]))
+        return Evidence(expected, depth, cost, appearance, flat(multi_view), monocular, views)
 
     def fuse(
         self, images: Float[Tensor, "batch view 3 h w"], matching: Evidence, condition: RateCondition | None = None
