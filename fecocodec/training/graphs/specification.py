@@ -69,18 +69,12 @@ def _features(
     return features, *_outputs(prior.block_parameters(features, []))
 
 
-class SecondPassGraph(_PriorGraph):
-    """features, first pass -> parameters of the second pass."""
+class PassGraph(_PriorGraph):
+    """features, one or two passes -> parameters of the next pass."""
 
-    def forward(self, features: Tensor, pass_0: Tensor) -> tuple[Tensor, Tensor]:
-        return _outputs(self.prior.block_parameters(features, [pass_0.double()]))
-
-
-class ThirdPassGraph(_PriorGraph):
-    """features, first and second pass -> parameters of the third pass."""
-
-    def forward(self, features: Tensor, pass_0: Tensor, pass_1: Tensor) -> tuple[Tensor, Tensor]:
-        return _outputs(self.prior.block_parameters(features, [pass_0.double(), pass_1.double()]))
+    def forward(self, features: Tensor, pass_0: Tensor, pass_1: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        passes = [one.double() for one in (pass_0, pass_1) if one is not None]
+        return _outputs(self.prior.block_parameters(features, passes))
 
 
 class FirstStepGraph(_PriorGraph):
@@ -91,23 +85,14 @@ class FirstStepGraph(_PriorGraph):
         return step_0, *_outputs(self.prior.steps["1"]([features, self.prior.surroundings(step_0.double())]))
 
 
-class SecondStepGraph(_PriorGraph):
-    """features, steps 0 and 1 -> parameters of step 2."""
+class StepGraph(_PriorGraph):
+    """features, two or three steps -> parameters of the next step."""
 
-    def forward(self, features: Tensor, step_0: Tensor, step_1: Tensor) -> tuple[Tensor, Tensor]:
-        return _step_parameters(self.prior, features, step_0, step_1)
-
-
-class ThirdStepGraph(_PriorGraph):
-    """features, steps 0 to 2 -> parameters of step 3."""
-
-    def forward(self, features: Tensor, step_0: Tensor, step_1: Tensor, step_2: Tensor) -> tuple[Tensor, Tensor]:
-        return _step_parameters(self.prior, features, step_0, step_1, step_2)
-
-
-def _step_parameters(prior: LatentPrior, features: Tensor, *steps: Tensor) -> tuple[Tensor, Tensor]:
-    around = [prior.surroundings(step.double()) for step in steps]
-    return _outputs(prior.steps[str(len(steps))]([features, *around]))
+    def forward(
+        self, features: Tensor, step_0: Tensor, step_1: Tensor, step_2: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        around = [self.prior.surroundings(step.double()) for step in (step_0, step_1, step_2) if step is not None]
+        return _outputs(self.prior.steps[str(len(around))]([features, *around]))
 
 
 # Variable dimensions; rows and columns are those at 1/32 resolution.
@@ -178,9 +163,9 @@ def prior_graphs(prior: LatentPrior) -> dict[str, Graph]:
             {"lambda_q": lambda_q, "z_hat": z_hat} | {f"context_{number}": step for number in range(4)},
             ("features", *parameters),
         ),
-        "pass_1": Graph(SecondPassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters),
+        "pass_1": Graph(PassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters),
         "pass_2": Graph(
-            ThirdPassGraph(prior),
+            PassGraph(prior),
             {"features": features, "pass_0": quarter_pass, "pass_1": quarter_pass},
             parameters,
         ),
@@ -189,9 +174,9 @@ def prior_graphs(prior: LatentPrior) -> dict[str, Graph]:
             {"features": features, "pass_0": quarter_pass, "pass_1": quarter_pass, "pass_2": half_pass},
             ("step_0", *parameters),
         ),
-        "step_2": Graph(SecondStepGraph(prior), {"features": features, "step_0": step, "step_1": step}, parameters),
+        "step_2": Graph(StepGraph(prior), {"features": features, "step_0": step, "step_1": step}, parameters),
         "step_3": Graph(
-            ThirdStepGraph(prior),
+            StepGraph(prior),
             {"features": features, "step_0": step, "step_1": step, "step_2": step},
             parameters,
         ),
