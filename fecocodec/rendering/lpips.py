@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from fecocodec.checkpoint import SHIPPED, load_into, read_tensors
 from fecocodec.errors import InputError, ModelError
-from fecocodec.rendering.perceptual import normalised, unit_features
+from fecocodec.rendering.perceptual import distance_of_features, normalised
 
 LPIPS_WEIGHTS = SHIPPED / "lpips"
 
@@ -92,10 +92,8 @@ class Lpips(nn.Module):
                 x = F.max_pool2d(x, self.trunk.pool, stride=2)
             x = F.relu(self.get_submodule(f"conv{number}")(x))
             if number in self.trunk.compared:
-                unit = unit_features(x)
-                difference = (unit[: len(images)] - unit[len(images) :]).square()
-                head = self.get_submodule(f"linear{self.trunk.compared.index(number)}")
-                distance = distance + head(difference).mean(dim=(1, 2, 3))
+                weights = self.get_submodule(f"linear{self.trunk.compared.index(number)}")
+                distance = distance + distance_of_features(x, weights)
         return distance
 
 

@@ -18,21 +18,15 @@ def psnr(
     images: Float[Tensor, "*batch channel height width"],
     targets: Float[Tensor, "*batch channel height width"],
     ignored: Bool[Tensor, "*batch height width"] | None = None,
+    *,
+    added_error: float = 0.0,
 ) -> Float[Tensor, "*batch"]:
     """Return the peak signal-to-noise ratio of each image in dB, for values in [0, 1]; infinite for equal images.
 
-    ignored: pixels that do not count; None if all do.
+    ignored: pixels that do not count; None if all do. added_error: added to the mean squared error; with more than 0
+    the ratio and its gradient are finite.
     """
-    return -10.0 * torch.log10(_mean_square(images - targets, ignored))
-
-
-def finite_psnr(
-    images: Float[Tensor, "*batch channel height width"],
-    targets: Float[Tensor, "*batch channel height width"],
-    ignored: Bool[Tensor, "*batch height width"] | None = None,
-) -> Float[Tensor, "*batch"]:
-    """Return the PSNR of each image with 1e-10 added to its error: at most 100 dB, and with a finite gradient."""
-    return -10.0 * torch.log10(_mean_square(images - targets, ignored) + 1e-10)
+    return -10.0 * torch.log10(_mean_square(images - targets, ignored) + added_error)
 
 
 def _mean_square(

@@ -45,9 +45,7 @@ class StLpips(nn.Module):
         x = normalised(torch.cat((images, targets)))
         for number in range(1, len(_KERNELS_AND_PADDINGS) + 1):
             x = self._slice(number, x)
-            unit = unit_features(x)
-            difference = (unit[: len(images)] - unit[len(images) :]).square()
-            distance = distance + self.get_submodule(f"linear{number}")(difference).mean(dim=(1, 2, 3))
+            distance = distance + distance_of_features(x, self.get_submodule(f"linear{number}"))
         return distance
 
     def _slice(self, number: int, x: Float[Tensor, "image _ _ _"]) -> Float[Tensor, "image _ _ _"]:
@@ -90,9 +88,15 @@ def normalised(images: Float[Tensor, "image 3 height width"]) -> Float[Tensor, "
     return (2.0 * images - 1.0 - shift) / scale
 
 
-def unit_features(x: Float[Tensor, "image channel _ _"]) -> Float[Tensor, "image channel _ _"]:
-    """Divide features by their norm over channels; gradients are finite for features that are all 0."""
-    return x / (x.square().sum(dim=1, keepdim=True).clamp_min(torch.finfo(x.dtype).tiny).sqrt() + _EPSILON)
+def distance_of_features(x: Float[Tensor, "both channel _ _"], weights: nn.Module) -> Float[Tensor, " image"]:
+    """Return the weighted squared difference of unit features, mean over positions. both: images, then targets.
+
+    Gradients are finite for features that are all 0.
+    """
+    norm = x.square().sum(dim=1, keepdim=True).clamp_min(torch.finfo(x.dtype).tiny).sqrt()
+    images, targets = (x / (norm + _EPSILON)).chunk(2)
+    distances: Tensor = weights((images - targets).square()).mean(dim=(1, 2, 3))
+    return distances
 
 
 def _blurred(x: Float[Tensor, "image channel _ _"]) -> Float[Tensor, "image channel _ _"]:

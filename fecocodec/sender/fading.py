@@ -19,7 +19,7 @@ from fecocodec.container import FADING_BLOCKS
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import joined_masks
-from fecocodec.rendering.metrics import finite_psnr
+from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.coverage import BLACK
 from fecocodec.sender.scene import Guides
@@ -27,6 +27,7 @@ from fecocodec.sender.scene import Guides
 LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them
 # Chosen on captures that the weights were not trained on (docs/what_we_learned.md, More views).
 NUM_STEPS = 4
+ADDED_ERROR = 1e-10  # to the mean squared error: the PSNR is at most 100 dB, with a finite gradient
 GUIDES_OF_STEP = 4  # about; more take turns
 STEP = 1.5  # learning rate of Adam, for the logits of the factors
 LEAST_SLOPE = 1e-3  # dB: epsilon of Adam. Blocks whose slopes are smaller change little
@@ -89,7 +90,8 @@ def fader(
 
     def quality(gaussians: Gaussians, view: int) -> Tensor:
         color = render(gaussians, cameras_of_all.select([view]), size, background).color.clamp(0, 1)
-        return finite_psnr(color, pictures[[view]], None if ignored is None else ignored[[view]])[0]
+        of_view = None if ignored is None else ignored[[view]]
+        return psnr(color, pictures[[view]], of_view, added_error=ADDED_ERROR)[0]
 
     def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
         logits = images.new_zeros(grid) if before is None else before.logits.clone()
