@@ -98,7 +98,7 @@ class SceneEncoder:
                 features = self.feedback(feedback, inputs.condition)  # F_{k+1} = E_fb(I, I_k_hat)
             else:
                 part("coding stage 1")
-                feedback, features = None, self.features(inputs.condition)  # F1 = E_mv(I)
+                feedback, features = None, self.features(inputs.condition)  # F1 = E_mv(I, P)
             stages.append(self.code_stage(features, inputs, code, improve, part, feedback))
         return tuple(stages)
 
@@ -154,7 +154,7 @@ class SceneEncoder:
         return matching
 
     def features(self, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
-        """Return F1 = E_mv(I). Only that of a conditioned adapter depends on the rate."""
+        """Return F1 = E_mv(I, P). Only that of a conditioned adapter depends on the rate."""
         extractor = self.codec.sender.extractor
         return extractor.fuse(self.images, self.matching, condition) if extractor.is_conditioned else self._features
 
