@@ -65,14 +65,16 @@ class TwoViewMatches:
 
     def errors_px(self, rotation: Rotations, direction: Direction, zoom: float) -> Float[np.ndarray, " match"]:
         """Return the signed Sampson distances."""
-        first, second = self.rays(zoom)
-        essential = np.cross(np.eye(3), direction) @ rotation
-        lines_second, lines_first = first @ essential.T, second @ essential
-        slope_first = (lines_first[:, :2] ** 2).sum(1) / (zoom * self.focal_px[0]) ** 2
-        slope_second = (lines_second[:, :2] ** 2).sum(1) / (zoom * self.focal_px[1]) ** 2
-        errors: Float[np.ndarray, " match"] = (second * lines_second).sum(1) / np.sqrt(
-            slope_first + slope_second + 1e-18
-        )
+        x, y, z = direction
+        essential = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0))) @ rotation
+        focal_first, focal_second = (zoom * focal for focal in self.focal_px)
+        first, second = self.first.T / focal_first, self.second.T / focal_second
+        lines_first = essential[:2].T @ second + essential[2][:, None]
+        lines_second = essential[:, :2] @ first + essential[:, 2:]
+        slope_first = (lines_first[0] ** 2 + lines_first[1] ** 2) / focal_first**2
+        slope_second = (lines_second[0] ** 2 + lines_second[1] ** 2) / focal_second**2
+        distances = second[0] * lines_second[0] + second[1] * lines_second[1] + lines_second[2]
+        errors: Float[np.ndarray, " match"] = distances / np.sqrt(slope_first + slope_second + 1e-18)
         return errors
 
     def depths(self, fit: TwoViewFit) -> tuple[Float[np.ndarray, " match"], Float[np.ndarray, " match"]]:
