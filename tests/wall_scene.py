@@ -78,6 +78,8 @@ def take(shot: Shot) -> np.ndarray:
     for _ in range(20):
         step = 1e-6
         residual = _bend(plane, shot) - seen
+        if np.abs(residual).max() < 1e-12:
+            break
         columns = [(_bend(plane + step * axis, shot) - residual - seen) / step for axis in np.eye(2)]
         plane -= np.linalg.solve(np.stack(columns, axis=-1), residual[..., None])[..., 0]
     rays = np.concatenate((plane, np.ones_like(plane[..., :1])), axis=-1)

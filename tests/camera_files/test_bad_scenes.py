@@ -244,12 +244,12 @@ def test_one_image_in_two_frames(scene):
 def test_an_image_without_a_camera_is_told(scene):
     from shutil import copy
 
-    assert read_views(scene).notes == ()
+    assert read_views(scene, near=1.0, far=9.0).notes == ()
     for name in ("b.png", "a.png", "note.txt", "000_depth_0001.png", "000.normal.png"):  # the last two: maps of 000.png
         copy(scene / "images" / "000.png", scene / "images" / name)
     told = "a.png, b.png have no camera in transforms.json and are not used; add one for each, or choose by `views`."
-    assert read_views(scene).notes == (told,)
-    assert read_views(scene, views=(0, 1)).notes == ()
+    assert read_views(scene, near=1.0, far=9.0).notes == (told,)
+    assert read_views(scene, views=(0, 1), near=1.0, far=9.0).notes == ()
 
 
 def test_no_focal_length(scene):

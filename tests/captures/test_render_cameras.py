@@ -34,7 +34,7 @@ def assert_same_cameras(found, expected):
 @pytest.mark.parametrize("size", [None, (64, 96)])
 def test_photographs_are_not_needed(write, size, tmp_path):
     folder = write(tmp_path / "scene", shots(3, distortion=BARREL))
-    expected = read_views(folder, views=(2, 0), size=size)
+    expected = read_views(folder, views=(2, 0), size=size, near=1.0, far=9.0)
     remove_photographs(folder)
     assert_same_cameras(read_render_cameras(folder, views=(2, 0), size=size), expected)
 
@@ -42,7 +42,7 @@ def test_photographs_are_not_needed(write, size, tmp_path):
 def test_cameras_of_the_3dgs_reference_are_read(tmp_path):
     """As `decode --save-cameras cameras.json` writes them, and training with the reference implementation."""
     folder = write_transforms(tmp_path / "scene", shots(3))
-    views = read_views(folder)
+    views = read_views(folder, near=1.0, far=9.0)
     remove_photographs(folder)
     cameras = CameraArrays(
         views.cameras.extrinsics.numpy(), views.cameras.intrinsics.numpy(), 1.0, 9.0, views.image_size
@@ -102,7 +102,7 @@ def test_a_colmap_model_is_read_from_its_own_folder(tmp_path):
 
 def test_a_format_without_sizes_needs_one(tmp_path):
     folder = write_realestate10k(tmp_path / "scene", shots(2))
-    expected = read_views(folder)
+    expected = read_views(folder, near=1.0, far=9.0)
     for image in folder.glob("*.png"):
         image.unlink()
     with pytest.raises(InputError, match="the camera file states no image size; put the image there or give `size`"):
