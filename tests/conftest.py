@@ -57,6 +57,14 @@ def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def estimated_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cameras of the same two photographs are estimated once a process."""
+    from tests.estimated_once import estimated_once
+
+    monkeypatch.setattr("fecocodec.poses.posed_folder.reconstruct", estimated_once)
+
+
 @pytest.fixture(scope="session")
 def codec(random_weights: Path) -> "Codec":
     """The networks of `random_weights`, which no test changes."""

@@ -10,7 +10,7 @@ from fecosplat_cli import batch_options
 from fecocodec.batch import run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
-FAST = ("--effort", "fast", "--views", "0,1")
+FAST = ("--effort", "fast", "--views", "0,1", "--stages", "1")
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_a_batch_is_as_strict_as_encode(
     for name in ("quality_warnings", "left_out_warnings"):
         monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments: ())
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
-    strict = (*FAST, "--strict")
+    strict = (*FAST, "--guides", "none", "--strict")
     assert fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict).code == 0
     batch = ("batch", "encode", scenes, "-o", output, "--shard", "2/2", *strict)
     assert fecosplat(*batch).code == 0
@@ -80,6 +80,7 @@ def test_a_batch_is_as_strict_as_encode(
     assert json.loads((output / "wall.fcs.json").read_text())["error"] == error
 
 
+@pytest.mark.usefixtures("estimated_once")
 def test_a_note_of_estimated_cameras_is_no_warning(fecosplat, networks, tmp_path: Path, output: Path) -> None:
     """The warning about the focal length of a rectified pair is one."""
     pytest.importorskip("pycolmap")
@@ -95,13 +96,22 @@ def test_a_note_of_estimated_cameras_is_no_warning(fecosplat, networks, tmp_path
 
 
 def test_a_second_run_skips_and_the_summary_says_so(fecosplat, networks, scenes: Path, output: Path) -> None:
+    """--verbose prints each scene with throughput, -q failures alone."""
     arguments = ("batch", "encode", scenes, "-o", output, "--shard", "1/1", *FAST)
-    fecosplat(*arguments)
-    result = fecosplat(*arguments)
-    assert "0 done, 1 skipped, 1 failed" in result.err
-    rows = [line.split("\t")[:2] for line in (output / "summary.1-of-1.tsv").read_text().splitlines()]
-    assert rows == [["scene", "status"], ["empty", "failed"], ["wall", "skipped"]]
-    assert "1 done, 0 skipped, 1 failed" in fecosplat(*arguments, "--lambda", "1e-2").err
+    result = fecosplat(*arguments, "--verbose")
+    assert " s   50%  empty failed; 1 of 2 scenes, " in result.err
+    assert " s  100%  wall done; 2 of 2 scenes, " in result.err
+    assert " a minute, 0 s left\n" in result.err and "1 done, 0 skipped, 1 failed" in result.err
+    assert "0 done, 1 skipped, 1 failed" in fecosplat(*arguments).err
+    assert rows_of_summary(output) == [["scene", "status"], ["empty", "failed"], ["wall", "skipped"]]
+    result = fecosplat(*arguments, "--lambda", "1e-2", "-q")
+    assert (result.code, result.out, result.err.count("\n")) == (1, "", 1)
+    assert result.err.startswith("empty failed: ")
+    assert rows_of_summary(output)[2] == ["wall", "done"]
+
+
+def rows_of_summary(folder: Path) -> list[list[str]]:
+    return [line.split("\t")[:2] for line in (folder / "summary.1-of-1.tsv").read_text().splitlines()]
 
 
 def test_summary_and_sidecar_name_options_as_the_terminal_does(fecosplat, networks, scenes: Path, output: Path) -> None:
@@ -110,19 +120,6 @@ def test_summary_and_sidecar_name_options_as_the_terminal_does(fecosplat, networ
     assert result.err.startswith(f"wall failed: {sentence}\n")
     assert (output / "summary.2-of-2.tsv").read_text().splitlines()[1].endswith(f"\t{sentence}")
     assert json.loads((output / "wall.fcs.json").read_text())["error"] == sentence
-
-
-def test_quiet_prints_failures_alone(fecosplat, networks, scenes: Path, output: Path) -> None:
-    result = fecosplat("batch", "encode", scenes, "-o", output, "--shard", "1/1", *FAST, "-q")
-    assert (result.code, result.out, result.err.count("\n")) == (1, "", 1)
-    assert result.err.startswith("empty failed: ")
-
-
-def test_verbose_prints_each_scene_with_throughput(fecosplat, networks, scenes: Path, output: Path) -> None:
-    result = fecosplat("batch", "encode", scenes, "-o", output, "--shard", "1/1", *FAST, "--verbose")
-    assert " s   50%  empty failed; 1 of 2 scenes, " in result.err
-    assert " s  100%  wall done; 2 of 2 scenes, " in result.err
-    assert " a minute, 0 s left\n" in result.err
 
 
 @pytest.mark.parametrize("command", ["encode", "decode"])
@@ -171,7 +168,7 @@ def test_a_missing_extra_names_it_and_the_way_without(
         "project's folder, or use one process by --workers 1.\n"
     )
     assert not (tmp_path / "output").exists()
-    alone = fecosplat("batch", "encode", scenes, "-o", tmp_path / "output", "--workers", "1")
+    alone = fecosplat("batch", "encode", scenes, "-o", tmp_path / "output", "--workers", "1", *FAST)
     assert "several processes" not in alone.err
     assert list((tmp_path / "output").glob("*.fcs"))
 

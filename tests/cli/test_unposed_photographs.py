@@ -13,6 +13,7 @@ from fecocodec.photographs.image_headers import read_image_size
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 FAST = ("--size", "96x64", "--stages", "1", "--effort", "fast")
+pytestmark = pytest.mark.usefixtures("estimated_once")
 
 
 @pytest.fixture
@@ -171,19 +172,13 @@ def test_focal_px_is_not_in_millimetres(fecosplat, unposed: Path, tmp_path: Path
     assert "give --focal-px in pixels of the photographs, not in millimetres.\n" in result.err
 
 
-def test_videos_beside_photographs_are_named(fecosplat, unposed: Path, tmp_path: Path) -> None:
-    pytest.importorskip("pycolmap")
-    (unposed / "clip.mp4").touch()
-    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", *FAST)
-    assert result.code == 0
-    assert "note: videos beside photographs are not used (clip.mp4); give one itself to use it.\n" in result.err
-
-
-def test_cameras_in_the_folder_above_are_named(fecosplat, tmp_path: Path) -> None:
+def test_videos_beside_photographs_and_cameras_in_the_folder_above_are_named(fecosplat, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     scene = Path(shutil.copytree(EXAMPLE, tmp_path / "scene"))
+    (scene / "images" / "clip.mp4").touch()
     result = fecosplat("encode", scene / "images", "-o", tmp_path / "a.fcs", *FAST)
     assert result.code == 0, result.err
+    assert "note: videos beside photographs are not used (clip.mp4); give one itself to use it.\n" in result.err
     note = f"note: {scene / 'transforms.json'} has cameras; to use them instead, give the folder {scene}.\n"
     assert note in result.err
 
