@@ -43,6 +43,7 @@ def full_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fecocodec.atomic.os.replace", refuse)
 
 
+FAST = ("--views", "0,1", "--guides", "none", "--stages", "1", "--effort", "fast")
 NO_SPACE = "writing failed (No space left on device); check free space and permissions or choose another output path."
 
 
@@ -50,7 +51,7 @@ NO_SPACE = "writing failed (No space left on device); check free space and permi
 def test_full_disk_when_encoding(fecosplat, photographs: Path, output: Path, full_disk) -> None:
     """The file is written last, after the warnings about its quality."""
     full_disk(0, ".fcs")
-    result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", "0,1", "--effort", "fast")
+    result = fecosplat("encode", photographs, "-o", output / "a.fcs", *FAST)
     assert (result.code, result.out, list(output.iterdir())) == (1, "", [])
     assert result.err.splitlines()[-1] == f"fecosplat: {output / 'a.fcs'}: {NO_SPACE}"
 
@@ -91,7 +92,7 @@ def test_folders_are_made_for_a_file_and_go_again_on_failure(
     stream, file = tmp_path / "wall.fcs", output / "new" / "folder" / name
     stream.write_bytes(wall)
     arguments = {
-        "a.fcs": ("encode", photographs, "--views", "0,1", "--effort", "fast"),
+        "a.fcs": ("encode", photographs, *FAST),
         "a.ply": ("decode", stream, "--save-cameras", output / "cameras" / "cameras.json"),
         "a.png": ("render", stream),
     }[name]

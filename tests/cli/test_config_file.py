@@ -11,6 +11,8 @@ import pytest
 from fecocodec.container import inspect
 from tests.cli.conftest import CommandLine
 
+SMALL = ("--views", "0,1", "--guides", "none", "--size", "64x64")
+
 
 def test_values_of_the_table_are_defaults(fecosplat, networks, photographs: Path, tmp_path: Path) -> None:
     config, output = tmp_path / "options.toml", tmp_path / "wall.fcs"
@@ -86,7 +88,7 @@ def test_a_wrong_value_of_the_command_line_is_not_blamed_on_the_file(fecosplat, 
 @pytest.mark.usefixtures("networks")
 def test_a_target_is_kept_and_its_lambda_is_shown(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
     file = tmp_path / "scene.fcs"
-    options = ("--views", "0,1", "--effort", "fast", "--json")
+    options = (*SMALL, "--effort", "fast", "--json")
     largest = json.loads(fecosplat("encode", photographs, "-o", file, *options, "--target-kib", 1000).out)["bytes"]
     target = 0.7 * largest / 1024
     result = fecosplat("encode", photographs, "-o", file, *options, "--target-kib", target, "--overwrite")
@@ -97,7 +99,7 @@ def test_a_target_is_kept_and_its_lambda_is_shown(fecosplat: CommandLine, photog
 
 @pytest.mark.usefixtures("networks")
 def test_targets_out_of_reach_are_refused(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
-    arguments = ("encode", photographs, "-o", tmp_path / "scene.fcs", "--views", "0,1", "--effort", "fast")
+    arguments = ("encode", photographs, "-o", tmp_path / "scene.fcs", *SMALL, "--effort", "fast")
     small = fecosplat(*arguments, "--target-kib", "0.1")
     assert small.code == 1 and "a file of 0.1 KiB cannot be made, the smallest has" in small.err
     good = fecosplat(*arguments, "--target-psnr", "80")
@@ -127,5 +129,5 @@ def test_options_that_contradict_each_other(
 def test_a_single_stage_is_optimised_too(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
     files = [tmp_path / f"{effort}.fcs" for effort in ("fast", "default")]
     for effort, file in zip(("fast", "default"), files, strict=True):
-        assert fecosplat("encode", photographs, "-o", file, "--stages", "1", "--effort", effort).code == 0
+        assert fecosplat("encode", photographs, "-o", file, *SMALL, "--stages", "1", "--effort", effort).code == 0
     assert files[0].read_bytes() != files[1].read_bytes()

@@ -108,6 +108,7 @@ def test_warnings_come_before_the_work(
 
 
 ONE_VIEW = ("--views", "view_0.png", "--guides", "none", "--effort", "fast", "--stages", "1")
+TWO_VIEWS = ("--views", "0,1", "--effort", "fast", "--stages", "1")
 NO_PARALLAX = "one view has no parallax, so its depth is unreliable; add a view from another position"
 ERROR = "(--strict makes this warning an error)."
 
@@ -124,7 +125,7 @@ def test_strict_covers_the_decoded_views_and_keeps_an_older_file(
 ) -> None:
     """Untrained networks decode to poor views; this warning is the last one, after the file is coded."""
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
-    arguments = ("encode", photographs, "-o", output / "a.fcs", "--views", "0,1", "--effort", "fast", "--json")
+    arguments = ("encode", photographs, "-o", output / "a.fcs", *TWO_VIEWS, "--json")
     (warning,) = json.loads(fecosplat(*arguments).out)["warnings"]
     (output / "a.fcs").write_bytes(b"precious")
     assert warning.startswith("the decoded views are poor")
@@ -142,7 +143,7 @@ def test_strict_without_a_warning_changes_nothing(
         monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments: ())
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
     for name, strict in (("a.fcs", ()), ("b.fcs", ("--strict",))):
-        result = fecosplat("encode", photographs, "-o", output / name, "--views", "0,1", "--effort", "fast", *strict)
+        result = fecosplat("encode", photographs, "-o", output / name, *TWO_VIEWS, *strict)
         assert result.code == 0 and "warning:" not in result.err
     assert (output / "a.fcs").read_bytes() == (output / "b.fcs").read_bytes()
 

@@ -14,7 +14,7 @@ from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
 from fecocodec.geometry.views import Views
 from tests.example_scenes import write_views
 
-OPTIONS = EncodingOptions(effort="fast", num_stages=1, num_checks=0)
+OPTIONS = EncodingOptions(effort="fast", num_stages=1, num_checks=0, is_measured=False)
 
 
 def room(centres: list[tuple[float, float, float]]) -> Views:

@@ -28,15 +28,10 @@ pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module i
 
 
 @given(streams())
-def test_a_stream_is_read_back_as_written(stream: Stream) -> None:
+def test_a_stream_is_read_back_as_written_and_a_prefix_ends_after_its_payload(stream: Stream) -> None:
     data = write_stream(stream)
     assert read_stream(data) == stream
     assert write_stream(read_stream(data)) == data
-
-
-@given(streams())
-def test_a_prefix_ends_after_its_payload(stream: Stream) -> None:
-    data = write_stream(stream)
     b1 = next(section for section in list_sections(data) if section.name == "B1")
     cut = data[: b1.offset + 9 + b1.length]
     expected = replace(stream, payloads=stream.payloads[:1], metadata=None, detail=None)
