@@ -23,9 +23,8 @@ def jaxtyped(*, typechecker: Any) -> Callable[[Any], Any]:
         if not inspect.isclass(target):
             return _once(target, _jaxtyped(target, typechecker=typechecker))
         unchecked = target.__init__
-        _jaxtyped(target, typechecker=typechecker)
-        if target.__init__ is not unchecked:
-            target.__init__ = _once(unchecked, target.__init__)
+        if (checked := _jaxtyped(target, typechecker=typechecker).__init__) is not unchecked:
+            target.__init__ = _once(unchecked, checked)
         return target
 
     return decorated

@@ -1,4 +1,4 @@
-"""Tests run with every annotated type and tensor shape of the library checked at each call.
+"""Tests run with annotated types and tensor shapes of the library checked, see `tests/checked_calls.py`.
 
 Property tests draw the same examples in every run: a commit passes or fails, not both.
 Threads of OpenMP sleep while they wait: beside other processes of tests, spinning ones take six times as long.
@@ -10,9 +10,11 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import jaxtyping
 import pytest
 from hypothesis import settings
-from jaxtyping import install_import_hook
+
+from tests import checked_calls
 
 if TYPE_CHECKING:
     from fecocodec.sender.codec import Codec
@@ -44,7 +46,12 @@ def checked_modules() -> list[str]:
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
-install_import_hook(checked_modules(), "beartype.beartype")
+jaxtyping.jaxtyped = checked_calls.jaxtyped
+jaxtyping.install_import_hook(checked_modules(), "beartype.beartype")
+
+
+def pytest_runtest_setup() -> None:
+    checked_calls.forget_calls()
 
 
 @pytest.fixture(scope="session")
