@@ -47,8 +47,8 @@ def test_guides_teach_systems_that_learn_alone(random_weights: Path, monkeypatch
         return encode_with(*arguments, **options)
 
     monkeypatch.setattr(systems, "encode_with", encode)
-    found = score(systems.guided_system(codec, 1e-3), "scene", context, 2, guides)
-    assert found == score(systems.codec_system(codec, 1e-3), "scene", context, 2, guides)
+    found = score(systems.guided_system(codec, 1e-3, effort="fast"), "scene", context, 2, guides)
+    assert found == score(systems.codec_system(codec, 1e-3, effort="fast"), "scene", context, 2, guides)
     assert taught == [guides, None]
 
 

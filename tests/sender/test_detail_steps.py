@@ -19,7 +19,8 @@ from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
-WITHOUT = replace(DEFAULT, detail_steps=0)
+DETAIL = DEFAULT.with_steps(1)  # few steps of the latents, which are not what is tested
+WITHOUT = replace(DETAIL, detail_steps=0)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +30,7 @@ def views() -> Views:
 
 @pytest.fixture(scope="module")
 def with_detail(views: Views) -> bytes:
-    return encode(views, lmbda=1e-4)
+    return encode(views, lmbda=1e-4, effort=DETAIL)
 
 
 class Shown(References):
@@ -93,7 +94,7 @@ def test_detail_raises_the_quality_of_the_photographs(views: Views, with_detail:
 
 def test_smaller_lambdas_buy_more_detail(views: Views, with_detail: bytes) -> None:
     sizes = []
-    for data in (encode(views, lmbda=1e-3), with_detail, encode(views, lmbda=1e-5)):
+    for data in (encode(views, lmbda=1e-3, effort=DETAIL), with_detail, encode(views, lmbda=1e-5, effort=DETAIL)):
         detail = read_stream(data).detail
         sizes.append(0 if detail is None else len(detail.payload))
     assert sizes[0] == 0
@@ -106,7 +107,7 @@ def test_many_views_have_detail_at_every_lambda() -> None:
     assert price_of_detail(3, lambda_q) > price_of_detail(4, lambda_q)
     generator = torch.Generator().manual_seed(3)
     four = SyntheticScenes(pattern_textures(8)).sample(generator, num_context=4, num_target=0, size=(64, 96)).views
-    with_detail = encode(four, lmbda=1e-3)
+    with_detail = encode(four, lmbda=1e-3, effort=DETAIL)
     assert read_stream(with_detail).detail is not None
     without = encode(four, lmbda=1e-3, effort=WITHOUT)
     better, plain = (measure_decoded(data, four)[-1].psnr for data in (with_detail, without))

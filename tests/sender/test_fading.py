@@ -14,10 +14,12 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.fading import LEAST_VIEWS, Fading, fader, fading_of
+from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene import Guides
 from tests.example_scenes import MODEL, example_views
 
 DEPTH, SIDE, NUM_VIEWS = 1.5, 64, 5
+FEW_STEPS = DEFAULT.with_steps(1)
 
 
 @pytest.fixture(scope="module")
@@ -109,18 +111,18 @@ def test_no_section_is_written_if_nothing_is_faded() -> None:
 
 def test_a_file_of_many_views_fades_and_one_of_few_does_not(random_weights: Path) -> None:
     model = random_weights / MODEL
-    many = encode(example_views(LEAST_VIEWS), model=model)
+    many = encode(example_views(LEAST_VIEWS), effort=FEW_STEPS, model=model)
     fading = read_stream(many).fading
     assert fading is not None and len(fading) == LEAST_VIEWS * 16 // 4
     faint, full = (decode(data, model=model, has_background=False) for data in (many, without_fading(many)))
     assert faint.gaussians.opacities.sum() < full.gaussians.opacities.sum()
-    assert read_stream(encode(example_views(LEAST_VIEWS - 1), model=model)).fading is None
+    assert read_stream(encode(example_views(LEAST_VIEWS - 1), effort=FEW_STEPS, model=model)).fading is None
     assert read_stream(encode(example_views(LEAST_VIEWS), effort="fast", model=model)).fading is None
 
 
 def test_scenes_that_would_take_long_are_not_faded(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fecocodec.sender.encode.MAX_PIXELS", LEAST_VIEWS * 64 * 64 - 1)
-    data = encode(example_views(LEAST_VIEWS), model=random_weights / MODEL)
+    data = encode(example_views(LEAST_VIEWS), effort=FEW_STEPS, model=random_weights / MODEL)
     assert read_stream(data).fading is None
 
 

@@ -19,7 +19,7 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.training.synthetic.scenes import SyntheticScenes
 from fecocodec.training.synthetic.textures import pattern_textures
 
-SIZE = (96, 96)
+SIZE = (64, 96)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_guides_raise_the_quality_where_they_are(views: Views) -> None:
     context, guides = views.select([0, 1]), views.select([2, 3])
     plain, guided = encode(context), encode(context, guides=guides)
     assert quality(guided, guides) > quality(plain, guides)
-    assert encode(context, guides=guides.select([])) == plain
+    assert encode(context, guides=guides.select([]), effort="fast") == encode(context, effort="fast")
 
 
 def test_a_guide_of_another_scene_is_left_out_and_named(codec: Codec, views: Views) -> None:

@@ -10,7 +10,7 @@ from fecocodec.evaluation.stress.box_room import Room, back_to_back, look, paint
 from fecocodec.geometry.turned_pair import best_turn
 from fecocodec.geometry.views import Views
 from fecocodec.sender.input_warnings import check_input
-from fecocodec.sender.optimisation_config import BEST, DEFAULT, OptimisationConfig
+from fecocodec.sender.optimisation_config import DEFAULT
 
 
 def context_of(poses: torch.Tensor) -> Views:
@@ -21,12 +21,11 @@ def test_good_views_get_no_warning() -> None:
     assert check_input(context_of(sideways())) == ()
 
 
-@pytest.mark.parametrize("effort", [DEFAULT, BEST])
-def test_too_many_pixels_for_latent_optimisation(effort: OptimisationConfig) -> None:
+def test_too_many_pixels_for_latent_optimisation() -> None:
     views, pixels = context_of(sideways()), 2 * 64 * 64
-    (warning,) = check_input(views, replace(effort, max_pixels=pixels - 1))
+    (warning,) = check_input(views, replace(DEFAULT, max_pixels=pixels - 1))
     assert warning.startswith("the views have 8,192 pixels in all, more than the 8,191 up to which latents are")
-    assert check_input(views, replace(effort, max_pixels=pixels)) == check_input(views, "fast") == ()
+    assert check_input(views, replace(DEFAULT, max_pixels=pixels)) == check_input(views, "fast") == ()
 
 
 @pytest.mark.parametrize(

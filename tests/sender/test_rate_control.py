@@ -27,7 +27,7 @@ from fecocodec.sender.rate_control import (
 from fecocodec.sender.view_quality import DecodedQuality
 from tests.example_scenes import MODEL, example_views
 
-CONFIG = DEFAULT.with_steps(2)
+CONFIG = DEFAULT.with_steps(1)
 NAMES = ("left.jpg", "right.jpg")
 
 

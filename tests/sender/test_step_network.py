@@ -41,7 +41,7 @@ def test_an_untrained_network_changes_no_byte_and_a_changed_one_does(codec: Code
 
 
 def test_sharpness_is_the_share_of_the_sharp_network(codec: Codec) -> None:
-    views, config = example_views(2), DEFAULT.with_steps(3)
+    views, config = example_views(2), DEFAULT.with_steps(1)
     both = with_steps(codec)
     sender = Sender(replace(both.sender.config, has_sharp_steps=True), codec.receiver.config)
     sharp = {f"sharp_{name}": value for name, value in both.sender.state_dict().items() if name.startswith("steps.")}

@@ -1,5 +1,6 @@
 """Kept batches: the features are those that the frozen extractor gives, and a run with them leaves it as it is."""
 
+import math
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -32,7 +33,7 @@ def it(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
     shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
     schedule = Schedule(3, one_stage_until=0, bypass_until=0, warm_up=1)
     configuration = Configuration(shapes, schedule, frozen=("extractor",), kept_batches=2)
-    settings = RunSettings(tmp_path_factory.mktemp("kept"), configuration, 5.0)
+    settings = RunSettings(tmp_path_factory.mktemp("kept"), configuration, 5.0, samples_every_minutes=math.inf)
     return Trainer(settings, Sources(SyntheticScenes(pattern_textures(13)), None))
 
 
@@ -107,7 +108,7 @@ def test_a_run_with_kept_batches_trains_all_but_the_extractor(it: Trainer, tmp_p
 
 def test_kept_results_of_matching_train_the_fusion_alone_of_the_extractor(it: Trainer, tmp_path: Path) -> None:
     configuration = replace(it.settings.configuration, frozen=("matching",))
-    trainer = Trainer(RunSettings(tmp_path / "run", configuration, 5.0), it.sources)
+    trainer = Trainer(replace(it.settings, folder=tmp_path / "run", configuration=configuration), it.sources)
     before = {name: value.clone() for name, value in trainer.networks.state_dict().items()}
     extracted = trainer.draw_batch()[1]
     assert extracted is not None and extracted.features is None

@@ -28,12 +28,14 @@ from tests.example_scenes import MODEL
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
-def trainer(folder: Path, num_steps: int = 4, seed: int = 0) -> Trainer:
+def trainer(folder: Path, num_steps: int = 4, seed: int = 0, samples_every_minutes: float = math.inf) -> Trainer:
     """Tiny: one scene of three 64x64 views a step; two steps of warm-up (one with a single stage), then the rate."""
     folder.mkdir(parents=True, exist_ok=True)
     shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
     schedule = Schedule(num_steps, one_stage_until=1, bypass_until=2, warm_up=1)
-    settings = RunSettings(folder, Configuration(shapes, schedule), 5.0, seed, log_every=2)
+    settings = RunSettings(
+        folder, Configuration(shapes, schedule), 5.0, seed, log_every=2, samples_every_minutes=samples_every_minutes
+    )
     return Trainer(settings, Sources(SyntheticScenes(pattern_textures(13)), None))
 
 
@@ -43,8 +45,8 @@ def weights_of(it: Trainer) -> list[torch.Tensor]:
 
 @pytest.fixture(scope="module")
 def finished(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
-    """Four steps in one go."""
-    it = trainer(tmp_path_factory.mktemp("finished") / "run")
+    """Four steps in one go, the first of which shows sample pictures."""
+    it = trainer(tmp_path_factory.mktemp("finished") / "run", samples_every_minutes=1e3)
     it.rows = list(train(it))  # type: ignore[attr-defined]
     return it
 
@@ -56,6 +58,7 @@ def test_a_run_logs_finite_losses_and_leaves_one_whole_checkpoint(finished: Trai
     assert rows[0]["bpp1"] == 0.0 and rows[1]["bpp1"] > 0.0  # the warm-up codes nothing
     folder = finished.settings.folder
     assert sorted(path.name for path in folder.iterdir()) == ["last.pt", "log.csv", "samples"]
+    assert [path.name for path in (folder / "samples").iterdir()] == ["step_000001.png"]
     assert len((folder / "log.csv").read_text().splitlines()) == 3
 
 
@@ -171,17 +174,16 @@ def test_a_run_that_is_out_of_time_logs_saves_and_stops(tmp_path: Path) -> None:
 
 
 def test_a_skipped_batch_is_counted_and_spoils_no_mean(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    it = trainer(tmp_path)
+    it = trainer(tmp_path, num_steps=2)
     real = trainer_module.loss_of
 
     def broken_once(batch: Batch, *others: Any) -> tuple[torch.Tensor, dict[str, float]]:
         loss, parts = real(batch, *others)
-        return (loss * float("nan"), parts | {"mse1": float("nan")}) if it.step == 2 else (loss, parts)
+        return (loss * float("nan"), parts | {"mse1": float("nan")}) if it.step == 1 else (loss, parts)
 
     monkeypatch.setattr(trainer_module, "loss_of", broken_once)
-    rows = list(train(it))
-    assert [row["skipped"] for row in rows] == [0.0, 1.0]
-    assert all(math.isfinite(value) for value in rows[1].values())
+    (row,) = train(it)
+    assert row["skipped"] == 1.0 and all(math.isfinite(value) for value in row.values())
     assert all(bool(value.isfinite().all()) for value in it.networks.state_dict().values())
 
 

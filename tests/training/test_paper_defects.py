@@ -1,6 +1,7 @@
 """Regression tests of defects that would degrade or stop the paper's training."""
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -71,7 +72,7 @@ def test_all_frames_have_one_crop_under_the_public_geometry(tmp_path: Path) -> N
         public = open_sources(chunks, None, configuration).photographs
         own = open_sources(chunks, None, replace(configuration, sender=PaperSenderConfig(geometry="exact"))).photographs
         assert isinstance(public, ChunkScenes) and isinstance(own, ChunkScenes)
-        for seed in range(4):
+        for seed in range(2):
             intrinsics = draw(public, seed).views.cameras.intrinsics
             assert torch.equal(intrinsics, intrinsics[:1].expand_as(intrinsics))
         if protocol is None:
@@ -218,7 +219,14 @@ def test_validation_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> 
     sources = Sources(SyntheticScenes(pattern_textures(13)), chunks, chunks)
     one_lambda = replace(TINY, lambda_range=(1e-3, 1e-3), schedule=replace(TINY.schedule, num_steps=2))
     settings = RunSettings(
-        tmp_path / "run", one_lambda, None, log_every=2, validate_every=2, validation_scenes=1, keep_every=1
+        tmp_path / "run",
+        one_lambda,
+        None,
+        log_every=2,
+        validate_every=2,
+        validation_scenes=1,
+        keep_every=1,
+        samples_every_minutes=math.inf,
     )
     settings.folder.mkdir()
     it = Trainer(settings, sources)

@@ -18,26 +18,20 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
     return it
 
 
-def test_a_grid_has_a_row_a_scene_and_shows_photographs_stages_and_disparity(run: Trainer) -> None:
-    path = RunMonitor(run).draw_samples()
-    assert path == run.settings.folder / "samples" / "step_000003.png"
-    tiles = 2 + 1 + 2 + 2  # context, target, target after each stage, its disparity
-    assert read_image(path).shape == (3, 64 * NUM_SCENES, 64 * tiles)
-
-
-def test_drawing_changes_nothing_that_training_depends_on(run: Trainer) -> None:
+def test_every_run_shows_the_same_scenes_and_drawing_changes_nothing_else(run: Trainer, tmp_path: Path) -> None:
+    """A row a scene: photographs, then the targets after each stage, then disparity."""
     before, noise = run.generator.get_state(), torch.get_rng_state()
     weights = [value.clone() for value in run.networks.state_dict().values()]
-    RunMonitor(run).draw_samples()
+    path = RunMonitor(run).draw_samples()
     assert torch.equal(run.generator.get_state(), before) and torch.equal(torch.get_rng_state(), noise)
     assert all(torch.equal(a, b) for a, b in zip(weights, run.networks.state_dict().values(), strict=True))
     assert all(parameter.grad is None for parameter in run.networks.parameters())
-
-
-def test_every_run_shows_the_same_scenes(run: Trainer, tmp_path: Path) -> None:
+    assert path == run.settings.folder / "samples" / "step_000003.png"
+    tiles = 2 + 1 + 2 + 2  # context, target, target after each stage, its disparity
+    assert read_image(path).shape == (3, 64 * NUM_SCENES, 64 * tiles)
     other = trainer(tmp_path, seed=9)
     other.step = 3
-    shown, again = (read_image(RunMonitor(it).draw_samples())[..., : 3 * 64] for it in (run, other))
+    shown, again = (read_image(of)[..., : 3 * 64] for of in (path, RunMonitor(other).draw_samples()))
     assert torch.equal(shown, again)
 
 

@@ -20,7 +20,7 @@ from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import StageInputs
-from fecocodec.training import step_learning
+from fecocodec.training import loop, step_learning
 from fecocodec.training.batch import Batch, BatchShapes
 from fecocodec.training.configurations import Configuration
 from fecocodec.training.loop import SCENES_OF_A_STEP
@@ -65,11 +65,21 @@ def trained(codec: Codec, configuration: Configuration) -> list[dict[str, float]
     return list(train_step_network(codec, Sources(OneScene(), None), configuration, optimisation=TWO_STEPS))
 
 
-def test_the_network_changes_and_nothing_else() -> None:
+def test_the_network_changes_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenes are moved to the device of the networks."""
+    moved: list[str] = []
+    to = Batch.to
+
+    def recorded(batch: Batch, device: str) -> Batch:
+        moved.append(device)
+        return to(batch, device)
+
+    monkeypatch.setattr(Batch, "to", recorded)
     codec = new_codec()
     before = deepcopy(codec)
-    rows = trained(codec, short(2))
-    assert [(row["step"], row["skipped"]) for row in rows] == [(2.0, 0.0)]
+    rows = trained(codec, short(1))
+    assert moved == ["cpu"] * SCENES_OF_A_STEP
+    assert [(row["step"], row["skipped"]) for row in rows] == [(1.0, 0.0)]
     assert {f"{name}{stage}" for name in ("loss", "context", "target", "log_bits") for stage in (1, 2)} <= rows[
         0
     ].keys()
@@ -81,19 +91,6 @@ def test_the_network_changes_and_nothing_else() -> None:
     )
 
 
-def test_scenes_are_moved_to_the_device_of_the_networks(monkeypatch: pytest.MonkeyPatch) -> None:
-    moved: list[str] = []
-    to = Batch.to
-
-    def recorded(batch: Batch, device: str) -> Batch:
-        moved.append(device)
-        return to(batch, device)
-
-    monkeypatch.setattr(Batch, "to", recorded)
-    trained(new_codec(), short(1))
-    assert moved == ["cpu"] * SCENES_OF_A_STEP
-
-
 @pytest.mark.parametrize("views", [LEAST_VIEWS - 1, LEAST_VIEWS])
 def test_many_views_are_faded_as_in_encoding(monkeypatch: pytest.MonkeyPatch, views: int) -> None:
     found: list[tuple[int, bool]] = []
@@ -103,6 +100,7 @@ def test_many_views_are_faded_as_in_encoding(monkeypatch: pytest.MonkeyPatch, vi
         return gaussians_of(encoder, inputs, y_hat)
 
     monkeypatch.setattr(step_learning, "gaussians_of", recorded)
+    monkeypatch.setattr(loop, "SCENES_OF_A_STEP", 1)
     trained(new_codec(), short(1, views))
     assert set(found) == {(1, False), (2, views == LEAST_VIEWS)}
 
