@@ -48,7 +48,7 @@ def views_of(count: int, is_cut_out: bool) -> Views:
 
 
 @torch.no_grad()
-@pytest.mark.parametrize(("count", "is_cut_out"), [(2, False), (4, False), (5, False), (2, True), (4, True)])
+@pytest.mark.parametrize(("count", "is_cut_out"), [(2, False), (4, False), (8, False), (2, True), (4, True)])
 def test_feedback_and_objective_show_what_is_decoded(codec: Codec, count: int, is_cut_out: bool) -> None:
     views = views_of(count, is_cut_out)
     scene = prepare_scene(views, codec.device)
