@@ -1,4 +1,8 @@
-"""Entropy coding of the latents of one stage to a payload, and back."""
+"""Entropy coding of the latents of one stage to a payload, and back, as bitstream_spec/ENTROPY.md defines it.
+
+`coding_order` has the order of the symbols, `priors` the table of each, `entropy.symbol_coders` the ANS coder. Without
+torch, `runtime.decode` reads payloads in the same order, with exported graphs as the prior.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
