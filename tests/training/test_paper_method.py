@@ -118,7 +118,7 @@ def test_training_and_decoding_have_predicted_harmonics(batch: Batch) -> None:
     assert decode_with(codec.receiver, data).gaussians.harmonics.shape[1] == 9
     last = codec.receiver.predictor.head[2].weight.requires_grad_()
     code = code_with_additive_noise(codec.receiver, codec.sender)
-    first = run_paper_stages(codec.sender, codec.receiver, batch, code, 2)[0]
+    (first, _), _ = run_stages(codec.sender, codec.receiver, batch, code, 2, has_all_targets=True)
     (gradient,) = torch.autograd.grad(first.images.square().sum(), last)
     assert (gradient[4 * 14 :].abs().amax(dim=(1, 2, 3)) > 0).all()  # of coefficients 1 to 8 of four Gaussians
     with pytest.raises(ModelError, match="degree 2 are not supported with the method 'compact'; choose at most 0"):
