@@ -16,7 +16,9 @@ SEED = 0
 RADIAL_FROM = 6  # photographs; fewer do not determine the lens distortion
 _MANY = 12  # photographs; with more, all cameras are adjusted less often before the last bundle adjustment
 _GROWTH, _MOST_REFINEMENTS = 1.3, 2  # of cameras or points until the next adjustment of all, and steps of one
-_LEAST_GAIN = 1e-5  # of the cost, relative, in each step of the last adjustment of many; small ones move cameras of few
+# The last adjustment of many photographs ends when a step lowers the cost by a smaller share than this. With few
+# photographs, such steps still move the cameras.
+_LEAST_GAIN = 1e-5
 _FOCAL_RANGE = (0.3, 3.0)  # longer image sides; a lens of 11 to 108 mm on 35 mm film
 _ANY_FOCAL = (0.01, 100.0)  # a given one was checked
 # Share of the verified matches that a reconstruction has to explain, else looser attempts follow.

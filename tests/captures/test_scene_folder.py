@@ -70,11 +70,11 @@ def test_lens_distortion_is_removed(write, distortion, tmp_path):
 
 
 @pytest.mark.parametrize("model", ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"])
-def test_colmap_camera_models(model, tmp_path):
-    """Binary tables number them; text names them as these do."""
+@pytest.mark.parametrize("write", [write_colmap_text, write_colmap_binary])
+def test_colmap_camera_models(write, model, tmp_path):
     known = {"SIMPLE_RADIAL": ["k1"], "RADIAL": ["k1", "k2"], "OPENCV": list(BARREL)}.get(model, [])
     taken = shots(2, fy=100.0, distortion={key: BARREL[key] for key in known})
-    assert mean_colour_error(read(write_colmap_binary(tmp_path / "scene", taken, model))) < 0.003
+    assert mean_colour_error(read(write(tmp_path / "scene", taken, model))) < 0.003
 
 
 RATIONAL = BARREL | {"k3": 0.01, "k4": 0.05, "k5": -0.02, "k6": 0.004}
@@ -92,9 +92,10 @@ FISHEYE = {"k1": -0.05, "k2": 0.01, "k3": -0.003, "k4": 0.001}
         ("OPENCV_FISHEYE", "FISHEYE", {}),
     ],
 )
-def test_wide_and_rational_lenses_of_colmap(model, written, distortion, tmp_path):
+@pytest.mark.parametrize("write", [write_colmap_text, write_colmap_binary])
+def test_wide_and_rational_lenses_of_colmap(write, model, written, distortion, tmp_path):
     taken = shots(2, fx=70.0, fy=70.0, distortion=distortion, model=model)
-    assert mean_colour_error(read(write_colmap_binary(tmp_path / "scene", taken, written))) < 0.004
+    assert mean_colour_error(read(write(tmp_path / "scene", taken, written))) < 0.004
 
 
 @pytest.mark.parametrize(("model", "distortion"), [("FULL_OPENCV", RATIONAL), ("OPENCV_FISHEYE", FISHEYE)])

@@ -113,9 +113,9 @@ def ends_of_stages(data: bytes) -> list[int]:
     return [section.offset + 9 + section.length for section in sections]
 
 
-def test_at_any_byte_the_stages_before_it_are_intact() -> None:
+def test_at_every_byte_the_stages_before_it_are_intact() -> None:
     ends, payloads = ends_of_stages(EVERY_KIND), read_stream(EVERY_KIND).payloads
-    for cut in {*range(0, len(EVERY_KIND), 5), *ends, *(end - 1 for end in ends)}:
+    for cut in range(len(EVERY_KIND)):
         num_stages = sum(end <= cut for end in ends)
         if num_stages == 0:
             with pytest.raises(BitstreamError):

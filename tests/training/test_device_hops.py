@@ -83,7 +83,7 @@ def batch_on_device(num_context: int, num_target: int, size: tuple[int, int]) ->
         return Batch(images, cameras, depth, num_context, torch.empty(1, dtype=torch.long))
 
 
-@pytest.mark.parametrize(("name", "num_context"), [("paper-re10k", 2), ("paper-dl3dv", 4)])
+@pytest.mark.parametrize(("name", "num_context"), [("paper-re10k", 2), ("paper-dl3dv", 8)])
 def test_a_pass_of_the_paper_stays_on_the_device(name: str, num_context: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The host reads the equality of intrinsics, and the choice of source views in two places; see the page."""
     monkeypatch.setattr(training_pass, "render", rendered)
