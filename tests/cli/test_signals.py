@@ -88,7 +88,7 @@ def test_a_signal_while_writing_leaves_no_part_of_a_file(number: signal.Signals,
     assert list(output.iterdir()) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", LINES)
 def test_a_signal_while_cameras_are_estimated_is_one_line(number: signal.Signals, output: Path) -> None:
     """pycolmap installs a handler of its own for SIGTERM, which prints a stack."""
     pytest.importorskip("pycolmap")
