@@ -1,7 +1,8 @@
-"""Draw the README's chart: `python benchmarks/make_readme_chart.py ROOT INDEX`.
+"""Draw the README's chart: `python benchmarks/make_readme_chart.py ROOT INDEX [--views 8]`.
 
 Measures the codec, AVIF photographs and the best plane on 12 pairs, or reuses what `make report` has measured in
-out/report, prints PSNR at equal bytes and writes docs/rate_distortion.png.
+out/report, prints PSNR at equal bytes and writes docs/rate_distortion.png. With --views, the entries with so many
+context views take the place of the pairs, at three lambdas, and the chart is docs/report/VIEWS_views.png.
 """
 
 import argparse
@@ -21,36 +22,39 @@ from fecocodec.evaluation.systems.groups import systems_of
 from fecocodec.sender.codec import load_codec
 
 BASELINES = ("AVIF", "best plane")
-OPTIMISED = "AVIF, optimised at the receiver"  # in the table alone
+OPTIMISED = "AVIF, optimised at the receiver"  # of pairs in the table alone
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("root", type=Path, help="folder of scenes")
     parser.add_argument("index", type=Path, help="evaluation index (JSON)")
+    parser.add_argument("--views", type=int, default=2, help="context views of an entry  [default: 2]")
     arguments = parser.parse_args()
+    is_of_pairs = arguments.views == 2
     plan = ReportPlan(arguments.root, arguments.index, SHIPPED / DEFAULT_MODEL, Path("out/report"), Path("docs"))
     codec = load_codec(plan.model, "cpu")
     baselines = [
         system for system in systems_of(["images", "trivial"], codec, ()) if system.name in (*BASELINES, OPTIMISED)
     ]
-    systems = [*systems_of(["codec"], codec, plan.lambdas), *baselines]
-    pairs = choose_entries(read_index(plan.index), 2, plan.entries, plan.index)
+    systems = [*systems_of(["codec"], codec, plan.lambdas if is_of_pairs else plan.few_lambdas), *baselines]
+    entries = choose_entries(read_index(plan.index), arguments.views, plan.entries, plan.index)
     make_folder(plan.work)
     label = weights_label(plan.model, plan.size)
     read = open_scenes(plan.root, plan.size)
-    found = tuple(measure_all(read, pairs, systems, RecordFile(plan.work / RECORDS), label))
+    found = tuple(measure_all(read, entries, systems, RecordFile(plan.work / RECORDS), label))
     rows = averages(found)
-    title = f"Rate and quality, weights {plan.model.name}, {len(pairs)} pairs"
+    kind = "pairs" if is_of_pairs else f"entries of {arguments.views} views"
+    title = f"Rate and quality, weights {plan.model.name}, {len(entries)} {kind}"
     chart = Chart(
         "rate_distortion",
         title,
         "KiB a scene",
         "PSNR of target views, dB",
-        curves_of([row for row in rows if row.system != OPTIMISED]),
+        curves_of([row for row in rows if row.system != OPTIMISED or not is_of_pairs]),
         True,
     )
-    write_png(chart, plan.output / "rate_distortion.png")
+    write_png(chart, plan.output / ("rate_distortion.png" if is_of_pairs else f"report/{arguments.views}_views.png"))
     print(equal_bytes_table(found, [row.system for row in rows]))
     print(comparison_table(rows))
     print(as_tsv(rows))

@@ -72,12 +72,12 @@ def estimate_depth_range(views: Views, guides: Views | None = None) -> tuple[flo
     num_views = len(views.images)
     if guides is not None:
         views = joined([views, guides])
-    grey, baselines = small_grey(views.images), _baselines(views.cameras)
+    grey, baselines = _small_grey(views.images), facing_baselines(views.cameras)
     for ranks in (_RANKS, (-1,)):  # the farthest camera where those beside a view are at its own position
         pairs = _pairs_of(baselines[:num_views], ranks)
         if not pairs:
             return DEFAULT_RANGE
-        depths = torch.cat([consistent_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
+        depths = torch.cat([_consistent_depths(grey[list(pair)], views.cameras.select(list(pair))) for pair in pairs])
         if bounds := bounds_of_depths(depths.numpy()):
             return bounds[0] / _ESTIMATE_MARGIN, bounds[1] * _ESTIMATE_MARGIN
     baseline = float(baselines.min())
@@ -89,12 +89,12 @@ def agreed_depths(views: Views) -> AgreedDepths:
 
     Their share measures how well images and poses fit together. near and far of the cameras are ignored.
     """
-    baselines = _baselines(views.cameras)
+    baselines = facing_baselines(views.cameras)
     if not bool(baselines.isfinite().any()):
         return AgreedDepths([], torch.zeros(0), 0.0)
     pair = list(divmod(int(baselines.argmin()), len(baselines)))
-    grey = small_grey(views.images[pair])
-    depths = consistent_depths(grey, views.cameras.select(pair))
+    grey = _small_grey(views.images[pair])
+    depths = _consistent_depths(grey, views.cameras.select(pair))
     return AgreedDepths(pair, depths, len(depths) / grey[0].numel())
 
 
@@ -104,7 +104,7 @@ def _distances(cameras: Cameras) -> Float[Tensor, "view view"]:
     return distances
 
 
-def _baselines(cameras: Cameras) -> Float[Tensor, "view view"]:
+def facing_baselines(cameras: Cameras) -> Float[Tensor, "view view"]:
     """Return the distances of cameras that look the same way, within 60 degrees; infinite for others.
 
     It is infinite for cameras at one position, too. If no two look the same way, all others count.
@@ -129,23 +129,19 @@ def _pairs_of(baselines: Float[Tensor, "view other"], ranks: tuple[int, ...]) ->
     return pairs
 
 
-def small_grey(
-    images: Float[Tensor, "view 3 height width"], long_side: int = _LONG_SIDE
-) -> Float[Tensor, "view 1 small_height small_width"]:
-    """Return the means over the colours, reduced to `long_side` pixels."""
-    scale = min(1.0, long_side / max(images.shape[-2:]))
+def _small_grey(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "view 1 small_height small_width"]:
+    """Return the means over the colours, reduced to _LONG_SIDE pixels."""
+    scale = min(1.0, _LONG_SIDE / max(images.shape[-2:]))
     grey = images.mean(dim=1, keepdim=True)
     size = [max(1, round(side * scale)) for side in images.shape[-2:]]
     return F.interpolate(grey, size, mode="bilinear", antialias=True, align_corners=False)
 
 
-def consistent_depths(
-    grey: Float[Tensor, "2 1 height width"], cameras: Cameras, num_depths: int = _NUM_DEPTHS
-) -> Float[Tensor, " n"]:
+def _consistent_depths(grey: Float[Tensor, "2 1 height width"], cameras: Cameras) -> Float[Tensor, " n"]:
     """Return depths in the first of two views, at pixels where the depths of both views are consistent."""
-    log_step = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (num_depths - 1)
-    there, seen_there = _sweep(grey, cameras, num_depths)
-    back, seen_back = _sweep(grey.flip(0), cameras.select([1, 0]), num_depths)
+    log_step = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (_NUM_DEPTHS - 1)
+    there, seen_there = _sweep(grey, cameras)
+    back, seen_back = _sweep(grey.flip(0), cameras.select([1, 0]))
     uv, depth_in_second = _project_into_second(there[None], cameras)
     grid = 2 * uv - 1
     found = F.grid_sample(back.log()[None, None], grid, mode="nearest", align_corners=False)[0, 0]
@@ -166,23 +162,23 @@ def _has_like_neighbours(
 
 
 def _sweep(
-    grey: Float[Tensor, "2 1 height width"], cameras: Cameras, num_depths: int
+    grey: Float[Tensor, "2 1 height width"], cameras: Cameras
 ) -> tuple[Float[Tensor, "height width"], Bool[Tensor, "height width"]]:
     """Return the best depth of each pixel of the first view, and whether its match is good and unambiguous."""
     height, width = grey.shape[-2:]
     baseline = _distances(cameras)[0, 1]
-    steps = torch.linspace(0, 1, num_depths, dtype=torch.float64, device=grey.device)
+    steps = torch.linspace(0, 1, _NUM_DEPTHS, dtype=torch.float64, device=grey.device)
     depths = (baseline * _SWEEP[0] * (_SWEEP[1] / _SWEEP[0]) ** steps).to(grey.dtype)
     uv, depth_in_second = _project_into_second(depths[:, None, None].expand(-1, height, width), cameras)
-    warped = F.grid_sample(grey[1:].expand(num_depths, -1, -1, -1), 2 * uv - 1, align_corners=False)
+    warped = F.grid_sample(grey[1:].expand(_NUM_DEPTHS, -1, -1, -1), 2 * uv - 1, align_corners=False)
     correlation, contrast = _correlation(grey[:1], warped)
     visible = (depth_in_second > 0) & ((uv > 0) & (uv < 1)).all(dim=-1)
     correlation = correlation[:, 0].masked_fill(~visible, -1.0)
     best, index = correlation.max(dim=0)
-    is_near_best = (torch.arange(num_depths, device=grey.device)[:, None, None] - index).abs() <= 4
+    is_near_best = (torch.arange(_NUM_DEPTHS, device=grey.device)[:, None, None] - index).abs() <= 4
     runner_up = correlation.masked_fill(is_near_best, -1.0).amax(dim=0)
     is_clear = (best > _MIN_CORRELATION) & (best - runner_up > _MIN_LEAD) & (contrast[0, 0] > _MIN_CONTRAST)
-    return depths[index], is_clear & (index > 0) & (index < num_depths - 1)
+    return depths[index], is_clear & (index > 0) & (index < _NUM_DEPTHS - 1)
 
 
 def _project_into_second(

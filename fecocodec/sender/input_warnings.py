@@ -1,6 +1,6 @@
 """Warnings about views that will give a poor reconstruction, from cameras and images alone, without networks."""
 
-from dataclasses import replace
+from collections import Counter
 
 import torch
 import torch.nn.functional as F
@@ -9,9 +9,10 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.coding_grid import grid_size
-from fecocodec.geometry.depth_range import AgreedDepths, agreed_depths
-from fecocodec.geometry.turned_pair import best_turn
-from fecocodec.geometry.views import Views
+from fecocodec.geometry.depth_range import agreed_depths, facing_baselines
+from fecocodec.geometry.pose_check import Fit, fit_of
+from fecocodec.geometry.sparse_matches import find_corners, match_corners
+from fecocodec.geometry.views import Views, joined
 from fecocodec.sender.optimisation_config import OptimisationConfig, config_of_effort
 
 LEAST_PARALLAX_DEGREES = 0.5  # between the viewing rays of a typical point: about two pixels of a 256-pixel image
@@ -20,22 +21,15 @@ LARGEST_DEPTH_RATIO = 1000.0  # far / near
 LARGEST_PIXEL_RATIO = 1.5  # between the sides of a pixel
 LARGEST_EXPOSURE_RATIO = 1.5  # between the mean sRGB values of two views
 DARKEST, BRIGHTEST = 0.04, 0.96  # mean sRGB value of all views
-# The axes are reported as reversed if, with y and z negated, the fraction of pixels with a consistent depth is at least
-# LEAST_AGREEMENT, and at least LEAST_GAIN times the fraction with the axes as given. Correct axes of real captures
-# reached a fraction of 0.15 after negation, or a gain of 2.2.
-LEAST_AGREEMENT = 0.15
-LEAST_GAIN = 6.0
 # far / near as given, over that of the depths in which the closest pair of views agrees, where these are LEAST_MATCHED
 # of the pixels or more.
 LARGEST_WIDTH = 30.0
 LEAST_MATCHED = 0.05
-# A camera counts as wrong if a turn of it raises the share of consistent depths LEAST_TURN_GAIN times, to LEAST_MATCHED
-# or more. Pairs that agree in ENOUGH_MATCHED of the pixels are not searched.
-LEAST_TURN_GAIN, ENOUGH_MATCHED = 2.5, 0.15
 # Mean distance of the channels from their mean, over mean brightness. Grey views are below the first, views in colour
 # above the second: 511 photographs of 86 captures have 0.010 to 0.45.
 LARGEST_GREY, LEAST_COLOUR = 0.003, 0.009
 _GRID = 8  # sample points per image side
+_NEIGHBOURS = 2  # with whose photographs each view is compared
 
 
 def check_input(
@@ -49,7 +43,8 @@ def check_input(
         *_warnings_about_cameras(views, guides),
         *_warnings_about_images(views.images),
         *_warnings_about_kinds(views),
-        *_warnings_about_depths(views),
+        *_warnings_about_bounds(views),
+        *_warnings_about_poses(views, guides),
         *_warnings_about_size(views, config_of_effort(effort)),
     )
 
@@ -139,28 +134,64 @@ def _names(names: tuple[str, ...], is_odd: Bool[Tensor, " view"], is_usual: Bool
     return f"{', '.join(odd)} {'is' if len(odd) == 1 else 'are'}"
 
 
-def _warnings_about_depths(views: Views) -> list[str]:
-    """Compare the bounds of depth and the camera axes with depths that need neither bounds nor networks."""
-    found = agreed_depths(views)
-    wrong_axes = _warnings_about_axes(views, found.share)
-    return [*_warnings_about_bounds(views.cameras, found), *(wrong_axes or _warnings_about_turns(views, found))]
+def _warnings_about_poses(views: Views, guides: Views | None) -> list[str]:
+    """Compare cameras with points that look alike. A view is named if it fits none of its neighbours, guides included.
+
+    A pair that does not fit, of views which both fit others, says nothing: patterns can repeat.
+    """
+    count, used = len(views.images), views if guides is None else joined([views, guides])
+    fits = _fits_of_neighbours(used, count)
+    right = [pair for pair, fit in fits.items() if fit.is_right]
+    if sum(fit.has_reversed_axes for fit in fits.values()) > len(right):
+        return [
+            "the views agree much better with y and z axes reversed in all cameras; check whether the camera file uses "
+            "OpenCV axes instead of OpenGL axes, or the reverse."
+        ]
+    in_place, warnings = {view for pair in right for view in pair}, []
+    turned = {pair: fit for pair, fit in fits.items() if fit.is_turned and not in_place.issuperset(pair)}
+    while turned:
+        votes = Counter(view for pair in turned for view in pair if view not in in_place)
+        suspect = max(votes, key=lambda view: (votes[view], view < count))
+        of_suspect = {pair: fit for pair, fit in turned.items() if suspect in pair}
+        pair, fit = max(of_suspect.items(), key=lambda item: item[1].count)
+        is_undecided = votes[pair[0]] == votes[pair[1]]
+        if suspect < count:
+            named = pair if is_undecided else (suspect,)
+            warnings.append(_warning_about_turn([used.names[view] for view in named], fit))
+        turned = {pair: fit for pair, fit in turned.items() if pair not in of_suspect}
+    return warnings
 
 
-def _warnings_about_turns(views: Views, found: AgreedDepths) -> list[str]:
-    """Detect poses that are wrong by degrees, in the closest pair of views."""
-    if not found.pair or found.share >= ENOUGH_MATCHED:
-        return []
-    turn = best_turn(views.select(found.pair))
-    if turn.turned < max(LEAST_MATCHED, LEAST_TURN_GAIN * turn.given):
-        return []
-    first, second = (views.names[view] for view in found.pair)
-    return [
-        f"{first} and {second} fit each other much better with a camera turned by about {turn.degrees:.0f} degrees, so "
-        "new views will be poor; check their poses, or leave the cameras out so that they are estimated."
-    ]
+def _warning_about_turn(names: list[str], fit: Fit) -> str:
+    """names: of one view that does not fit those beside it, or of two of which one is wrong."""
+    what = f"much better with a camera turned by about {fit.degrees:.0f} degrees, so new views will be poor; check"
+    if len(names) == 1:
+        return f"{names[0]} fits the photographs beside it {what} its pose, or leave it out by `views`."
+    return (
+        f"{' and '.join(names)} fit each other {what} their poses, or leave the cameras out so that they are estimated."
+    )
 
 
-def _warnings_about_bounds(cameras: Cameras, found: AgreedDepths) -> list[str]:
+def _fits_of_neighbours(views: Views, count: int) -> dict[tuple[int, int], Fit]:
+    """Return the fit of each of the first `count` views with the _NEIGHBOURS nearest views that look the same way."""
+    baselines = facing_baselines(views.cameras)
+    pairs = {
+        (min(view, other), max(view, other))
+        for view in range(count)
+        for other in baselines[view].argsort()[:_NEIGHBOURS].tolist()
+        if baselines[view, other].isfinite()
+    }
+    ignored = views.ignored if views.ignored is not None else [None] * len(views.images)
+    corners = {view: find_corners(views.images[view], ignored[view]) for view in sorted({v for p in pairs for v in p})}
+    return {
+        (first, second): fit_of(*match_corners(corners[first], corners[second]), views.cameras.select([first, second]))
+        for first, second in sorted(pairs)
+    }
+
+
+def _warnings_about_bounds(views: Views) -> list[str]:
+    """Compare the bounds of depth with depths that need neither bounds nor networks."""
+    cameras, found = views.cameras, agreed_depths(views)
     bounds = found.bounds
     if bounds is None or found.share < LEAST_MATCHED:
         return []
@@ -171,24 +202,6 @@ def _warnings_about_bounds(cameras: Cameras, found: AgreedDepths) -> list[str]:
         f"near and far are {given[0]:.3g} and {given[1]:.3g}, but matching finds the scene at depths of {near:.3g} to "
         f"{far:.3g}, so depth will be wrong or coarse; give `near` and `far` in the unit of the camera positions, or "
         "leave both out."
-    ]
-
-
-def _warnings_about_axes(views: Views, given: float) -> list[str]:
-    """Detect OpenGL axes given as OpenCV axes, or the reverse: they differ in the signs of y and z.
-
-    Cameras side by side that look in the same direction are consistent either way and give no warning. given: share of
-    pixels with a consistent depth, with the axes as given.
-    """
-    if LEAST_GAIN * given >= 1.0:
-        return []
-    reversed_axes = views.cameras.extrinsics * torch.tensor([1.0, -1.0, -1.0, 1.0])
-    turned = agreed_depths(replace(views, cameras=replace(views.cameras, extrinsics=reversed_axes))).share
-    if turned < max(LEAST_AGREEMENT, LEAST_GAIN * given):
-        return []
-    return [
-        "the depths of the views agree much better with y and z axes reversed in all cameras; check whether the "
-        "camera file uses OpenCV axes instead of OpenGL axes, or the reverse."
     ]
 
 

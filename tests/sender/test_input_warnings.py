@@ -1,16 +1,15 @@
 """Views that will reconstruct badly get a warning, others do not."""
 
-import math
 from dataclasses import replace
 
 import pytest
 import torch
 
 from fecocodec.evaluation.stress.box_room import Room, back_to_back, look, painted, photograph, sideways, turning
-from fecocodec.geometry.turned_pair import best_turn
 from fecocodec.geometry.views import Views
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.optimisation_config import DEFAULT
+from tests.turned_cameras import with_turned_camera
 
 
 def context_of(poses: torch.Tensor) -> Views:
@@ -86,25 +85,23 @@ def test_pixels_that_are_not_square() -> None:
 
 
 def test_a_camera_that_is_turned() -> None:
-    views = context_of(sideways())
-    assert best_turn(views).degrees == 0.0
-    extrinsics = views.cameras.extrinsics.clone()
-    extrinsics[1] = extrinsics[1] @ turned(6.0)
-    wrong = replace(views, cameras=replace(views.cameras, extrinsics=extrinsics))
-    found = best_turn(wrong)
-    assert found.degrees == pytest.approx(6.0, abs=0.5) and found.turned > 4.0 * found.given
-    (warning,) = check_input(wrong)
+    (warning,) = check_input(with_turned_camera(context_of(sideways()), 1, 6.0))
     assert warning.startswith(
         "view 0 and view 1 fit each other much better with a camera turned by about 6 degrees, so"
     )
 
 
-def turned(degrees: float) -> torch.Tensor:
-    """Return a turn about the x axis, which is nearly the baseline, as a 4x4 matrix."""
-    turn = torch.eye(4)
-    sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
-    turn[1:3, 1:3] = torch.tensor([[cosine, -sine], [sine, cosine]])
-    return turn
+def test_the_turned_camera_among_several_is_named() -> None:
+    poses = torch.stack([look((0.3 * number - 0.45, 0.05 * number, -1.5), 0.0) for number in range(4)])
+    views = photograph(Room(painted), poses, (64, 64))
+    assert check_input(views) == ()
+    wrong = with_turned_camera(views, 2, 6.0)
+    (warning,) = check_input(wrong)
+    assert warning.startswith(f"{wrong.names[2]} fits the photographs beside it much better with a camera turned by")
+    # Of two coded views, guides tell which one is wrong; a wrong guide is not a matter of this check.
+    (warning,) = check_input(wrong.select([0, 2]), guides=wrong.select([1, 3]))
+    assert warning.startswith(f"{wrong.names[2]} fits the photographs beside it")
+    assert check_input(wrong.select([0, 3]), guides=wrong.select([2])) == ()
 
 
 def test_views_of_other_kinds_than_the_rest() -> None:
