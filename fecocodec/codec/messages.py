@@ -48,6 +48,10 @@ class Messages:
                 self.notes.append(sentence)
                 self._on_note(sentence)
 
+    def chosen_lambda(self, lmbda: float) -> None:
+        """Note the lambda that was chosen for a target."""
+        self.note(f"lambda {lmbda:.3g} reaches the target.")
+
     def warn(self, *sentences: str) -> None:
         """Raises StrictError for the first warning if it is an error."""
         for sentence in map(self._told, sentences):

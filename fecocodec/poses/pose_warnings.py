@@ -10,12 +10,15 @@ _LEAST_EXPLAINED = 0.7  # of the matches between two parts of the photographs
 _FOCAL_SPAN, _OTHER_DIRECTION = 1.7, 15.0
 
 
-def reliability_warnings(found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
-    """Return a warning if the cameras may be wrong, else nothing; their reprojection error is small in any case."""
+def reliability_warnings(found: Reconstruction, groups: list[ImageGroup], focal_px: float) -> list[str]:
+    """Return a warning if the cameras may be wrong, else nothing; their reprojection error is small in any case.
+
+    focal_px: of the first camera, in pixels of its photograph, whose copy may be smaller.
+    """
     first = found.cameras[0]
     group = next(group for group in groups if first.name in group.names)
     change, is_fixed = first.lens.fx / group.focal_px, group.is_fixed
-    reasons = [] if found.ambiguity is None else _ambiguities(found.ambiguity, first.lens.fx)
+    reasons = [] if found.ambiguity is None else _ambiguities(found.ambiguity, focal_px)
     is_confirmed = not is_fixed and is_agreement(found.difference)
     if not 1 / _FOCAL_CHANGE < change < _FOCAL_CHANGE and not is_confirmed:
         reasons.append(f"the estimated focal length is {change:.2f} times the initial one")

@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ import numpy as np
 from fecocodec.atomic import require_space, temporary_folder, write_atomically
 from fecocodec.errors import InputError, some_of
 from fecocodec.geometry.depth_bounds import bounds_of_depths
-from fecocodec.photographs.image_headers import conversion_advice
+from fecocodec.photographs.image_headers import conversion_advice, read_image_size
+from fecocodec.photographs.lens import Lens
 from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
 from fecocodec.poses.pose_estimation import LEAST_ANGLE, LEAST_MATCHES, LEAST_POINTS, reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
@@ -54,9 +55,10 @@ class PosedFolder:
         Raises OutputError if the file cannot be written.
         """
         photographs = {photograph.name: photograph for photograph in self.photographs}
-        files = [_relative_path(photographs[camera.name], path.parent) for camera in self.reconstruction.cameras]
+        cameras = tuple(_of_photograph(camera, photographs[camera.name]) for camera in self.reconstruction.cameras)
+        files = [_relative_path(photographs[camera.name], path.parent) for camera in cameras]
         with write_atomically(path, overwrite=overwrite) as temporary:
-            temporary.write_text(json.dumps(_transforms(self.reconstruction, files), indent=2) + "\n", "utf-8")
+            temporary.write_text(json.dumps(_transforms(cameras, files), indent=2) + "\n", "utf-8")
 
 
 @contextmanager
@@ -91,10 +93,12 @@ def posed_folder(
             *(root / camera.name for camera in reconstruction.cameras),
         }:
             path.unlink()  # a photograph without a camera, of which `_left_out` tells
-        text = json.dumps(_transforms(reconstruction, [camera.name for camera in reconstruction.cameras]))
+        text = json.dumps(_transforms(reconstruction.cameras, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
-        notes += _notes(photographs, reconstruction, groups)
-        warnings += _left_out(photographs, reconstruction) + reliability_warnings(reconstruction, groups)
+        first = reconstruction.cameras[0]
+        lens = _of_photograph(first, next(path for path in photographs if path.name == first.name)).lens
+        notes += _notes(photographs, reconstruction, groups, lens)
+        warnings += _left_out(photographs, reconstruction) + reliability_warnings(reconstruction, groups, lens.fx)
         yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes), tuple(warnings))
 
 
@@ -162,17 +166,24 @@ def _pairs(count: int) -> str:
     return "pair" if count == 1 else "pairs"
 
 
-def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGroup]) -> list[str]:
-    """Return what was estimated."""
+def _of_photograph(camera: EstimatedCamera, path: Path) -> EstimatedCamera:
+    """Return the camera with its lens in pixels of the upright photograph, whose copy may be smaller."""
+    short, long = sorted(read_image_size(path))
+    width, height = (long, short) if camera.lens.width >= camera.lens.height else (short, long)
+    return replace(camera, lens=camera.lens.scaled_to(width, height, str(path)))
+
+
+def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGroup], lens: Lens) -> list[str]:
+    """Return what was estimated. lens: of the first camera, in pixels of its photograph."""
     cameras = found.cameras
     focal = "started from EXIF data" if all(group.is_known for group in groups) else "started from a standard lens"
     if all(group.is_fixed for group in groups):
         focal = "as given"
-    lens = cameras[0].lens
+    error_px = found.reprojection_error_px * lens.fx / cameras[0].lens.fx
     shared = [count for count in found.matches.values() if count >= _MANY_MATCHES]
     return [
         f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
-        f"{found.reprojection_error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
+        f"{error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
         f"{len(shared)} {_pairs(len(shared))} with {_MANY_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
         f"for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
     ]
@@ -209,10 +220,10 @@ def _relative_path(file: Path, folder: Path) -> str:
         return resolved.as_posix()
 
 
-def _transforms(found: Reconstruction, files: list[str]) -> dict[str, Any]:
+def _transforms(cameras: tuple[EstimatedCamera, ...], files: list[str]) -> dict[str, Any]:
     """Return the cameras in the layout of nerfstudio, with depth bounds if there are enough points."""
-    depths = np.concatenate([camera.depths for camera in found.cameras])
-    frames = [_frame(camera, file) for camera, file in zip(found.cameras, files, strict=True)]
+    depths = np.concatenate([camera.depths for camera in cameras])
+    frames = [_frame(camera, file) for camera, file in zip(cameras, files, strict=True)]
     bounds = bounds_of_depths(depths)
     if bounds is None:
         return {"camera_model": "OPENCV", "frames": frames}

@@ -11,13 +11,14 @@ from pathlib import Path
 import torch
 
 from fecocodec.checkpoint import model_folder
-from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
+from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX, dequantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import decoded_quality, new_view_quality
 from fecocodec.sender.encode import OnOmission, OnWarning, matched_scene, write_scene
+from fecocodec.sender.lambda_roles import decades_below
 from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtMostKib, Point, Target, is_inside, next_lambda_q
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.view_checks import check_views
@@ -26,8 +27,9 @@ from fecocodec.sender.view_quality import DecodedQuality
 FIRST_LAMBDA_Q = 1179  # lambda 1e-3
 NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS = 3, 3
 NEARBY_LAMBDA_Q = 64  # the curve is nearly linear over this distance, so the fast search ends
-# Gain of the default number of optimisation steps at equal lambda, on training scenes: ln(bytes) and dB.
-SIZE_GAIN, PSNR_GAIN = 0.13, 0.7
+# Gain of the default number of optimisation steps at equal lambda, on training scenes: ln(bytes), dB at lambda 1e-2,
+# and further dB for each power of ten below it, where files get detail.
+SIZE_GAIN, PSNR_GAIN, PSNR_GAIN_BELOW = 0.13, 0.9, 0.85
 TIME_OF_STEP = 0.5  # time that an optimisation step adds to an encoding, relative to one without optimisation
 
 
@@ -46,6 +48,7 @@ class Attempt:
 
 
 Encoder = Callable[[int, OptimisationConfig, OnProgress], Attempt]
+OnLambda = Callable[[float], None]
 
 
 def encode_to_target(
@@ -61,17 +64,20 @@ def encode_to_target(
     on_progress: OnProgress = ignore_progress,
     on_warning: OnWarning = lambda _sentence: None,
     on_omission: OnOmission | None = None,
+    on_lambda: OnLambda = lambda _lambda: None,
 ) -> bytes:
     """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
 
     target: `AtMostKib`, `AtLeastPsnr` or `AtLeastNewPsnr`. checks: photographs that the last of them is about, with
-    cameras in the world frame of the views. Raises InputError for views that cannot be encoded and for a target that no
-    lambda reaches, ModelError if weights cannot be loaded.
+    cameras in the world frame of the views. on_lambda: called with the lambda that is chosen. Raises InputError for
+    views that cannot be encoded and for a target that no lambda reaches, ModelError if weights cannot be loaded.
     """
     check_views(views, num_stages=2)
     config = config_of_effort(effort, sharpness)
     codec = load_codec(model_folder(model), device)
-    return encode_to_target_with(codec, views, target, config, on_progress, on_warning, guides, on_omission, checks)
+    return encode_to_target_with(
+        codec, views, target, config, on_progress, on_warning, guides, on_omission, checks, on_lambda
+    )
 
 
 @torch.inference_mode(False)
@@ -86,6 +92,7 @@ def encode_to_target_with(
     guides: Views | None = None,
     on_omission: OnOmission | None = None,
     checks: Views | None = None,
+    on_lambda: OnLambda = lambda _lambda: None,
 ) -> bytes:
     """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
     is_about_new = isinstance(target, AtLeastNewPsnr)
@@ -100,7 +107,9 @@ def encode_to_target_with(
         return Attempt(lambda_q, data, quality_of(codec.receiver, data, measured))
 
     num_steps = config.steps_of_last(encoder.num_pixels, FIRST_LAMBDA_Q)
-    return search(attempt, target, config, num_steps, measured.names, on_progress).data
+    best = search(attempt, target, config, num_steps, measured.names, on_progress)
+    on_lambda(dequantise_lambda(best.lambda_q))
+    return best.data
 
 
 def search(
@@ -175,7 +184,7 @@ def _is_done(full: Sequence[Attempt], target: Target) -> bool:
     if is_reached and len(full) >= NUM_FULL_ENCODINGS:
         return True
     unfavourable_end = LAMBDA_Q_MAX - _favourable_end(target)
-    return any(attempt.lambda_q == unfavourable_end for attempt in full) and is_reached
+    return any(point.lambda_q == unfavourable_end and point.margin >= 0.0 for point in points)
 
 
 def _require_reachable(
@@ -210,7 +219,10 @@ def _expected(fast: Point, target: Target, num_steps: int) -> Point:
     """Return the expected point of the full encoding at the lambda of this fast encoding."""
     if num_steps == 0:
         return fast
-    return replace(fast, margin=fast.margin + (SIZE_GAIN if isinstance(target, AtMostKib) else PSNR_GAIN))
+    if isinstance(target, AtMostKib):
+        return replace(fast, margin=fast.margin + SIZE_GAIN)
+    gain = PSNR_GAIN + PSNR_GAIN_BELOW * decades_below(LAMBDA_Q_MAX, fast.lambda_q)
+    return replace(fast, margin=fast.margin + gain)
 
 
 def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, names: tuple[str, ...]) -> str:

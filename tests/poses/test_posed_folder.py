@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,7 +30,7 @@ from fecocodec.poses.estimated_cameras import (
 )
 from fecocodec.poses.pose_estimation import reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
-from fecocodec.poses.posed_folder import _left_out, _obstacle, posed_folder
+from fecocodec.poses.posed_folder import PosedFolder, _left_out, _obstacle, posed_folder
 from fecocodec.poses.pycolmap_matching import read_points
 from fecocodec.poses.pycolmap_steps import refine
 from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
@@ -386,9 +387,19 @@ def test_the_difference_of_two_estimates_ignores_unit_of_length_and_short_baseli
     assert pose_difference(first, cameras_at((0, 0, 0), (1, 0, 0))) is None
 
 
+def test_saved_cameras_are_in_pixels_of_the_photographs_and_not_of_their_copies(tmp_path: Path) -> None:
+    Image.new("RGB", (800, 1200)).save(tmp_path / "0.jpg")
+    lens = Lens(400, 600, 288.0, 288.0, 200.0, 300.0, (0.1,))
+    camera = replace(cameras_at((0, 0, 0))[0], name="0.jpg", lens=lens)
+    posed = PosedFolder(tmp_path, (tmp_path / "0.jpg",), Reconstruction((camera,), 0.3, 8.0, {}, None), (), ())
+    posed.save_cameras(tmp_path / "cameras.json")
+    (frame,) = json.loads((tmp_path / "cameras.json").read_text())["frames"]
+    assert [frame[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy", "k1")] == [800, 1200, 576, 576, 400, 600, 0.1]
+
+
 def test_the_warning_of_a_given_focal_length_does_not_ask_for_it():
     found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, (2.0, 3.0))
-    (warning,) = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False, is_fixed=True)])
+    (warning,) = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False, is_fixed=True)], 288.0)
     assert "a second estimate from another initial pair differs" in warning and "EXIF" not in warning
 
 
@@ -410,7 +421,7 @@ def test_the_warning_of_a_given_focal_length_does_not_ask_for_it():
 )
 def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons: tuple[str, ...]):
     found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, difference)
-    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), focal_px, is_known=False)])
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), focal_px, is_known=False)], 288.0)
     assert len(warnings) == (1 if reasons else 0)
     for warning in warnings:
         assert warning.startswith("the cameras may be wrong: ") and warning.endswith(".")
@@ -420,7 +431,7 @@ def test_uncertain_cameras_give_one_warning(difference, focal_px: float, reasons
 @pytest.mark.parametrize(("explained", "is_warned"), [(0.7, False), (0.69, True)])
 def test_cameras_that_contradict_matches_are_warned_of(explained: float, is_warned: bool):
     found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {}, (0.1, 0.1), explained=explained)
-    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False)])
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False)], 288.0)
     assert ["they contradict 31% of the matches between two parts of them;" in one for one in warnings] == [
         True
     ] * is_warned
@@ -437,7 +448,7 @@ def test_cameras_that_contradict_matches_are_warned_of(explained: float, is_warn
 def test_what_two_photographs_leave_open_is_warned_of(ambiguity: Ambiguity, reason: str | None):
     """A second estimate is not compared: None is right for two photographs."""
     found = Reconstruction(cameras_at((0, 0, 0), (1, 0, 0)), 0.3, 8.0, {("0", "1"): 200}, None, ambiguity)
-    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False)])
+    warnings = reliability_warnings(found, [ImageGroup(("0", "1"), 288.0, is_known=False)], 288.0)
     assert len(warnings) == (0 if reason is None else 1)
     for warning in warnings:
         assert warning.count(reason) == 1

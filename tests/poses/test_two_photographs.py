@@ -47,7 +47,7 @@ def estimated(
     """Return the reconstruction of the projections from an estimate, and the warnings."""
     groups = [ImageGroup(("0", "1"), initial_px, is_known=known)]
     found = reconstruct_pair(Reconstruction(start, 0.3, 8.0, {}, (0.0, 0.0)), [start], projections(cameras), groups)
-    return found, reliability_warnings(found, groups)
+    return found, reliability_warnings(found, groups, found.cameras[0].lens.fx)
 
 
 def test_turned_cameras_are_found_from_a_start_in_another_direction():
