@@ -173,7 +173,7 @@ def _print_report(report: "Report") -> None:
     ]
     if rows:
         print_columns([tuple(rows[0]), *(tuple(row.values()) for row in rows)])
-    if all(row.lpips is None for row in report.averages):
+    if rows and all(row.lpips is None for row in report.averages):
         say(NO_LPIPS)
     for found in report.comparisons:
         rate = "no common quality" if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"

@@ -44,7 +44,7 @@ class PageServer(ThreadingHTTPServer):
             super().__init__((host, port), _Handler)
         except (OSError, UnicodeError) as error:
             reason = getattr(error, "strerror", None) or "no such address"
-            raise OutputError(f"{host}:{port}: cannot be listened at ({reason}); choose another one.") from error
+            raise OutputError(f"{host}:{port}: cannot be listened at ({reason}); change --port or --host.") from error
         self.contents = contents
         self.host = host
 

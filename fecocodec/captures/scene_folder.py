@@ -17,7 +17,7 @@ from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.coding_grid import LEAST_KEPT, filled
-from fecocodec.geometry.depth_bounds import bounds_of_depths
+from fecocodec.geometry.depth_bounds import bounds_of_depths, require_depths
 from fecocodec.geometry.depth_range import estimate_depth_range
 from fecocodec.geometry.views import Views, joined
 from fecocodec.input_file import StrPath
@@ -219,10 +219,6 @@ def with_depth_bounds(
         sparse_depths = np.concatenate([photograph.sparse_depths for photograph in chosen.photographs])
         known = bounds_of_depths(sparse_depths) or estimate_depth_range(views, guides)
         near, far = known[0] if near is None else near, known[1] if far is None else far
-    if not 0 < near < far < torch.finfo(torch.float32).max:
-        raise InputError(
-            f"{place}near {near:.6g} and far {far:.6g} are no range of depths; "
-            "0 < near < far is needed, set them with `near` and `far`."
-        )
+    require_depths(near, far, place)
     bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}
     return replace(views, cameras=replace(views.cameras, **bounds))

@@ -8,7 +8,9 @@ from fecocodec.captures.view_selection import All, Selection
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
-from fecocodec.sender.lambda_search import Target
+from fecocodec.geometry.depth_bounds import require_depths
+from fecocodec.photographs.framing import require_size
+from fecocodec.sender.lambda_search import AtLeastNewPsnr, Target
 
 DEFAULT_FRAMES = 40  # of a video, from which cameras are estimated; the time grows with their square
 
@@ -52,11 +54,17 @@ class EncodingOptions:
     num_threads: int = -1
 
     def __post_init__(self) -> None:
-        """Raise InputError or BitstreamError for a lambda or metadata that no file has, OptionError for a conflict."""
+        """Raise InputError or BitstreamError for values that no file has, OptionError for a conflict."""
         quantise_lambda(self.lmbda)
+        if self.size is not None:
+            require_size(self.size)
+        if self.near is not None and self.far is not None:
+            require_depths(self.near, self.far)
         pack_metadata(self.metadata)
         if self.target is not None and self.num_stages == 1:
             raise OptionError("`stages=1` has no rate control; leave out `stages` or the target.")
+        if isinstance(self.target, AtLeastNewPsnr) and self.num_checks == 0:
+            raise OptionError("a PSNR of new views is measured on `checks`, and there are none; give a number of them.")
         if self.sharpness != 0.0 and self.effort == "fast":
             raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
         if isinstance(self.guides, str):

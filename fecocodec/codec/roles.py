@@ -128,7 +128,7 @@ def _roles(
     spare = max(0, len(usable) - needed)
     if num_checks is not None and num_checks > spare:
         raise InputError(
-            f"{folder}: {num_checks} checks asked for, but {spare} photographs are left for them; change `checks`."
+            f"{folder}: {num_checks} checks asked for, but {spare} photographs can be left for them; change `checks`."
         )
     candidates = within_reach(near, usable, named) if named else with_neighbours(near, usable)
     checks = spread_over(near, candidates, min(wanted, spare))

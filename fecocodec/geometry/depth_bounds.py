@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+from fecocodec.errors import InputError
+
 MIN_SAMPLES = 50  # percentiles of fewer depths are not reliable
 _PERCENTILES = (0.01, 0.5, 0.99)
 _MARGIN = 1.15  # the percentiles are widened by this factor on both sides
@@ -19,3 +21,12 @@ def bounds_of_depths(depths: Float[np.ndarray, " n"]) -> tuple[float, float] | N
     ordered = np.sort(depths.astype(np.float64))
     near, median, far = (float(ordered[round(share * (len(ordered) - 1))]) for share in _PERCENTILES)
     return near / _MARGIN, min(far * _MARGIN, median * _MAX_FAR_OVER_MEDIAN)
+
+
+def require_depths(near: float, far: float, place: str = "") -> None:
+    """Raise InputError, which begins with `place`, if near and far are no range of depths."""
+    if not 0 < near < far < np.finfo(np.float32).max:
+        raise InputError(
+            f"{place}near {near:.6g} and far {far:.6g} are no range of depths; "
+            "0 < near < far is needed, set them with `near` and `far`."
+        )

@@ -81,7 +81,7 @@ def test_encode_measures_photographs_that_it_did_not_use(fecosplat, photographs:
     ("arguments", "code", "sentence"),
     [
         (("--checks", "many"), 2, "'many' is neither a number of photographs nor none."),
-        (("--checks", "3"), 1, "3 checks asked for, but 2 photographs are left for them; change --checks."),
+        (("--checks", "3"), 1, "3 checks asked for, but 2 photographs can be left for them; change --checks."),
         (("--guides", "roof.jpg"), 1, "give indices or names, with commas between them, in --guides."),
         (("--guides", "0,,1"), 2, "names an empty view"),
         (("--views", "all", "--guides", "1"), 2, "--views all codes every photograph; leave out --guides and --checks"),

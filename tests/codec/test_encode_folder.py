@@ -10,7 +10,7 @@ import torch
 from PIL import Image
 
 import fecocodec
-from fecocodec import AtMostKib, EncodingOptions, InputError, encode_folder
+from fecocodec import AtLeastNewPsnr, AtMostKib, EncodingOptions, InputError, encode_folder
 from fecocodec.captures.view_selection import All, Spread
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
 from fecocodec.codec.encode_folder import OtherViews
@@ -118,8 +118,14 @@ def test_options_that_exclude_each_other_are_refused_at_once() -> None:
         options.__post_init__()
     with pytest.raises(OptionError, match="needs the steps"):
         EncodingOptions(effort="fast", sharpness=0.5)
+    with pytest.raises(OptionError, match="measured on `checks`, and there are none"):
+        EncodingOptions(target=AtLeastNewPsnr(20.0), num_checks=0)
     with pytest.raises(InputError, match="lambda is 7"):
         EncodingOptions(lmbda=7.0)
+    with pytest.raises(InputError, match=r"^near 5 and far 2 are no range of depths"):
+        EncodingOptions(near=5.0, far=2.0)
+    with pytest.raises(InputError, match=r"^size 30x64: each side must have"):
+        EncodingOptions(size=(64, 30))
     with pytest.raises(fecocodec.BitstreamError, match="section metadata"):
         EncodingOptions(metadata={"title": "a" * 70000})
 

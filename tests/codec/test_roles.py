@@ -131,7 +131,7 @@ def test_spread_codes_that_many_over_the_scene(walk: MakeWalk) -> None:
 
 
 def test_more_checks_than_photographs_are_refused(walk: MakeWalk) -> None:
-    with pytest.raises(InputError, match="photos: 5 checks asked for, but 4 photographs are left for them"):
+    with pytest.raises(InputError, match="photos: 5 checks asked for, but 4 photographs can be left for them"):
         choose_roles(walk(8), FOLDER, Spread(4), num_checks=5)
     with pytest.raises(InputError, match="6 checks asked for, but 5 photographs"):
         choose_roles(walk(7), FOLDER, (0, 1), num_checks=6)
