@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fecocodec.atomic import require_space, temporary_folder, write_atomically
-from fecocodec.errors import InputError, some_of
+from fecocodec.errors import InputError, one_sentence, some_of
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice
 from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
@@ -103,10 +103,8 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
     photographs = find_photographs(folder)
     if len(photographs) < 2:
         found = "one photograph" if photographs else "no photographs"
-        raise InputError(
-            f"{name}: {found} without cameras, but cameras are estimated from two or more; add photographs or a camera "
-            "file."
-        )
+        need = "cameras are estimated from two or more; add photographs or a camera file"
+        raise InputError(one_sentence([f"{name}: {found} without cameras, but {need}", *_unread(folder)]))
     unused = [path.relative_to(folder) for path in unused_images(folder)]
     notes = []
     if unused:
