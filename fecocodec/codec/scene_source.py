@@ -3,14 +3,16 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from fecocodec.atomic import temporary_folder
-from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras, unread_cameras_notes
+from fecocodec.camera_files.find import has_cameras, read_cameras
+from fecocodec.camera_files.unused_cameras import unread_cameras_notes
 from fecocodec.captures.reading_notes import picture_remarks
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
-from fecocodec.errors import InputError, OptionError
+from fecocodec.errors import InputError, OptionError, one_sentence
 from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 
 
@@ -30,10 +32,11 @@ class SceneSource:
 
 
 @contextmanager
-def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
+def scene_source(path: Path, options: EncodingOptions, *, is_unpacked: bool = False) -> Iterator[SceneSource]:
     """Yield a scene folder that exists until the block ends.
 
-    Raises InputError as `posed_folder` and `write_sharp_frames` do, OptionError for options of another kind of input.
+    is_unpacked: from an archive. Raises InputError as `posed_folder` and `write_sharp_frames` do, OptionError for
+    options of another kind of input.
     """
     for option, value in (("frames", options.num_frames), ("save_frames", options.frames_folder)):
         if value is not None and not is_video(path):
@@ -47,6 +50,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
     from fecocodec.poses.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
 
     with ExitStack() as stack:
+        unread = partial(unread_cameras_notes, path, is_unpacked=is_unpacked)
         photographs, of_video, warnings = path, tuple[str, ...](), tuple[str, ...]()
         if is_video(path):
             photographs = options.frames_folder or stack.enter_context(temporary_folder())
@@ -57,12 +61,10 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
         try:
             posed = stack.enter_context(cameras)
         except InputError as error:
-            raise InputError(of_input(path, str(error))) from error
+            raise InputError(of_input(path, one_sentence([str(error), *unread(outcome="")]))) from error
         of_photographs = [] if is_video(path) else [*picture_remarks(list(posed.photographs)), *_videos_note(path)]
-        notes = (*unread_cameras_notes(path), *of_video, *of_photographs, *posed.notes)
-        if not is_video(path) and (file_above := cameras_above(path)):
-            above = path.absolute().parent
-            notes += (f"{file_above} has cameras; to use them instead, give the folder {above}.",)
+        notes = (*of_video, *of_photographs, *posed.notes)
+        warnings = (*unread(), *warnings, *posed.warnings)
 
         posed_names = {camera.name for camera in posed.reconstruction.cameras}
         for frame in posed.photographs if is_video(path) else ():
@@ -75,7 +77,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             replace(posed, photographs=named).save_cameras(file, overwrite=overwrite)
 
         save = save_beside if is_video(path) else posed.save_cameras
-        yield SceneSource(posed.path, notes, (*warnings, *posed.warnings), save)
+        yield SceneSource(posed.path, notes, warnings, save)
 
 
 def _videos_note(folder: Path) -> list[str]:

@@ -179,7 +179,8 @@ def test_videos_beside_photographs_and_cameras_in_the_folder_above_are_named(fec
     result = fecosplat("encode", scene / "images", "-o", tmp_path / "a.fcs", *FAST)
     assert result.code == 0, result.err
     assert "note: videos beside photographs are not used (clip.mp4); give one itself to use it.\n" in result.err
-    note = f"note: {scene / 'transforms.json'} has cameras; to use them instead, give the folder {scene}.\n"
+    note = f"warning: {scene / 'transforms.json'} has cameras, and cameras are estimated; to use them instead, give the "
+    note += f"folder {scene}.\n"
     assert note in result.err
 
 
