@@ -54,17 +54,23 @@ def _without_photographs(path: Path) -> str:
     scenes = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and camera_files(folder)]
     if len(scenes) > 1:
         return f"no photographs found, but {len(scenes)} folders with cameras; give one of them, as {scenes[0]}."
-    usable = [place for place in (*scenes, *cameras_elsewhere(path)) if has_images_of(place)]
-    if usable or scenes:
-        return f"no photographs found here, but cameras in {(*usable, *scenes)[0]}; give that."
-    return _elsewhere(path)
+    elsewhere = cameras_elsewhere(path)
+    if usable := next(filter(has_images_of, (*scenes, *elsewhere)), None):
+        others = " and elsewhere" if len(elsewhere) > 1 else ""
+        return f"no photographs found here, but cameras in {usable}{others}; give that."
+    return _elsewhere(path, elsewhere)
 
 
-def _elsewhere(folder: Path) -> str:
-    """Return that there are no photographs in a folder, in which folders below there are some, and unread cameras."""
+def _elsewhere(folder: Path, cameras: list[Path]) -> str:
+    """Return that there are no photographs in a folder, in which folders below there are some, and unused cameras.
+
+    cameras: in folders below, without images where they name them.
+    """
     found = sorted({path.parent for depth in ("*/*", "*/*/*", "*/*/*/*") for path in _images_at(folder, depth)})
-    unread = unread_cameras(folder, set())
+    unread = unread_cameras(folder, set(cameras))
     but = f", but cameras in {unread} are not read: to use them, {CONVERT}" if unread else ""
+    if cameras:
+        but = f", but cameras in {cameras[0]} name images that are not there: to use them, put the photographs there"
     if not found:
         return f"no photographs and no camera file found; give a folder that holds two or more photographs{but}."
     if len(found) == 1:

@@ -26,8 +26,8 @@ def unread_cameras_notes(
         return []
     elsewhere = cameras_elsewhere(folder)
     partial = [path for path in elsewhere if path.is_dir() and not is_colmap_model(path)]
-    unusual = [path for path in elsewhere if path not in partial]
     photographs = find_photographs(folder)
+    unusual = [path for path in elsewhere if path not in partial and not _is_of_others(path, photographs)]
     notes = list[str]()
     if unread := unread_cameras(folder, set(elsewhere), len(photographs)):
         notes.append(f"cameras in {unread} are not read{outcome}; to use them, {CONVERT}.")
@@ -40,6 +40,15 @@ def unread_cameras_notes(
     if photographs and photographs[0].parent == folder and not is_unpacked:
         notes += _notes_above(folder, outcome)
     return notes
+
+
+def _is_of_others(path: Path, photographs: list[Path]) -> bool:
+    """Return whether cameras are of other photographs, which are there, as if of another scene in a folder below."""
+    with suppress(InputError, OSError):
+        named = [photograph.path for photograph in read_format(path, camera_files(path)[0]).photographs]
+        found = {image.name for image in named if image.is_file()}
+        return bool(found) and not found & {image.name for image in photographs}
+    return False
 
 
 def _notes_above(folder: Path, outcome: str) -> list[str]:

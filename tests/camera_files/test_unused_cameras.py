@@ -11,6 +11,7 @@ from wall_scene import (
     shots,
     write_cameras_json,
     write_colmap_binary,
+    write_colmap_text,
     write_llff,
     write_photographs,
     write_realestate10k,
@@ -264,6 +265,28 @@ def test_camera_files_given_by_themselves(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         read_cameras(tmp_path / name)
     assert str(refused.value).startswith(f"{tmp_path / name}: cameras of this kind are not read; convert them to a ")
+
+
+def test_images_of_cameras_below_in_another_folder(tmp_path: Path) -> None:
+    """As in ScanNet++."""
+    scene = write_colmap_text(tmp_path / "scan" / "dslr", shots(2), where="colmap")
+    images = (scene / "images").rename(scene / "resized_images")
+    with pytest.raises(InputError) as refused:
+        read_cameras(tmp_path / "scan")
+    assert str(refused.value) == (
+        f"{tmp_path}/scan: no photographs found here, but in {images}; give that folder, but cameras in {scene}/colmap "
+        "name images that are not there: to use them, put the photographs there."
+    )
+    (note,) = unread_cameras_notes(images)
+    assert note.endswith(f"to use them, put the images into {scene}/images and give the folder {scene}.")
+
+
+def test_another_scene_in_a_folder_below_is_quiet(tmp_path: Path) -> None:
+    write_photographs(tmp_path, shots(4)[2:])
+    write_transforms(tmp_path / "other", shots(2))
+    assert unread_cameras_notes(tmp_path) == []
+    shutil.rmtree(tmp_path / "other" / "images")
+    assert unread_cameras_notes(tmp_path)
 
 
 def test_poses_without_lenses_of_nerfstudio(tmp_path: Path) -> None:
