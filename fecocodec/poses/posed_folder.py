@@ -80,7 +80,7 @@ def posed_folder(
         if len(photographs) < 2:
             raise InputError(f"{name or folder}: cameras are estimated from two photographs or more. {left_out[0]}")
         masks = upright_masks(photographs, root) if has_masks else None
-        workspace = root / "colmap"
+        workspace = root / ".colmap"  # hidden, so that it is not named as that of other cameras
         workspace.mkdir()
         require_space(root, _BYTES_OF_FEATURES * len(photographs))
         reconstruction = reconstruct(root, groups, workspace, num_threads, masks)

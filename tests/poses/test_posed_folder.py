@@ -500,7 +500,7 @@ def test_features_under_masks_are_not_used(tmp_path):
 
 def keypoints_of(folder: Path) -> dict[str, np.ndarray]:
     """Return the columns of the features of each photograph."""
-    return {name: points[:, 0] for name, points in read_points(pycolmap, folder / "colmap" / "database.db").items()}
+    return {name: points[:, 0] for name, points in read_points(pycolmap, folder / ".colmap" / "database.db").items()}
 
 
 def test_many_large_photographs_have_the_same_features_in_less_time(tmp_path, monkeypatch):
