@@ -57,10 +57,15 @@ _KINDS = (
     _Kind("VGGT", "predictions.npz"),
     _Kind("MVSNet", "cams/*_cam.txt"),
     _Kind("DUSt3R", "pred_traj.txt"),
-    _Kind("DUSt3R", "scene.p[kt]*"),
+    _Kind("DUSt3R", "scene.pkl"),
+    _Kind("DUSt3R", "scene.pt"),
     _Kind("TUM RGB-D", "groundtruth.txt"),
     _Kind("Redwood, Open3D", "*.log", rb"\A\s*(\d+\s+){3}([-+.\deE]+\s+){16}"),
 )
+_KINDS_BY_SUFFIX = {
+    suffix: [kind for kind in _KINDS if kind.pattern.endswith(suffix)]
+    for suffix in {Path(kind.pattern).suffix for kind in _KINDS}
+}
 
 
 def unread_cameras(folder: Path, read: set[Path], count: int = 0) -> str:
@@ -88,7 +93,8 @@ def unread_cameras_around(folder: Path, read: set[Path], *, is_near: bool) -> st
 
 def program_of(path: Path) -> str:
     """Return the program whose camera file this is, empty if it is of no known kind."""
-    return next((kind.program for kind in _KINDS if path.match(kind.pattern) and _has(path, kind.content)), "")
+    kinds = _KINDS_BY_SUFFIX.get(path.suffix, ())  # of thousands of files, most are of none
+    return next((kind.program for kind in kinds if path.match(kind.pattern) and _has(path, kind.content)), "")
 
 
 def _listed(folder: Path, found: Iterable[tuple[str, Path]]) -> str:
