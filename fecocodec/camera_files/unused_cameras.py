@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import takewhile
 from pathlib import Path
+from tempfile import gettempdir
 
 from fecocodec.camera_files.colmap_tables import is_colmap_model
 from fecocodec.camera_files.formats import camera_files, cameras_elsewhere, read_format
@@ -15,12 +17,10 @@ CONVERT = "convert them to a transforms.json or a COLMAP model"
 _LEVELS_ABOVE = 2  # rgb/1x of Nerfies
 
 
-def unread_cameras_notes(
-    folder: Path, *, is_unpacked: bool = False, outcome: str = ", and cameras are estimated"
-) -> list[str]:
+def unread_cameras_notes(folder: Path, *, outcome: str = ", and cameras are estimated") -> list[str]:
     """Return sentences if photographs whose cameras are estimated lie beside camera files that are not read.
 
-    is_unpacked: from an archive, so that nothing above the folder belongs to it. outcome: what becomes of it.
+    outcome: what becomes of it.
     """
     if not folder.is_dir():
         return []
@@ -37,7 +37,7 @@ def unread_cameras_notes(
     if unusual:
         names = some_of([path.relative_to(folder) for path in unusual])
         notes.append(f"cameras in {names} are not looked for{outcome}; to use them, give {unusual[0]}.")
-    if photographs and photographs[0].parent == folder and not is_unpacked:
+    if photographs and photographs[0].parent == folder:
         notes += _notes_above(folder, outcome)
     return notes
 
@@ -81,7 +81,9 @@ def _scenes_above(folder: Path) -> Iterator[tuple[Path, PosedPhotographs]]:
 
 
 def _above(folder: Path) -> list[Path]:
-    return list(folder.absolute().parents[:_LEVELS_ABOVE])
+    """Return the folders above one, the nearest first; not that of temporary files, where archives are unpacked."""
+    parents = folder.absolute().parents[:_LEVELS_ABOVE]
+    return list(takewhile(lambda parent: parent != Path(gettempdir()), parents))
 
 
 def _camera_files(folder: Path) -> list[Path]:

@@ -95,7 +95,7 @@ def encode_folder(
     if options.device != "cpu":  # the check loads torch
         options.require_device()
     on_progress("reading views", 0.0)
-    with unpacked(path) as folder, scene_source(folder, options, is_unpacked=folder != path) as source:
+    with unpacked(path) as folder, scene_source(folder, options) as source:
         messages.folder = folder
         messages.note(*source.notes)
         messages.warn(*source.warnings)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from fecocodec.atomic import temporary_folder
@@ -32,11 +31,10 @@ class SceneSource:
 
 
 @contextmanager
-def scene_source(path: Path, options: EncodingOptions, *, is_unpacked: bool = False) -> Iterator[SceneSource]:
+def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
     """Yield a scene folder that exists until the block ends.
 
-    is_unpacked: from an archive. Raises InputError as `posed_folder` and `write_sharp_frames` do, OptionError for
-    options of another kind of input.
+    Raises InputError as `posed_folder` and `write_sharp_frames` do, OptionError for options of another kind of input.
     """
     for option, value in (("frames", options.num_frames), ("save_frames", options.frames_folder)):
         if value is not None and not is_video(path):
@@ -50,7 +48,6 @@ def scene_source(path: Path, options: EncodingOptions, *, is_unpacked: bool = Fa
     from fecocodec.poses.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
 
     with ExitStack() as stack:
-        unread = partial(unread_cameras_notes, path, is_unpacked=is_unpacked)
         photographs, of_video, warnings = path, tuple[str, ...](), tuple[str, ...]()
         if is_video(path):
             photographs = options.frames_folder or stack.enter_context(temporary_folder())
@@ -61,10 +58,12 @@ def scene_source(path: Path, options: EncodingOptions, *, is_unpacked: bool = Fa
         try:
             posed = stack.enter_context(cameras)
         except InputError as error:
-            raise InputError(of_input(path, one_sentence([str(error), *unread(outcome="")]))) from error
+            raise InputError(
+                of_input(path, one_sentence([str(error), *unread_cameras_notes(path, outcome="")]))
+            ) from error
         of_photographs = [] if is_video(path) else [*picture_remarks(list(posed.photographs)), *_videos_note(path)]
         notes = (*of_video, *of_photographs, *posed.notes)
-        warnings = (*unread(), *warnings, *posed.warnings)
+        warnings = (*unread_cameras_notes(path), *warnings, *posed.warnings)
 
         posed_names = {camera.name for camera in posed.reconstruction.cameras}
         for frame in posed.photographs if is_video(path) else ():
