@@ -76,7 +76,9 @@ def words_of(name: str) -> list[str]:
 
 def _is_called(name: str, *, is_text: bool) -> bool:
     kinds = (_CAMERAS,) if is_text else (_CAMERAS, _RECONSTRUCTION)
-    return any(kind.fullmatch(word) for word in words_of(name) for kind in kinds)
+    return not name.startswith("camera_path") and any(  # of nerfstudio, to render at
+        kind.fullmatch(word) for word in words_of(name) for kind in kinds
+    )
 
 
 def _may_hold_data(path: Path) -> bool:

@@ -204,6 +204,8 @@ def test_what_lies_beside_photographs_without_cameras_is_quiet(tmp_path: Path) -
         "colmap.log": "done",
         "sparse/0/points3D.ply": "ply",
         "run.sh": "cd cameras",
+        "camera_paths/a.json": "{}",
+        "camera_path.json": '{"camera_path": []}',
     }.items():
         put(tmp_path / file, content)
     assert not has_cameras(tmp_path)
