@@ -44,6 +44,11 @@ def some_of(names: Sequence[object], most: int = 3) -> str:
     return ", ".join(map(str, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
+def one_sentence(sentences: Sequence[str]) -> str:
+    """Return sentences as one, with semicolons."""
+    return "; ".join(sentence.removesuffix(".") for sentence in sentences) + "."
+
+
 def strict_error(place: str, warning: str) -> StrictError:
     """Return the error for a warning, which is one sentence. place: file or folder that it is about."""
     return StrictError(f"{place}: {warning.removesuffix('.')} (`strict` makes this warning an error).")

@@ -27,6 +27,8 @@ _MODEL_FOLDERS = (
     (".", "[0-9]", "[0-9][0-9]"),
     ("dense/0/sparse", "dense/sparse", "dense/*/sparse"),  # COLMAP's undistorted images lie beside these
     ("*/sparse", "*/sparse/*"),
+    ("sparse/*/*",),  # of `colmap mapper --output_path sparse/0`
+    ("colmap",),
 )
 _PARAMETERS = {  # in COLMAP's order
     "SIMPLE_PINHOLE": "f cx cy",
@@ -63,12 +65,6 @@ def read_colmap(scene_folder: Path) -> PosedPhotographs:
     cameras = [(f"{folder}, image {image.name}", partial(_photograph, model, image)) for image in images]
     remarks = (*_choice(scene_folder, folder, len(images), others), *found.remarks)
     return PosedPhotographs(folder, photographs_of(found, cameras), remarks=remarks)
-
-
-def colmap_tables_elsewhere(path: Path) -> list[Path]:
-    """Return folders with cameras of COLMAP in a scene folder in which no model is found where models usually lie."""
-    depths = (f"{depth}cameras.{kind}" for depth in ("*/", "*/*/", "*/*/sparse/") for kind in ("bin", "txt"))
-    return sorted({table.parent for pattern in depths for table in path.glob(pattern)})
 
 
 def _models(path: Path) -> list[Path]:

@@ -37,6 +37,7 @@ _MODELS = {
     17: ("EQUIRECTANGULAR", 2),
 }
 _OBSERVATION = np.dtype([("xy", "<f8", 2), ("point_id", "<i8")])
+_LEAST_WORDS = 9  # of an image without name in images.txt
 _LEAST_IMAGE_BYTES = 73  # of an image without name and observations in images.bin
 
 
@@ -71,8 +72,11 @@ class ColmapModel:
 
 
 def is_colmap_model(folder: Path) -> bool:
-    """Return whether a folder has the tables of a model."""
-    return _is_binary(folder) or (folder / "images.txt").is_file()
+    """Return whether a folder has the tables of a model; `images.txt` alone may be a list of names."""
+    if _is_binary(folder):
+        return True
+    text = folder / "images.txt"
+    return text.is_file() and ((folder / "cameras.txt").is_file() or _is_table(text))
 
 
 def count_images(folder: Path) -> int:
@@ -127,6 +131,12 @@ class _Table:
         end = self.data.find(b"\0", self.offset)
         start = self.skip((end if end >= 0 else len(self.data)) + 1 - self.offset)
         return self.data[start : self.offset - 1].decode("utf-8", "replace")
+
+
+def _is_table(path: Path) -> bool:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        lines = (line.split() for line in file if not line.startswith("#"))
+        return len(next((words for words in lines if words), [])) >= _LEAST_WORDS
 
 
 def _is_binary(folder: Path) -> bool:
@@ -187,8 +197,10 @@ def _text_images(path: Path) -> Iterator[ColmapImage]:
                 point_ids=np.array(observations.split()[2::3], dtype=np.int64),
             )
         except (ValueError, IndexError, OverflowError) as error:  # ids beyond 63 bits overflow
+            cause = ", and it has commas, which must be spaces or points" if "," in " ".join(words[:9]) else ""
             raise InputError(
-                f"{place}: no image `ID QW QX QY QZ TX TY TZ CAMERA NAME` with points below; export the model again."
+                f"{place}: no image `ID QW QX QY QZ TX TY TZ CAMERA NAME` with points below{cause}; export the model "
+                "again."
             ) from error
 
 

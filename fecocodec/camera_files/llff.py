@@ -22,10 +22,14 @@ FILE_NAME = "poses_bounds.npy"
 _COLUMNS = 17
 
 
+def is_llff(path: Path) -> bool:
+    return path.name.lower().endswith(FILE_NAME)
+
+
 def find_llff(path: Path) -> Path | None:
     """Return the camera file of a scene folder, or `path` itself if it is one; None if there is none."""
     if path.is_file():
-        return path if path.name.lower().endswith(FILE_NAME) else None
+        return path if is_llff(path) else None
     return path / FILE_NAME if (path / FILE_NAME).is_file() else None
 
 

@@ -1,21 +1,23 @@
 """Camera files that lie in a scene folder beside the one that is read, so that none is passed over in silence."""
 
 import re
-import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from fecocodec.camera_files.camera_names import ARCHIVE_SUFFIXES, has_camera_name, has_poses, head_of, words_of
+from fecocodec.camera_files.walk import walk
 from fecocodec.errors import some_of
 from fecocodec.photographs.image_headers import has_image_name
 
-_HEAD_BYTES = 8192
 _MOST_NAMED = 4
+_MOST_WORDS = 2  # of the name of a folder of cameras
+_DEPTH_OF_NAMES = 2  # below the scene folder; files of known programs are found farther down
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """A camera file of another program. pattern: glob below the scene folder. content: expression for its beginning."""
+    """A camera file of another program. pattern: end of its path. content: expression for its beginning."""
 
     program: str
     pattern: str
@@ -28,40 +30,76 @@ _KINDS = (
     _Kind("Polycam", "keyframes/corrected_cameras/*.json"),
     _Kind("Metashape", "*.xml", b"<chunk"),
     _Kind("Metashape", "*.psx"),
+    _Kind("Metashape", "*.psz"),
     _Kind("BlocksExchange", "*.xml", b"<BlocksExchange"),
     _Kind("RealityCapture", "*.csv", b"#name,"),
     _Kind("RealityCapture", "*.csv", b"#cameras"),
     _Kind("RealityCapture", "*.xmp", b"xcr:"),
-    _Kind("RealityCapture", "images/*.xmp", b"xcr:"),
+    _Kind("RealityCapture", "*.rcproj"),
     _Kind("OpenSfM", "reconstruction.json"),
-    _Kind("OpenSfM", "opensfm/reconstruction.json"),
     _Kind("Bundler", "*.out", b"# Bundle file"),
-    _Kind("Bundler", "bundle/*.out", b"# Bundle file"),
     _Kind("VisualSFM", "*.nvm", b"NVM_V"),
     _Kind("OpenMVG", "*.json", b'"sfm_data_version"'),
+    _Kind("OpenMVG", "sfm_data.bin"),
     _Kind("Meshroom", "*.sfm"),
+    _Kind("MicMac", "Ori-*/*.xml"),
+    _Kind("Pix4D", "*_calibrated_camera_parameters.txt"),
+    _Kind("OpenDroneMap", "shots.geojson"),
+    _Kind("kapture", "sensors/trajectories.txt"),
     _Kind("ARKit, Record3D", "metadata.json", b'"poses"'),
     _Kind("ARKit, 3D Scanner App", "*.json", b'"cameraPoseARFrame"'),
     _Kind("ARKit, Stray Scanner", "odometry.csv"),
     _Kind("ARKitScenes", "*.traj"),
+    _Kind("Nerfies", "camera/*.json", b'"orientation"'),
+    _Kind("EuRoC", "state_groundtruth*/data.csv"),
+    _Kind("CO3D", "frame_annotations.jgz"),
+    _Kind("Nuke", "*.chan"),
     _Kind("VGGT", "predictions.npz"),
     _Kind("MVSNet", "cams/*_cam.txt"),
     _Kind("DUSt3R", "pred_traj.txt"),
+    _Kind("DUSt3R", "scene.pkl"),
+    _Kind("DUSt3R", "scene.pt"),
     _Kind("TUM RGB-D", "groundtruth.txt"),
     _Kind("Redwood, Open3D", "*.log", rb"\A\s*(\d+\s+){3}([-+.\deE]+\s+){16}"),
 )
-_NAME = re.compile(r"cam(era)?s?|poses?|extrinsics?|intrinsics?|traj(ectory)?|transforms?|calibration|focals?", re.I)
-_SUFFIXES = {".json", ".xml", ".csv", ".txt", ".npy", ".npz", ".pt", ".pth", ".pkl", ".log", ".out", ".yaml", ".yml"}
+_KINDS_BY_SUFFIX = {
+    suffix: [kind for kind in _KINDS if kind.pattern.endswith(suffix)]
+    for suffix in {Path(kind.pattern).suffix for kind in _KINDS}
+}
 
 
-def unread_cameras(folder: Path, read: set[Path]) -> str:
+def unread_cameras(folder: Path, read: set[Path], count: int = 0) -> str:
     """Return which camera files in a folder are of kinds that are not read: `cameras.xml (Metashape)`; empty if none.
 
-    read: camera files of kinds that are read. Besides files of known programs, those with names such as `poses.npy`
-    count, and archives of NumPy with such arrays.
+    read: camera files of kinds that are read. count: of photographs without cameras. Besides files of known programs,
+    those with names such as `poses.npy` count, archives of NumPy with such arrays, and, if `count` is given, files with
+    as many poses.
     """
+    files = [path for path in walk(folder) if not has_image_name(path)]
+    others = [path for path in files if len(path.relative_to(folder).parts) <= _DEPTH_OF_NAMES]
+    return _listed(folder, _found(folder, files, others, read, count))
+
+
+def unread_cameras_around(folder: Path, read: set[Path], *, is_near: bool) -> str:
+    """Return such files in a folder above photographs, which may hold other scenes, too. is_near: if directly above.
+
+    Folders count by names such as `corrected_cameras` if there are neither folders nor images in them.
+    """
+    files = [path for kind in _KINDS for path in sorted(folder.glob(kind.pattern))]
+    near = walk(folder, 1) if is_near else ()
+    others = [path for path in near if has_camera_name(path) and _is_of_cameras(path)]
+    return _listed(folder, _found(folder, files, others, read))
+
+
+def program_of(path: Path) -> str:
+    """Return the program whose camera file this is, empty if it is of no known kind."""
+    kinds = _KINDS_BY_SUFFIX.get(path.suffix, ())  # of thousands of files, most are of none
+    return next((kind.program for kind in kinds if path.match(kind.pattern) and _has(path, kind.content)), "")
+
+
+def _listed(folder: Path, found: Iterable[tuple[str, Path]]) -> str:
     named: dict[str, list[Path]] = {}
-    for program, path in _found(folder, set(read)):
+    for program, path in found:
         named.setdefault(program, []).append(path)
     shown = [
         some_of([path.relative_to(folder) for path in paths], 1) + (f" ({program})" if program else "")
@@ -70,46 +108,37 @@ def unread_cameras(folder: Path, read: set[Path]) -> str:
     return ", ".join(shown[:_MOST_NAMED]) + (" and others" if len(shown) > _MOST_NAMED else "")
 
 
-def program_of(path: Path) -> str:
-    """Return the program whose camera file this is, empty if it is of no known kind."""
-    return next((kind.program for kind in _KINDS if path.match(kind.pattern) and _has(path, kind.content)), "")
+def _found(
+    folder: Path, files: list[Path], others: list[Path], read: set[Path], count: int = 0
+) -> Iterator[tuple[str, Path]]:
+    """Yield the `files` of known programs, with these, then files and folders of `others` that look like cameras.
 
-
-def _found(folder: Path, seen: set[Path]) -> Iterator[tuple[str, Path]]:
-    """Yield camera files that are not in `seen`, with their program; each file once."""
-    for kind in _KINDS:
-        for path in sorted(folder.glob(kind.pattern)):
-            if path not in seen and _has(path, kind.content):
-                seen |= {path, folder / path.relative_to(folder).parts[0]}
-                yield kind.program, path
-    for path in sorted(folder.iterdir()):
-        if path not in seen and not path.name.startswith(".") and _may_hold_cameras(path):
+    Those are left out that lie with `read` ones in one folder of the scene folder, and others beside known ones.
+    """
+    told = {_top(folder, path) for path in read if path != folder}
+    known = [(program, path) for path in files if _top(folder, path) not in told and (program := program_of(path))]
+    yield from dict.fromkeys(known)
+    told |= {_top(folder, path) for _, path in known}
+    for path in others:
+        if {path, _top(folder, path)} & told:
+            continue
+        if has_camera_name(path) or (count and path.is_file() and has_poses(path, count)):
+            told |= {path} if path.is_dir() else set()
             yield "", path
 
 
-def _may_hold_cameras(path: Path) -> bool:
-    """Return whether the name of a file or folder, or of an array in it, is one that cameras have."""
-    if path.is_dir():
-        return _NAME.fullmatch(path.name) is not None and not all(map(has_image_name, path.iterdir()))
-    if path.suffix.lower() not in _SUFFIXES or not path.is_file():
-        return False
-    names = [path.stem, *(_arrays_of(path) if path.suffix.lower() == ".npz" else ())]
-    return any(_NAME.fullmatch(word) for name in names for word in re.split(r"[\W_]+", name))
+def _is_of_cameras(path: Path) -> bool:
+    """Return whether nothing else is likely in what has a name of cameras."""
+    if not path.is_dir():
+        return path.suffix.lower() not in ARCHIVE_SUFFIXES
+    has_more = any(below.is_dir() or has_image_name(below) for below in path.iterdir())
+    return not has_more and len(words_of(path.name)) <= _MOST_WORDS
 
 
-def _arrays_of(path: Path) -> list[str]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return archive.namelist()
-    except (OSError, zipfile.BadZipFile):
-        return []
+def _top(folder: Path, path: Path) -> Path:
+    """Return the file or folder in `folder` that is or holds `path`."""
+    return folder / path.relative_to(folder).parts[0]
 
 
 def _has(path: Path, content: bytes) -> bool:
-    if not content:
-        return True
-    try:
-        with path.open("rb") as file:
-            return re.search(content, file.read(_HEAD_BYTES)) is not None
-    except OSError:
-        return False
+    return not content or re.search(content, head_of(path)) is not None

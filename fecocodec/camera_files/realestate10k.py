@@ -6,6 +6,7 @@ Intrinsics are normalised by image width and height; the 3x4 matrix is world-to-
 Images are named by their timestamp and are beside the text file, in `images/`, or in a folder named like the text file.
 """
 
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -22,9 +23,14 @@ _LONGEST_LINE = 1 << 16  # characters
 
 
 def find_realestate10k(path: Path) -> Path | None:
-    """Return the camera text of a scene folder: the first `.txt` with a line of 19 columns. `path` may be that file."""
-    candidates = [path] if path.is_file() else sorted(file for file in path.glob("[!.]*.txt") if file.is_file())
-    return next((candidate for candidate in candidates if _has_camera_line(candidate)), None)
+    """Return the camera text of a scene folder: the first whose images are there. `path` may be that file."""
+    found = [path] if path.is_file() and has_camera_line(path) else realestate10k_files(path)
+    return next((text for text in found if len(found) > 1 and _has_image(text)), next(iter(found), None))
+
+
+def realestate10k_files(folder: Path) -> list[Path]:
+    """Return the camera texts of a scene folder, each `.txt` with a line of 19 columns."""
+    return [file for file in sorted(folder.glob("[!.]*.txt")) if file.is_file() and has_camera_line(file)]
 
 
 def read_realestate10k(path: Path) -> PosedPhotographs:
@@ -64,12 +70,24 @@ def _lens(fx: float, fy: float, cx: float, cy: float, width: int, height: int) -
     return Lens(width, height, fx * width, fy * height, cx * width, cy * height)
 
 
-def _has_camera_line(path: Path) -> bool:
-    """Return whether one of the first two lines has 19 columns. Other text files need not be read further."""
+def has_camera_line(path: Path) -> bool:
+    """Return whether one of the first two lines has 19 columns, most of them numbers. Others need not be read."""
     with path.open(encoding="utf-8", errors="replace") as file:
-        return any(
-            len(_words(line)) == _COLUMNS for line in (file.readline(_LONGEST_LINE), file.readline(_LONGEST_LINE))
-        )
+        lines = [_words(file.readline(_LONGEST_LINE)) for _ in range(2)]
+    return any(len(words) == _COLUMNS and sum(map(_is_number, words)) > _COLUMNS / 2 for words in lines)
+
+
+def _is_number(word: str) -> bool:
+    with suppress(ValueError):
+        float(word)
+        return True
+    return False
+
+
+def _has_image(path: Path) -> bool:
+    with suppress(InputError):
+        return any(photograph.path.is_file() for photograph in read_realestate10k(path).photographs)
+    return False
 
 
 def _words(line: str) -> list[str]:

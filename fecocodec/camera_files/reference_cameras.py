@@ -29,6 +29,11 @@ def read_reference_cameras(path: Path, cameras: list[Any]) -> PosedPhotographs:
     """
     if not cameras:
         raise InputError(f"{path}: no cameras; export it again.")
+    if not is_reference_cameras(cameras):
+        raise InputError(
+            f"{path}: a list without `img_name`, as `ns-export cameras` writes it, which has no lenses; give the "
+            "transforms.json of the photographs."
+        )
     names = [_name(camera) for camera in cameras]
     images = match_images(path, names, [path.parent, path.parent / "images"])
     readers = [

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from shutil import copyfileobj
 
 from fecocodec.atomic import is_disk_full, temporary_folder
-from fecocodec.camera_files.find import camera_files
+from fecocodec.camera_files.formats import camera_files
 from fecocodec.errors import FecoError, InputError
 from fecocodec.input_file import MAX_FILE_BYTES, StrPath
 from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, PHOTOGRAPH_FOLDERS, UNREAD_SUFFIXES
@@ -18,7 +18,7 @@ MAX_MEMBERS = 20_000
 MAX_TOTAL_BYTES = 32 << 30
 _CAMERA_SUFFIXES = (
     ".json", ".txt", ".bin", ".npy", ".npz", ".csv", ".xml", ".xmp", ".out", ".nvm", ".sfm", ".traj", ".log", ".psx",
-    ".yaml", ".yml",
+    ".yaml", ".yml", ".jsonl", ".geojson", ".jgz", ".rcproj", ".chan",
 )  # fmt: skip
 _WANTED = {*IMAGE_SUFFIXES, *UNREAD_SUFFIXES, *_CAMERA_SUFFIXES}
 _REMEDY = "unpack it and give the folder"

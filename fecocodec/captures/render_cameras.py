@@ -72,7 +72,7 @@ def resized(cameras: Cameras, image_size: tuple[int, int], size: tuple[int, int]
 
 def _read(path: Path, views: Selection | None, size: tuple[int, int] | None) -> RenderCameras:
     found = read_camera_path(path) if path.suffix.lower() == ".json" and path.is_file() else None
-    scene, frames_per_second = found or (read_cameras(path), None)
+    scene, frames_per_second = found or (read_cameras(path, are_images_needed=False), None)
     photographs, notes = select_views(scene, views, path, are_images_needed=False)
     pinholes = [known_pinhole(photograph, size) for photograph in photographs]
     if found and not size:

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fecocodec.atomic import temporary_folder
-from fecocodec.camera_files.find import cameras_above, has_cameras, read_cameras, unread_cameras_notes
+from fecocodec.camera_files.find import has_cameras, read_cameras
+from fecocodec.camera_files.unused_cameras import unread_cameras_notes
 from fecocodec.captures.reading_notes import picture_remarks
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
-from fecocodec.errors import InputError, OptionError
+from fecocodec.errors import InputError, OptionError, one_sentence
 from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 
 
@@ -57,12 +58,12 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
         try:
             posed = stack.enter_context(cameras)
         except InputError as error:
-            raise InputError(of_input(path, str(error))) from error
+            raise InputError(
+                of_input(path, one_sentence([str(error), *unread_cameras_notes(path, outcome="")]))
+            ) from error
         of_photographs = [] if is_video(path) else [*picture_remarks(list(posed.photographs)), *_videos_note(path)]
-        notes = (*unread_cameras_notes(path), *of_video, *of_photographs, *posed.notes)
-        if not is_video(path) and (file_above := cameras_above(path)):
-            above = path.absolute().parent
-            notes += (f"{file_above} has cameras; to use them instead, give the folder {above}.",)
+        notes = (*of_video, *of_photographs, *posed.notes)
+        warnings = (*unread_cameras_notes(path), *warnings, *posed.warnings)
 
         posed_names = {camera.name for camera in posed.reconstruction.cameras}
         for frame in posed.photographs if is_video(path) else ():
@@ -75,7 +76,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             replace(posed, photographs=named).save_cameras(file, overwrite=overwrite)
 
         save = save_beside if is_video(path) else posed.save_cameras
-        yield SceneSource(posed.path, notes, (*warnings, *posed.warnings), save)
+        yield SceneSource(posed.path, notes, warnings, save)
 
 
 def _videos_note(folder: Path) -> list[str]:

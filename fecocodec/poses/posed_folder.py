@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fecocodec.atomic import require_space, temporary_folder, write_atomically
-from fecocodec.errors import InputError, some_of
+from fecocodec.errors import InputError, one_sentence, some_of
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice, read_image_size
 from fecocodec.photographs.lens import Lens
@@ -82,7 +82,7 @@ def posed_folder(
         if len(photographs) < 2:
             raise InputError(f"{name or folder}: cameras are estimated from two photographs or more. {left_out[0]}")
         masks = upright_masks(photographs, root) if has_masks else None
-        workspace = root / "colmap"
+        workspace = root / ".colmap"  # hidden, so that it is not named as that of other cameras
         workspace.mkdir()
         require_space(root, _BYTES_OF_FEATURES * len(photographs))
         reconstruction = reconstruct(root, groups, workspace, num_threads, masks)
@@ -107,10 +107,8 @@ def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
     photographs = find_photographs(folder)
     if len(photographs) < 2:
         found = "one photograph" if photographs else "no photographs"
-        raise InputError(
-            f"{name}: {found} without cameras, but cameras are estimated from two or more; add photographs or a camera "
-            "file."
-        )
+        need = "cameras are estimated from two or more; add photographs or a camera file"
+        raise InputError(one_sentence([f"{name}: {found} without cameras, but {need}", *_unread(folder)]))
     unused = [path.relative_to(folder) for path in unused_images(folder)]
     notes = []
     if unused:

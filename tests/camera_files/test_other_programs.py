@@ -18,7 +18,8 @@ from wall_scene import (
     write_transforms,
 )
 
-from fecocodec.camera_files.find import cameras_above, has_cameras, unread_cameras_notes
+from fecocodec.camera_files.find import has_cameras
+from fecocodec.camera_files.unused_cameras import unread_cameras_notes
 from fecocodec.captures.chosen_photographs import choose_photographs
 from fecocodec.captures.render_cameras import read_render_cameras
 from fecocodec.captures.scene_folder import read_views
@@ -310,15 +311,3 @@ def test_files_that_hold_no_cameras_are_not_named(tmp_path: Path) -> None:
     shutil.copy(folder / "images" / "000.png", folder / "cam")
     remarks = choose_photographs(folder).remarks
     assert remarks == ("cameras in camera.jpg.txt are not read; those of transforms.json are used.",)
-
-
-def test_cameras_above_are_those_of_the_photographs_in_the_folder(tmp_path: Path) -> None:
-    """Their folder is named only if giving it helps."""
-    folder = write_transforms(tmp_path / "scene", shots(2))
-    write_photographs(folder / "others", shots(2))
-    assert cameras_above(folder / "images") == folder / "transforms.json"
-    assert cameras_above(folder / "others") is None
-    (folder / "images").rename(folder / "images_4")
-    assert cameras_above(folder / "images_4") == folder / "transforms.json"
-    (folder / "transforms.json").write_text("broken")
-    assert cameras_above(folder / "images_4") is None

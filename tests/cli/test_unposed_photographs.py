@@ -82,6 +82,17 @@ def test_strict_refuses_cameras_that_may_be_wrong_and_saves_none(fecosplat, unpo
     assert list(tmp_path.iterdir()) == [unposed]
 
 
+def test_strict_refuses_estimation_beside_cameras_that_are_not_read(fecosplat, unposed, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    (unposed / "cameras.xml").write_text("<document><chunk>")
+    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", *FAST, "--strict", "-q")
+    assert result.code == 1
+    assert result.err == (
+        f"fecosplat: {unposed}: cameras in cameras.xml (Metashape) are not read, and cameras are estimated; to use "
+        "them, convert them to a transforms.json or a COLMAP model (--strict makes this warning an error).\n"
+    )
+
+
 def test_saved_cameras_of_a_video_name_no_temporary_files(fecosplat, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     video, cameras = tmp_path / "clip.mkv", tmp_path / "cameras.json"
@@ -179,7 +190,10 @@ def test_videos_beside_photographs_and_cameras_in_the_folder_above_are_named(fec
     result = fecosplat("encode", scene / "images", "-o", tmp_path / "a.fcs", *FAST)
     assert result.code == 0, result.err
     assert "note: videos beside photographs are not used (clip.mp4); give one itself to use it.\n" in result.err
-    note = f"note: {scene / 'transforms.json'} has cameras; to use them instead, give the folder {scene}.\n"
+    note = (
+        f"warning: {scene / 'transforms.json'} has cameras, and cameras are estimated; to use them instead, give the "
+    )
+    note += f"folder {scene}.\n"
     assert note in result.err
 
 

@@ -511,7 +511,7 @@ def test_features_under_masks_are_not_used(tmp_path):
 
 def keypoints_of(folder: Path) -> dict[str, np.ndarray]:
     """Return the columns of the features of each photograph."""
-    return {name: points[:, 0] for name, points in read_points(pycolmap, folder / "colmap" / "database.db").items()}
+    return {name: points[:, 0] for name, points in read_points(pycolmap, folder / ".colmap" / "database.db").items()}
 
 
 def test_many_large_photographs_have_the_same_features_in_less_time(tmp_path, monkeypatch):
@@ -569,3 +569,16 @@ def test_why_a_photograph_is_left_out_is_said() -> None:
         "e is left out: it shows no points whose position the others determine, and a camera needs 12; add photographs "
         "between it and the others.",
     ]
+
+
+def test_one_photograph_among_some_that_cannot_be_read_names_these(tmp_path: Path) -> None:
+    Image.new("RGB", (64, 64)).save(tmp_path / "0.png")
+    for name in ("1.NEF", "2.NEF", ".3.jpg.icloud"):
+        (tmp_path / name).touch()
+    with pytest.raises(InputError) as refused, posed_folder(tmp_path):
+        pass
+    assert str(refused.value) == (
+        f"{tmp_path}: one photograph without cameras, but cameras are estimated from two or more; add photographs or a "
+        "camera file; 1.NEF, 2.NEF are of a kind that cannot be read; develop RAW photographs to JPEG, TIFF or PNG; "
+        ".3.jpg.icloud is not here but only linked to, or not downloaded; put the photographs here."
+    )
