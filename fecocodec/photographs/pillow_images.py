@@ -69,13 +69,8 @@ def turned_upright(image: Image.Image, orientation: int) -> Image.Image:
 
 def size_with_pillow(path: Path) -> tuple[int, int]:
     """Return (height, width) from the header alone. Raises InputError as `decode_with_pillow` does."""
-    try:
-        with open_image(path, path) as image:
-            return image.height, image.width
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # as above
-        raise InputError(unreadable(path, error)) from error
+    with open_image(path, path) as image:
+        return image.height, image.width
 
 
 def orientation_with_pillow(path: Path) -> int:
@@ -151,10 +146,19 @@ def unreadable(place: Path | str, error: Exception) -> str:
 
 
 def open_image(source: Path | BytesIO, place: Path | str) -> Image.Image:
-    """Open an image with Pillow, which reads its header. Raises InputError as `decode_with_pillow` does, and OSError.
+    """Open an image with Pillow, which reads its header. Raises InputError as `decode_with_pillow` does.
 
     Kinds are recognised by content; only RAW is by name, because many RAW files are TIFF files of a preview.
     """
+    try:
+        return _opened(source, place)
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
+        raise InputError(unreadable(place, error)) from error
+
+
+def _opened(source: Path | BytesIO, place: Path | str) -> Image.Image:
     if isinstance(source, Path):
         require_regular_file(source)
         if source.suffix.lower() in RAW_SUFFIXES:
@@ -205,7 +209,7 @@ def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:
                 return _samples(image, source, place)
     except (InputError, MemoryError):
         raise
-    except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
+    except Exception as error:  # as above
         raise InputError(unreadable(place, error)) from error
 
 
