@@ -6,7 +6,8 @@ from pathlib import Path
 
 from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath, require_regular_file
-from fecocodec.photographs.pillow_images import RAW_SUFFIXES, UPRIGHT, orientation_with_pillow, size_with_pillow
+from fecocodec.photographs.orientation import UPRIGHT
+from fecocodec.photographs.pillow_images import RAW_SUFFIXES, orientation_with_pillow, size_with_pillow
 
 IMAGE_SUFFIXES = (
     ".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".webp", ".avif", ".heic", ".heif", ".hif", ".tif", ".tiff", ".bmp",

@@ -23,11 +23,11 @@ from fecocodec.photographs.image_headers import (
     read_image_size,
 )
 from fecocodec.photographs.lens import require_known_model
+from fecocodec.photographs.orientation import turned_upright
 from fecocodec.photographs.pillow_images import (
     exif_value,
     open_image,
     orientation_with_pillow,
-    turned_upright,
     upright_with_pillow,
 )
 from fecocodec.poses.estimated_cameras import ImageGroup

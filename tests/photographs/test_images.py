@@ -8,12 +8,12 @@ import zlib
 import numpy as np
 import pytest
 import torch
-from PIL import Image
+from PIL import Image, ImageOps
 
 from fecocodec.errors import InputError, OutputError
-from fecocodec.photographs.image_headers import read_image_size
+from fecocodec.photographs.image_headers import is_upright, read_image_size
 from fecocodec.photographs.images import decode_image, read_image, read_image_and_alpha, write_image
-from fecocodec.photographs.pillow_images import unreadable
+from fecocodec.photographs.pillow_images import unreadable, upright_with_pillow
 
 HEIGHT, WIDTH = 40, 56
 
@@ -113,12 +113,19 @@ def test_transparency_shows_white(tmp_path):
     torch.testing.assert_close(read_image(tmp_path / "image.png"), torch.full((3, HEIGHT, WIDTH), 0.8))
 
 
-def test_the_orientation_tag_is_ignored(colours, tmp_path):
-    exif = Image.Exif()
-    exif[0x0112] = 6  # to be shown turned by 90 degrees
-    Image.fromarray(to_bytes(colours)).save(tmp_path / "image.jpg", exif=exif, quality=95)
-    assert read_image_size(tmp_path / "image.jpg") == (HEIGHT, WIDTH)
-    assert read_image(tmp_path / "image.jpg").shape == (3, HEIGHT, WIDTH)
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif"])
+def test_the_orientation_tag_is_ignored(suffix, orientation, colours, tmp_path):
+    exif, path = Image.Exif(), tmp_path / f"image.{suffix}"
+    exif[0x0112] = orientation
+    Image.fromarray(to_bytes(colours)).save(path, exif=exif, quality=95)
+    assert read_image_size(path) == (HEIGHT, WIDTH)
+    expected = torch.from_numpy(colours).permute(2, 0, 1).float()
+    torch.testing.assert_close(read_image(path), expected, atol=0.04, rtol=0)
+    assert is_upright(path) == (orientation == 1)
+    with Image.open(path) as image:
+        shown = np.asarray(ImageOps.exif_transpose(image)).astype(int)
+    assert np.abs(np.asarray(upright_with_pillow(path)) - shown).max() <= 2
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "webp", "exr"])
