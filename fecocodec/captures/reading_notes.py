@@ -19,6 +19,7 @@ LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
 LARGEST_FOCAL_WITHOUT_SIZE = 1.5  # 37 degrees; twice the focal length of a phone exceeds it
 MOST_NAMED = 20  # photographs in one note
+_BEGINNING_BYTES = 1 << 14  # of files that are compared as a whole only if these are equal
 
 
 def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int]) -> list[str]:
@@ -67,6 +68,15 @@ def _passed_over(scene: PosedPhotographs, cause: str, names: list[str]) -> str:
     return f"{count} cameras of {scene.cameras_name} {are} passed over ({some_of(names, MOST_NAMED)}): {cause}"
 
 
+def omission_notes(photographs: list[PosedPhotograph], problems: dict[int, str]) -> tuple[str, ...]:
+    """Return a sentence that names photographs that cannot be used, with the reason of the first one."""
+    if not problems:
+        return ()
+    names = [photographs[index].path.name for index in problems]
+    first = next(iter(problems.values())).removesuffix(".")
+    return (f"left out {some_of(names)}, which cannot be used: {first}.",)
+
+
 def unposed_notes(scene: PosedPhotographs) -> list[str]:
     """Return a note if images beside the photographs of a scene have no camera."""
     posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
@@ -86,16 +96,33 @@ def unposed_notes(scene: PosedPhotographs) -> list[str]:
 
 def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotograph], list[str]]:
     """Leave out photographs whose files have equal bytes, but the first; return the others and a note for each."""
-    kept: list[PosedPhotograph] = []
+    kept: dict[bytes, list[PosedPhotograph]] = {}
     notes = []
     for photograph in photographs:
-        original = next((other for other in kept if filecmp.cmp(other.path, photograph.path, shallow=False)), None)
+        alike = kept.setdefault(_beginning(photograph.path), [])
+        original = next((other for other in alike if _are_equal(other.path, photograph.path)), None)
         if original is None:
-            kept.append(photograph)
+            alike.append(photograph)
         else:
             shown, of = distinct_names([photograph.path, original.path])
             notes.append(f"{shown} is left out: it is a copy of {of}; remove it, or choose both by `views`.")
-    return kept, notes
+    first = {id(photograph) for alike in kept.values() for photograph in alike}
+    return [photograph for photograph in photographs if id(photograph) in first], notes
+
+
+def _beginning(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(_BEGINNING_BYTES)
+    except OSError:  # reading the pixels reports it
+        return b""
+
+
+def _are_equal(one: Path, other: Path) -> bool:
+    try:
+        return filecmp.cmp(one, other, shallow=False)
+    except OSError:
+        return False
 
 
 def picture_remarks(paths: list[Path]) -> list[str]:

@@ -292,16 +292,18 @@ def test_copies_are_left_out(tmp_path: Path) -> None:
     assert chosen.names == ("000.png", "002.png")
     assert chosen.notes == ("001.png is left out: it is a copy of 000.png; remove it, or choose both by `views`.",)
     assert choose_photographs(folder, views=(0, 1)).names == ("000.png", "001.png")
+    assert choose_photographs(folder, views=All()).names == ("000.png", "002.png")
 
 
-def test_a_second_camera_of_an_image_is_passed_over(tmp_path: Path) -> None:
+@pytest.mark.parametrize("again", ["images/000.png", "./images/../images/000.png"])
+def test_a_second_camera_of_an_image_is_passed_over(tmp_path: Path, again: str) -> None:
     folder = write_transforms(tmp_path / "scene", shots(3))
-    rename_in_cameras(folder, lambda name: f"images/{name.replace('1', '0')}")
+    rename_in_cameras(folder, lambda name: again if "1" in name else f"images/{name}")
     (folder / "images" / "001.png").unlink()
     chosen = choose_photographs(folder)
     assert chosen.names == ("000.png", "002.png")
     (note,) = chosen.notes
-    assert note.startswith("1 of 3 cameras of transforms.json is passed over (images/000.png): another frame has")
+    assert note.startswith(f"1 of 3 cameras of transforms.json is passed over ({again}): another frame has")
 
 
 def test_a_rig_whose_model_leaves_out_the_folders_is_never_matched_in_silence(tmp_path: Path) -> None:
