@@ -1,5 +1,6 @@
 """Exceptions of the library. Each message is one sentence with file, location, cause and remedy."""
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -42,6 +43,12 @@ def installation(extra: str) -> str:
 def some_of(names: Sequence[object], most: int = 3) -> str:
     """Return the first names and the number of the others: `a, b, c and 2 more`."""
     return ", ".join(map(str, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def of_archive(sentence: str, folder: object, archive: object) -> str:
+    """Return a sentence about a folder as one about the archive that was unpacked to it."""
+    inside = re.escape(f"{folder}/")
+    return re.sub(rf"\bgive (?=[^;]*{inside})", "unpack it and give ", sentence).replace(str(folder), str(archive))
 
 
 def strict_error(place: str, warning: str) -> StrictError:
