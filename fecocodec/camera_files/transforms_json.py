@@ -84,7 +84,8 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
         raise InputError(f"{path}: the outermost value is not an object; export it again.")
     frames = scene.get("frames")
     if not isinstance(frames, list) or not frames:
-        raise InputError(f"{path}: no frames; add a list `frames` with one camera per image.")
+        what = 'no list "frames", but an object of this name' if isinstance(frames, dict) and frames else "no frames"
+        raise InputError(f'{path}: {what}; add a list "frames" with one camera per image.')
     images = match_images(path, [_name(frame) for frame in frames], [path.parent])
     cameras = [
         (_place(path, index, frame), partial(_photograph, mask, scene, frame, images.reduction))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fecosplat_cli.output import in_options
 from PIL import Image
 from wall_scene import (
     shots,
@@ -107,7 +108,10 @@ def test_a_file_that_is_no_camera_file(tmp_path: Path) -> None:
 
 def test_no_frames(scene):
     edit(scene, lambda cameras: cameras.update(frames=[]))
-    assert message(scene) == (f"{scene}/transforms.json: no frames; add a list `frames` with one camera per image.")
+    sentence = f'{scene}/transforms.json: no frames; add a list "frames" with one camera per image.'
+    assert message(scene) == in_options(sentence) == sentence
+    edit(scene, lambda cameras: cameras.update(frames={"0": {}}))
+    assert message(scene).startswith(f'{scene}/transforms.json: no list "frames", but an object of this name; add')
 
 
 @pytest.mark.parametrize("write", [write_transforms, write_colmap_text, write_colmap_binary])
