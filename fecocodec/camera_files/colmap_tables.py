@@ -126,7 +126,7 @@ class _Table:
     def text(self) -> str:
         end = self.data.find(b"\0", self.offset)
         start = self.skip((end if end >= 0 else len(self.data)) + 1 - self.offset)
-        return self.data[start : self.offset - 1].decode("utf-8", "replace")
+        return self.data[start : self.offset - 1].decode("utf-8", "surrogateescape")  # as names of files
 
 
 def _is_binary(folder: Path) -> bool:

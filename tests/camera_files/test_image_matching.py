@@ -1,6 +1,7 @@
 """Images with other names or folders than in the camera file are found; those that are not there are passed over."""
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -69,7 +70,8 @@ def assert_all_found(folder: Path, count: int = 2) -> ChosenPhotographs:
 
 
 @pytest.mark.parametrize(
-    ("named", "stored"), [("a%20b {}", "a b {}"), ("a b {}", "a%20b {}"), ("a b {}", "a\u202fb {}")]
+    ("named", "stored"),
+    [("a%20b {}", "a b {}"), ("a b {}", "a%20b {}"), ("a b {}", "a\u202fb {}"), ("{} ", "{}"), ("{}\r\n", "{}")],
 )
 def test_names_as_urls_and_other_spaces(named: str, stored: str, tmp_path: Path) -> None:
     folder = write_transforms(tmp_path / "scene", shots(2))
@@ -116,6 +118,18 @@ def test_names_of_files_in_a_locale_that_is_not_utf8(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("os.fsencode", lambda name: name.encode("iso-8859-1"))
     assert similar_key("K\xc3\xbcche.jpg") == similar_key("K\xfcche.jpg") == "k\xfcche.jpg"
     assert similar_key("\u53f0.jpg") == "\u53f0.jpg"
+
+
+def test_names_of_colmap_that_are_not_utf8_are_those_of_files(tmp_path: Path) -> None:
+    folder = write_colmap_binary(tmp_path / "scene", shots(2))
+    try:
+        for image in [*(folder / "images").iterdir()]:
+            image.rename(os.fsdecode(os.fsencode(image).replace(b"001", b"0\xfc1")))
+    except OSError:
+        pytest.skip("this file system takes UTF-8 names alone")
+    table = folder / "sparse" / "0" / "images.bin"
+    table.write_bytes(table.read_bytes().replace(b"001.png", b"0\xfc1.png"))
+    assert_all_found(folder)
 
 
 def test_a_folder_beside_with_the_images_is_named(tmp_path: Path) -> None:
