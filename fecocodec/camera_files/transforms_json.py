@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.camera_files.image_matching import match_images
+from fecocodec.camera_files.image_matching import MatchedImages, match_images
 from fecocodec.camera_files.posed_photographs import (
     PosedPhotograph,
     PosedPhotographs,
@@ -89,20 +89,27 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
     images = match_images(path, [_name(frame) for frame in frames], [path.parent])
     cameras = [
         (_place(path, index, frame), partial(_photograph, mask, scene, frame, images.reduction))
-        for index, (frame, mask) in enumerate(zip(frames, _masks(path, frames, images.paths), strict=True))
+        for index, (frame, mask) in enumerate(zip(frames, _masks(path, frames, images), strict=True))
     ]
     near, far = (None if scene.get(key) is None else _number(scene, key, str(path)) for key in ("near", "far"))
     return PosedPhotographs(path, photographs_of(images, cameras), near, far, images.remarks)
 
 
-def _masks(path: Path, frames: list[Any], photographs: tuple[Path, ...]) -> list[Path | None]:
+def _masks(path: Path, frames: list[Any], images: MatchedImages) -> list[Path | None]:
     """Return the masks that frames name, found as images are, but never a photograph in place of a mask."""
     names = [_name(frame, "mask_path") for frame in frames]
     found = match_images(path, names, [path.parent]).paths if any(names) else [path] * len(names)
-    return [
-        None if not name else path.parent / name.replace("\\", "/") if mask in photographs else mask
+    named = [
+        path.parent / name.replace("\\", "/") if mask in images.paths else mask
         for name, mask in zip(names, found, strict=True)
     ]
+    return [_mask(mask, images.reduction) if name else None for name, mask in zip(names, named, strict=True)]
+
+
+def _mask(named: Path, reduction: int) -> Path:
+    """Return a mask, that of reduced photographs (`masks_2`) if there is only that one."""
+    reduced = named.parent.with_name(f"{named.parent.name}_{reduction}") / named.name
+    return reduced if os.path.isfile(reduced) and not os.path.isfile(named) else named
 
 
 def _name(frame: object, key: str = "file_path") -> str:

@@ -177,16 +177,21 @@ def mask_remarks(ignored: list[float], masks: str) -> list[str]:
     ]
 
 
-def unmasked_remarks(photographs: list[PosedPhotograph]) -> list[str]:
-    """Return a sentence if there is a folder of masks, but photographs have no mask in it."""
-    from fecocodec.photographs.masks import find_mask, mask_folders  # it loads torch
+def unmasked_remarks(photographs: list[PosedPhotograph], masks: str) -> list[str]:
+    """Return a sentence if photographs have no mask: in a folder of masks, where they are read, or to cut out."""
+    from fecocodec.photographs.masks import find_mask, mask_folders, unread_mask  # it loads torch
 
     without = [photograph.path for photograph in photographs if not (photograph.mask or find_mask(photograph.path))]
-    found = [(path, folder) for path in without for _, folder in mask_folders(path)]
-    if not found:
-        return []
-    path, folder = found[0]
-    return [f"{folder} has no mask for {_photographs(len(without))}, such as {path.name}; name a mask {path.name}.png."]
+    if found := [(path, folder) for path in without for _, folder in mask_folders(path)]:
+        path, folder = found[0]
+        count = _photographs(len(without))
+        return [f"{folder} has no mask for {count}, such as {path.name}; name a mask {path.name}.png."]
+    remedy = "put masks into a folder masks beside that of the photographs"
+    if unread := next(filter(None, map(unread_mask, without)), None):
+        return [f"{unread} is a mask by its name or folder, and is not read; {remedy}."]
+    if masks == "cut-out" and len(without) == len(photographs):
+        return [f"no photograph has a mask to cut it out by; {remedy}."]
+    return []
 
 
 def _photographs(count: int) -> str:

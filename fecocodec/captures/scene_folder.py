@@ -144,7 +144,7 @@ def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, ma
         remarks=(
             *clipping_remarks(chosen.names, [one.clipped for one in read]),
             *mask_remarks([one.masked for one in read if one.masked is not None], masks),
-            *(unmasked_remarks(chosen.photographs) if masks != "unused" else []),
+            *(unmasked_remarks(chosen.photographs, masks) if masks != "unused" else []),
         ),
     )
 

@@ -15,7 +15,7 @@ IMAGE_SUFFIXES = (
 )  # fmt: skip
 UNREAD_SUFFIXES = (*RAW_SUFFIXES, ".gif", ".jp2", ".jxl", ".ppm", ".psd", ".tga", ".hdr")
 PHOTOGRAPH_FOLDERS = ("images", "input")  # where programs keep photographs; `input` is that of the 3DGS reference
-MASK_FOLDERS = ("masks", "mask")  # in any case
+_MASK_FOLDER = re.compile(r"masks?(?:_\d{1,2})?", re.IGNORECASE)  # nerfstudio keeps those of images_2 in masks_2
 _KIND = r"(?:depth|disparity|normals?|masks?|alpha|confidence)"
 _MAP = re.compile(rf"(.+)[_.-]{_KIND}(?:[_.-]?\d+)?|{_KIND}[_.-]?(.+)", re.IGNORECASE)
 _PICTURE = re.compile(r"(?:rgb|colou?r|image|img|frame)[_.-]?(?=\d)|[_.-](?:rgb|colou?r|image|img)$", re.IGNORECASE)
@@ -41,6 +41,11 @@ def maps_among(paths: Iterable[Path]) -> set[Path]:
     files = list(paths)
     shown = {name for path in files for name in (path.stem, path.name, _PICTURE.sub("", path.stem))}
     return {path for path in files if (found := _MAP.fullmatch(path.stem)) and (found[1] or found[2]) in shown}
+
+
+def is_mask_folder(name: str) -> bool:
+    """Return whether a folder of this name holds masks."""
+    return _MASK_FOLDER.fullmatch(name) is not None
 
 
 def is_absent(path: Path) -> bool:

@@ -13,11 +13,11 @@ from PIL import ExifTags, Image
 from fecocodec.errors import InputError
 from fecocodec.limits import MIN_SIDE
 from fecocodec.photographs.image_headers import (
-    MASK_FOLDERS,
     PHOTOGRAPH_FOLDERS,
     has_image_name,
     is_absent,
     is_exr,
+    is_mask_folder,
     is_unread,
     maps_among,
     read_image_size,
@@ -60,7 +60,7 @@ def unused_images(folder: Path) -> list[Path]:
 
 
 def _is_apart(path: Path) -> bool:
-    return any(part.startswith(".") or part.lower() in MASK_FOLDERS for part in path.parts[:-1])
+    return any(part.startswith(".") or is_mask_folder(part) for part in path.parts[:-1])
 
 
 def absent_photographs(folder: Path) -> list[Path]:
