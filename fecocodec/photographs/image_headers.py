@@ -10,16 +10,21 @@ from fecocodec.photographs.orientation import UPRIGHT
 from fecocodec.photographs.pillow_images import RAW_SUFFIXES, orientation_with_pillow, size_with_pillow
 
 IMAGE_SUFFIXES = (
-    ".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".webp", ".avif", ".heic", ".heif", ".hif", ".tif", ".tiff", ".bmp",
-    ".exr",
+    ".png", ".apng", ".jpg", ".jpeg", ".jpe", ".jfif", ".mpo", ".webp", ".avif", ".heic", ".heif", ".hif", ".tif",
+    ".tiff", ".bmp", ".exr",
 )  # fmt: skip
-UNREAD_SUFFIXES = (*RAW_SUFFIXES, ".gif", ".jp2", ".jxl", ".ppm", ".psd", ".tga", ".hdr")
+UNREAD_SUFFIXES = (
+    *RAW_SUFFIXES, ".gif", ".jp2", ".j2k", ".j2c", ".jpf", ".jpx", ".jxl", ".ppm", ".pgm", ".pbm", ".pnm", ".psd",
+    ".tga", ".hdr", ".dib", ".heics",
+    ".jps", ".insp",  # JPEG of two pictures side by side
+)  # fmt: skip
 PHOTOGRAPH_FOLDERS = ("images", "input")  # where programs keep photographs; `input` is that of the 3DGS reference
 _MASK_FOLDER = re.compile(r"masks?(?:_\d{1,2})?", re.IGNORECASE)  # nerfstudio keeps those of images_2 in masks_2
 _KIND = r"(?:depth|disparity|normals?|masks?|alpha|confidence)"
 _MAP = re.compile(rf"(.+)[_.-]{_KIND}(?:[_.-]?\d+)?|{_KIND}[_.-]?(.+)", re.IGNORECASE)
 _PICTURE = re.compile(r"(?:rgb|colou?r|image|img|frame)[_.-]?(?=\d)|[_.-](?:rgb|colou?r|image|img)$", re.IGNORECASE)
 _PLACEHOLDER = re.compile(r"\.(.+)\.icloud")  # of a file that is not downloaded
+_SIGNATURE = re.compile(rb"\xff\xd8\xff|\x89PNG\r\n\x1a\n|RIFF.{4}WEBP", re.DOTALL)
 _EXR_SIGNATURE = b"v/1\x01"
 
 
@@ -31,6 +36,17 @@ def has_image_name(path: Path) -> bool:
 def is_unread(path: Path) -> bool:
     """Return whether a file is, by its name, a photograph of a kind that cannot be read."""
     return path.suffix.lower() in UNREAD_SUFFIXES and not path.name.startswith(".")
+
+
+def is_misnamed(path: Path) -> bool:
+    """Return whether a file is an image by its first bytes, but by its name neither one nor hidden."""
+    try:
+        require_regular_file(path)  # a pipe would block
+        with path.open("rb") as file:
+            is_image = _SIGNATURE.match(file.read(12)) is not None
+    except (OSError, InputError):
+        return False
+    return is_image and not (has_image_name(path) or is_unread(path) or path.name.startswith("."))
 
 
 def maps_among(paths: Iterable[Path]) -> set[Path]:

@@ -21,7 +21,7 @@ from fecocodec.photographs.stated_colours import COLOUR_BYTES, Samples, coded_co
 _FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "TIFF", "BMP")
 RAW_SUFFIXES = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".orf", ".raf", ".rw2", ".pef", ".srw", ".x3f",
-    ".3fr", ".iiq", ".raw",
+    ".3fr", ".iiq", ".raw", ".gpr", ".rwl", ".dcr", ".kdc", ".mrw", ".erf", ".mef", ".mos",
 )  # fmt: skip
 _HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _CODED_COLOURS = ("HEIF", "AVIF", "PNG")

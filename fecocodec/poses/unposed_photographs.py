@@ -2,6 +2,7 @@
 
 import re
 from collections import defaultdict
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from errno import ENAMETOOLONG
 from hashlib import blake2b
@@ -76,14 +77,15 @@ def _images_by_place(folder: Path) -> list[list[Path]]:
     return [[path for path in place.iterdir() if has_image_name(path) and path.is_file()] for place in _places(folder)]
 
 
-def unread_photographs(folder: Path) -> list[Path]:
+def unread_photographs(folder: Path, is_kind: Callable[[Path], bool] = is_unread) -> list[Path]:
     """Return photographs of kinds that cannot be read, at the places where `find_photographs` looks.
 
     A RAW file beside an image of the same name is left out: both are the same photograph.
+    is_kind: what is looked for; `is_misnamed` for images whose name is not that of one.
     """
     files = [path for place in _places(folder) for path in place.iterdir()]
     read = {path.with_suffix("") for path in files if has_image_name(path)}
-    return sorted(path for path in files if is_unread(path) and path.with_suffix("") not in read)
+    return sorted(path for path in files if is_kind(path) and path.with_suffix("") not in read)
 
 
 def upright_copies(

@@ -11,7 +11,7 @@ import torch
 from PIL import Image, ImageOps
 
 from fecocodec.errors import InputError, OutputError
-from fecocodec.photographs.image_headers import is_upright, read_image_size
+from fecocodec.photographs.image_headers import has_image_name, is_upright, read_image_size
 from fecocodec.photographs.images import decode_image, read_image, read_image_and_alpha, write_image
 from fecocodec.photographs.pillow_images import unreadable, upright_with_pillow
 
@@ -104,6 +104,16 @@ def test_other_modes_are_converted(mode, colours, tmp_path):
     path = tmp_path / ("image.jpg" if mode == "CMYK" else "image.png")
     Image.fromarray(to_bytes(np.full_like(colours, 0.4))).convert(mode).save(path)
     torch.testing.assert_close(read_image(path), torch.full((3, HEIGHT, WIDTH), 0.4), atol=0.02, rtol=0)
+
+
+def test_other_suffixes_of_kinds_that_are_read(colours, tmp_path):
+    first = Image.fromarray(to_bytes(colours))
+    first.save(tmp_path / "a.mpo", save_all=True, append_images=[first.rotate(90)], quality=95)
+    first.save(tmp_path / "a.apng", format="PNG")
+    for path in tmp_path.iterdir():
+        assert has_image_name(path)
+        expected = torch.from_numpy(colours).permute(2, 0, 1).float()
+        torch.testing.assert_close(read_image(path), expected, atol=0.03, rtol=0)
 
 
 def test_transparency_shows_white(tmp_path):
