@@ -197,7 +197,7 @@ def _lens(model: str, numbers: dict[str, float], reduction: int, place: str, wid
     focal = _focal_lengths(numbers, w, h)
     assert focal is not None  # `_numbers` has refused a lens without one
     if "w" not in numbers and "h" not in numbers and reduction == 1:
-        _require_central(numbers.get("cx"), numbers.get("cy"), width, height, place)
+        _require_central(numbers.get("cx"), numbers.get("cy"), w, h, place)
     centre = {"cx": numbers.get("cx", w / 2), "cy": numbers.get("cy", h / 2)}
     lens = lens_of_model(model, (round(w), round(h)), numbers | {"fx": focal[0], "fy": focal[1]} | centre)
     return lens.scaled_to(width, height, place)
@@ -212,14 +212,14 @@ def _implied_scale(numbers: dict[str, float], width: int, reduction: int) -> flo
     return scale if abs(scale - 1) > ASPECT_TOLERANCE else 1.0
 
 
-def _require_central(cx: float | None, cy: float | None, width: int, height: int, place: str) -> None:
+def _require_central(cx: float | None, cy: float | None, width: float, height: float, place: str) -> None:
     """Raise InputError if the principal point is outside the middle half of the image, a sign of another image size."""
     if cx is None or cy is None:
         return
     if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > 0.25:
         raise InputError(
             f"{place}: fl_x, cx and cy are in pixels of an image of about {2 * cx:.0f}x{2 * cy:.0f}, but the image is "
-            f"{width}x{height}; add w and h, the image size that they are for."
+            f"{width:.0f}x{height:.0f}; add w and h, the image size that they are for."
         )
 
 
