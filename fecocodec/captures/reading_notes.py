@@ -156,14 +156,18 @@ def picture_remarks(paths: list[Path]) -> list[str]:
     ]
 
 
-def clipping_remarks(names: tuple[str, ...], clipped: list[float]) -> list[str]:
-    """Return a sentence if light above 1 was clipped. clipped: share of the pixels of each photograph."""
-    if not any(clipped):
-        return []
-    most = max(clipped)
+def light_remarks(names: tuple[str, ...], clipped: list[float], blackened: list[float]) -> list[str]:
+    """Return sentences if values were changed. clipped, blackened: share of the pixels of each photograph."""
+    kinds = (
+        (clipped, "light above 1, which is clipped to 1", "store them darker to keep it"),
+        (blackened, "values that are NaN or negative, which become 0", "store them again without"),
+    )
+    counts = [sum(share > 0 for share in shares) for shares, *_ in kinds]
     return [
-        f"{_photographs(sum(share > 0 for share in clipped))} have light above 1, which is clipped to 1 (at most "
-        f"{100 * most:.2g}% of the pixels, of {names[clipped.index(most)]}); store them darker to keep it."
+        f"{_photographs(count)} {'has' if count == 1 else 'have'} {what} (at most {100 * max(shares):.2g}% of the "
+        f"pixels, of {names[shares.index(max(shares))]}); {remedy}."
+        for count, (shares, what, remedy) in zip(counts, kinds, strict=True)
+        if count
     ]
 
 
