@@ -14,7 +14,7 @@ from PIL import Image
 from fecocodec.errors import InputError, installation
 from fecocodec.photographs.colour import is_hdr
 from fecocodec.photographs.lens import require_known_model
-from fecocodec.photographs.video_pixels import Stream, in_srgb, side_data, upright
+from fecocodec.photographs.video_pixels import Stream, in_srgb, is_transparent, side_data, upright
 
 VIDEO_SUFFIXES = (
     ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".3g2", ".mpg", ".mpeg", ".wmv", ".ogv",
@@ -63,6 +63,8 @@ def write_sharp_frames(
     for index, (frame, stream) in enumerate(_frames(video, _Damage())):
         if index == 0 and is_hdr(stream.transfer):
             notes.append("the frames are of HDR video; their colours are tone-mapped to sRGB.")
+        if index == 0 and is_transparent(frame, stream):
+            notes.append("the opacity of the video is not read; to cut out what it hides, give PNG files with opacity.")
         if index in chosen:
             picture = Image.fromarray(upright(in_srgb(frame, stream), stream, frame))
             picture.save(folder / f"frame{index:06d}.png", compress_level=1)
@@ -119,7 +121,8 @@ def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, Stream]]:
                 last = float(frame.duration * frame.time_base or 1 / (stream.average_rate or 25))
                 damage.found = max(damage.found, (frame.time or 0.0) - start + last)
                 aspect = stream.sample_aspect_ratio or coded.sample_aspect_ratio or Fraction(1)
-                yield frame, Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc))
+                has_alpha = stream.metadata.get("alpha_mode") == "1"
+                yield frame, Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc), has_alpha)
     except (av.error.FFmpegError, OSError) as error:
         raise InputError(_unreadable(video, error.strerror)) from error
 

@@ -18,12 +18,13 @@ Picture = UInt8[np.ndarray, "height width 3"]
 class Stream:
     """What a video states of all its frames. pixel_aspect: width of a pixel relative to its height.
 
-    primaries, transfer: of its colours, as numbers of ITU-T H.273.
+    primaries, transfer: of its colours, as numbers of ITU-T H.273. has_alpha: by a tag, as WebM has it.
     """
 
     pixel_aspect: Fraction
     primaries: int
     transfer: int
+    has_alpha: bool = False
 
 
 def side_data(frame: Any, kind: str) -> Any:
@@ -32,6 +33,11 @@ def side_data(frame: Any, kind: str) -> Any:
         return frame.side_data.get(kind)
     except ValueError:
         return None
+
+
+def is_transparent(frame: Any, stream: Stream) -> bool:
+    """Return whether a frame has opacity, which is not read."""
+    return stream.has_alpha or any(component.is_alpha for component in frame.format.components)
 
 
 def in_srgb(frame: Any, stream: Stream) -> Picture:

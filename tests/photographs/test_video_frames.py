@@ -195,3 +195,16 @@ def test_frames_with_exif_data_are_read_and_turned(tmp_path):
     assert turned[20, 50, 0] > 200 and turned[20, 10, 0] < 50  # the corner above on the left is on the right
     with pytest.raises(InputError, match=r"clip\.mp4: 1 frame, but cameras are estimated from two or more"):
         write_sharp_frames(clip, tmp_path, 8, is_most=True)
+
+
+@pytest.mark.parametrize(("kind", "codec", "pixels"), [("mov", "qtrle", "argb"), ("webm", "libvpx-vp9", "yuva420p")])
+def test_opacity_that_is_not_read_is_noted(kind, codec, pixels, tmp_path):
+    with av.open(str(tmp_path / f"clip.{kind}"), "w") as container:
+        stream = container.add_stream(codec, rate=10)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, pixels
+        for level in (0, 120, 240):
+            picture = np.full((64, 96, 4), level, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgba").reformat(format=pixels)))
+        container.mux(stream.encode(None))
+    (note,), warnings = write_sharp_frames(tmp_path / f"clip.{kind}", tmp_path, 8, is_most=True)
+    assert note.startswith("the opacity of the video is not read; to cut out") and warnings == ()
