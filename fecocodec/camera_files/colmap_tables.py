@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fecocodec.errors import InputError
-from fecocodec.input_file import read_file, read_text
+from fecocodec.input_file import read_file
 
 # COLMAP's model ids and the number of parameters of each, from its sensor/models.h.
 _MODELS = {
@@ -215,7 +215,8 @@ def _words(path: Path) -> Iterator[tuple[list[str], str]]:
 
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Yield each line that is not a comment, with file and line number for messages."""
-    text = read_text(path, "export the COLMAP model again")
+    data = read_file(path, "export the COLMAP model again")
+    text = data.decode("utf-8-sig", "surrogateescape")  # as above
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.startswith("#"):
             yield line, f"{path}, line {number}"

@@ -120,14 +120,15 @@ def test_names_of_files_in_a_locale_that_is_not_utf8(monkeypatch: pytest.MonkeyP
     assert similar_key("\u53f0.jpg") == "\u53f0.jpg"
 
 
-def test_names_of_colmap_that_are_not_utf8_are_those_of_files(tmp_path: Path) -> None:
-    folder = write_colmap_binary(tmp_path / "scene", shots(2))
+@pytest.mark.parametrize("kind", ["bin", "txt"])
+def test_names_of_colmap_that_are_not_utf8_are_those_of_files(kind: str, tmp_path: Path) -> None:
+    folder = (write_colmap_binary if kind == "bin" else write_colmap_text)(tmp_path / "scene", shots(2))
     try:
         for image in [*(folder / "images").iterdir()]:
             image.rename(os.fsdecode(os.fsencode(image).replace(b"001", b"0\xfc1")))
     except OSError:
         pytest.skip("this file system takes UTF-8 names alone")
-    table = folder / "sparse" / "0" / "images.bin"
+    table = folder / "sparse" / "0" / f"images.{kind}"
     table.write_bytes(table.read_bytes().replace(b"001.png", b"0\xfc1.png"))
     assert_all_found(folder)
 
