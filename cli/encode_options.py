@@ -36,8 +36,8 @@ _OF_VIEWS = (
         callback=parse_selection,
         metavar="WHICH",
         help="Photographs to code: how many (4), which are then spread over the scene; numbers (0,5) or file names "
-        "(a.jpg,b.jpg); all; or auto for as many as it needs, at most 16.  [default: every photograph of up to four; "
-        "else auto]",
+        "(a.jpg,b.jpg; a comma in a name is \\,); all; or auto for as many as it needs, at most 16.  [default: every "
+        "photograph of up to four; else auto]",
     ),
     click.option(
         "--guides",

@@ -201,7 +201,8 @@ def parse_checks(ctx: click.Context, param: click.Parameter, value: str | None) 
 
 
 def _names(value: str, ctx: click.Context, param: click.Parameter) -> tuple[str, ...]:
-    items = tuple(item.strip() for item in value.split(","))
+    """Return the names between commas; `\\,` is a comma in a name."""
+    items = tuple(item.strip().replace("\\,", ",") for item in re.split(r"(?<!\\),", value))
     if not all(items):
         raise click.BadParameter(f"{value!r} names an empty view; use single commas, such as 0,5.", ctx, param)
     return items

@@ -12,6 +12,7 @@ import click
 from fecocodec.errors import OutputError
 
 _KEY = "fecosplat.verbosity"
+_LONG_NAME = re.compile(r"(\S{300})\S{300,}(\S{100})")  # names in a damaged file may have any length
 
 
 class Verbosity(Enum):
@@ -107,7 +108,8 @@ def say(sentence: str) -> None:
 
 def warn(sentence: str) -> None:
     """Print a warning or an error of one line to stderr, also if --quiet was given."""
-    click.echo(printable(sentence), err=True)  # names of files can contain control characters
+    shown = _LONG_NAME.sub(r"\1...\2", sentence)
+    click.echo(printable(shown), err=True)  # names of files can contain control characters
 
 
 def in_options(sentence: str) -> str:

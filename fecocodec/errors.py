@@ -1,5 +1,6 @@
 """Exceptions of the library. Each message is one sentence with file, location, cause and remedy."""
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -47,6 +48,12 @@ def some_of(names: Sequence[object], most: int = 3) -> str:
 def one_sentence(sentences: Sequence[str]) -> str:
     """Return sentences as one, with semicolons."""
     return "; ".join(sentence.removesuffix(".") for sentence in sentences) + "."
+
+
+def of_archive(sentence: str, folder: object, archive: object) -> str:
+    """Return a sentence about a folder as one about the archive that was unpacked to it."""
+    inside = re.escape(f"{folder}/")
+    return re.sub(rf"\bgive (?=[^;]*{inside})", "unpack it and give ", sentence).replace(str(folder), str(archive))
 
 
 def strict_error(place: str, warning: str) -> StrictError:

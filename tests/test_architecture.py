@@ -17,7 +17,11 @@ HOME_OF_LIBRARY = {
     "constriction": ("fecocodec/entropy/symbol_coders.py",),
     "zstandard": ("fecocodec/container/", "fecocodec/splat_files/spz.py", "bitstream_spec/"),
     "OpenEXR": ("fecocodec/photographs/exr.py",),
-    "av": ("fecocodec/photographs/video_writing.py", "fecocodec/photographs/video_frames.py"),
+    "av": (
+        "fecocodec/photographs/video_writing.py",
+        "fecocodec/photographs/video_frames.py",
+        "fecocodec/photographs/video_pixels.py",
+    ),
     "imagecodecs": ("fecocodec/photographs/png16.py", "fecocodec/evaluation/"),
     "pillow_heif": ("fecocodec/photographs/pillow_images.py",),
     "PIL": ("fecocodec/photographs/", "fecocodec/poses/", "fecocodec/splat_files/"),

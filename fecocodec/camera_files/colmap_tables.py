@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fecocodec.errors import InputError
-from fecocodec.input_file import read_file, read_text
+from fecocodec.input_file import read_file
 
 # COLMAP's model ids and the number of parameters of each, from its sensor/models.h.
 _MODELS = {
@@ -130,7 +130,7 @@ class _Table:
     def text(self) -> str:
         end = self.data.find(b"\0", self.offset)
         start = self.skip((end if end >= 0 else len(self.data)) + 1 - self.offset)
-        return self.data[start : self.offset - 1].decode("utf-8", "replace")
+        return self.data[start : self.offset - 1].decode("utf-8", "surrogateescape")  # as names of files
 
 
 def _is_table(path: Path) -> bool:
@@ -227,7 +227,8 @@ def _words(path: Path) -> Iterator[tuple[list[str], str]]:
 
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Yield each line that is not a comment, with file and line number for messages."""
-    text = read_text(path, "export the COLMAP model again")
+    data = read_file(path, "export the COLMAP model again")
+    text = data.decode("utf-8-sig", "surrogateescape")  # as above
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.startswith("#"):
             yield line, f"{path}, line {number}"

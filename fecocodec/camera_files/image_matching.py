@@ -77,10 +77,13 @@ def short_name(cameras_path: Path) -> str:
 
 
 def similar_key(name: str) -> str:
-    """Return what names share that differ in case, Unicode form, kind of space or encoding as a URL (`%20`) only."""
+    """Return what names share that differ in case, Unicode form, encoding as a URL (`%20`), or kind of space only.
+
+    Spaces and line breaks at their ends do not count.
+    """
     with suppress(UnicodeError):  # names of files in a locale that is not UTF-8
         name = os.fsencode(name).decode()
-    return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", unquote(name)).casefold())
+    return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", unquote(name)).casefold()).strip()
 
 
 def image_folders(roots: Sequence[Path]) -> Iterator[tuple[Path, int]]:

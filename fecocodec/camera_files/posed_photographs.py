@@ -79,16 +79,17 @@ def photographs_of(images: MatchedImages, cameras: Iterable[tuple[str, CameraRea
     camera of one image.
     """
     photographs: list[PosedPhotograph] = []
-    found: set[Path] = set()
+    found = dict[str, Path]()
     for name, path, (place, read) in zip(images.names, images.paths, cameras, strict=True):
         photograph = replace(_checked(path, place, read), name=name)
-        if path in found and not photograph.problem and os.path.isfile(path):
+        file = os.path.realpath(path)
+        if file in found and not photograph.problem and os.path.isfile(path):
             problem = (
                 f"{place}: another frame has this image, too, and its camera is used; name the image of each with its "
                 "folder, or remove one."
             )
-            photograph = replace(photograph, problem=problem)
-        found.add(path)
+            photograph = replace(photograph, path=found[file], problem=problem)
+        found.setdefault(file, path)
         photographs.append(photograph)
     return photographs
 

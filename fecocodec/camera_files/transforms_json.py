@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.camera_files.image_matching import match_images
+from fecocodec.camera_files.image_matching import MatchedImages, match_images
 from fecocodec.camera_files.posed_photographs import (
     PosedPhotograph,
     PosedPhotographs,
@@ -84,24 +84,32 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
         raise InputError(f"{path}: the outermost value is not an object; export it again.")
     frames = scene.get("frames")
     if not isinstance(frames, list) or not frames:
-        raise InputError(f"{path}: no frames; add a list `frames` with one camera per image.")
+        what = 'no list "frames", but an object of this name' if isinstance(frames, dict) and frames else "no frames"
+        raise InputError(f'{path}: {what}; add a list "frames" with one camera per image.')
     images = match_images(path, [_name(frame) for frame in frames], [path.parent])
     cameras = [
         (_place(path, index, frame), partial(_photograph, mask, scene, frame, images.reduction))
-        for index, (frame, mask) in enumerate(zip(frames, _masks(path, frames, images.paths), strict=True))
+        for index, (frame, mask) in enumerate(zip(frames, _masks(path, frames, images), strict=True))
     ]
     near, far = (None if scene.get(key) is None else _number(scene, key, str(path)) for key in ("near", "far"))
     return PosedPhotographs(path, photographs_of(images, cameras), near, far, images.remarks)
 
 
-def _masks(path: Path, frames: list[Any], photographs: tuple[Path, ...]) -> list[Path | None]:
+def _masks(path: Path, frames: list[Any], images: MatchedImages) -> list[Path | None]:
     """Return the masks that frames name, found as images are, but never a photograph in place of a mask."""
     names = [_name(frame, "mask_path") for frame in frames]
     found = match_images(path, names, [path.parent]).paths if any(names) else [path] * len(names)
-    return [
-        None if not name else path.parent / name.replace("\\", "/") if mask in photographs else mask
+    named = [
+        path.parent / name.replace("\\", "/") if mask in images.paths else mask
         for name, mask in zip(names, found, strict=True)
     ]
+    return [_mask(mask, images.reduction) if name else None for name, mask in zip(names, named, strict=True)]
+
+
+def _mask(named: Path, reduction: int) -> Path:
+    """Return a mask, that of reduced photographs (`masks_2`) if there is only that one."""
+    reduced = named.parent.with_name(f"{named.parent.name}_{reduction}") / named.name
+    return reduced if os.path.isfile(reduced) and not os.path.isfile(named) else named
 
 
 def _name(frame: object, key: str = "file_path") -> str:
@@ -189,7 +197,7 @@ def _lens(model: str, numbers: dict[str, float], reduction: int, place: str, wid
     focal = _focal_lengths(numbers, w, h)
     assert focal is not None  # `_numbers` has refused a lens without one
     if "w" not in numbers and "h" not in numbers and reduction == 1:
-        _require_central(numbers.get("cx"), numbers.get("cy"), width, height, place)
+        _require_central(numbers.get("cx"), numbers.get("cy"), w, h, place)
     centre = {"cx": numbers.get("cx", w / 2), "cy": numbers.get("cy", h / 2)}
     lens = lens_of_model(model, (round(w), round(h)), numbers | {"fx": focal[0], "fy": focal[1]} | centre)
     return lens.scaled_to(width, height, place)
@@ -204,14 +212,14 @@ def _implied_scale(numbers: dict[str, float], width: int, reduction: int) -> flo
     return scale if abs(scale - 1) > ASPECT_TOLERANCE else 1.0
 
 
-def _require_central(cx: float | None, cy: float | None, width: int, height: int, place: str) -> None:
+def _require_central(cx: float | None, cy: float | None, width: float, height: float, place: str) -> None:
     """Raise InputError if the principal point is outside the middle half of the image, a sign of another image size."""
     if cx is None or cy is None:
         return
     if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > 0.25:
         raise InputError(
             f"{place}: fl_x, cx and cy are in pixels of an image of about {2 * cx:.0f}x{2 * cy:.0f}, but the image is "
-            f"{width}x{height}; add w and h, the image size that they are for."
+            f"{width:.0f}x{height:.0f}; add w and h, the image size that they are for."
         )
 
 

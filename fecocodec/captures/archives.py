@@ -9,9 +9,10 @@ from shutil import copyfileobj
 
 from fecocodec.atomic import is_disk_full, temporary_folder
 from fecocodec.camera_files.formats import camera_files
-from fecocodec.errors import FecoError, InputError
+from fecocodec.errors import FecoError, InputError, of_archive
 from fecocodec.input_file import MAX_FILE_BYTES, StrPath
 from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, PHOTOGRAPH_FOLDERS, UNREAD_SUFFIXES
+from fecocodec.photographs.video_frames import VIDEO_SUFFIXES
 from fecocodec.poses.unposed_photographs import find_photographs
 
 MAX_MEMBERS = 20_000
@@ -20,8 +21,11 @@ _CAMERA_SUFFIXES = (
     ".json", ".txt", ".bin", ".npy", ".npz", ".csv", ".xml", ".xmp", ".out", ".nvm", ".sfm", ".traj", ".log", ".psx",
     ".yaml", ".yml", ".jsonl", ".geojson", ".jgz", ".rcproj", ".chan",
 )  # fmt: skip
-_WANTED = {*IMAGE_SUFFIXES, *UNREAD_SUFFIXES, *_CAMERA_SUFFIXES}
+_IMAGE_KINDS = {*IMAGE_SUFFIXES, *UNREAD_SUFFIXES}
+_WANTED = {*_IMAGE_KINDS, *_CAMERA_SUFFIXES}
+_INNER_SUFFIXES = (*VIDEO_SUFFIXES, ".zip", ".7z", ".rar", ".tar", ".gz", ".tgz")
 _REMEDY = "unpack it and give the folder"
+_IS_UTF8 = 1 << 11  # flag of a member's name
 
 
 def is_archive(path: Path) -> bool:
@@ -53,10 +57,15 @@ def unpacked(path: StrPath) -> Iterator[Path]:
             remedy = "it is damaged or no ZIP archive: copy it again" if is_damaged else _REMEDY
             raise InputError(f"{path}: the ZIP archive cannot be unpacked ({reason}); {remedy}.") from error
         root = _innermost(temporary)
+        is_scene = camera_files(root) or any(file.suffix.lower() in _IMAGE_KINDS for file in root.rglob("*"))
+        if not is_scene and (inner := _inner(path)):
+            raise InputError(
+                f"{path}: the ZIP archive holds no photographs, but {inner}; unpack it and give that file."
+            )
         try:
             yield root
         except FecoError as error:
-            raise type(error)(str(error).replace(str(root), str(path))) from error
+            raise type(error)(of_archive(str(error), root, path)) from error
 
 
 def _unpack(path: Path, target: Path) -> None:
@@ -69,18 +78,38 @@ def _unpack(path: Path, target: Path) -> None:
         for member in members:
             if member.flag_bits & 1:
                 raise InputError(f"{path}: the ZIP archive is encrypted; {_REMEDY}.")
-            file = target / _inside(path, member.filename)
+            file = target / _inside(path, _name(member))
             file.parent.mkdir(parents=True, exist_ok=True)
             with archive.open(member) as source, file.open("wb") as copy:
                 copyfileobj(source, copy)
 
 
+def _name(member: zipfile.ZipInfo) -> str:
+    """Return the name of a member, which macOS writes in UTF-8 without saying so."""
+    if member.flag_bits & _IS_UTF8:
+        return member.filename
+    try:
+        return member.filename.encode("cp437").decode()
+    except UnicodeError:
+        return member.filename
+
+
+def _inner(path: Path) -> str | None:
+    """Return the first video or archive in an archive; None if there is none."""
+    with zipfile.ZipFile(path) as archive:
+        names = (_name(member) for member in archive.infolist() if not _is_hidden(member))
+        return next((name for name in names if name.lower().endswith(_INNER_SUFFIXES)), None)
+
+
+def _is_hidden(member: zipfile.ZipInfo) -> bool:
+    return any(part.startswith((".", "__MACOSX")) and part != ".." for part in _parts(member.filename))
+
+
 def _is_wanted(member: zipfile.ZipInfo) -> bool:
     parts = _parts(member.filename)
-    is_hidden = any(part.startswith((".", "__MACOSX")) and part != ".." for part in parts)
     is_link = stat.S_ISLNK(member.external_attr >> 16)
     suffix = PurePosixPath(parts[-1]).suffix.lower() if parts else ""
-    return not (member.is_dir() or is_hidden or is_link) and suffix in _WANTED
+    return not (member.is_dir() or _is_hidden(member) or is_link) and suffix in _WANTED
 
 
 def _inside(path: Path, name: str) -> Path:
@@ -95,10 +124,18 @@ def _parts(name: str) -> tuple[str, ...]:
 
 
 def _innermost(folder: Path) -> Path:
-    """Return the folder below those that hold one folder and at most notes, unless that is one of a scene."""
+    """Return the folder below those that hold one folder and at most notes, unless that is one of a scene.
+
+    The notes are moved there: cameras of a kind that is not read may be among them.
+    """
     entries = list(folder.iterdir())
     folders = [path for path in entries if path.is_dir()]
     if len(folders) != 1 or folders[0].name in (*PHOTOGRAPH_FOLDERS, "sparse"):
         return folder
     has_more = len(entries) > 1 and (camera_files(folder) or find_photographs(folder))
-    return folder if has_more else _innermost(folders[0])
+    if has_more:
+        return folder
+    for path in entries:
+        if path != folders[0] and not (target := folders[0] / path.name).exists():
+            path.rename(target)
+    return _innermost(folders[0])

@@ -24,7 +24,7 @@ from fecocodec.captures.reading_notes import (
     without_copies,
 )
 from fecocodec.captures.view_choice import select_views
-from fecocodec.captures.view_selection import All, Auto, Selection
+from fecocodec.captures.view_selection import Auto, Selection
 from fecocodec.input_file import StrPath
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import common_size, framed_intrinsics, require_size
@@ -122,7 +122,5 @@ def _chosen_photographs(
         photographs, _ = select_views(scene, Auto(), path)
         names = ", ".join(_names(scene, photographs))
         notes.append(f"{len(photographs)} of {total} photographs are used ({names}); choose others by `views`.")
-    if isinstance(views, All):
-        return photographs, notes
     photographs, copies = without_copies(photographs)
     return photographs, notes + copies

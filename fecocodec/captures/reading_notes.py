@@ -19,6 +19,7 @@ LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
 LARGEST_FOCAL_WITHOUT_SIZE = 1.5  # 37 degrees; twice the focal length of a phone exceeds it
 MOST_NAMED = 20  # photographs in one note
+_BEGINNING_BYTES = 1 << 14  # of files that are compared as a whole only if these are equal
 
 
 def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int]) -> list[str]:
@@ -67,6 +68,15 @@ def _passed_over(scene: PosedPhotographs, cause: str, names: list[str]) -> str:
     return f"{count} cameras of {scene.cameras_name} {are} passed over ({some_of(names, MOST_NAMED)}): {cause}"
 
 
+def omission_notes(photographs: list[PosedPhotograph], problems: dict[int, str]) -> tuple[str, ...]:
+    """Return a sentence that names photographs that cannot be used, with the reason of the first one."""
+    if not problems:
+        return ()
+    names = [photographs[index].path.name for index in problems]
+    first = next(iter(problems.values())).removesuffix(".")
+    return (f"left out {some_of(names)}, which cannot be used: {first}.",)
+
+
 def unposed_notes(scene: PosedPhotographs) -> list[str]:
     """Return a note if images beside the photographs of a scene have no camera."""
     posed = {Path(os.path.abspath(photograph.path)) for photograph in scene.photographs}
@@ -86,16 +96,33 @@ def unposed_notes(scene: PosedPhotographs) -> list[str]:
 
 def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotograph], list[str]]:
     """Leave out photographs whose files have equal bytes, but the first; return the others and a note for each."""
-    kept: list[PosedPhotograph] = []
+    kept: dict[bytes, list[PosedPhotograph]] = {}
     notes = []
     for photograph in photographs:
-        original = next((other for other in kept if filecmp.cmp(other.path, photograph.path, shallow=False)), None)
+        alike = kept.setdefault(_beginning(photograph.path), [])
+        original = next((other for other in alike if _are_equal(other.path, photograph.path)), None)
         if original is None:
-            kept.append(photograph)
+            alike.append(photograph)
         else:
             shown, of = distinct_names([photograph.path, original.path])
             notes.append(f"{shown} is left out: it is a copy of {of}; remove it, or choose both by `views`.")
-    return kept, notes
+    first = {id(photograph) for alike in kept.values() for photograph in alike}
+    return [photograph for photograph in photographs if id(photograph) in first], notes
+
+
+def _beginning(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(_BEGINNING_BYTES)
+    except OSError:  # reading the pixels reports it
+        return b""
+
+
+def _are_equal(one: Path, other: Path) -> bool:
+    try:
+        return filecmp.cmp(one, other, shallow=False)
+    except OSError:
+        return False
 
 
 def picture_remarks(paths: list[Path]) -> list[str]:
@@ -129,14 +156,18 @@ def picture_remarks(paths: list[Path]) -> list[str]:
     ]
 
 
-def clipping_remarks(names: tuple[str, ...], clipped: list[float]) -> list[str]:
-    """Return a sentence if light above 1 was clipped. clipped: share of the pixels of each photograph."""
-    if not any(clipped):
-        return []
-    most = max(clipped)
+def light_remarks(names: tuple[str, ...], clipped: list[float], blackened: list[float]) -> list[str]:
+    """Return sentences if values were changed. clipped, blackened: share of the pixels of each photograph."""
+    kinds = (
+        (clipped, "light above 1, which is clipped to 1", "store them darker to keep it"),
+        (blackened, "values that are NaN or negative, which become 0", "store them again without"),
+    )
+    counts = [sum(share > 0 for share in shares) for shares, *_ in kinds]
     return [
-        f"{_photographs(sum(share > 0 for share in clipped))} have light above 1, which is clipped to 1 (at most "
-        f"{100 * most:.2g}% of the pixels, of {names[clipped.index(most)]}); store them darker to keep it."
+        f"{_photographs(count)} {'has' if count == 1 else 'have'} {what} (at most {100 * max(shares):.2g}% of the "
+        f"pixels, of {names[shares.index(max(shares))]}); {remedy}."
+        for count, (shares, what, remedy) in zip(counts, kinds, strict=True)
+        if count
     ]
 
 
@@ -150,16 +181,21 @@ def mask_remarks(ignored: list[float], masks: str) -> list[str]:
     ]
 
 
-def unmasked_remarks(photographs: list[PosedPhotograph]) -> list[str]:
-    """Return a sentence if there is a folder of masks, but photographs have no mask in it."""
-    from fecocodec.photographs.masks import find_mask, mask_folders  # it loads torch
+def unmasked_remarks(photographs: list[PosedPhotograph], masks: str) -> list[str]:
+    """Return a sentence if photographs have no mask: in a folder of masks, where they are read, or to cut out."""
+    from fecocodec.photographs.masks import find_mask, mask_folders, unread_mask  # it loads torch
 
     without = [photograph.path for photograph in photographs if not (photograph.mask or find_mask(photograph.path))]
-    found = [(path, folder) for path in without for _, folder in mask_folders(path)]
-    if not found:
-        return []
-    path, folder = found[0]
-    return [f"{folder} has no mask for {_photographs(len(without))}, such as {path.name}; name a mask {path.name}.png."]
+    if found := [(path, folder) for path in without for _, folder in mask_folders(path)]:
+        path, folder = found[0]
+        count = _photographs(len(without))
+        return [f"{folder} has no mask for {count}, such as {path.name}; name a mask {path.name}.png."]
+    remedy = "put masks into a folder masks beside that of the photographs"
+    if unread := next(filter(None, map(unread_mask, without)), None):
+        return [f"{unread} is a mask by its name or folder, and is not read; {remedy}."]
+    if masks == "cut-out" and len(without) == len(photographs):
+        return [f"no photograph has a mask to cut it out by; {remedy}."]
+    return []
 
 
 def _photographs(count: int) -> str:

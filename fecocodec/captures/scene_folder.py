@@ -12,7 +12,7 @@ from torch import Tensor
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
-from fecocodec.captures.reading_notes import clipping_remarks, mask_remarks, unmasked_remarks
+from fecocodec.captures.reading_notes import light_remarks, mask_remarks, unmasked_remarks
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
@@ -142,9 +142,9 @@ def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, ma
         notes=chosen.notes,
         ignored=ignored,
         remarks=(
-            *clipping_remarks(chosen.names, [one.clipped for one in read]),
+            *light_remarks(chosen.names, [one.clipped for one in read], [one.blackened for one in read]),
             *mask_remarks([one.masked for one in read if one.masked is not None], masks),
-            *(unmasked_remarks(chosen.photographs) if masks != "unused" else []),
+            *(unmasked_remarks(chosen.photographs, masks) if masks != "unused" else []),
         ),
     )
 
@@ -160,13 +160,15 @@ def _stacked(planes: list[Tensor | None], otherwise: Tensor) -> Tensor | None:
 class _Pixels:
     """One view. alpha, ignored: None if it is opaque, or has no mask that marks pixels to leave out.
 
-    clipped: as for `Photograph`. masked: share of the stored pixels that its mask marks; None if it marks none.
+    clipped, blackened: as for `Photograph`. masked: share of the stored pixels that its mask marks, None
+    if it marks none.
     """
 
     colour: Float[Tensor, "3 height width"]
     alpha: Float[Tensor, "height width"] | None
     ignored: Bool[Tensor, "height width"] | None
     clipped: float
+    blackened: float
     masked: float | None
 
 
@@ -199,6 +201,7 @@ def _framed_pixels(
         alpha=None if alpha is None else framed[3],
         ignored=framed[-1] < LEAST_KEPT if is_left_out else None,
         clipped=stored.clipped,
+        blackened=stored.blackened,
         masked=None if black is None else black.float().mean().item(),
     )
 

@@ -15,7 +15,6 @@ from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.captures.archives import is_archive, unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
 from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
-from fecocodec.captures.view_selection import Spread
 from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import Roles, choose_roles
@@ -153,7 +152,7 @@ def _read(
 ) -> tuple[Roles, "Photographs"]:
     """Choose and read the photographs.
 
-    Others replace checks that cannot be read, if none is left, and coded views, if so many are asked for.
+    Others replace checks that cannot be read, if none is left, and coded views that are not named.
     """
     decide = partial(_coded_views, scene, options, messages, on_progress)
     roles = choose_roles(
@@ -172,7 +171,7 @@ def _read(
     try:
         found = read_photographs(*chosen, options, messages)
     except InputError:
-        readable = with_problems(scene, roles.context) if isinstance(options.views, Spread) else scene
+        readable = scene if isinstance(options.views, tuple) else with_problems(scene, roles.context)
         if readable is scene:
             raise
     else:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from fecocodec.errors import InputError, strict_error
+from fecocodec.errors import InputError, of_archive, strict_error
 
 OnMessage = Callable[[str], None]  # (sentence)
 
@@ -67,7 +67,9 @@ class Messages:
         (self.note if self._is_strict else self.warn)(sentence)
 
     def _told(self, sentence: str) -> str:
-        return of_input(self.path, sentence.replace(str(self.folder), str(self.path)))
+        if self.folder != self.path:
+            sentence = of_archive(sentence, self.folder, self.path)
+        return of_input(self.path, sentence)
 
     def refuse(self, sentence: str) -> None:
         """Raise InputError."""

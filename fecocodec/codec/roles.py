@@ -13,7 +13,7 @@ import numpy as np
 
 from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, require_usable, stored_lens
-from fecocodec.captures.reading_notes import passed_over_notes
+from fecocodec.captures.reading_notes import omission_notes, passed_over_notes, without_copies
 from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
 from fecocodec.captures.view_selection import All, Selection, Spread
 from fecocodec.captures.view_spread import (
@@ -28,7 +28,7 @@ from fecocodec.captures.view_spread import (
     with_neighbours,
     within_reach,
 )
-from fecocodec.errors import InputError, error_context, some_of
+from fecocodec.errors import InputError, error_context
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import MIN_KEPT_AREA, kept_share
 from fecocodec.photographs.lens import Lens
@@ -83,9 +83,16 @@ def choose_roles(
     available = [index for index, photograph in enumerate(photographs) if is_usable(photograph)]
     if not available:
         raise no_view(scene)
-    found = _roles(scene, folder, available, (views, named), (guides, taught), num_checks, size, decide)
     passed_over = passed_over_notes(scene, [photographs[index] for index in available])
-    return found if named else replace(found, warnings=tuple(passed_over))
+    chosen = [*named, *taught]
+    order = [*chosen, *(index for index in available if index not in chosen)]
+    kept, copies = without_copies([photographs[index] for index in order])
+    own = {id(photograph) for photograph in kept}
+    available = [index for index in available if index in chosen or id(photographs[index]) in own]
+    found = _roles(scene, folder, available, (views, named), (guides, taught), num_checks, size, decide)
+    if named:
+        return replace(found, num_unused=found.num_unused + len(order) - len(available))
+    return replace(found, warnings=(*passed_over, *copies))
 
 
 def _roles(
@@ -104,9 +111,6 @@ def _roles(
     """
     (views, named), (guides, taught) = coded, teaching
     photographs, count = scene.photographs, len(available)
-    if isinstance(views, All):
-        choose_views([photographs[index] for index in available], tuple(range(count)), folder)
-        return Roles(available, [], [])
     if isinstance(views, Spread):
         with error_context(folder):
             require_count(views.count, count)
@@ -114,15 +118,20 @@ def _roles(
         guides = ()
     rest = [index for index in available if index not in {*named, *taught}]
     wanted = default_checks(count) if num_checks is None else num_checks
-    if wanted == 0 and (guides == () or (named and taught)):
-        context = named or _unguided(scene, folder, views, rest, decide)
-        return Roles(context, taught, [], count - len(context) - len(taught))
+    if named and wanted == 0 and (guides == () or taught):
+        return Roles(named, taught, [], len(rest))
 
     pinholes, problems = _usable(photographs, rest)
     if not pinholes and not named:
         nothing_left = f"{folder}: no photograph is left to be coded; name fewer in `guides`."
         raise InputError(next(iter(problems.values()), nothing_left))
-    usable = list(pinholes)
+    usable, omissions = list(pinholes), omission_notes(photographs, problems)
+    if isinstance(views, All):
+        choose_views([photographs[index] for index in usable], tuple(range(len(usable))), folder)
+        return Roles(usable, [], [], 0, omissions)
+    if wanted == 0 and guides == ():
+        context = _unguided(scene, folder, views, usable, decide)
+        return Roles(context, [], [], len(usable) - len(context), omissions)
     overlap, baseline = near, _ = _overlaps(scene, [*named, *taught, *usable])
     needed = 0 if named else views.count if isinstance(views, Spread) else 2
     spare = max(0, len(usable) - needed)
@@ -139,7 +148,7 @@ def _roles(
     if named:
         context = named
     elif guides == ():
-        context = _unguided(scene, folder, views, rest, decide)
+        context = _unguided(scene, folder, views, usable, decide)
     else:
         context = _covering(overlap, pinholes, usable, views, size, lambda order, of: decide(order, [*of, *taught]))
     if guides is None:
@@ -148,7 +157,7 @@ def _roles(
         taught = sorted(k_centres(overlap, context, within_reach(overlap, apart, context), MAX_GUIDES))
     checks = within_reach(near, checks, context)
     num_unused = count - len(context) - len(taught) - len(checks) - len(problems)
-    return Roles(context, taught, checks, num_unused, _omissions(photographs, problems))
+    return Roles(context, taught, checks, num_unused, omissions)
 
 
 def _named(
@@ -219,15 +228,6 @@ def _usable(photographs: list[PosedPhotograph], indices: list[int]) -> tuple[dic
         except InputError as error:
             problems[index] = str(error)
     return pinholes, problems
-
-
-def _omissions(photographs: list[PosedPhotograph], problems: dict[int, str]) -> tuple[str, ...]:
-    """Return a sentence that names photographs that cannot be used, with the reason of the first one."""
-    if not problems:
-        return ()
-    names = [photographs[index].path.name for index in problems]
-    first = next(iter(problems.values())).removesuffix(".")
-    return (f"left out {some_of(names)}, which cannot be used: {first}.",)
 
 
 def _overlaps(scene: PosedPhotographs, indices: list[int]) -> tuple[Overlap, Overlap]:

@@ -29,13 +29,15 @@ class ExrImage:
     """Content of an OpenEXR file; None for what the file lacks.
 
     colour: sRGB in [0, 1]. depth: channel Z, in scene units, unless it is CIE Z. alpha: opacity in [0, 1].
-    clipped: share of the pixels with light above 1, which is clipped.
+    clipped: share of the pixels with light above 1, which is clipped. blackened: share of those with a stored value
+    that is NaN or negative, which becomes 0.
     """
 
     colour: Float[Tensor, "3 height width"]
     depth: Float[Tensor, "height width"] | None
     alpha: Float[Tensor, "height width"] | None = None
     clipped: float = 0.0
+    blackened: float = 0.0
 
 
 def read_exr(path: Path, background: float = 1.0) -> ExrImage:
@@ -60,10 +62,12 @@ def read_exr(path: Path, background: float = 1.0) -> ExrImage:
     if alpha is not None:  # OpenEXR colour is premultiplied by alpha
         light = light + background * (1 - alpha)
     light = light.nan_to_num(nan=0.0)
+    stored = torch.stack([plane for name, plane in planes.items() if name in ("R", "G", "B", "Y")])
+    blackened = (stored.isnan() | (stored < -_HALF_STEP)).any(dim=0).float().mean().item()
     clipped = (light > 1 + _HALF_STEP).any(dim=0).float().mean().item()
     depth = None if "X" in planes else planes.get("Z")
     opacity = None if alpha is None else alpha.nan_to_num(nan=0.0).clamp(0, 1)
-    return ExrImage(linear_to_srgb(light), depth, opacity, clipped)
+    return ExrImage(linear_to_srgb(light), depth, opacity, clipped, blackened)
 
 
 def read_exr_size(path: Path) -> tuple[int, int]:

@@ -6,19 +6,25 @@ from pathlib import Path
 
 from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath, require_regular_file
-from fecocodec.photographs.pillow_images import RAW_SUFFIXES, UPRIGHT, orientation_with_pillow, size_with_pillow
+from fecocodec.photographs.orientation import UPRIGHT
+from fecocodec.photographs.pillow_images import RAW_SUFFIXES, orientation_with_pillow, size_with_pillow
 
 IMAGE_SUFFIXES = (
-    ".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".webp", ".avif", ".heic", ".heif", ".hif", ".tif", ".tiff", ".bmp",
-    ".exr",
+    ".png", ".apng", ".jpg", ".jpeg", ".jpe", ".jfif", ".mpo", ".webp", ".avif", ".heic", ".heif", ".hif", ".tif",
+    ".tiff", ".bmp", ".exr",
 )  # fmt: skip
-UNREAD_SUFFIXES = (*RAW_SUFFIXES, ".gif", ".jp2", ".jxl", ".ppm", ".psd", ".tga", ".hdr")
+UNREAD_SUFFIXES = (
+    *RAW_SUFFIXES, ".gif", ".jp2", ".j2k", ".j2c", ".jpf", ".jpx", ".jxl", ".ppm", ".pgm", ".pbm", ".pnm", ".psd",
+    ".tga", ".hdr", ".dib", ".heics",
+    ".jps", ".insp",  # JPEG of two pictures side by side
+)  # fmt: skip
 PHOTOGRAPH_FOLDERS = ("images", "input")  # where programs keep photographs; `input` is that of the 3DGS reference
-MASK_FOLDERS = ("masks", "mask")  # in any case
+_MASK_FOLDER = re.compile(r"masks?(?:_\d{1,2})?", re.IGNORECASE)  # nerfstudio keeps those of images_2 in masks_2
 _KIND = r"(?:depth|disparity|normals?|masks?|alpha|confidence)"
 _MAP = re.compile(rf"(.+)[_.-]{_KIND}(?:[_.-]?\d+)?|{_KIND}[_.-]?(.+)", re.IGNORECASE)
 _PICTURE = re.compile(r"(?:rgb|colou?r|image|img|frame)[_.-]?(?=\d)|[_.-](?:rgb|colou?r|image|img)$", re.IGNORECASE)
 _PLACEHOLDER = re.compile(r"\.(.+)\.icloud")  # of a file that is not downloaded
+_SIGNATURE = re.compile(rb"\xff\xd8\xff|\x89PNG\r\n\x1a\n|RIFF.{4}WEBP", re.DOTALL)
 _EXR_SIGNATURE = b"v/1\x01"
 
 
@@ -32,6 +38,17 @@ def is_unread(path: Path) -> bool:
     return path.suffix.lower() in UNREAD_SUFFIXES and not path.name.startswith(".")
 
 
+def is_misnamed(path: Path) -> bool:
+    """Return whether a file is an image by its first bytes, but by its name neither one nor hidden."""
+    try:
+        require_regular_file(path)  # a pipe would block
+        with path.open("rb") as file:
+            is_image = _SIGNATURE.match(file.read(12)) is not None
+    except (OSError, InputError):
+        return False
+    return is_image and not (has_image_name(path) or is_unread(path) or path.name.startswith("."))
+
+
 def maps_among(paths: Iterable[Path]) -> set[Path]:
     """Return images that are, by their names, maps of other ones.
 
@@ -40,6 +57,11 @@ def maps_among(paths: Iterable[Path]) -> set[Path]:
     files = list(paths)
     shown = {name for path in files for name in (path.stem, path.name, _PICTURE.sub("", path.stem))}
     return {path for path in files if (found := _MAP.fullmatch(path.stem)) and (found[1] or found[2]) in shown}
+
+
+def is_mask_folder(name: str) -> bool:
+    """Return whether a folder of this name holds masks."""
+    return _MASK_FOLDER.fullmatch(name) is not None
 
 
 def is_absent(path: Path) -> bool:

@@ -45,13 +45,14 @@ def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
 class Photograph:
     """Pixels of a photograph.
 
-    colour: sRGB in [0, 1]. alpha: opacity in [0, 1]; None if it is opaque everywhere. clipped: share of the pixels
-    whose light was above 1.
+    colour: sRGB in [0, 1]. alpha: opacity in [0, 1]; None if it is opaque everywhere. clipped, blackened: as for
+    `ExrImage`.
     """
 
     colour: Float[Tensor, "3 height width"]
     alpha: Float[Tensor, "height width"] | None
     clipped: float = 0.0
+    blackened: float = 0.0
 
 
 def read_image_and_alpha(
@@ -64,13 +65,14 @@ def read_image_and_alpha(
 
 def read_photograph(path: StrPath, background: Background = "white") -> Photograph:
     """Read an image like `read_image`, composited on `background`, and its opacity."""
-    path, clipped = Path(path), 0.0
+    path, clipped, blackened = Path(path), 0.0, 0.0
     if is_exr(path):
         image = read_exr(path, LEVELS[background])
-        colour, alpha, clipped = image.colour, image.alpha, image.clipped
+        colour, alpha, clipped, blackened = image.colour, image.alpha, image.clipped, image.blackened
     else:
         colour, alpha = _composited(torch.from_numpy(decode_with_pillow(path, path)), LEVELS[background])
-    return Photograph(colour, None if alpha is None or bool((alpha == 1.0).all()) else alpha, clipped)
+    is_opaque = alpha is None or bool((alpha == 1.0).all())
+    return Photograph(colour, None if is_opaque else alpha, clipped, blackened)
 
 
 def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:

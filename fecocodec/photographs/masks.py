@@ -11,12 +11,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fecocodec.errors import InputError
-from fecocodec.photographs.image_headers import MASK_FOLDERS, has_image_name
+from fecocodec.photographs.image_headers import has_image_name, is_mask_folder
 from fecocodec.photographs.images import read_image_and_alpha
 from fecocodec.photographs.lens import ASPECT_TOLERANCE
 
 FOLDER = "masks"
 _NAME_OF_MASK = re.compile(r"[_.-]masks?$")  # what may follow the name of the photograph
+_WORDS = {"mask", "masks", "alpha", "alphas", "matte", "mattes", "segmentation", "segmentations"}
 _DEPTH = 3  # folders above a photograph in which a folder of masks is looked for
 _BRIGHT = 128  # level from which on a pixel is not black, if the mask has any such pixel
 
@@ -40,8 +41,23 @@ def find_mask(photograph: Path) -> Path | None:
 def mask_folders(photograph: Path) -> Iterator[tuple[Path, Path]]:
     """Yield (folder, its folder of masks) for the folders above a photograph that have one."""
     for base in photograph.parents[:_DEPTH]:
-        named = (path for path in _entries(base) if path.name.lower() in MASK_FOLDERS)
+        named = (path for path in _entries(base) if is_mask_folder(path.name))
         yield from ((base, folder) for folder in named if folder.is_dir())
+
+
+def unread_mask(photograph: Path) -> Path | None:
+    """Return a mask of a photograph, by its name or that of its folder, where masks are not read; None if none."""
+    others = (path for base in photograph.parents[:_DEPTH] for path in _entries(base) if _WORDS & {*_words(path.name)})
+    folders = (path for path in others if path.is_dir() and not is_mask_folder(path.name))
+    beside = (path for path in _entries(photograph.parent) if path != photograph and _WORDS & {*_words(path.stem)})
+    wanted = [_words(photograph.name), _words(photograph.stem)]
+    images = (*beside, *(path for folder in folders for path in _entries(folder)))
+    names = ((path, [word for word in _words(path.stem) if word not in _WORDS]) for path in images)
+    return next((path for path, words in names if words in wanted and has_image_name(path)), None)
+
+
+def _words(name: str) -> list[str]:
+    return [word for word in re.split(r"[\W_]+", name.lower()) if word]
 
 
 def _similar(wanted: Path) -> list[Path]:

@@ -2,17 +2,18 @@
 
 import struct
 import warnings
-from contextlib import nullcontext
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
 from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL.TiffImagePlugin import TiffImageFile
 
 from fecocodec.errors import InputError, installation
 from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
 from fecocodec.photographs.colour import adobe_rgb_to_srgb, profile_to_srgb
+from fecocodec.photographs.orientation import LAST_ORIENTATION, UPRIGHT, as_stored, turned_upright
 from fecocodec.photographs.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
 from fecocodec.photographs.silence import silenced
 from fecocodec.photographs.stated_colours import COLOUR_BYTES, Samples, coded_colours, stated_to_srgb
@@ -20,20 +21,10 @@ from fecocodec.photographs.stated_colours import COLOUR_BYTES, Samples, coded_co
 _FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "TIFF", "BMP")
 RAW_SUFFIXES = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".orf", ".raf", ".rw2", ".pef", ".srw", ".x3f",
-    ".3fr", ".iiq", ".raw",
+    ".3fr", ".iiq", ".raw", ".gpr", ".rwl", ".dcr", ".kdc", ".mrw", ".erf", ".mef", ".mos",
 )  # fmt: skip
 _HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _CODED_COLOURS = ("HEIF", "AVIF", "PNG")
-UPRIGHT, LAST_ORIENTATION = 1, 8  # of EXIF
-_TURNED_UPRIGHT = {
-    2: Image.Transpose.FLIP_LEFT_RIGHT,
-    3: Image.Transpose.ROTATE_180,
-    4: Image.Transpose.FLIP_TOP_BOTTOM,
-    5: Image.Transpose.TRANSPOSE,
-    6: Image.Transpose.ROTATE_270,
-    7: Image.Transpose.TRANSVERSE,
-    8: Image.Transpose.ROTATE_90,
-}
 _USUAL_GAMMA, _SAME_GAMMA = 1 / 2.2, 0.05  # of files whose values are taken as sRGB
 
 
@@ -61,21 +52,12 @@ def upright_with_pillow(path: Path) -> Image.Image:
     return turned_upright(image, orientation_with_pillow(path))
 
 
-def turned_upright(image: Image.Image, orientation: int) -> Image.Image:
-    """Return the image as an EXIF orientation says that it is to be shown."""
-    turn = _TURNED_UPRIGHT.get(orientation)
-    return image if turn is None else image.transpose(turn)
-
-
 def size_with_pillow(path: Path) -> tuple[int, int]:
-    """Return (height, width) from the header alone. Raises InputError as `decode_with_pillow` does."""
-    try:
-        with open_image(path, path) as image:
-            return image.height, image.width
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # as above
-        raise InputError(unreadable(path, error)) from error
+    """Return (height, width) as stored, from the header alone. Raises InputError as `decode_with_pillow` does."""
+    with open_image(path, path) as image:
+        if isinstance(image, TiffImageFile):  # its size is that after turning upright
+            return image.tag_v2[ExifTags.Base.ImageLength], image.tag_v2[ExifTags.Base.ImageWidth]
+        return image.height, image.width
 
 
 def orientation_with_pillow(path: Path) -> int:
@@ -84,9 +66,11 @@ def orientation_with_pillow(path: Path) -> int:
     Raises InputError as `decode_with_pillow` does for an image that cannot be opened.
     """
     with open_image(path, path) as image:
-        if image.format in ("TIFF", "HEIF"):  # their decoders turn the pixels
-            return UPRIGHT
-        found = exif_value(image, ExifTags.Base.Orientation)
+        return UPRIGHT if image.format == "HEIF" else _orientation(image)  # its decoder turns the pixels
+
+
+def _orientation(image: Image.Image) -> int:
+    found = exif_value(image, ExifTags.Base.Orientation)
     return found if isinstance(found, int) and UPRIGHT <= found <= LAST_ORIENTATION else UPRIGHT
 
 
@@ -151,10 +135,19 @@ def unreadable(place: Path | str, error: Exception) -> str:
 
 
 def open_image(source: Path | BytesIO, place: Path | str) -> Image.Image:
-    """Open an image with Pillow, which reads its header. Raises InputError as `decode_with_pillow` does, and OSError.
+    """Open an image with Pillow, which reads its header. Raises InputError as `decode_with_pillow` does.
 
     Kinds are recognised by content; only RAW is by name, because many RAW files are TIFF files of a preview.
     """
+    try:
+        return _opened(source, place)
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
+        raise InputError(unreadable(place, error)) from error
+
+
+def _opened(source: Path | BytesIO, place: Path | str) -> Image.Image:
     if isinstance(source, Path):
         require_regular_file(source)
         if source.suffix.lower() in RAW_SUFFIXES:
@@ -201,11 +194,14 @@ def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:
                 data = source.getvalue() if isinstance(source, BytesIO) else source.read_bytes()
                 samples = decode_sixteen_bits(data, str(place), profile)
                 return samples if profile else stated_to_srgb(samples, data[:COLOUR_BYTES], _gamma(image))
-            with silenced() if image.format == "TIFF" else nullcontext():  # libtiff prints what is damaged
+            if image.format != "TIFF":
                 return _samples(image, source, place)
+            orientation = _orientation(image)
+            with silenced():  # libtiff prints what is damaged
+                return as_stored(_samples(image, source, place), orientation)
     except (InputError, MemoryError):
         raise
-    except Exception as error:  # Pillow reports damage in many ways: OSError, SyntaxError, AssertionError, struct.error
+    except Exception as error:  # as above
         raise InputError(unreadable(place, error)) from error
 
 

@@ -12,8 +12,9 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 
 from fecocodec.errors import InputError, installation
-from fecocodec.photographs.colour import coded_to_srgb, is_hdr, is_srgb
+from fecocodec.photographs.colour import is_hdr
 from fecocodec.photographs.lens import require_known_model
+from fecocodec.photographs.video_pixels import Stream, in_srgb, is_transparent, side_data, upright
 
 VIDEO_SUFFIXES = (
     ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".3g2", ".mpg", ".mpeg", ".wmv", ".ogv",
@@ -21,12 +22,10 @@ VIDEO_SUFFIXES = (
 _SHARPNESS_WIDTH, _CHANGE_WIDTH = 480, 96  # pixels of the small grey frames that are measured
 _LEAST_CHANGE = 0.02  # mean change of a frame that is not passed over, in standard deviations of its grey levels
 _BORDER_SHARPNESS = 0.5  # what sharpness counts at the borders of a part, relative to its middle
-_LARGEST_ROWS_OF_601 = 576  # a video with more rows that does not state its matrix has that of BT.709
 # The part of a video, and the seconds, that must be missing at its end to be worth a warning.
 _LEAST_CUT, _LEAST_CUT_SECONDS = 0.05, 0.2
 _DURATION = re.compile(r"(\d{1,4}):(\d\d):(\d\d(?:\.\d{1,9})?)")
 _RECTILINEAR = 4  # AV_SPHERICAL_RECTILINEAR; others are panoramas
-Picture = UInt8[np.ndarray, "height width 3"]
 
 
 def is_video(path: Path) -> bool:
@@ -64,8 +63,10 @@ def write_sharp_frames(
     for index, (frame, stream) in enumerate(_frames(video, _Damage())):
         if index == 0 and is_hdr(stream.transfer):
             notes.append("the frames are of HDR video; their colours are tone-mapped to sRGB.")
+        if index == 0 and is_transparent(frame, stream):
+            notes.append("the opacity of the video is not read; to cut out what it hides, give PNG files with opacity.")
         if index in chosen:
-            picture = Image.fromarray(_upright(_in_srgb(frame, stream), stream, frame))
+            picture = Image.fromarray(upright(in_srgb(frame, stream), stream, frame))
             picture.save(folder / f"frame{index:06d}.png", compress_level=1)
     return tuple(notes), damage.warnings()
 
@@ -95,19 +96,7 @@ class _Damage:
         return tuple(sentences)
 
 
-@dataclass(frozen=True)
-class _Stream:
-    """What a video states of all its frames. pixel_aspect: width of a pixel relative to its height.
-
-    primaries, transfer: of its colours, as numbers of ITU-T H.273.
-    """
-
-    pixel_aspect: Fraction
-    primaries: int
-    transfer: int
-
-
-def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, _Stream]]:
+def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, Stream]]:
     """Yield the frames that can be decoded. damage: gets what is missing."""
     try:
         import av
@@ -126,13 +115,14 @@ def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, _Stream]]:
             coded = stream.codec_context
             start, damage.stated = _stated_span(container, stream)
             for frame in _decoded(container, stream, damage):
-                projection = frame.side_data.get("SPHERICAL")
+                projection = side_data(frame, "SPHERICAL")
                 if projection is not None and np.frombuffer(projection, np.int32)[0] != _RECTILINEAR:
                     require_known_model("EQUIRECTANGULAR", str(video))
                 last = float(frame.duration * frame.time_base or 1 / (stream.average_rate or 25))
                 damage.found = max(damage.found, (frame.time or 0.0) - start + last)
                 aspect = stream.sample_aspect_ratio or coded.sample_aspect_ratio or Fraction(1)
-                yield frame, _Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc))
+                has_alpha = stream.metadata.get("alpha_mode") == "1"
+                yield frame, Stream(Fraction(aspect), int(coded.color_primaries), int(coded.color_trc), has_alpha)
     except (av.error.FFmpegError, OSError) as error:
         raise InputError(_unreadable(video, error.strerror)) from error
 
@@ -214,33 +204,3 @@ def _sharpest(frames: list[int], sharpness: list[float], count: int) -> set[int]
         weights = 1 - (1 - _BORDER_SHARPNESS) * from_middle
         chosen.add(int(part[np.argmax(weights * [sharpness[index] for index in part])]))
     return chosen
-
-
-def _in_srgb(frame: Any, stream: _Stream) -> Picture:
-    """Return the pixels of a frame as sRGB."""
-    from av.video.reformatter import Colorspace
-
-    states_matrix = int(frame.colorspace) in list(Colorspace)
-    matrix = {} if states_matrix or frame.height <= _LARGEST_ROWS_OF_601 else {"src_colorspace": Colorspace.ITU709}
-    if is_srgb(stream.primaries, stream.transfer):
-        picture: Picture = frame.to_ndarray(format="rgb24", **matrix)
-        return picture
-    pixels = frame.to_ndarray(format="rgb48le", **matrix) / np.float32(65535)
-    coded_to_srgb(pixels, stream.primaries, stream.transfer)
-    return np.rint(255 * pixels).astype(np.uint8)
-
-
-def _upright(picture: Picture, stream: _Stream, frame: Any) -> Picture:
-    """Return the picture as it is to be shown: one field of an interlaced frame, square pixels, the display matrix."""
-    height, width = picture.shape[:2]
-    field = picture[::2] if frame.interlaced_frame else picture
-    shown = (max(1, round(width * stream.pixel_aspect)), height)
-    if field.shape[1::-1] != shown:
-        field = np.asarray(Image.fromarray(field).resize(shown, Image.Resampling.LANCZOS))
-    side_data = frame.side_data.get("DISPLAYMATRIX")
-    if side_data is None:
-        return np.ascontiguousarray(field)
-    a, b, _, c, d = np.frombuffer(side_data, np.int32)[:5].tolist()  # (x, y) is shown at (a x + c y, b x + d y)
-    across, down = (a, d) if abs(a) >= abs(b) else (c, b)
-    turned = field if abs(a) >= abs(b) else field.swapaxes(0, 1)
-    return np.ascontiguousarray(turned[:: -1 if down < 0 else 1, :: -1 if across < 0 else 1])

@@ -13,7 +13,7 @@ import numpy as np
 from fecocodec.atomic import require_space, temporary_folder, write_atomically
 from fecocodec.errors import InputError, one_sentence, some_of
 from fecocodec.geometry.depth_bounds import bounds_of_depths
-from fecocodec.photographs.image_headers import conversion_advice, read_image_size
+from fecocodec.photographs.image_headers import conversion_advice, is_misnamed, read_image_size
 from fecocodec.photographs.lens import Lens
 from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
 from fecocodec.poses.pose_estimation import LEAST_ANGLE, LEAST_MATCHES, LEAST_POINTS, reconstruct
@@ -125,6 +125,9 @@ def _unread(folder: Path) -> list[str]:
     unread = unread_photographs(folder)
     of_kinds = f"of a kind that cannot be read; {conversion_advice(unread)}."
     warnings = [f"{_listed(unread)} {of_kinds}"] if unread else []
+    if misnamed := unread_photographs(folder, is_misnamed):
+        of_names = "not used: by content, but not by name, an image; end such a name in .jpg, .png or .webp."
+        warnings.append(f"{_listed(misnamed)} {of_names}")
     if absent := absent_photographs(folder):
         warnings.append(f"{_listed(absent)} not here but only linked to, or not downloaded; put the photographs here.")
     return warnings

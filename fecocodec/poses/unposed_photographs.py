@@ -2,6 +2,7 @@
 
 import re
 from collections import defaultdict
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from errno import ENAMETOOLONG
 from hashlib import blake2b
@@ -13,21 +14,21 @@ from PIL import ExifTags, Image
 from fecocodec.errors import InputError
 from fecocodec.limits import MIN_SIDE
 from fecocodec.photographs.image_headers import (
-    MASK_FOLDERS,
     PHOTOGRAPH_FOLDERS,
     has_image_name,
     is_absent,
     is_exr,
+    is_mask_folder,
     is_unread,
     maps_among,
     read_image_size,
 )
 from fecocodec.photographs.lens import require_known_model
+from fecocodec.photographs.orientation import turned_upright
 from fecocodec.photographs.pillow_images import (
     exif_value,
     open_image,
     orientation_with_pillow,
-    turned_upright,
     upright_with_pillow,
 )
 from fecocodec.poses.estimated_cameras import ImageGroup
@@ -60,7 +61,7 @@ def unused_images(folder: Path) -> list[Path]:
 
 
 def _is_apart(path: Path) -> bool:
-    return any(part.startswith(".") or part.lower() in MASK_FOLDERS for part in path.parts[:-1])
+    return any(part.startswith(".") or is_mask_folder(part) for part in path.parts[:-1])
 
 
 def absent_photographs(folder: Path) -> list[Path]:
@@ -76,14 +77,15 @@ def _images_by_place(folder: Path) -> list[list[Path]]:
     return [[path for path in place.iterdir() if has_image_name(path) and path.is_file()] for place in _places(folder)]
 
 
-def unread_photographs(folder: Path) -> list[Path]:
+def unread_photographs(folder: Path, is_kind: Callable[[Path], bool] = is_unread) -> list[Path]:
     """Return photographs of kinds that cannot be read, at the places where `find_photographs` looks.
 
     A RAW file beside an image of the same name is left out: both are the same photograph.
+    is_kind: what is looked for; `is_misnamed` for images whose name is not that of one.
     """
     files = [path for place in _places(folder) for path in place.iterdir()]
     read = {path.with_suffix("") for path in files if has_image_name(path)}
-    return sorted(path for path in files if is_unread(path) and path.with_suffix("") not in read)
+    return sorted(path for path in files if is_kind(path) and path.with_suffix("") not in read)
 
 
 def upright_copies(

@@ -1,6 +1,7 @@
 """What bad input gets: one sentence that names file, place, cause and remedy."""
 
 import json
+import math
 import os
 import re
 from dataclasses import replace
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fecosplat_cli.output import in_options
 from PIL import Image
 from wall_scene import (
     shots,
@@ -107,7 +109,10 @@ def test_a_file_that_is_no_camera_file(tmp_path: Path) -> None:
 
 def test_no_frames(scene):
     edit(scene, lambda cameras: cameras.update(frames=[]))
-    assert message(scene) == (f"{scene}/transforms.json: no frames; add a list `frames` with one camera per image.")
+    sentence = f'{scene}/transforms.json: no frames; add a list "frames" with one camera per image.'
+    assert message(scene) == in_options(sentence) == sentence
+    edit(scene, lambda cameras: cameras.update(frames={"0": {}}))
+    assert message(scene).startswith(f'{scene}/transforms.json: no list "frames", but an object of this name; add')
 
 
 @pytest.mark.parametrize("write", [write_transforms, write_colmap_text, write_colmap_binary])
@@ -527,6 +532,20 @@ def test_reduced_images_whose_cameras_have_another_principal_point(scene):
         f"{scene}/transforms.json, frame 0 (images/000.png): fl_x, cx and cy are in pixels of an image of about "
         "376x332, but the image is 96x80; add w and h, the image size that they are for."
     )
+
+
+def test_the_size_of_a_lens_is_derived_from_its_field_of_view(scene):
+    def enlarge(cameras):
+        for frame in cameras["frames"]:
+            width = frame.pop("w")
+            del frame["h"]
+            frame["camera_angle_x"] = 2 * math.atan(width / 2 / frame["fl_x"])
+            for key in ("fl_x", "fl_y", "cx", "cy"):
+                frame[key] *= 4
+
+    expected = read_views(scene, near=1.0, far=9.0).cameras.intrinsics
+    edit(scene, enlarge)
+    np.testing.assert_allclose(read_views(scene, near=1.0, far=9.0).cameras.intrinsics, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "loop"])

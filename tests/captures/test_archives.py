@@ -11,6 +11,7 @@ import pytest
 import torch
 from wall_scene import shots, write_colmap_binary, write_photographs, write_transforms
 
+from fecocodec.camera_files.find import unread_cameras_notes
 from fecocodec.captures import archives
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.render_cameras import read_render_cameras
@@ -129,3 +130,43 @@ def test_a_full_disk_is_not_a_fault_of_the_archive(tmp_path: Path, monkeypatch: 
     full = "the disk of the temporary folder is full; free space, or set TMPDIR to another one."
     with pytest.raises(OutputError, match=full), unpacked(archive):
         pass
+
+
+def test_names_in_utf8_that_do_not_say_so_are_read(tmp_path: Path) -> None:
+    """As macOS writes them; others without that flag are in code page 437."""
+    for encoding in ("utf-8", "cp437"):
+        archive = tmp_path / f"{encoding}.zip"
+        with zipfile.ZipFile(archive, "w") as packed:
+            packed.writestr("0123456.json", "{}")
+        archive.write_bytes(
+            archive.read_bytes().replace(b"0123456.json", "Küche1.json".encode(encoding).rjust(12, b"-"))
+        )
+        with unpacked(archive) as folder:
+            assert [path.name.lstrip("-") for path in folder.iterdir()] == ["Küche1.json"]
+
+
+def test_cameras_beside_the_folder_of_the_photographs_are_named(tmp_path: Path) -> None:
+    write_photographs(tmp_path / "scene" / "rgb", shots(2))
+    (tmp_path / "scene" / "groundtruth.txt").write_text("# timestamp tx ty tz qx qy qz qw\n1 0 0 0 0 0 0 1\n")
+    with unpacked(pack(tmp_path / "scene", tmp_path / "scan.zip", "scene/")) as folder:
+        assert unread_cameras_notes(folder)[0].startswith("cameras in groundtruth.txt (TUM RGB-D) are not read")
+
+
+@pytest.mark.parametrize("name", ["clip.MP4", "scan/inner.zip"])
+def test_a_video_or_an_archive_in_an_archive_is_to_be_given_itself(name: str, tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as packed:
+        packed.writestr(name, b"-")
+        packed.writestr("README.txt", b"-")
+    with pytest.raises(InputError) as refused, unpacked(tmp_path / "a.zip"):
+        pass
+    assert str(refused.value) == (
+        f"{tmp_path / 'a.zip'}: the ZIP archive holds no photographs, but {name}; unpack it and give that file."
+    )
+
+
+def test_what_is_in_an_archive_is_to_be_unpacked_before_it_is_given(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_transforms(tmp_path / "scans" / name, shots(2))
+    archive = pack(tmp_path / "scans", tmp_path / "scans.zip")
+    with pytest.raises(InputError, match=rf"2 folders with cameras; unpack it and give one of them, as {archive}/a\.$"):
+        read_views(archive)

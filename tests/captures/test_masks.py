@@ -32,7 +32,14 @@ def left_half(height: int, width: int) -> torch.Tensor:
     return (torch.arange(width) < width // 2).expand(height, width)
 
 
-FOUND = ["masks/000.png.png", "masks/000.png", "images/masks/000.png", "Masks/000.PNG", "mask/000_mask.jpg"]
+FOUND = [
+    "masks/000.png.png",
+    "masks/000.png",
+    "images/masks/000.png",
+    "Masks/000.PNG",
+    "mask/000_mask.jpg",
+    "masks_2/000.png",
+]
 
 
 @pytest.mark.parametrize(
@@ -75,6 +82,33 @@ def test_masks_that_are_named_are_found_as_photographs_are(named, tmp_path):
     (folder / "transforms.json").write_text(json.dumps(scene))
     with pytest.raises(InputError, match=r"frame 1 \(.*\): `mask_path` is not text; name the mask of this image"):
         read(folder, views=(1,))
+
+
+def test_masks_of_reduced_photographs_are_those_of_the_names(tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    (folder / "images").rename(folder / "images_2")
+    for name in ("000.png", "001.png"):
+        store_mask(folder / "masks_2" / name)
+    scene = json.loads((folder / "transforms.json").read_text())
+    for frame in scene["frames"]:
+        frame["mask_path"] = frame["file_path"].replace("images", "masks")
+    (folder / "transforms.json").write_text(json.dumps(scene))
+    assert torch.equal(read(folder).ignored[1], left_half(80, 96))
+
+
+@pytest.mark.parametrize(
+    "name", ["images/000_mask.png", "images/mask-000.png", "images_masks/000.png.png", "dynamic_masks/000.png"]
+)
+def test_masks_that_are_not_read_are_named(name, tmp_path):
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    store_mask(folder / "alpha" / "002.png")  # of no photograph
+    remedy = "put masks into a folder masks beside that of the photographs."
+    assert read(folder).remarks == ()
+    assert read(folder, masks="cut-out").remarks == (f"no photograph has a mask to cut it out by; {remedy}",)
+    store_mask(folder / name)
+    views = read(folder)
+    assert views.remarks == (f"{folder / name} is a mask by its name or folder, and is not read; {remedy}",)
+    assert views.ignored is None and read(folder, masks="unused").remarks == ()
 
 
 def test_a_mask_in_the_opacity_of_its_image(tmp_path):

@@ -223,7 +223,14 @@ def test_exr_photographs(tmp_path):
     for shot in taken:
         colour = torch.from_numpy(take(shot)).permute(2, 0, 1).float()
         write_exr(folder / "images" / shot.name, ExrImage(colour, None))
-    assert mean_colour_error(read(folder)) < 1e-4
+    views = read(folder)
+    assert mean_colour_error(views) < 1e-4 and views.remarks == ()
+    colour[1, :8] = torch.nan
+    write_exr(folder / "images" / shot.name, ExrImage(colour, None), overwrite=True)
+    assert read(folder).remarks == (
+        "1 photograph has values that are NaN or negative, which become 0 (at most 10% of the pixels, of 001.exr); "
+        "store them again without.",
+    )
 
 
 def test_views_are_chosen_in_the_order_asked_for(tmp_path):

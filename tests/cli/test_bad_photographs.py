@@ -188,7 +188,7 @@ def test_large_photographs_are_said_to_be_scaled_before_they_are_read(fecosplat,
     editing(lambda cameras: cameras.update(w=1152, h=768, fl_x=1152.0, fl_y=1152.0))(scene)
     cut_an_image(scene)
     output = tmp_path / "wall.fcs"
-    result = fecosplat("encode", scene, "-o", output)
+    result = fecosplat("encode", scene, "-o", output, "--views", "0,1,2,3")
     assert result.code == 1 and not output.exists()
     remark, error = result.err.splitlines()
     assert remark == "note: photographs of 1152x768 are coded at 1024x683; no side may exceed 1024 pixels."

@@ -6,8 +6,10 @@ import sys
 from functools import partial
 from pathlib import Path
 
+import click
 import pytest
-from fecosplat_cli.output import in_options
+from fecosplat_cli.options import parse_selection
+from fecosplat_cli.output import in_options, warn
 
 from fecocodec.splat_files import html_page
 
@@ -138,6 +140,20 @@ def test_views_of_thousands_of_digits(fecosplat, photographs: Path, output: Path
     result = fecosplat("encode", photographs, "-o", output / "a.fcs", "--views", views)
     assert result.code in (1, 2) and "Traceback" not in result.err
     assert "no view is called" in result.err
+
+
+def test_a_comma_in_a_name_follows_a_backslash() -> None:
+    context, option = click.Context(click.Command("encode")), click.Option(["--views"])
+    assert parse_selection(context, option, r"a\,b.jpg, 2.jpg") == ("a,b.jpg", "2.jpg")
+
+
+def test_very_long_names_are_shortened(capsys: pytest.CaptureFixture[str]) -> None:
+    warn(f"cameras.json: there is no image {'a' * 5000}.jpg; put it there.")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("cameras.json: there is no image aaa") and line.endswith("aaa.jpg; put it there.")
+    assert "a...a" in line and len(line) < 500
+    warn(path := "/" + "/".join(["folder"] * 70))
+    assert capsys.readouterr().err == f"{path}\n"
 
 
 def test_arguments_of_the_library_are_named_as_options() -> None:

@@ -185,7 +185,7 @@ def test_what_is_only_measured_changes_nothing(seven: Path, options: EncodingOpt
     options = replace(options, views=Spread(2), num_stages=1)
     report = encode_folder(seven, options)
     (check,) = report.checks.names
-    other = (seven / report.names[0]).read_bytes()
+    other = (seven / report.names[0]).read_bytes() + b" "  # a copy would be left out
     changed = encode_folder(copied(seven, tmp_path / "scene", check, other), options)
     assert changed.data == report.data and changed.checks.names == (check,)
     assert changed.checks.quality != report.checks.quality
@@ -228,6 +228,26 @@ def test_another_photograph_takes_the_place_of_a_broken_one(
     assert warning.startswith(f"1 of 7 cameras of transforms.json is passed over ({second}): {broken / second}: ")
     with pytest.raises(InputError, match=rf"^{broken / second}: the image is damaged"):
         encode_folder(broken, replace(options, views=(first, second)))
+
+
+@pytest.mark.parametrize("views", [None, All()])
+def test_a_broken_photograph_among_few_is_left_out_unless_it_is_named(
+    folder: Path, options: EncodingOptions, tmp_path: Path, views: All | None
+) -> None:
+    options = replace(options, views=views, guides=None if views is None else (), num_stages=1, is_measured=False)
+    whole = (folder / "1.png").read_bytes()
+    for number, data in enumerate((b"", b"version https://git-lfs.github.com/spec/v1", whole[: len(whole) // 2])):
+        broken = copied(folder, tmp_path / str(number), "1.png", data)
+        report = encode_folder(broken, options)
+        assert report.names == ("0.png",)
+        assert any(
+            f"{broken / '1.png'}: the image is damaged, cut short or" in sentence for sentence in report.warnings
+        )
+        with pytest.raises(InputError, match=rf"^{broken / '1.png'}: the image is damaged"):
+            encode_folder(broken, replace(options, views=(0, 1)))
+        (broken / "0.png").write_bytes(data + b" ")
+        with pytest.raises(InputError, match=rf"^{broken / '0.png'}: the image is damaged"):
+            encode_folder(broken, options)
 
 
 def test_another_check_takes_the_place_of_a_broken_one(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
-from fecocodec.captures.view_selection import All, Auto, Spread
+from fecocodec.captures.view_selection import All, Auto, Selection, Spread
 from fecocodec.codec import roles as roles_of_photographs
 from fecocodec.codec.roles import MAX_GUIDES, Roles, default_checks
 from fecocodec.errors import InputError
@@ -30,7 +30,7 @@ def walk(tmp_path: Path) -> MakeWalk:
         for number in range(count):
             height, width = (sizes or {}).get(number, (64, 96))
             path = tmp_path / f"{number:03d}.png"
-            Image.new("RGB", (width, height)).save(path)
+            Image.new("RGB", (width, height), (number % 256, number // 256, 0)).save(path)
             pose = np.eye(4)
             pose[0, 3] = step * number
             lens = lambda w, h: Lens(w, h, float(w), float(w), w / 2, h / 2)  # noqa: E731
@@ -148,6 +148,20 @@ def test_what_cannot_be_used_is_left_out_unless_it_is_named(walk: MakeWalk) -> N
     (sentence,) = roles.omissions
     assert sentence.startswith("left out 003.png, 005.png, which cannot be used: ") and sentence.endswith(".")
     assert choose_roles(scene, FOLDER, (0, 3), (1, 5), 0).context == [0, 3]  # reading them reports what is wrong
+
+
+@pytest.mark.parametrize("views", [None, All(), Auto(), Spread(2)])
+@pytest.mark.parametrize("count", [4, 12])
+def test_copies_are_left_out_unless_they_are_named(walk: MakeWalk, count: int, views: Selection | None) -> None:
+    scene = walk(count)
+    scene.photographs[2].path.write_bytes(scene.photographs[1].path.read_bytes())
+    roles = choose_roles(scene, FOLDER, views)
+    assert 2 not in every(roles)
+    assert roles.warnings == ("002.png is left out: it is a copy of 001.png; remove it, or choose both by `views`.",)
+    named = choose_roles(scene, FOLDER, (0, 2), num_checks=0)
+    assert 1 not in every(named) and named.warnings == ()
+    assert len(every(named)) + named.num_unused == count
+    assert choose_roles(scene, FOLDER, (1, 2), num_checks=0).context == [1, 2]
 
 
 def test_a_photograph_that_shows_something_else_has_no_role(walk: MakeWalk) -> None:

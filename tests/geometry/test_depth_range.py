@@ -81,3 +81,10 @@ def test_a_far_background_does_not_take_the_range_with_it():
 
 def test_few_depths_tell_nothing():
     assert bounds_of_depths(np.ones(49)) is None
+    assert bounds_of_depths(np.full(60, np.inf)) is bounds_of_depths(np.zeros(0)) is None
+
+
+@pytest.mark.parametrize("absurd", [np.inf, 1e300, 1e12])
+def test_absurd_depths_do_not_count(absurd):
+    depths = np.linspace(2.0, 5.0, 200)
+    assert bounds_of_depths(np.append(depths, np.full(60, absurd))) == bounds_of_depths(depths)

@@ -248,3 +248,11 @@ def test_luminance_and_chroma_are_colours(tmp_path):
     (tmp_path / "image.exr").write_bytes(data)
     light = srgb_to_linear(read_exr(tmp_path / "image.exr").colour)
     torch.testing.assert_close(light, torch.tensor([0.5, 0.25, 0.1])[:, None, None].expand(3, 4, 6), atol=1e-4, rtol=0)
+
+
+def test_pixels_that_are_nan_or_negative_are_counted(tmp_path):
+    light = np.full((2, 4, 3), 0.25, np.float32)
+    light[0, 0, 1], light[1, 3, 2], light[1, 2, 0] = np.nan, -0.5, -1e-6
+    store(tmp_path / "image.exr", {"RGB": light})
+    image = read_exr(tmp_path / "image.exr")
+    assert image.blackened == 2 / 8 and image.colour[1, 0, 0] == image.colour[2, 1, 3] == 0

@@ -8,12 +8,12 @@ import zlib
 import numpy as np
 import pytest
 import torch
-from PIL import Image
+from PIL import Image, ImageOps
 
 from fecocodec.errors import InputError, OutputError
-from fecocodec.photographs.image_headers import read_image_size
+from fecocodec.photographs.image_headers import has_image_name, is_upright, read_image_size
 from fecocodec.photographs.images import decode_image, read_image, read_image_and_alpha, write_image
-from fecocodec.photographs.pillow_images import unreadable
+from fecocodec.photographs.pillow_images import unreadable, upright_with_pillow
 
 HEIGHT, WIDTH = 40, 56
 
@@ -106,6 +106,16 @@ def test_other_modes_are_converted(mode, colours, tmp_path):
     torch.testing.assert_close(read_image(path), torch.full((3, HEIGHT, WIDTH), 0.4), atol=0.02, rtol=0)
 
 
+def test_other_suffixes_of_kinds_that_are_read(colours, tmp_path):
+    first = Image.fromarray(to_bytes(colours))
+    first.save(tmp_path / "a.mpo", save_all=True, append_images=[first.rotate(90)], quality=95)
+    first.save(tmp_path / "a.apng", format="PNG")
+    for path in tmp_path.iterdir():
+        assert has_image_name(path)
+        expected = torch.from_numpy(colours).permute(2, 0, 1).float()
+        torch.testing.assert_close(read_image(path), expected, atol=0.03, rtol=0)
+
+
 def test_transparency_shows_white(tmp_path):
     pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
     pixels[..., 3] = 51  # 20% black over white
@@ -113,12 +123,19 @@ def test_transparency_shows_white(tmp_path):
     torch.testing.assert_close(read_image(tmp_path / "image.png"), torch.full((3, HEIGHT, WIDTH), 0.8))
 
 
-def test_the_orientation_tag_is_ignored(colours, tmp_path):
-    exif = Image.Exif()
-    exif[0x0112] = 6  # to be shown turned by 90 degrees
-    Image.fromarray(to_bytes(colours)).save(tmp_path / "image.jpg", exif=exif, quality=95)
-    assert read_image_size(tmp_path / "image.jpg") == (HEIGHT, WIDTH)
-    assert read_image(tmp_path / "image.jpg").shape == (3, HEIGHT, WIDTH)
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif"])
+def test_the_orientation_tag_is_ignored(suffix, orientation, colours, tmp_path):
+    exif, path = Image.Exif(), tmp_path / f"image.{suffix}"
+    exif[0x0112] = orientation
+    Image.fromarray(to_bytes(colours)).save(path, exif=exif, quality=95)
+    assert read_image_size(path) == (HEIGHT, WIDTH)
+    expected = torch.from_numpy(colours).permute(2, 0, 1).float()
+    torch.testing.assert_close(read_image(path), expected, atol=0.04, rtol=0)
+    assert is_upright(path) == (orientation == 1)
+    with Image.open(path) as image:
+        shown = np.asarray(ImageOps.exif_transpose(image)).astype(int)
+    assert np.abs(np.asarray(upright_with_pillow(path)) - shown).max() <= 2
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "webp", "exr"])

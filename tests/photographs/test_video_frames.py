@@ -3,6 +3,7 @@
 import os
 import struct
 import sys
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -171,3 +172,39 @@ def test_a_pipe_or_a_device_is_refused(kind, tmp_path):
     os.mkfifo(path) if kind == "pipe" else path.symlink_to("/dev/zero")
     with pytest.raises(InputError, match=r"clip\.mp4: a pipe or a device cannot be read here; give a video file\."):
         write_sharp_frames(path, tmp_path, 2)
+
+
+def test_frames_with_exif_data_are_read_and_turned(tmp_path):
+    exif, clip = Image.Exif(), tmp_path / "clip.mp4"
+    exif[0x0112] = 6
+    with av.open(str(tmp_path / "raw.avi"), "w") as container:
+        stream = container.add_stream("mjpeg", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuvj420p"
+        for index in range(3):
+            picture = Image.new("RGB", (96, 64), (0, 80 * index, 0))
+            picture.paste("red", (0, 0, 48, 32))
+            data = BytesIO()
+            picture.save(data, "JPEG", exif=exif, quality=95)
+            packet = av.Packet(data.getvalue())
+            packet.stream, packet.pts, packet.dts = stream, index, index
+            container.mux(packet)
+        clip.write_bytes(data.getvalue())
+    write_sharp_frames(tmp_path / "raw.avi", tmp_path, 8, is_most=True)
+    turned = np.asarray(Image.open(tmp_path / "frame000002.png"))
+    assert turned.shape == (96, 64, 3)
+    assert turned[20, 50, 0] > 200 and turned[20, 10, 0] < 50  # the corner above on the left is on the right
+    with pytest.raises(InputError, match=r"clip\.mp4: 1 frame, but cameras are estimated from two or more"):
+        write_sharp_frames(clip, tmp_path, 8, is_most=True)
+
+
+@pytest.mark.parametrize(("kind", "codec", "pixels"), [("mov", "qtrle", "argb"), ("webm", "libvpx-vp9", "yuva420p")])
+def test_opacity_that_is_not_read_is_noted(kind, codec, pixels, tmp_path):
+    with av.open(str(tmp_path / f"clip.{kind}"), "w") as container:
+        stream = container.add_stream(codec, rate=10)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, pixels
+        for level in (0, 120, 240):
+            picture = np.full((64, 96, 4), level, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgba").reformat(format=pixels)))
+        container.mux(stream.encode(None))
+    (note,), warnings = write_sharp_frames(tmp_path / f"clip.{kind}", tmp_path, 8, is_most=True)
+    assert note.startswith("the opacity of the video is not read; to cut out") and warnings == ()

@@ -185,17 +185,28 @@ def test_photographs_that_cannot_be_used_are_left_out_and_named(tmp_path):
     shutil.copy(first, folder / "same.png")
     (folder / "torn.png").write_bytes(first.read_bytes()[:2000])
     Image.open(first).resize((48, 64)).save(folder / "zz.png")
-    for name in ("a.DNG", "b.nef", "c.gif", "d.dng", "e.psd", "left.dng", "._a.dng"):
+    for name, data in (("zza.jpg", b""), ("zzb.jpg", b"\n"), ("zzc.tif", b"II*\0\xff\xff\xff\xff")):
+        (folder / name).write_bytes(data)
+    for name in ("a.DNG", "b.nef", "c.gif", "d.dng", "e.pgm", "left.dng", "._a.dng"):
         (folder / name).write_bytes(b"-")
+    for name in ("IMG_1", "b.jpg_large", "left.png_original", "._hidden"):
+        shutil.copy(first, folder / name)
     with posed_folder(folder, num_threads=1) as posed:
         assert len(posed.notes) == 1 and "2 of 2" in posed.notes[0]
-        unread, same, torn, small = posed.warnings[:4]
+        unread, misnamed, same, torn, small, *no_images = posed.warnings[:8]
     assert unread == (
         "a.DNG, b.nef, c.gif and 2 more are of a kind that cannot be read; convert them to JPEG, PNG or WebP."
+    )
+    assert misnamed == (
+        "IMG_1, b.jpg_large are not used: by content, but not by name, an image; end such a name in .jpg, .png or "
+        ".webp."
     )
     assert same == f"same.png is left out: it is the same picture as {first.name}."
     assert torn.startswith("torn.png is left out: the image is damaged, cut short or of a kind that is not read")
     assert small == "zz.png is left out: 48x64 pixels are too few, sides must be 64 or more."
+    assert [sentence.split(" or of")[0] for sentence in no_images] == [
+        f"{name} is left out: the image is damaged, cut short" for name in ("zza.jpg", "zzb.jpg", "zzc.tif")
+    ]
 
 
 @pytest.mark.usefixtures("estimated_once")
