@@ -221,8 +221,7 @@ def _expected(fast: Point, target: Target, num_steps: int) -> Point:
         return fast
     if isinstance(target, AtMostKib):
         return replace(fast, margin=fast.margin + SIZE_GAIN)
-    gain = PSNR_GAIN + PSNR_GAIN_BELOW * decades_below(LAMBDA_Q_MAX, fast.lambda_q)
-    return replace(fast, margin=fast.margin + gain)
+    return replace(fast, margin=fast.margin + PSNR_GAIN + PSNR_GAIN_BELOW * decades_below(LAMBDA_Q_MAX, fast.lambda_q))
 
 
 def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, names: tuple[str, ...]) -> str:

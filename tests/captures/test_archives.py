@@ -11,7 +11,7 @@ import pytest
 import torch
 from wall_scene import shots, write_colmap_binary, write_photographs, write_transforms
 
-from fecocodec.camera_files.find import unread_cameras_notes
+from fecocodec.camera_files.unused_cameras import unread_cameras_notes
 from fecocodec.captures import archives
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.render_cameras import read_render_cameras
