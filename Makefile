@@ -15,7 +15,7 @@ MODEL := $(shell sed -n 's/^DEFAULT_MODEL = "\(.*\)"/\1/p' fecocodec/model_files
 RUN ?= runs/next
 MINUTES ?= 60
 # What the command sets for its own process (cli/process.py), for what measures the library.
-TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_MAX_=0 MALLOC_ARENA_MAX=1 MALLOC_TRIM_THRESHOLD_=268435456
+TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_ARENA_MAX=1 MALLOC_TRIM_THRESHOLD_=268435456
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report stress train web web-test web-bench check clean

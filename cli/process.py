@@ -12,8 +12,11 @@ import warnings
 from io import TextIOWrapper
 from types import FrameType
 
-_M_TRIM_THRESHOLD, _M_MMAP_MAX, _M_ARENA_MAX = -1, -4, -8  # of glibc's <malloc.h>
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # of glibc's <malloc.h>
 _LARGEST_TRIM_THRESHOLD = 2**28  # bytes of free memory that the process keeps
+# Bytes of the smallest block that has memory of its own, the most that glibc takes. Pixels of large photographs are
+# larger: among freed blocks, they would leave gaps that the next ones do not fit, of gigabytes in all.
+_MMAP_THRESHOLD = 2**25
 SECONDS_TO_END = 2.0
 _SECONDS_IN_IMPORT = 0.05  # until the end of an import is looked for again
 _IMPORT = "<frozen importlib._bootstrap>"  # file name of the frames of an import
@@ -36,7 +39,7 @@ def prepare_process() -> None:
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:  # glibc
-        mallopt(_M_MMAP_MAX, 0)
+        mallopt(_M_MMAP_THRESHOLD, _MMAP_THRESHOLD)
         mallopt(_M_ARENA_MAX, 1)
         mallopt(_M_TRIM_THRESHOLD, _LARGEST_TRIM_THRESHOLD)
 
