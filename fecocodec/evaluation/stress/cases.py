@@ -145,7 +145,11 @@ def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
             _warned("axes reversed"),
         ),
         ("mirrored axes", lambda: perturbations.with_axes(views, (-1.0, 1.0, 1.0)), REFUSED),
-        ("depth bounds 10 times too wide", lambda: perturbations.with_bounds(views, 0.1, 10.0), _warned(UNIT)),
+        (
+            "depth bounds 10 times too wide",
+            lambda: perturbations.with_bounds(views, 0.1, 10.0),
+            Rule(warning=UNIT, most_behind=1.5),
+        ),
         ("depth bounds 1000 times too wide", lambda: perturbations.with_bounds(views, 1e-3, 1e3), REFUSED),
         (
             "depth bounds beyond the scene",
