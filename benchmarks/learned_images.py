@@ -14,6 +14,7 @@ WORK receives the weights and the measurements. The same command measures again 
 import argparse
 import random
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -62,11 +63,11 @@ STAGE = 1
 
 
 class ImageCodec(nn.Module):
-    """Photographs -> latents -> photographs. network: the codec whose weights it starts with; they are changed."""
+    """Photographs -> latents -> photographs. network: the codec whose weights it starts with."""
 
     def __init__(self, network: Codec) -> None:
         super().__init__()
-        self.receiver, self.sender = network.receiver, network.sender
+        self.receiver, self.sender = deepcopy(network.receiver), deepcopy(network.sender)
         channels = self.receiver.config.state_channels
         self.input = nn.Conv2d(3 * CELL**2, channels, 1, bias=False)
         self.output = nn.Conv2d(channels, 3 * CELL**2, 3, padding=1, bias=False)
