@@ -1,4 +1,6 @@
-"""Limits of the codec: numbers of views and stages, image sides."""
+"""Limits of the codec: numbers of views and stages, image sides, depths."""
+
+from fecocodec.errors import InputError
 
 MAX_VIEWS = 16
 MIN_SIDE, MAX_SIDE = 64, 1024  # pixels, of every view
@@ -7,3 +9,22 @@ MAX_SH_DEGREE = 2
 DEFAULT_MAX_PIXELS = 1 << 22  # pixels of all views that `decode` accepts by default
 FEW_VIEWS, MANY_VIEWS_MAX_PIXELS = 4, 1_400_000
 """More than FEW_VIEWS views have at most so many pixels together, unless the user sets a size: 16 take 2.8 GiB."""
+_LARGEST_DEPTH = 2.0**128  # of float32
+
+
+def require_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return `size` = (height, width). Raises InputError if it is outside the limits of the codec."""
+    if not all(MIN_SIDE <= side <= MAX_SIDE for side in size):
+        raise InputError(
+            f"size {size[1]}x{size[0]}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels; choose another `size`."
+        )
+    return size
+
+
+def require_depths(near: float, far: float, place: str = "") -> None:
+    """Raise InputError, which begins with `place`, if near and far are no range of depths."""
+    if not 0 < near < far < _LARGEST_DEPTH:
+        raise InputError(
+            f"{place}near {near:.6g} and far {far:.6g} are no range of depths; "
+            "0 < near < far is needed, set them with `near` and `far`."
+        )

@@ -22,7 +22,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
 from fecocodec.input_file import read_json
-from fecocodec.photographs.framing import require_size
+from fecocodec.limits import require_size
 from fecocodec.photographs.images import decode_image
 from fecocodec.photographs.lens import Lens
 from fecocodec.photographs.resampling import crop_and_resize

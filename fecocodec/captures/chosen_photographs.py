@@ -26,8 +26,8 @@ from fecocodec.captures.reading_notes import (
 from fecocodec.captures.view_choice import select_views
 from fecocodec.captures.view_selection import Auto, Selection
 from fecocodec.input_file import StrPath
-from fecocodec.limits import MAX_VIEWS
-from fecocodec.photographs.framing import common_size, framed_intrinsics, require_size
+from fecocodec.limits import MAX_VIEWS, require_size
+from fecocodec.photographs.framing import common_size, framed_intrinsics
 from fecocodec.photographs.lens import Lens
 
 

@@ -17,10 +17,11 @@ from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.coding_grid import LEAST_KEPT, filled
-from fecocodec.geometry.depth_bounds import bounds_of_depths, require_depths
+from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.depth_range import estimate_depth_range
 from fecocodec.geometry.views import Views, joined
 from fecocodec.input_file import StrPath
+from fecocodec.limits import require_depths
 from fecocodec.photographs.images import LEVELS, Background, read_photograph
 from fecocodec.photographs.lens import Lens
 from fecocodec.photographs.masks import cut_out, find_mask, read_mask

@@ -8,8 +8,7 @@ from fecocodec.captures.view_selection import All, Selection
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
-from fecocodec.geometry.depth_bounds import require_depths
-from fecocodec.photographs.framing import require_size
+from fecocodec.limits import require_depths, require_size
 from fecocodec.sender.lambda_search import AtLeastNewPsnr, Target
 
 DEFAULT_FRAMES = 40  # of a video, from which cameras are estimated; the time grows with their square

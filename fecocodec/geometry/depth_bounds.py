@@ -3,8 +3,6 @@
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.errors import InputError
-
 MIN_SAMPLES = 50  # percentiles of fewer depths are not reliable
 _PERCENTILES = (0.01, 0.5, 0.99)
 _MOST_MEDIANS = 1e9
@@ -26,12 +24,3 @@ def bounds_of_depths(depths: Float[np.ndarray, " n"]) -> tuple[float, float] | N
         return None
     near, median, far = (float(ordered[round(share * (len(ordered) - 1))]) for share in _PERCENTILES)
     return near / _MARGIN, min(far * _MARGIN, median * _MAX_FAR_OVER_MEDIAN)
-
-
-def require_depths(near: float, far: float, place: str = "") -> None:
-    """Raise InputError, which begins with `place`, if near and far are no range of depths."""
-    if not 0 < near < far < np.finfo(np.float32).max:
-        raise InputError(
-            f"{place}near {near:.6g} and far {far:.6g} are no range of depths; "
-            "0 < near < far is needed, set them with `near` and `far`."
-        )

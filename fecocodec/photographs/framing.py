@@ -55,15 +55,6 @@ def within_limit(size: tuple[int, int], count: int) -> tuple[int, int]:
     return max(MIN_SIDE, round(height * scale)), max(MIN_SIDE, round(width * scale))
 
 
-def require_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Return `size` = (height, width). Raises InputError if it is outside the limits of the codec."""
-    if not all(MIN_SIDE <= side <= MAX_SIDE for side in size):
-        raise InputError(
-            f"size {size[1]}x{size[0]}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels; choose another `size`."
-        )
-    return size
-
-
 def kept_share(pinhole: Lens, size: tuple[int, int]) -> float:
     """Return the share of an image's area that the centre crop to the shape of `size` = (height, width) keeps."""
     crop_h, crop_w = _crop_shape(pinhole.height, pinhole.width, *size)

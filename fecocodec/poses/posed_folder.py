@@ -40,7 +40,8 @@ _REMEDY = "take photographs that overlap by more than half, from different posit
 class PosedFolder:
     """A temporary scene folder with estimated cameras.
 
-    notes: what was done. warnings: why the cameras may be wrong. Both are one sentence each, for the user.
+    reconstruction: with lenses in pixels of the photographs. notes: what was done. warnings: why the cameras may be
+    wrong. Both are one sentence each, for the user.
     """
 
     path: Path
@@ -55,7 +56,7 @@ class PosedFolder:
         Raises OutputError if the file cannot be written.
         """
         photographs = {photograph.name: photograph for photograph in self.photographs}
-        cameras = tuple(_of_photograph(camera, photographs[camera.name]) for camera in self.reconstruction.cameras)
+        cameras = self.reconstruction.cameras
         files = [_relative_path(photographs[camera.name], path.parent) for camera in cameras]
         with write_atomically(path, overwrite=overwrite) as temporary:
             temporary.write_text(json.dumps(_transforms(cameras, files), indent=2) + "\n", "utf-8")
@@ -95,10 +96,12 @@ def posed_folder(
             path.unlink()  # a photograph without a camera, of which `_left_out` tells
         text = json.dumps(_transforms(reconstruction.cameras, [camera.name for camera in reconstruction.cameras]))
         (root / "transforms.json").write_text(text, encoding="utf-8")
-        first = reconstruction.cameras[0]
-        lens = _of_photograph(first, next(path for path in photographs if path.name == first.name)).lens
+        path_of = {path.name: path for path in photographs}
+        cameras = tuple(_of_photograph(camera, path_of[camera.name]) for camera in reconstruction.cameras)
+        lens = cameras[0].lens
         notes += _notes(photographs, reconstruction, groups, lens)
         warnings += _left_out(photographs, reconstruction) + reliability_warnings(reconstruction, groups, lens.fx)
+        reconstruction = replace(reconstruction, cameras=cameras)
         yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes), tuple(warnings))
 
 

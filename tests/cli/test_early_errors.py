@@ -95,7 +95,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory, stream_bytes: bytes) -> di
     for name in ("absent", "posed"):
         (tmp_path / name / "transforms.json").write_text(json.dumps({"fl_x": 90, "frames": frames}))
     for frame in frames:
-        (tmp_path / "posed" / str(frame["file_path"])).write_bytes(b"")
+        (tmp_path / "posed" / str(frame["file_path"])).write_text(str(frame["file_path"]))  # no copies of each other
     given = json.dumps([arguments for arguments, _ in EARLY])
     command = [sys.executable, "-c", NO_TORCH]
     result = subprocess.run(command, input=given, capture_output=True, text=True, cwd=tmp_path, check=True)

@@ -30,7 +30,7 @@ from fecocodec.poses.estimated_cameras import (
 )
 from fecocodec.poses.pose_estimation import reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
-from fecocodec.poses.posed_folder import PosedFolder, _left_out, _obstacle, posed_folder
+from fecocodec.poses.posed_folder import _left_out, _obstacle, _of_photograph, posed_folder
 from fecocodec.poses.pycolmap_matching import read_points
 from fecocodec.poses.pycolmap_steps import refine
 from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
@@ -398,14 +398,11 @@ def test_the_difference_of_two_estimates_ignores_unit_of_length_and_short_baseli
     assert pose_difference(first, cameras_at((0, 0, 0), (1, 0, 0))) is None
 
 
-def test_saved_cameras_are_in_pixels_of_the_photographs_and_not_of_their_copies(tmp_path: Path) -> None:
+def test_cameras_are_in_pixels_of_the_photographs_and_not_of_their_copies(tmp_path: Path) -> None:
     Image.new("RGB", (800, 1200)).save(tmp_path / "0.jpg")
-    lens = Lens(400, 600, 288.0, 288.0, 200.0, 300.0, (0.1,))
-    camera = replace(cameras_at((0, 0, 0))[0], name="0.jpg", lens=lens)
-    posed = PosedFolder(tmp_path, (tmp_path / "0.jpg",), Reconstruction((camera,), 0.3, 8.0, {}, None), (), ())
-    posed.save_cameras(tmp_path / "cameras.json")
-    (frame,) = json.loads((tmp_path / "cameras.json").read_text())["frames"]
-    assert [frame[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy", "k1")] == [800, 1200, 576, 576, 400, 600, 0.1]
+    camera = replace(cameras_at((0, 0, 0))[0], lens=Lens(400, 600, 288.0, 288.0, 200.0, 300.0, (0.1,)))
+    found = _of_photograph(camera, tmp_path / "0.jpg")
+    assert found.lens == Lens(800, 1200, 576.0, 576.0, 400.0, 600.0, (0.1,))
 
 
 def test_the_warning_of_a_given_focal_length_does_not_ask_for_it():
