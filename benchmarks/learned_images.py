@@ -35,12 +35,12 @@ from fecocodec.container.cameras import pack_cameras, unpack_cameras
 from fecocodec.evaluation.evaluation import choose_entries, weights_label
 from fecocodec.evaluation.novel_views import open_scenes
 from fecocodec.evaluation.records import RecordFile
+from fecocodec.evaluation.report.rate_section import equal_bytes_table
 from fecocodec.evaluation.report.section import number, table
 from fecocodec.evaluation.run import measure_all
-from fecocodec.evaluation.summary import Average, averages, compare
+from fecocodec.evaluation.summary import Average, averages
 from fecocodec.evaluation.systems.codec import codec_system, rendered
 from fecocodec.evaluation.systems.groups import LAMBDAS
-from fecocodec.evaluation.systems.image_compression import image_systems
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.evaluation.systems.uncoded import uncoded_gaussians
 from fecocodec.geometry.views import Views
@@ -236,7 +236,6 @@ def main() -> None:
     setting = (arguments.steps, arguments.length)
     systems = [codec_system(ours, lmbda) for lmbda in LAMBDAS]
     systems += [System(NAME, f"lambda {x:g}", partial(reconstruct, codec, ours, x, *setting)) for x in LAMBDAS]
-    systems += [system for system in image_systems(ours) if system.name == "AVIF"]
     entries = choose_entries(read_index(arguments.index), 2, arguments.entries, arguments.index)
     records = RecordFile(arguments.work / f"measured_{arguments.steps}_{arguments.length:g}.jsonl")
     read_views = open_scenes(arguments.scenes, size)
@@ -246,7 +245,7 @@ def main() -> None:
     rows = averages(found)
     head = ("system", "setting", "KiB", "target PSNR, dB", "SSIM", "context PSNR, dB", "encode, s", "decode, s")
     print(table(head, [(row.system, row.setting, *map(number, values_of(row))) for row in rows]))
-    print(*compare(rows), sep="\n")
+    print(equal_bytes_table(found, [row.system for row in rows]))
 
 
 def values_of(row: Average) -> tuple[float, ...]:
