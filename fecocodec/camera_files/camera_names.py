@@ -47,10 +47,11 @@ def has_poses(path: Path, count: int) -> bool:
     """Return whether a file of numbers has as many poses as there are photographs, or fewer, or JSON has a pose."""
     try:
         suffix, size = path.suffix.lower(), path.stat().st_size
-        if suffix in (".json", ".jsonl", ".npy"):
-            head = head_of(path)
-            shape = _SHAPE.search(head) if suffix == ".npy" else None
-            return shape is not None and int(shape[1]) == count if suffix == ".npy" else _KEYS.search(head) is not None
+        if suffix == ".npy":
+            shape = _SHAPE.search(head_of(path))
+            return shape is not None and int(shape[1]) == count
+        if suffix in (".json", ".jsonl"):
+            return _KEYS.search(head_of(path)) is not None
         if suffix not in (".txt", ".csv", ".log", ".dat") or size > _LARGEST_TEXT:
             return False
         return _is_table_of_poses(path.read_text("utf-8", "replace"), count)

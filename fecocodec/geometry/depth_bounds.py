@@ -17,9 +17,8 @@ def bounds_of_depths(depths: Float[np.ndarray, " n"]) -> tuple[float, float] | N
     Returns None for fewer than MIN_SAMPLES depths.
     """
     ordered = np.sort(depths[np.isfinite(depths)].astype(np.float64))
-    ordered = (
-        ordered[: np.searchsorted(ordered, _MOST_MEDIANS * np.median(ordered), "right")] if len(ordered) else ordered
-    )
+    if len(ordered):
+        ordered = ordered[: np.searchsorted(ordered, _MOST_MEDIANS * np.median(ordered), "right")]
     if len(ordered) < MIN_SAMPLES:
         return None
     near, median, far = (float(ordered[round(share * (len(ordered) - 1))]) for share in _PERCENTILES)

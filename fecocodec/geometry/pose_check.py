@@ -57,14 +57,14 @@ def fit_of(first: Float[Tensor, "match 2"], second: Float[Tensor, "match 2"], ca
     limit = _LARGEST_ERROR / float(cameras.intrinsics[:, :2, :2].diagonal(dim1=1, dim2=2).min())  # of the longer side
     extrinsics = cameras.extrinsics.double()
 
-    def shares(turns: Float[Tensor, "turn 3 3"], factor: float = 1.0, axes: Tensor = torch.eye(4)) -> Tensor:  # noqa: B008
-        return (_errors(rays, extrinsics @ axes.double(), turns) < factor * limit).double().mean(dim=1)
+    def shares(poses: Tensor, turns: Float[Tensor, "turn 3"], factor: float = 1.0) -> Float[Tensor, " turn"]:
+        return (_errors(rays, poses, _rotations(turns)) < factor * limit).double().mean(dim=1)
 
-    def gain(turns: Float[Tensor, "turn 3"], factor: float = 1.0) -> Tensor:
-        return shares(_rotations(turns), factor) - _PRICE * turns.norm(dim=1)
+    def gain(turns: Float[Tensor, "turn 3"], factor: float = 1.0) -> Float[Tensor, " turn"]:
+        return shares(extrinsics, turns, factor) - _PRICE * turns.norm(dim=1)
 
     none = torch.zeros(1, 3, dtype=torch.float64)
-    given = float(shares(_rotations(none))[0]) if len(first) else 0.0
+    given = float(shares(extrinsics, none)) if len(first) else 0.0
     if len(first) < _LEAST_POINTS:
         return Fit(len(first), given, given, 0.0, given)
     found = [none]
@@ -77,9 +77,9 @@ def fit_of(first: Float[Tensor, "match 2"], second: Float[Tensor, "match 2"], ca
         found.append(best)
     candidates = torch.cat(found)
     best = candidates[gain(candidates).argmax()][None]
-    turned = float(shares(_rotations(best))[0])
-    opposite = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0]))
-    axes_reversed = float(shares(torch.eye(3, dtype=torch.float64)[None], axes=opposite)[0])
+    turned = float(shares(extrinsics, best))
+    opposite = torch.diag(extrinsics.new_tensor([1.0, -1.0, -1.0, 1.0]))
+    axes_reversed = float(shares(extrinsics @ opposite, none))
     return Fit(len(first), given, turned, math.degrees(float(best.norm())), axes_reversed)
 
 
