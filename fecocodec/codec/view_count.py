@@ -26,7 +26,7 @@ from fecocodec.sender.codec import load_codec
 from fecocodec.sender.encode import encoder_of
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.sender.view_overlap import LEAST_CONFIRMED, view_overlap
+from fecocodec.sender.view_overlap import LEAST_CONFIRMED
 
 MATCHED_PIXELS = 128 * 128  # of each photograph, about, to find depth and photographs of another scene
 LEAST_CONSISTENCY = 0.5  # of matched depth that counts
@@ -95,9 +95,7 @@ def _with_matched_depth(cameras: Cameras, encoder: SceneEncoder) -> Cameras:
 
 def _are_confirmed(encoder: SceneEncoder) -> list[bool]:
     """Return which coded views other photographs confirm; others show another scene, or have a wrong camera."""
-    disparity = encoder.matching.depth.relative_disparity
-    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0), encoder.guides, encoder.ignored)
-    is_confirmed: list[bool] = (overlap.confirmed.amax(dim=1) >= LEAST_CONFIRMED).tolist()
+    is_confirmed: list[bool] = (encoder.overlap.confirmed.amax(dim=1) >= LEAST_CONFIRMED).tolist()
     return is_confirmed
 
 

@@ -25,7 +25,7 @@ from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, Stage, WrittenLatent, estimate_bits, write_latents
 from fecocodec.sender.view_checks import check_views
-from fecocodec.sender.view_overlap import overlap_warnings, view_overlap
+from fecocodec.sender.view_overlap import LEAST_CONFIRMED, overlap_warnings
 
 OnWarning = Callable[[str], None]  # (sentence)
 OnOmission = Callable[[str, tuple[str, ...]], None]  # (sentence, names of guides that are left out)
@@ -119,7 +119,8 @@ def matched_scene(
         scene = replace(scene, guides=confirmed_guides(scene.guides, checks))
         is_matched = all(check.is_confirmed for check in checks)
         encoder = encoder.with_colours(scene.guides) if is_matched else encoder_of(codec, scene)
-    warn_of_overlap(encoder, views.names, on_warning)
+    for sentence in overlap_warnings(encoder.overlap, views.names):
+        on_warning(sentence)
     return encoder, scene
 
 
@@ -155,14 +156,6 @@ def write_scene(
     return write_stream(stream)
 
 
-def warn_of_overlap(encoder: SceneEncoder, names: tuple[str, ...], on_warning: OnWarning) -> None:
-    """Call `on_warning` with a sentence about each view that does not fit the others, as matching shows."""
-    disparity = encoder.matching.depth.relative_disparity
-    overlap = view_overlap(encoder.images[0], disparity, encoder.cameras.scene(0), encoder.guides, encoder.ignored)
-    for sentence in overlap_warnings(overlap, names):
-        on_warning(sentence)
-
-
 def write_stages(
     encoder: SceneEncoder,
     lambda_q: int,
@@ -182,11 +175,17 @@ def write_stages(
 
 
 def improvements_of(encoder: SceneEncoder, config: OptimisationConfig, lambda_q: int) -> Improvements:
-    """Return the optimisation of latents, and the fading of many views. Nothing is faded without steps."""
+    """Return the optimisation of latents, and fading. Nothing is faded without steps."""
     latent = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
-    is_faded = config.num_steps > 0 and encoder.num_views >= LEAST_VIEWS and encoder.num_pixels <= MAX_PIXELS
     of_scene = encoder.images[0], encoder.cameras.scene(0), encoder.background, encoder.ignored, encoder.guides
-    return Improvements(latent, fader(*of_scene) if is_faded else None)
+    return Improvements(latent, fader(*of_scene) if config.num_steps > 0 and is_faded(encoder) else None)
+
+
+def is_faded(encoder: SceneEncoder) -> bool:
+    """Whether fading helps a scene: one of many views, or one with a view of wrong depth, which no other confirms."""
+    if encoder.num_views < 3 or encoder.num_pixels > MAX_PIXELS:
+        return False
+    return encoder.num_views >= LEAST_VIEWS or bool((encoder.overlap.most_confirmed < LEAST_CONFIRMED).any())
 
 
 def check_lambda(model: ReceiverConfig, lambda_q: int) -> None:

@@ -24,7 +24,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.coverage import BLACK
 from fecocodec.sender.scene import Guides
 
-LEAST_VIEWS = 5  # with fewer views, factors fit the photographs and not what is between them
+LEAST_VIEWS = 5  # with fewer views that fit, factors fit the photographs and not what is between them
 # Chosen on captures that the weights were not trained on (docs/what_we_learned.md, More views).
 NUM_STEPS = 4
 ADDED_ERROR = 1e-10  # to the mean squared error: the PSNR is at most 100 dB, with a finite gradient

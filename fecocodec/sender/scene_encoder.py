@@ -34,6 +34,7 @@ from fecocodec.sender.stages import (
     StageInputs,
     StageRendering,
 )
+from fecocodec.sender.view_overlap import ViewOverlap, view_overlap
 from fecocodec.splatting.emission import Emission, Prediction, emit
 
 
@@ -152,6 +153,12 @@ class SceneEncoder:
         """Disparity of the context views, with its consistency, from these views and the guides."""
         matching: Matching = self.codec.sender.extractor.match(self.images, self.cameras, self.guides, self.ignored)
         return matching
+
+    @cached_property
+    def overlap(self) -> ViewOverlap:
+        """Overlap of the context views of one scene, with each other and with the guides, as matching shows it."""
+        disparity = self.matching.depth.relative_disparity
+        return view_overlap(self.images[0], disparity, self.cameras.scene(0), self.guides, self.ignored)
 
     def features(self, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1 = E_mv(I, P). Only that of a conditioned adapter depends on the rate."""

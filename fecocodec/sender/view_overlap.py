@@ -38,6 +38,18 @@ class ViewOverlap:
     shared: Float[Tensor, "view other"]
     confirmed: Float[Tensor, "view other"]
 
+    @property
+    def mutual(self) -> Float[Tensor, "view view"]:
+        """Shares of two views' pixels that confirm each other: the larger of the two."""
+        of_views = self.confirmed[:, : len(self.confirmed)]
+        return torch.maximum(of_views, of_views.T)
+
+    @property
+    def most_confirmed(self) -> Float[Tensor, " view"]:
+        """Share of each view's pixels that the view or guide which fits it best confirms."""
+        of_guides = self.confirmed[:, len(self.confirmed) :]
+        return torch.cat((self.mutual, of_guides), dim=1).amax(dim=1)
+
 
 @torch.no_grad()
 def view_overlap(
@@ -92,9 +104,8 @@ def overlap_warnings(overlap: ViewOverlap, names: tuple[str, ...]) -> tuple[str,
     count = len(names)
     if overlap.shared.shape[1] == 1:
         return ()
-    of_guides = overlap.confirmed[:, count:]
-    mutual = torch.maximum(overlap.confirmed[:, :count], overlap.confirmed[:, :count].T)
-    shared, confirmed = overlap.shared.amax(dim=1), torch.cat((mutual, of_guides), dim=1).amax(dim=1)
+    of_guides, mutual = overlap.confirmed[:, count:], overlap.mutual
+    shared, confirmed = overlap.shared.amax(dim=1), overlap.most_confirmed
     common = torch.minimum(of_guides[:, None], of_guides[None]).amax(dim=-1) if of_guides.numel() else mutual
     mutual = torch.maximum(mutual, common)  # a guide that confirms two views connects them
     warnings = []
