@@ -18,7 +18,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.coding_grid import LEAST_KEPT, filled
 from fecocodec.geometry.depth_bounds import bounds_of_depths
-from fecocodec.geometry.depth_range import estimate_depth_range
+from fecocodec.geometry.depth_range import believable_bounds, estimate_depth_range
 from fecocodec.geometry.views import Views, joined
 from fecocodec.input_file import StrPath
 from fecocodec.limits import require_depths
@@ -212,17 +212,25 @@ def with_depth_bounds(
 ) -> Views:
     """Return the views with depth bounds from the arguments, the camera file, sparse points, or else an estimate.
 
-    views: as read, of these photographs. guides: as for `read_pixels`. Raises InputError for bounds that are no range.
+    Those of the camera file are corrected if matching contradicts them (`believable_bounds`). views: as read, of these
+    photographs. guides: as for `read_pixels`. Raises InputError for bounds that are no range.
     """
-    scene = chosen.scene
+    scene, is_chosen = chosen.scene, near is not None or far is not None
     # Bounds that were both given are no fault of the camera file.
     place = f"{scene.cameras_path}: " if near is None or far is None else ""
     near = scene.near if near is None else near
     far = scene.far if far is None else far
+    is_stated = near is not None and far is not None
     if near is None or far is None:
         sparse_depths = np.concatenate([photograph.sparse_depths for photograph in chosen.photographs])
         known = bounds_of_depths(sparse_depths) or estimate_depth_range(views, guides)
         near, far = known[0] if near is None else near, known[1] if far is None else far
     require_depths(near, far, place)
-    bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}
-    return replace(views, cameras=replace(views.cameras, **bounds))
+    views = views.within(near, far)
+    if is_chosen or not is_stated or (bounds := believable_bounds(views, guides)) is None:
+        return views
+    remark = (
+        f"{place}near and far are {near:.3g} and {far:.3g}, but matching finds the scene elsewhere; "
+        f"{bounds[0]:.3g} and {bounds[1]:.3g} are used, `near` and `far` set others."
+    )
+    return replace(views.within(*bounds), remarks=(*views.remarks, remark))

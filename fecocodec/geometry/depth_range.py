@@ -16,8 +16,10 @@ from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.views import Views, joined
 
 DEFAULT_RANGE = (1.0, 100.0)  # in scene units if there is no baseline, in baselines if nothing matches
-
-
+LEAST_MATCHED = 0.05  # share of a view's pixels: depths of fewer say nothing about given bounds
+# A given near may be so many times nearer than the estimate. On 12 training pairs, near and far 10 times too wide cost
+# 2.5 dB at new views, with such a near 0.2 dB. Of 153 pairs and sets, one has an estimate above twice the given near.
+MOST_BEFORE = 2.0
 _MAX_COMPARED = 12  # views whose depth is estimated
 # By baseline, of the cameras with which views are compared. With the closest pairs alone, far was wrong by more than a
 # factor of 2.8 in 27% of 60 estimates on training captures, with these in 10%.
@@ -84,6 +86,26 @@ def estimate_depth_range(views: Views, guides: Views | None = None) -> tuple[flo
     return DEFAULT_RANGE[0] * baseline, DEFAULT_RANGE[1] * baseline
 
 
+def believable_bounds(views: Views, guides: Views | None = None) -> tuple[float, float] | None:
+    """Return other (near, far), in scene units, if depths that need no bounds contradict those of the cameras.
+
+    Both are estimates if these depths are beyond them, and near is if it is far before them. A far behind them stays:
+    depth is coded by its inverse, so it costs little. guides: as for `estimate_depth_range`. None: no contradiction.
+    """
+    near, far = float(views.cameras.near), float(views.cameras.far)
+    found = agreed_depths(views)
+    if found.bounds is None or found.share < LEAST_MATCHED:
+        return None
+    is_beyond = near > found.bounds[1] or far < found.bounds[0]
+    if not is_beyond and near * MOST_BEFORE * _ESTIMATE_MARGIN >= found.bounds[0]:
+        return None
+    estimate = estimate_depth_range(views, guides)
+    if is_beyond:
+        return estimate
+    nearest = estimate[0] / MOST_BEFORE
+    return (nearest, far) if near < 0.99 * nearest else None
+
+
 def agreed_depths(views: Views) -> AgreedDepths:
     """Return the consistent depths of the closest pair of views; none if all cameras are at one position.
 
@@ -139,6 +161,11 @@ def _small_grey(images: Float[Tensor, "view 3 height width"]) -> Float[Tensor, "
 
 def _consistent_depths(grey: Float[Tensor, "2 1 height width"], cameras: Cameras) -> Float[Tensor, " n"]:
     """Return depths in the first of two views, at pixels where the depths of both views are consistent."""
+    centres = cameras.extrinsics[:, :3, 3].double()
+    baseline = torch.linalg.vector_norm(centres[1] - centres[0])
+    extrinsics = cameras.extrinsics.clone()  # in baselines, so that the unit of length changes no rounding
+    extrinsics[:, :3, 3] = (centres - centres[0]) / baseline
+    cameras = replace(cameras, extrinsics=extrinsics)
     log_step = torch.log(torch.tensor(_SWEEP[1] / _SWEEP[0])).item() / (_NUM_DEPTHS - 1)
     there, seen_there = _sweep(grey, cameras)
     back, seen_back = _sweep(grey.flip(0), cameras.select([1, 0]))
@@ -148,7 +175,7 @@ def _consistent_depths(grey: Float[Tensor, "2 1 height width"], cameras: Cameras
     found_is_good = F.grid_sample(seen_back.float()[None, None], grid, mode="nearest", align_corners=False)[0, 0] > 0.5
     agrees = (found - depth_in_second[0].clamp_min(1e-12).log()).abs() < 1.5 * log_step
     good = seen_there & found_is_good & agrees & (depth_in_second[0] > 0)
-    return there[good & _has_like_neighbours(there.log(), good, log_step)]
+    return there[good & _has_like_neighbours(there.log(), good, log_step)] * baseline
 
 
 def _has_like_neighbours(
@@ -166,9 +193,8 @@ def _sweep(
 ) -> tuple[Float[Tensor, "height width"], Bool[Tensor, "height width"]]:
     """Return the best depth of each pixel of the first view, and whether its match is good and unambiguous."""
     height, width = grey.shape[-2:]
-    baseline = _distances(cameras)[0, 1]
     steps = torch.linspace(0, 1, _NUM_DEPTHS, dtype=torch.float64, device=grey.device)
-    depths = (baseline * _SWEEP[0] * (_SWEEP[1] / _SWEEP[0]) ** steps).to(grey.dtype)
+    depths = (_SWEEP[0] * (_SWEEP[1] / _SWEEP[0]) ** steps).to(grey.dtype)
     uv, depth_in_second = _project_into_second(depths[:, None, None].expand(-1, height, width), cameras)
     warped = F.grid_sample(grey[1:].expand(_NUM_DEPTHS, -1, -1, -1), 2 * uv - 1, align_corners=False)
     correlation, contrast = _correlation(grey[:1], warped)

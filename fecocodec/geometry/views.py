@@ -39,6 +39,11 @@ class Views:
         """Return renderings of the views, equal to `images` where a mask marks pixels, which then do not count."""
         return renderings if self.ignored is None else torch.where(self.ignored[:, None], self.images, renderings)
 
+    def within(self, near: float, far: float) -> "Views":
+        """Return the views with these bounds of depth, in scene units."""
+        bounds = {"near": torch.tensor(near, dtype=torch.float32), "far": torch.tensor(far, dtype=torch.float32)}
+        return replace(self, cameras=replace(self.cameras, **bounds))
+
     def select(self, views: list[int]) -> "Views":
         """Return these views, in this order."""
         return replace(

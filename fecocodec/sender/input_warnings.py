@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.coding_grid import grid_size
-from fecocodec.geometry.depth_range import agreed_depths, facing_baselines
+from fecocodec.geometry.depth_range import believable_bounds, facing_baselines
 from fecocodec.geometry.pose_check import Fit, fit_of
 from fecocodec.geometry.sparse_matches import find_corners, match_corners
 from fecocodec.geometry.views import Views, joined
@@ -19,12 +19,9 @@ LEAST_PARALLAX_DEGREES = 0.5  # between the viewing rays of a typical point: abo
 LEAST_OVERLAP = 0.2  # fraction of the sample points of a view that another view sees
 LARGEST_DEPTH_RATIO = 1000.0  # far / near
 LARGEST_PIXEL_RATIO = 1.5  # between the sides of a pixel
+MOST_AHEAD = 5.0  # times that near may be nearer than what is believable; that costs about 1 dB at new views
 LARGEST_EXPOSURE_RATIO = 1.5  # between the mean sRGB values of two views
 DARKEST, BRIGHTEST = 0.04, 0.96  # mean sRGB value of all views
-# far / near as given, over that of the depths in which the closest pair of views agrees, where these are LEAST_MATCHED
-# of the pixels or more.
-LARGEST_WIDTH = 30.0
-LEAST_MATCHED = 0.05
 # Mean distance of the channels from their mean, over mean brightness. Grey views are below the first, views in colour
 # above the second: 511 photographs of 86 captures have 0.010 to 0.45.
 LARGEST_GREY, LEAST_COLOUR = 0.003, 0.009
@@ -43,7 +40,7 @@ def check_input(
         *_warnings_about_cameras(views, guides),
         *_warnings_about_images(views.images),
         *_warnings_about_kinds(views),
-        *_warnings_about_bounds(views),
+        *_warnings_about_bounds(views, guides),
         *_warnings_about_poses(views, guides),
         *_warnings_about_size(views, config_of_effort(effort)),
     )
@@ -189,19 +186,15 @@ def _fits_of_neighbours(views: Views, count: int) -> dict[tuple[int, int], Fit]:
     }
 
 
-def _warnings_about_bounds(views: Views) -> list[str]:
-    """Compare the bounds of depth with depths that need neither bounds nor networks."""
-    cameras, found = views.cameras, agreed_depths(views)
-    bounds = found.bounds
-    if bounds is None or found.share < LEAST_MATCHED:
-        return []
-    (near, far), given = bounds, (float(cameras.near), float(cameras.far))
-    if given[0] <= far and given[1] >= near and given[1] / given[0] <= LARGEST_WIDTH * far / near:
+def _warnings_about_bounds(views: Views, guides: Views | None) -> list[str]:
+    near, far = float(views.cameras.near), float(views.cameras.far)
+    bounds = believable_bounds(views, guides)
+    if bounds is None or (bounds[1] == far and near * MOST_AHEAD > bounds[0]):
         return []
     return [
-        f"near and far are {given[0]:.3g} and {given[1]:.3g}, but matching finds the scene at depths of {near:.3g} to "
-        f"{far:.3g}, so depth will be wrong or coarse; give `near` and `far` in the unit of the camera positions, or "
-        "leave both out."
+        f"near and far are {near:.3g} and {far:.3g}, but matching finds the scene between {bounds[0]:.3g} and "
+        f"{bounds[1]:.3g}, so depth will be wrong or coarse; give `near` and `far` in the unit of the camera "
+        "positions, or leave both out."
     ]
 
 

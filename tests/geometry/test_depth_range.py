@@ -9,7 +9,7 @@ import torch.nn.functional as F
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_bounds import bounds_of_depths
-from fecocodec.geometry.depth_range import DEFAULT_RANGE, estimate_depth_range
+from fecocodec.geometry.depth_range import DEFAULT_RANGE, MOST_BEFORE, believable_bounds, estimate_depth_range
 from fecocodec.geometry.views import Views
 
 NEAR_WALL, FAR_WALL = 2.0, 8.0
@@ -88,3 +88,27 @@ def test_few_depths_tell_nothing():
 def test_absurd_depths_do_not_count(absurd):
     depths = np.linspace(2.0, 5.0, 200)
     assert bounds_of_depths(np.append(depths, np.full(60, absurd))) == bounds_of_depths(depths)
+
+
+@pytest.mark.parametrize("bounds", [(1.2, 10.0), (NEAR_WALL, FAR_WALL), (1.0, 1000.0)])
+def test_bounds_that_fit_are_believed(bounds):
+    assert believable_bounds(two_walls([0.0, 0.3]).within(*bounds)) is None
+
+
+@pytest.mark.parametrize("bounds", [(40.0, 160.0), (0.04, 0.16)])
+def test_bounds_beyond_the_scene_are_estimated(bounds):
+    views = two_walls([0.0, 0.3])
+    assert believable_bounds(views.within(*bounds)) == estimate_depth_range(views)
+
+
+def test_a_near_far_before_the_scene_is_moved_and_far_kept():
+    views = two_walls([0.0, 0.3])
+    nearest = estimate_depth_range(views)[0] / MOST_BEFORE
+    assert believable_bounds(views.within(0.2, 80.0)) == (nearest, 80.0)
+    assert believable_bounds(views.within(nearest, 80.0)) is None
+
+
+def test_where_nothing_matches_bounds_are_believed():
+    views = two_walls([0.0, 0.3])
+    blank = Views(torch.full_like(views.images, 0.5), views.cameras, views.names)
+    assert believable_bounds(blank.within(0.04, 0.16)) is None

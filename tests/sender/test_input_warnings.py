@@ -61,16 +61,12 @@ def test_bounds_that_miss_the_scene_or_are_far_too_wide() -> None:
     views = context_of(sideways())
 
     def warnings(near: float, far: float) -> tuple[str, ...]:
-        return check_input(
-            replace(views, cameras=replace(views.cameras, near=torch.tensor(near), far=torch.tensor(far)))
-        )
+        return check_input(views.within(near, far))
 
     assert warnings(0.5, 10.0) == warnings(2.0, 3.0) == ()
     for near, far in ((20.0, 200.0), (0.01, 0.1), (0.05, 49.0)):
         warning = warnings(near, far)[-1]
-        assert warning.startswith(
-            f"near and far are {near:.3g} and {far:.3g}, but matching finds the scene at depths of "
-        )
+        assert warning.startswith(f"near and far are {near:.3g} and {far:.3g}, but matching finds the scene between ")
         assert warning.endswith("give `near` and `far` in the unit of the camera positions, or leave both out.")
 
 

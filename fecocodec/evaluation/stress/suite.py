@@ -24,7 +24,9 @@ from fecocodec.evaluation.stress.cases import (
     room_cases,
 )
 from fecocodec.evaluation.systems.image_compression import reconstruct_at
+from fecocodec.geometry.depth_range import believable_bounds
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.limits import require_depths
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.codec import Codec
@@ -76,6 +78,7 @@ class StressSuite:
         """Run a case and check its rule. Every error is a failure, except an InputError where it must be refused."""
         reference, trial = self._reference_of(case), case.trial()
         try:
+            trial = _as_read(trial)
             found, gaussians = self._run(trial)
         except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:
             was_refused = case.rule.is_refused and isinstance(error, InputError)
@@ -127,7 +130,7 @@ class StressSuite:
     def _reference_of(self, case: StressCase) -> Coded:
         scene = case.name.partition(":")[0]
         if scene not in self._reference:
-            self._reference[scene], _ = self._run(case.reference())
+            self._reference[scene], _ = self._run(_as_read(case.reference()))
         return self._reference[scene]
 
     def _run(self, trial: Trial) -> tuple[Coded, Gaussians]:
@@ -141,6 +144,13 @@ class StressSuite:
         elif left_out := left_out_quality(receiver, data, context):
             warnings += left_out_warnings(left_out, context.names)
         return Coded(data, _psnr_of_targets(render_views(gaussians, trial.views), trial), tuple(warnings)), gaussians
+
+
+def _as_read(trial: Trial) -> Trial:
+    """Return the trial with the bounds of depth that it gets where a camera file states the present ones."""
+    require_depths(float(trial.views.cameras.near), float(trial.views.cameras.far))
+    bounds = believable_bounds(trial.views.select(list(range(trial.num_context))))
+    return trial if bounds is None else replace(trial, views=trial.views.within(*bounds))
 
 
 def _psnr_of_targets(images: torch.Tensor, trial: Trial) -> float:
