@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from functools import partial
 
+import torch
+
 from fecocodec.captures.chosen_photographs import ChosenPhotographs
 from fecocodec.captures.scene_folder import read_others, read_pixels
 from fecocodec.codec.messages import Messages, OnMessage
@@ -12,6 +14,7 @@ from fecocodec.errors import InputError, error_context
 from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress
 from fecocodec.sender.encode import encode
+from fecocodec.sender.exposure import exposure_factors, with_factors
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.rate_control import encode_to_target
 
@@ -49,7 +52,23 @@ def read_photographs(
         taught = _alike(taught, views, messages.refuse if options.guides else messages.omit)
     if kept_back is not None:
         kept_back = _alike(kept_back, views, messages.omit)
+    if colour is None:  # a background that was put in has no exposure
+        return _with_one_exposure(Photographs(views, taught, kept_back), messages)
     return Photographs(views, taught, kept_back)
+
+
+def _with_one_exposure(found: Photographs, messages: Messages) -> Photographs:
+    """Return the photographs with the mean exposure and white balance of the coded ones."""
+    others = [part for part in (found.guides, found.checks) if part is not None]
+    factors = exposure_factors([found.views, *others])
+    if factors is None:
+        return found
+    largest = max(float(torch.maximum(of_part, 1.0 / of_part).max()) for of_part in factors) - 1.0
+    messages.note(f"exposures or white balances differ by up to {largest:.0%} from their mean; they are made equal.")
+    of_views, *of_others = factors
+    adapted = [with_factors(*pair) for pair in zip(others, of_others, strict=True)]
+    guides = None if found.guides is None else adapted[0]
+    return Photographs(with_factors(found.views, of_views), guides, None if found.checks is None else adapted[-1])
 
 
 def _alike(others: Views, views: Views, on_left_out: OnMessage) -> Views | None:

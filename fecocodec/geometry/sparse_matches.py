@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 _LONG_SIDE = 256  # pixels of the images in which corners are searched
@@ -54,14 +54,21 @@ def find_corners(image: Float[Tensor, "3 height width"], ignored: Bool[Tensor, "
 
 
 def match_corners(first: Corners, second: Corners) -> tuple[Float[Tensor, "match 2"], Float[Tensor, "match 2"]]:
-    """Return the positions of corners that are each other's nearest, and clearly nearer than the next one."""
+    """Return the positions of corners that look alike, see `alike`."""
+    one, other = alike(first, second)
+    return first.positions[one], second.positions[other]
+
+
+def alike(first: Corners, second: Corners) -> tuple[Int[Tensor, " match"], Int[Tensor, " match"]]:
+    """Return the indices of corners that are each other's nearest, and clearly nearer than the next one."""
+    none = torch.zeros(0, dtype=torch.long)
     if min(len(first.positions), len(second.positions)) < 2:
-        return first.positions[:0], second.positions[:0]
+        return none, none
     angles = torch.acos((first.descriptors @ second.descriptors.T).clamp(-1, 1))
     nearest, index = angles.topk(2, dim=1, largest=False)
     is_mutual = angles.argmin(dim=0)[index[:, 0]] == torch.arange(len(angles))
     is_match = is_mutual & (nearest[:, 0] < _MOST_RATIO * nearest[:, 1])
-    return first.positions[is_match], second.positions[index[is_match, 0]]
+    return is_match.nonzero()[:, 0], index[is_match, 0]
 
 
 def _gradients(grey: Float[Tensor, "1 1 h w"]) -> tuple[Float[Tensor, "1 1 h w"], Float[Tensor, "1 1 h w"]]:

@@ -32,6 +32,7 @@ from fecocodec.rendering.metrics import psnr
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.decoded_quality import decoded_quality, left_out_quality
 from fecocodec.sender.encode import encode_with
+from fecocodec.sender.exposure import exposure_factors, with_factors
 from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.view_quality import left_out_warnings, quality_warnings
 from fecocodec.splat_files.ply import write_ply
@@ -147,10 +148,15 @@ class StressSuite:
 
 
 def _as_read(trial: Trial) -> Trial:
-    """Return the trial with the bounds of depth that it gets where a camera file states the present ones."""
-    require_depths(float(trial.views.cameras.near), float(trial.views.cameras.far))
-    bounds = believable_bounds(trial.views.select(list(range(trial.num_context))))
-    return trial if bounds is None else replace(trial, views=trial.views.within(*bounds))
+    """Return the trial with the bounds of depth and the exposure that `encode` gives to photographs of a folder."""
+    views, coded = trial.views, list(range(trial.num_context))
+    require_depths(float(views.cameras.near), float(views.cameras.far))
+    if bounds := believable_bounds(views.select(coded)):
+        views = views.within(*bounds)
+    if (factors := exposure_factors([views.select(coded)])) is not None:
+        others = torch.ones(len(views.images) - trial.num_context, 3)
+        views = with_factors(views, torch.cat((*factors, others)))
+    return replace(trial, views=views)
 
 
 def _psnr_of_targets(images: torch.Tensor, trial: Trial) -> float:

@@ -1,0 +1,94 @@
+"""Bring photographs to one exposure and white balance, by the colours of points that look alike.
+
+Between two photographs, the colours of such points differ by a factor for each channel. The factors of all pairs give
+those of the photographs, by least squares of their logarithms.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.depth_range import facing_baselines
+from fecocodec.geometry.sparse_matches import Corners, alike, find_corners
+from fecocodec.geometry.views import Views
+
+_NEIGHBOURS = 3  # with which a photograph is compared
+_WINDOW = 9  # side of the square around a point whose mean colour is compared, in pixels of _LONG_SIDE
+_LONG_SIDE = 256  # pixels
+_LEAST_POINTS, _LEAST_AGREEMENT = 20, 0.5  # of points that look alike, and of the share whose factors agree
+_LARGEST_SPREAD = 0.1  # of logarithms of factors that agree
+_DARKEST, _BRIGHTEST = 0.06, 0.94  # mean colours that are compared: beyond them sensors clip
+LEAST_DIFFERENCE = 0.05  # of the logarithm of a factor; smaller ones are shading and wrong matches
+
+
+def exposure_factors(parts: Sequence[Views]) -> tuple[Float[Tensor, "view 3"], ...] | None:
+    """Return what the colours of each view have to be multiplied with, per channel, to have one exposure, by part.
+
+    parts: views of one scene, the coded ones first, over which the mean of the logarithms is zero. None if photographs
+    hardly differ.
+    """
+    cameras = reduce(Cameras.joined, (part.cameras for part in parts))
+    found = [_colours_of(part, view) for part in parts for view in range(len(part.images))]
+    baselines = facing_baselines(cameras)
+    pairs = {
+        (min(view, other), max(view, other))
+        for view in range(len(found))
+        for other in baselines[view].argsort()[:_NEIGHBOURS].tolist()
+        if baselines[view, other].isfinite()
+    }
+    ratios = {pair: _log_ratio(*(found[view] for view in pair)) for pair in sorted(pairs)}
+    equations = [(pair, ratio) for pair, ratio in ratios.items() if ratio is not None]
+    if not equations:
+        return None
+    differences = torch.zeros(len(equations), len(found))
+    for row, ((first, second), _) in zip(differences, equations, strict=True):
+        row[first], row[second] = 1.0, -1.0
+    logs = torch.linalg.pinv(differences) @ torch.stack([ratio for _, ratio in equations])  # of exposures
+    logs -= logs[: len(parts[0].images)].mean(dim=0)
+    if float(logs.abs().max()) <= LEAST_DIFFERENCE:
+        return None
+    return torch.exp(-logs).split([len(part.images) for part in parts])
+
+
+def with_factors(views: Views, factors: Float[Tensor, "view 3"]) -> Views:
+    """Return the views with these factors of their colours. The white of transparent parts stays."""
+    white = torch.zeros(()) if views.alpha is None else 1.0 - views.alpha[:, None]
+    return replace(views, images=(white + (views.images - white) * factors[..., None, None]).clamp(0, 1))
+
+
+@dataclass(frozen=True)
+class _Colours:
+    """Corners of one photograph, and the mean colours around them: [corner 3]."""
+
+    corners: Corners
+    means: Float[Tensor, "corner 3"]
+
+
+def _colours_of(views: Views, view: int) -> _Colours:
+    image = views.images[view]
+    corners = find_corners(image, None if views.ignored is None else views.ignored[view])
+    scale = _LONG_SIDE / max(image.shape[-2:])
+    size = [round(side * scale) for side in image.shape[-2:]]
+    small = F.interpolate(image[None], size, mode="bilinear", antialias=True, align_corners=False)
+    means = F.avg_pool2d(small, _WINDOW, stride=1, padding=_WINDOW // 2, count_include_pad=False)
+    of_corners = F.grid_sample(means, 2 * corners.positions[None, :, None] - 1, align_corners=False)
+    return _Colours(corners, of_corners[0, ..., 0].T)
+
+
+def _log_ratio(first: _Colours, second: _Colours) -> Float[Tensor, "3"] | None:
+    """Return the median logarithm of first over second at points that look alike; None if few agree on it."""
+    of_first, of_second = alike(first.corners, second.corners)
+    pairs = torch.stack((first.means[of_first], second.means[of_second]))
+    pairs = pairs[:, ((pairs > _DARKEST) & (pairs < _BRIGHTEST)).all(dim=2).all(dim=0)]
+    if pairs.shape[1] < _LEAST_POINTS:
+        return None
+    logs = torch.log(pairs[0] / pairs[1])
+    median = logs.median(dim=0).values
+    agreement = ((logs - median).abs().mean(dim=1) < _LARGEST_SPREAD).float().mean()
+    return median if float(agreement) >= _LEAST_AGREEMENT else None
