@@ -18,7 +18,7 @@ MINUTES ?= 60
 TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_ARENA_MAX=1 MALLOC_TRIM_THRESHOLD_=268435456
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper report stress train web web-test web-bench check clean
+.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper bench-systems report stress train web web-test web-bench check clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -84,6 +84,9 @@ bench: $(READY) ## measure time and memory of encode, decode and info
 
 bench-paper: $(READY) ## measure time and memory of the paper's sender
 	$(TUNED) $(BIN)/python benchmarks/bench_paper.py
+
+bench-systems: $(READY) ## parameters, time and memory of every system, beside the paper's Table 1
+	$(TUNED) $(BIN)/python benchmarks/system_costs.py
 
 report: $(READY) ## the generated part of docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
 	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make report ROOT=folder INDEX=index.json" >&2; exit 1; }

@@ -1,6 +1,6 @@
 """Results in the layout of the paper: curves of quality against rate, and its Table 1 (parameters, latency, memory).
 
-Results of other systems, measured elsewhere, come from a CSV file.
+Results of other systems are those that the paper prints, or come from a CSV file.
 """
 
 import csv
@@ -8,13 +8,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.report.section import Chart, Mark, Series, number, table
 from fecocodec.evaluation.summary import OURS, Average
 from fecocodec.input_file import require_regular_file
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.parameters import count_parameters
+from fecocodec.sender.parameters import count_parameters, parameter_table
 
 
 @dataclass(frozen=True)
@@ -81,16 +82,31 @@ def _number(path: Path, line: int, name: str, text: str) -> float | None:
     return value
 
 
-# The baselines of the paper's Table 1. Their cells stay empty until an external file has them.
-BASELINES = (
-    "ELIC -> DepthSplat",
-    "ELIC -> ReSplat",
-    "DepthSplat -> TinySplat",
-    "DepthSplat -> FCGS",
-    "ReSplat -> TinySplat",
-    "ReSplat -> FCGS",
-    "CodecSplat",
-)
+# What the paper prints (Table 1; Base: its appendix): parameters of sender and receiver in millions, seconds of both,
+# peak memory in GiB. None: not printed. NaN: "N/A", because HEVC has no trained parameters.
+PUBLISHED: dict[str, tuple[float | None, ...]] = {
+    "ELIC -> DepthSplat": (26.45, 62.40, 0.077, 0.181, 1.505),
+    "ELIC -> ReSplat": (26.45, 100.69, 0.074, 0.305, 2.119),
+    "DepthSplat -> TinySplat": (38.34, math.nan, 1.285, 0.375, 1.365),
+    "DepthSplat -> FCGS": (40.87, 2.05, 2.035, 0.821, 4.706),
+    "ReSplat -> TinySplat": (76.63, math.nan, 1.448, 0.497, 1.925),
+    "ReSplat -> FCGS": (79.16, 2.05, 2.319, 0.784, 5.157),
+    "CodecSplat": (181.73, 45.00, 0.189, 0.138, 2.065),
+    "FeCoSplat": (37.28, 3.45, 0.168, 0.117, 1.316),
+    "ELIC -> DepthSplat (Base)": (26.45, 144.81, None, None, None),
+    "ELIC -> ReSplat (Base)": (26.45, 246.20, None, None, None),
+}
+_COSTS = ("sender_params", "receiver_params", "encode_seconds", "decode_seconds", "peak_gib")
+# Parts of other systems that are in this repository -> profile of `parameter_table`, what is ours in its extractor.
+_COUNTED = {
+    "DepthSplat-Small, features": ("paper", ()),
+    "DepthSplat-Base, features": ("paper-large", ("input", "blocks")),
+}
+_HEAD = ("method", "sender, M parameters", "receiver, M", "sender, s", "receiver, s", "peak memory, GiB", "source")
+_LEGEND = """
+*published*: by the paper, of a GPU and pairs of RealEstate10K. *counted*: parameters of our implementation, without
+Gaussian heads. *external*: of the given file.
+"""
 METRICS: dict[str, str] = {
     "psnr": "PSNR of target views, dB",
     "ssim": "SSIM of target views",
@@ -98,7 +114,6 @@ METRICS: dict[str, str] = {
     "lpips": "LPIPS (VGG16) of target views",
     "lpips_alex": "LPIPS (AlexNet) of target views",
 }
-_HEAD = ("method", "sender, M parameters", "receiver, M", "sender, s", "receiver, s", "peak memory, GiB")
 
 
 def quality_charts(rows: Sequence[Average], external: Sequence[ExternalRow]) -> tuple[Chart, ...]:
@@ -116,15 +131,45 @@ def quality_charts(rows: Sequence[Average], external: Sequence[ExternalRow]) -> 
 
 
 def complexity_table(codec: Codec, rows: Sequence[Average], external: Sequence[ExternalRow]) -> str:
-    """Return the paper's Table 1 in Markdown: the baselines, other external systems, then ours.
+    """Return the paper's Table 1 in Markdown: the rows of `others`, then ours.
 
     Our latency and memory are the largest over the settings of the codec (resident memory on a CPU, allocated memory
-    on a CUDA device). A cell that nobody measured is empty.
+    on a CUDA device).
     """
-    measured = {row.system: row for row in external if _is_complexity(row)}
-    others = [name for name in measured if name not in BASELINES]
-    lines = [_external_line(name, measured.get(name)) for name in (*BASELINES, *others)]
-    return table(_HEAD, [*lines, _our_line(codec, [row for row in rows if row.system == OURS])]) + "\n"
+    return cost_table([*others(external), cost_line(_ours(codec, [row for row in rows if row.system == OURS]))])
+
+
+def cost_table(lines: Sequence[tuple[str, ...]]) -> str:
+    """Return these lines of `cost_line` in the layout of the paper's Table 1, in Markdown, and what their source is."""
+    return table(_HEAD, lines) + "\n" + _LEGEND
+
+
+def cost_line(row: ExternalRow, source: str = "measured") -> tuple[str, ...]:
+    """Return the cells of a system: "" for what is not known, "N/A" for NaN."""
+    digits = dict.fromkeys(_COSTS, 3) | {"sender_params": 2, "receiver_params": 2}
+    values = ((getattr(row, name), digits[name]) for name in _COSTS)
+    cells = ("" if value is None else "N/A" if math.isnan(value) else number(value, most) for value, most in values)
+    return row.system, *cells, source
+
+
+def others(external: Sequence[ExternalRow]) -> list[tuple[str, ...]]:
+    """Return the lines of other systems: PUBLISHED, replaced where `external` has costs; its others; what we count."""
+    rows = {name: (costs_of(name, values), "published") for name, values in PUBLISHED.items()}
+    rows |= {row.system: (row, "external") for row in external if _has_costs(row)}
+    rows |= {name: (costs_of(name, (_counted(*of),)), "counted") for name, of in _COUNTED.items() if name not in rows}
+    return [cost_line(*row) for row in rows.values()]
+
+
+def costs_of(system: str, values: Sequence[float | None]) -> ExternalRow:
+    """Return the row of a system with these costs, in the order of `PUBLISHED`; what is left out is not known."""
+    costs: dict[str, Any] = dict(zip(_COSTS, values, strict=False))
+    return ExternalRow(system, **costs)
+
+
+def params_of_ends(codec: Codec) -> tuple[float, float]:
+    """Return the millions of parameters that sender and receiver load; the sender also loads those of the receiver."""
+    receiver = count_parameters(codec.receiver) / 1e6
+    return receiver + count_parameters(codec.sender) / 1e6, receiver
 
 
 def _point(row: Average | ExternalRow, metric: str) -> tuple[str, Mark] | None:
@@ -138,26 +183,19 @@ def _series(name: str, marks: list[Mark]) -> Series:
     return Series(name, tuple(sorted(marks, key=lambda mark: mark.x)))
 
 
-def _is_complexity(row: ExternalRow) -> bool:
-    return any(value is not None for value in _numbers(row))
+def _has_costs(row: ExternalRow) -> bool:
+    return any(getattr(row, name) is not None for name in _COSTS)
 
 
-def _numbers(row: ExternalRow) -> tuple[float | None, ...]:
-    return row.sender_params, row.receiver_params, row.encode_seconds, row.decode_seconds, row.peak_gib
+def _counted(profile: str, ours: Sequence[str]) -> float:
+    rows = (row for row in parameter_table(profile) if row.module.startswith("extractor."))
+    return sum(row.parameters for row in rows if row.module.removeprefix("extractor.") not in ours) / 1e6
 
 
-def _external_line(name: str, row: ExternalRow | None) -> tuple[str, ...]:
-    values: tuple[float | None, ...] = (None,) * 5 if row is None else _numbers(row)
-    return name, *("" if value is None else number(value, 3) for value in values)
-
-
-def _our_line(codec: Codec, rows: Sequence[Average]) -> tuple[str, ...]:
-    receiver = count_parameters(codec.receiver)
-    sender = receiver + count_parameters(codec.sender)
-    peaks = [row.peak_mib / 1024 for row in rows if row.peak_mib is not None]
-    values = (_largest(rows, lambda row: row.encode_seconds), _largest(rows, lambda row: row.decode_seconds))
-    cells = ("" if value is None else number(value, 3) for value in (*values, max(peaks, default=None)))
-    return OURS, number(sender / 1e6), number(receiver / 1e6), *cells
+def _ours(codec: Codec, rows: Sequence[Average]) -> ExternalRow:
+    peak = max((row.peak_mib / 1024 for row in rows if row.peak_mib is not None), default=None)
+    seconds = (_largest(rows, lambda row: row.encode_seconds), _largest(rows, lambda row: row.decode_seconds))
+    return costs_of(OURS, (*params_of_ends(codec), *seconds, peak))
 
 
 def _largest(rows: Sequence[Average], value: Callable[[Average], float]) -> float | None:

@@ -146,6 +146,12 @@ def test_times_have_quartiles(studies: Studies) -> None:
     assert re.search(r"\| one thread \| [\d.]+ \| [\d.]+ \| 1\.000 \(0\.500 to 1\.500\) \|", text)
 
 
+def test_steps_are_named_unless_they_take_no_time(studies: Studies) -> None:
+    steps = {"encode": {"start": 0.001, "matching views": 0.749, "coding stage 1": 0.25}}
+    text = speed_section(studies.rate, studies.speed, steps, 64).text
+    assert "| encode | 1000 | matching views: 749 (75%); coding stage 1: 250 (25%) |" in text
+
+
 def test_systems_of_other_sizes_are_not_compared_at_one(studies: Studies) -> None:
     huge = [replace(m, system="PLY", num_bytes=1000 * m.num_bytes) for m in studies.rate]
     charts = speed_section([*studies.rate, *huge], studies.speed, studies.steps, 64).charts

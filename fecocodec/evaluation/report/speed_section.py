@@ -158,6 +158,7 @@ def _steps(steps: dict[str, dict[str, float]]) -> str:
     rows = []
     for end, seconds in steps.items():
         total = sum(seconds.values())
-        rows += [(end, step, number(1e3 * took, 0), f"{took / total:.0%}") for step, took in seconds.items()]
-        rows.append((end, "in all", number(1e3 * total, 0), ""))
-    return table(("end", "step", "ms", "share"), rows)
+        large = {step: took for step, took in seconds.items() if took / total >= 0.005}
+        parts = (f"{step}: {1e3 * took:.0f} ({took / total:.0%})" for step, took in large.items())
+        rows.append((end, number(1e3 * total, 0), "; ".join(parts)))
+    return table(("end", "ms", "steps"), rows)
