@@ -6,8 +6,11 @@ cameras they return: a wrong axis, crop, focal length or distortion shows as a w
 
 import json
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -128,6 +131,14 @@ def write_transforms(folder: Path, taken: list[Shot], **top_level) -> Path:
     write_photographs(folder / "images", taken)
     (folder / "transforms.json").write_text(json.dumps(transforms(taken, **top_level)))
     return folder
+
+
+@contextmanager
+def edited(folder: Path, name: str = "transforms.json") -> Iterator[Any]:
+    """The contents of a JSON file, which is written again after the block."""
+    contents = json.loads((folder / name).read_text())
+    yield contents
+    (folder / name).write_text(json.dumps(contents))
 
 
 def write_realestate10k(folder: Path, taken: list[Shot]) -> Path:
