@@ -107,24 +107,6 @@ def test_targets_out_of_reach_are_refused(fecosplat: CommandLine, photographs: P
     assert not (tmp_path / "scene.fcs").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (("--target-kib", "8", "--target-psnr", "25"), "exclude each other"),
-        (("--effort", "fast", "--sharpness", "1"), "--sharpness needs the steps that --effort fast leaves out"),
-        (("--effort", "fast", "--sharpness", "-0.5"), "--sharpness needs the steps that --effort fast leaves out"),
-        (("--sharpness", "1.5"), "1.5 is not in the range -1.0<=x<=1.0"),
-        (("--target-kib", "8", "--stages", "1"), "has no rate control"),
-        (("--target-kib", "8", "--lambda", "1e-3"), "leave out --lambda"),
-    ],
-)
-def test_options_that_contradict_each_other(
-    fecosplat: CommandLine, photographs: Path, tmp_path: Path, options: tuple[str, ...], sentence: str
-) -> None:
-    result = fecosplat("encode", photographs, "-o", tmp_path / "scene.fcs", *options)
-    assert result.code == 2 and sentence in result.err
-
-
 @pytest.mark.usefixtures("networks")
 def test_a_single_stage_is_optimised_too(fecosplat: CommandLine, photographs: Path, tmp_path: Path) -> None:
     files = [tmp_path / f"{effort}.fcs" for effort in ("fast", "default")]

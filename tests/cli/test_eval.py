@@ -35,13 +35,3 @@ def test_missing_weights_of_a_metric_are_one_sentence(
     )
     assert result.code == 0 and "ST-LPIPS  LPIPS  LPIPS (AlexNet)" in result.out
     assert "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only" in result.err
-
-
-def test_bad_lists_are_refused(fecosplat: CommandLine, tmp_path: Path) -> None:
-    arguments = ["eval", tmp_path, "--index", tmp_path / "index.json", "-o", tmp_path / "out"]
-    assert fecosplat(*arguments, "--lambdas", "small").code == 2
-    outside = fecosplat(*arguments, "--lambdas", "1.0")
-    assert outside.code == 1 and "lambda is 1.0, outside the range" in outside.err
-    missing = fecosplat(*arguments)
-    assert missing.code == 1 and "index.json: there is no such file" in missing.err
-    assert not (tmp_path / "out").exists()

@@ -76,13 +76,6 @@ def test_file_cut_in_the_header_is_one_sentence(fecosplat, stream_file: Path, st
     )
 
 
-@pytest.mark.parametrize("arguments", [(), ("scene.fcs", "--parameters")])
-def test_needs_a_file_or_the_model(fecosplat, arguments: tuple[str, ...]) -> None:
-    result = fecosplat("info", *arguments)
-    assert result.code == 2
-    assert "Give either a .fcs file or --parameters." in result.err
-
-
 def test_control_characters_never_reach_the_terminal(fecosplat, tmp_path: Path, stream_bytes: bytes) -> None:
     text = "".join(map(chr, (*range(32), *range(127, 160), 0x2028, 0x202E, 0x2066))) + "</script><script>alert(1)"
     metadata = {"name": "\x1b[31mred\x07", "title": text, "author": text}

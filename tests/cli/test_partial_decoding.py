@@ -99,11 +99,6 @@ def test_a_second_stage_with_other_symbols_than_promised_is_left_out(
     assert fields["damage"].startswith("stage 2: the decoded symbols have digest")
 
 
-def test_the_number_of_stages_is_not_for_the_user_to_say(fecosplat, tmp_path: Path, output: Path) -> None:
-    result = fecosplat("decode", tmp_path / "a.fcs", "-o", output / "a.ply", "--partial", "--stages", "1")
-    assert result.code == 2 and "leave --stages out" in result.err
-
-
 EVERY_KIND = (VECTORS / "uncommon" / "unknown-sections.fcs").read_bytes()
 """Two stages among as many unknown sections as there may be."""
 

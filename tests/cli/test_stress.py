@@ -28,9 +28,3 @@ def test_the_table_is_written_and_broken_rules_are_named(
     assert 'wall: black: no warning says "black"' in result.err
     header, *rows = (output / "stress.tsv").read_text().splitlines()
     assert header.startswith("case\trule\tpsnr\tlost") and len(rows) == 2
-
-
-def test_a_missing_index_is_refused(fecosplat: CommandLine, tmp_path: Path) -> None:
-    result = fecosplat("stress", tmp_path, "--index", tmp_path / "index.json", "-o", tmp_path / "out")
-    assert result.code == 1 and "index.json: there is no such file" in result.err
-    assert not (tmp_path / "out").exists()

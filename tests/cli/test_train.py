@@ -92,25 +92,6 @@ def test_what_cannot_be_trained_is_one_sentence(
     assert not folder.exists()
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["--views", "two"], ["--perceptual", "vgg"], ["--size", "128"], ["--max-minutes", "0"], ["--precision", "half"]],
-)
-def test_what_is_no_value_of_an_option_is_wrong_usage(
-    fecosplat: CommandLine, tmp_path: Path, arguments: list[str]
-) -> None:
-    result = fecosplat("train", tmp_path / "run", *arguments)
-    assert result.code == 2 and arguments[0] in result.err
-
-
-def test_a_folder_that_is_a_file_is_one_sentence(fecosplat: CommandLine, tmp_path: Path) -> None:
-    path = tmp_path / "run"
-    path.write_text("not a folder")
-    result = fecosplat("train", path, "--max-minutes", "0.001")
-    assert (result.code, result.out) == (1, "")
-    assert result.err == f"fecosplat: {path}: this is not a folder; choose another output path.\n"
-
-
 EXTRACTOR = {
     "extractor.backbone": 1_049_120,
     "extractor.transformer": 3_150_336,

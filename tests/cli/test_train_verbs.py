@@ -124,12 +124,6 @@ def test_what_cannot_be_trained_is_one_sentence(
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("arguments", [("detail", "a", "b"), ("steps", "a"), ("steps", "a", "b", "--sharp", "more")])
-def test_wrong_usage_exits_with_2(fecosplat: CommandLine, arguments: tuple[str, ...]) -> None:
-    result = fecosplat("train", *arguments)
-    assert result.code == 2 and f"fecosplat train {arguments[0]}" in result.err
-
-
 def test_verbs_have_tables_of_their_own_in_a_file_of_defaults(fecosplat: CommandLine, tmp_path: Path) -> None:
     defaults = tmp_path / "defaults.toml"
     defaults.write_text('[train]\nsize = "3x3"\n[train.steps]\nsize = "5x5"\n')

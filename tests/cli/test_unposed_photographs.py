@@ -129,13 +129,10 @@ def test_saved_frames_of_a_video_encode_to_the_same_scene(fecosplat, tmp_path: P
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_frames_are_saved_of_a_video_and_to_a_new_folder(fecosplat, unposed: Path, tmp_path: Path) -> None:
-    files = ("-o", tmp_path / "a.fcs", "--save-frames")
-    result = fecosplat("encode", unposed, *files, tmp_path / "frames")
-    assert result.code == 2 and "--save-frames is for a video file" in result.err
+def test_frames_are_saved_to_a_new_folder(fecosplat, unposed: Path, tmp_path: Path) -> None:
     video = tmp_path / "clip.mkv"
     write_clip(video)
-    result = fecosplat("encode", video, *files, unposed)
+    result = fecosplat("encode", video, "-o", tmp_path / "a.fcs", "--save-frames", unposed)
     assert result.code == 1 and f"{unposed}: this exists and is no empty folder; choose another" in result.err
     assert sorted(tmp_path.iterdir()) == [video, unposed]
 
@@ -153,13 +150,6 @@ def write_clip(path: Path) -> None:
         container.mux(stream.encode())
 
 
-def test_save_cameras_is_for_photographs_without_cameras(fecosplat, tmp_path: Path) -> None:
-    result = fecosplat("encode", EXAMPLE, "-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "cameras.json")
-    assert result.code == 2
-    assert "this folder has cameras" in result.err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_given_focal_length_is_that_of_the_saved_cameras(fecosplat, unposed: Path, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     cameras = tmp_path / "cameras.json"
@@ -167,13 +157,6 @@ def test_a_given_focal_length_is_that_of_the_saved_cameras(fecosplat, unposed: P
     result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", *FAST, *focal)
     assert result.code == 0 and "the cameras may be wrong" not in result.err
     assert [frame["fl_x"] for frame in json.loads(cameras.read_text())["frames"]] == [pytest.approx(515.616)] * 2
-
-
-def test_focal_px_is_for_photographs_without_cameras(fecosplat, tmp_path: Path) -> None:
-    result = fecosplat("encode", EXAMPLE, "-o", tmp_path / "a.fcs", "--focal-px", "515")
-    assert result.code == 2
-    assert "--focal-px is for photographs without cameras; this folder has cameras." in result.err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_focal_px_is_not_in_millimetres(fecosplat, unposed: Path, tmp_path: Path) -> None:
@@ -197,12 +180,6 @@ def test_videos_beside_photographs_and_cameras_in_the_folder_above_are_named(fec
     assert note in result.err
 
 
-def test_frames_is_for_a_video(fecosplat, unposed: Path, tmp_path: Path) -> None:
-    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", "--frames", "4")
-    assert result.code == 2
-    assert "--frames is for a video file" in result.err
-
-
 def test_a_video_that_cannot_be_read_is_one_sentence(fecosplat, tmp_path: Path) -> None:
     pytest.importorskip("av")
     (tmp_path / "clip.mp4").write_bytes(bytes(1000))
@@ -210,9 +187,3 @@ def test_a_video_that_cannot_be_read_is_one_sentence(fecosplat, tmp_path: Path) 
     assert result.code == 1
     assert result.err.startswith(f"fecosplat: {tmp_path / 'clip.mp4'}: the video cannot be read")
     assert not (tmp_path / "a.fcs").exists()
-
-
-def test_a_date_must_be_a_date(fecosplat, tmp_path: Path) -> None:
-    result = fecosplat("encode", EXAMPLE, "-o", tmp_path / "a.fcs", "--date", "yesterday")
-    assert result.code == 2
-    assert "is not a date like" in result.err
