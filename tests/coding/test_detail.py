@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
+from fecocodec.checkpoint import serialise_weights
 from fecocodec.coding.detail import (
     Choose,
     Size,
@@ -20,8 +22,8 @@ from fecocodec.container import Detail
 from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT
 from fecocodec.errors import BitstreamError, ModelError
+from tests.bitstream_spec.second_reader import read_symbols
 from tests.container.example_streams import example_stream
-from tests.entropy.ans_reference import ReferenceAns, decode_batch
 
 SIZE = (2, 4, 8)
 EACH_BUCKET = np.arange(16, dtype=np.uint8)[None].repeat(2, axis=0)  # tables with which an index is its bucket
@@ -48,35 +50,6 @@ def choose_from(symbols: np.ndarray) -> Choose:
     return lambda plane, _: symbols[plane]
 
 
-def slow_index(of_plane: list[int], before: list[np.ndarray], v: int, i: int, j: int) -> int:
-    """Return the table index of an element. before: the planes before."""
-
-    def summed(row: int, column: int) -> int:
-        is_inside = 0 <= row < before[0].shape[1] and 0 <= column < before[0].shape[2]
-        return sum(min(abs(int(plane[v, row, column])), 15) for plane in before) if is_inside else 0
-
-    if not before:
-        return of_plane[0]
-    context = 2 * summed(i, j) + summed(i - 1, j) + summed(i + 1, j) + summed(i, j - 1) + summed(i, j + 1)
-    bucket = 0
-    for threshold in (1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 96, 140):
-        if context >= threshold:
-            bucket += 1
-    return of_plane[bucket]
-
-
-def slow_decode(tables: np.ndarray, payload: bytes, size: Size) -> np.ndarray:
-    """Return the symbols of a payload, element by element, in plain integers."""
-    ans, planes = ReferenceAns(payload), list[np.ndarray]()
-    for of_plane in tables.tolist():
-        indices = np.zeros(size, np.int64)
-        for v, i, j in np.ndindex(*size):
-            indices[v, i, j] = slow_index(of_plane, planes, v, i, j)
-        planes.append(decode_batch(ans, indices))
-    assert ans.is_empty()
-    return np.array(planes)
-
-
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("size", [SIZE, (1, 4, 4), (3, 8, 4)])
 def test_detail_is_read_as_written_and_as_the_specification_says(seed: int, size: Size) -> None:
@@ -84,7 +57,9 @@ def test_detail_is_read_as_written_and_as_the_specification_says(seed: int, size
     payload, sent = encode_detail(tables, choose_from(wanted), size)
     received = decode_detail(tables, payload, size)
     assert received.dtype == np.int32 and np.array_equal(received, sent)
-    assert np.array_equal(received, slow_decode(tables, payload, size))
+    weights = serialise_weights({"detail.tables": torch.from_numpy(tables)}, {})
+    planes = read_symbols.decode_detail(weights, payload, size)
+    assert received.reshape(len(tables), -1).tolist() == planes
 
 
 def test_symbols_that_are_coded_are_those_that_were_chosen() -> None:
