@@ -45,13 +45,13 @@ def test_damaged_cameras_tell_no_depth_range() -> None:
     assert (summary.near, summary.far) == (None, None)
 
 
-@pytest.mark.parametrize("length", range(48, len(GOOD)))
-def test_a_cut_stream_is_described_as_far_as_it_goes(length: int) -> None:
-    summary = inspect(GOOD[:length])
-    assert summary.damage is not None and f"the file ends after {length} bytes" in summary.damage
-    whole = [section for section in list_sections(GOOD) if section.offset + 9 + section.length <= length]
-    assert [section for section in summary.sections if section.is_intact] == whole
-    assert (summary.near, summary.far) == ((0.5, 100.0) if length >= EXAMPLE.b1_offset else (None, None))
+def test_a_cut_stream_is_described_as_far_as_it_goes() -> None:
+    for length in range(48, len(GOOD)):
+        summary = inspect(GOOD[:length])
+        assert summary.damage is not None and f"the file ends after {length} bytes" in summary.damage
+        whole = [section for section in list_sections(GOOD) if section.offset + 9 + section.length <= length]
+        assert [section for section in summary.sections if section.is_intact] == whole
+        assert (summary.near, summary.far) == ((0.5, 100.0) if length >= EXAMPLE.b1_offset else (None, None))
 
 
 def test_without_a_header_there_is_nothing_to_describe() -> None:
