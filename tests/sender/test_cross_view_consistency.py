@@ -5,16 +5,16 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
+from tests.example_scenes import cameras_in_a_row
 
 PAIR = torch.tensor([[[1], [0]]])
 
 
 def two_cameras(shift: float, forward: float = 0.0) -> Cameras:
     """The second one beside the first and `forward` closer to the scene."""
-    extrinsics = torch.eye(4).repeat(1, 2, 1, 1)
-    extrinsics[0, 1, 0, 3], extrinsics[0, 1, 2, 3] = shift, forward
-    intrinsics = torch.tensor([[1.0, 0, 0.5], [0, 1.0, 0.5], [0, 0, 1.0]]).repeat(1, 2, 1, 1)
-    return Cameras(extrinsics, intrinsics, torch.tensor([1.0]), torch.tensor([10.0]))
+    cameras = cameras_in_a_row(0.0, shift, far=10.0).as_batch()
+    cameras.extrinsics[0, 1, 2, 3] = forward
+    return cameras
 
 
 def relative_disparity(depth: float) -> float:
@@ -57,13 +57,7 @@ def test_masked_pixels_neither_confirm_nor_are_confirmed() -> None:
 
 
 def test_one_source_that_agrees_is_enough() -> None:
-    cameras = two_cameras(0.2)
-    three = Cameras(
-        torch.cat((cameras.extrinsics, cameras.extrinsics[:, 1:]), dim=1),
-        torch.cat((cameras.intrinsics, cameras.intrinsics[:, 1:]), dim=1),
-        cameras.near,
-        cameras.far,
-    )
+    three = two_cameras(0.2).select([0, 1, 1])
     found = cross_view_consistency(walls(2.0, 5.0, 2.0), three, torch.tensor([[[1, 2], [0, 2], [0, 1]]]))
     assert float(found[0, 0, :, 4:].min()) > 0.99
 

@@ -8,15 +8,13 @@ import torch
 
 from fecocodec import encode, measure_decoded, read_views
 from fecocodec.container import quantise_lambda, read_stream
-from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.detail_steps import Search, descend, symbols_of
 from fecocodec.sender.lambda_roles import price_of_detail
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST
 from fecocodec.sender.references import References
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
+from tests.example_scenes import cameras_in_a_row, synthetic_views
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 DETAIL = DEFAULT.with_steps(1)  # few steps of the latents, which are not what is tested
@@ -42,10 +40,7 @@ class Shown(References):
 
 def search_of(images: torch.Tensor, price: float = 0.0) -> Search:
     """Pictures that depend on the numbers as if every plane were a colour."""
-    count = len(images)
-    cameras = Cameras(
-        torch.eye(4).expand(count, 4, 4), torch.eye(3).expand(count, 3, 3), torch.ones(()), torch.ones(())
-    )
+    cameras = cameras_in_a_row(*[0.0] * len(images))
 
     def gaussians(values: torch.Tensor) -> Gaussians:
         means = values.permute(0, 2, 3, 1).reshape(-1, 3)
@@ -105,8 +100,7 @@ def test_many_views_have_detail_at_every_lambda() -> None:
     lambda_q = quantise_lambda(1e-3)
     assert DEFAULT.detail_steps_of(3, 2**17, lambda_q) == 0 < DEFAULT.detail_steps_of(4, 2**17, lambda_q)
     assert price_of_detail(3, lambda_q) > price_of_detail(4, lambda_q)
-    generator = torch.Generator().manual_seed(3)
-    four = SyntheticScenes(pattern_textures(8)).sample(generator, num_context=4, num_target=0, size=(64, 96)).views
+    four = synthetic_views(4, 0, seed=3)
     with_detail = encode(four, lmbda=1e-3, effort=DETAIL)
     assert read_stream(with_detail).detail is not None
     without = encode(four, lmbda=1e-3, effort=WITHOUT)

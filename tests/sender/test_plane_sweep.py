@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, pixel_rays
 from fecocodec.sender.extractors.plane_sweep import cost_volume, from_all_pairs, from_sampled_rows, nearest_views
-from tests.example_scenes import example_cameras
+from tests.example_scenes import cameras_in_a_row, example_cameras
 
 
 def unit_features(num_views: int, height: int, width: int, *, with_gradients: bool = False) -> Tensor:
@@ -90,10 +90,7 @@ def test_the_best_candidate_of_a_textured_plane_is_its_depth(candidate: int) -> 
     num_candidates, near, far, height, width = 24, 1.0, 20.0, 16, 32
     disparity = 1 / far + candidate / (num_candidates - 1) * (1 / near - 1 / far)
     shift_px = 4  # the baseline that moves this plane by whole pixels
-    extrinsics = torch.eye(4).repeat(2, 1, 1)
-    extrinsics[1, 0, 3] = shift_px / (disparity * width)
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]).repeat(2, 1, 1)
-    cameras = Cameras(extrinsics, intrinsics, torch.tensor(near), torch.tensor(far)).as_batch()
+    cameras = cameras_in_a_row(0.0, shift_px / (disparity * width), focal=(1.0, 2.0), near=near, far=far).as_batch()
     texture = F.normalize(torch.randn(16, height, width + shift_px, generator=torch.Generator().manual_seed(2)), dim=0)
     features = torch.stack((texture[..., :width], texture[..., shift_px:]))[None]
     volume = cost_volume(features, cameras, nearest_views(cameras, 1), num_candidates)

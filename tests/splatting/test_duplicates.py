@@ -7,6 +7,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.splatting.duplicates import kept_share
+from tests.example_scenes import cameras_in_a_row
 
 SIDE = 32  # Gaussians a side
 WALL = 6.0  # z of a wall
@@ -14,14 +15,9 @@ OPACITY = 0.7
 CONFIG = ReceiverConfig()
 
 
-def cameras_at(*z: float, focal: tuple[float, ...] = ()) -> Cameras:
+def cameras_at(*z: float) -> Cameras:
     """Return cameras on the z axis that look along it."""
-    extrinsics = torch.eye(4).repeat(1, len(z), 1, 1)
-    extrinsics[0, :, 2, 3] = torch.tensor(z)
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(1, len(z), 1, 1)
-    for view, length in enumerate(focal):
-        intrinsics[0, view, 0, 0] = intrinsics[0, view, 1, 1] = length
-    return Cameras(extrinsics, intrinsics, torch.tensor([1.0]), torch.tensor([10.0]))
+    return cameras_in_a_row(*z, axis=2, far=10.0).as_batch()
 
 
 def kept(cameras: Cameras, shift_of_last: float = 0.0, opacity_of_last: float = OPACITY) -> Tensor:
@@ -56,7 +52,9 @@ def test_what_the_nearer_views_do_not_see_is_kept() -> None:
 
 
 def test_a_longer_lens_counts_as_nearer() -> None:
-    found = kept(cameras_at(0.0, 0.0, 0.0, focal=(1.0, 1.0, 2.0)))
+    cameras = cameras_at(0.0, 0.0, 0.0)
+    cameras.intrinsics[0, 2, :2, :2] *= 2.0
+    found = kept(cameras)
     assert found[2].min() > 0.999 and found[0][CENTRE].max() < 0.5
 
 

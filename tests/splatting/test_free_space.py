@@ -7,6 +7,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.splatting.free_space import free_space_violation
+from tests.example_scenes import cameras_in_a_row
 
 SIDE = 32  # Gaussians a side
 PATCH = (slice(12, 20), slice(12, 20))  # of the first view, seen by the second as well
@@ -16,11 +17,7 @@ CONFIG = ReceiverConfig()
 
 
 def cameras_side_by_side(apart: float = 0.5, scale: float = 1.0) -> Cameras:
-    """Return two cameras that look along z."""
-    extrinsics = torch.eye(4).repeat(1, 2, 1, 1)
-    extrinsics[0, 1, 0, 3] = apart * scale
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(1, 2, 1, 1)
-    return Cameras(extrinsics, intrinsics, torch.tensor([1.0 * scale]), torch.tensor([10.0 * scale]))
+    return cameras_in_a_row(0.0, apart * scale, near=scale, far=10.0 * scale).as_batch()
 
 
 def judged(cameras: Cameras, patch_depth: float, patch_colour: Tensor, scale: float = 1.0) -> Tensor:
@@ -88,10 +85,7 @@ def test_what_lies_behind_the_other_camera_is_left_alone() -> None:
 
 
 def three_in_a_row() -> Cameras:
-    """Return the two cameras side by side and a third one between them."""
-    cameras = cameras_side_by_side().select([0, 1, 1])
-    cameras.extrinsics[0, 2, 0, 3] = 0.25
-    return cameras
+    return cameras_in_a_row(0.0, 0.5, 0.25, far=10.0).as_batch()
 
 
 def walls_with_patches(cameras: Cameras, views_with_patch: list[int], patch: Tensor) -> Tensor:
