@@ -16,7 +16,6 @@ from fecocodec.coding.detail import (
     detail_size,
     detail_values,
     encode_detail,
-    table_indices,
 )
 from fecocodec.container import Detail
 from fecocodec.entropy.symbol_coders import SymbolWriter
@@ -92,46 +91,11 @@ def test_the_example_of_the_specification_holds() -> None:
     assert seen == [[[30] * 4] * 4, [[0, 3, 0, 0], [3, 5, 3, 0], [1, 4, 1, 8], [0, 1, 8, 10]]]
 
 
-def test_buckets_begin_at_their_thresholds() -> None:
-    """In a row where every fourth S is not 0, the element before it has the context S."""
-    sums = np.zeros((1, 1, 4 * 200), np.int32)
-    sums[0, 0, 1::4] = np.arange(200)
-    buckets = table_indices(EACH_BUCKET, 1, sums)[0, 0, ::4].tolist()
-    assert [buckets.index(bucket) for bucket in range(16)] == [0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 96, 140]
-    assert buckets == sorted(buckets)
-
-
-def test_a_view_has_no_neighbours_in_other_views() -> None:
-    sums = np.zeros((3, 4, 4), np.int32)
-    sums[1] = 100
-    indices = table_indices(EACH_BUCKET, 1, sums)
-    assert not indices[[0, 2]].any() and (indices[1] == 15).all()
-
-
-def test_magnitudes_above_fifteen_count_as_fifteen() -> None:
-    tables = np.full((2, 16), 40, np.uint8)
-    tables[1] = EACH_BUCKET[1]
-    for symbol in (15, 16, -SYMBOL_LIMIT):
-        seen = list[np.ndarray]()
-
-        def choose(plane: int, indices: np.ndarray, symbol: int = symbol, seen: list[np.ndarray] = seen) -> np.ndarray:
-            seen.append(indices)
-            return np.full(indices.shape, symbol, np.int32)
-
-        encode_detail(tables, choose, (1, 4, 4))
-        assert seen[1][0, 1].tolist() == [13, 13, 13, 13], "contexts of 75 and 90"
-
-
 def test_elements_that_are_not_coded_take_no_bytes() -> None:
     tables = np.full((3, 16), FIRST_CODED_TABLE - 1, np.uint8)
     payload, sent = encode_detail(tables, choose_from(random_symbols(1, planes=3)), SIZE)
     assert payload == b"" and not sent.any()
     assert not decode_detail(tables, b"", SIZE).any()
-
-
-def test_a_writer_must_choose() -> None:
-    with pytest.raises(ValueError, match="pass the symbols to write"):
-        code_detail(SymbolWriter(), np.full((1, 16), 30, np.uint8), SIZE, None)
 
 
 def test_damaged_payloads_are_refused_or_hold_other_symbols() -> None:
@@ -176,18 +140,14 @@ def test_values_are_symbols_times_the_step() -> None:
             assert np.array_equal(values[:, plane], sent[plane].astype(np.float32) * np.float32(size))
 
 
-def test_a_model_without_detail_refuses_it() -> None:
+def test_models_and_tables_that_do_not_fit_are_refused() -> None:
     with pytest.raises(BitstreamError, match=rf"^section detail: the model {b'modelid8'.hex()} has no detail; .*\.$"):
         detail_values(None, Detail(0, b""), HEADER)
-
-
-def test_a_damaged_payload_is_named_by_its_section() -> None:
     with pytest.raises(BitstreamError, match=r"^section detail: payload: its 5 bytes are not 32-bit words"):
         detail_values(random_tables(0), Detail(0, b"12345"), HEADER)
-
-
-def test_tables_that_do_not_exist_are_refused() -> None:
     tables = random_tables(0)
     tables[3, 5] = 64
     with pytest.raises(ModelError, match="names table 64"):
         decode_detail(tables, b"", SIZE)
+    with pytest.raises(ValueError, match="pass the symbols to write"):
+        code_detail(SymbolWriter(), np.full((1, 16), 30, np.uint8), SIZE, None)

@@ -54,10 +54,14 @@ def test_coded_elements_are_off_by_little_and_skipped_ones_are_their_mean(
     assert float(far.double().mean()) < 0.5
 
 
-def test_a_view_of_the_smallest_size():
+def test_the_smallest_view_is_coded_and_nan_refused():
     y, z = smooth_latents(1, 4, 4)
     payload, sent = encode_latents(lively_prior(), y, z, 1768, 1, None)
     assert_same(sent, decode_latents(lively_prior(), payload, (1, 4, 4), 1768, 1, None))
+    y, z = smooth_latents(1, 4, 4)
+    y[0, 0, 0, 0] = torch.nan
+    with pytest.raises(InputError, match="NaN"):
+        encode_latents(lively_prior(), y, z, 0, 1, None)
 
 
 def test_no_latent_is_too_extreme():
@@ -72,13 +76,6 @@ def test_no_latent_is_too_extreme():
     assert_same(sent, received)
     again, _ = encode_latents(prior, *smooth_latents(1, 8, 8), 100, 2, sent.y_hat)
     assert again == encode_latents(prior, *smooth_latents(1, 8, 8), 100, 2, received.y_hat)[0]
-
-
-def test_nan_is_refused():
-    y, z = smooth_latents(1, 4, 4)
-    y[0, 0, 0, 0] = torch.nan
-    with pytest.raises(InputError, match="NaN"):
-        encode_latents(lively_prior(), y, z, 0, 1, None)
 
 
 @pytest.mark.parametrize("stage", [1, 2])

@@ -130,6 +130,8 @@ def test_detail_lies_behind_the_last_stage_as_a_step_and_a_payload() -> None:
     data = write_stream(WITH_DETAIL)
     assert data[EXAMPLE.end : DETAIL_END] == sealed_section(DETAIL, b"\x18fine")
     assert read_stream(data) == WITH_DETAIL
+    data = with_metadata(write_stream(replace(WITH_DETAIL, metadata=None)), {"name": "fox"})
+    assert read_stream(data) == replace(WITH_DETAIL, metadata={"name": "fox"})
 
 
 @pytest.mark.parametrize("num_stages", [1, 2])
@@ -137,7 +139,7 @@ def test_a_prefix_has_no_detail(num_stages: int) -> None:
     assert read_prefix(write_stream(WITH_DETAIL), num_stages) == read_prefix(GOOD, num_stages)
 
 
-def test_damaged_detail_is_answered_with_the_way_out() -> None:
+def test_damage_is_answered_with_the_way_out() -> None:
     damaged = write_stream(WITH_DETAIL).replace(b"fine", b"fins")
     with pytest.raises(
         BitstreamError, match=r'section detail .*CRC-32.*or decode what precedes it with `stages="intact"`\.$'
@@ -146,14 +148,6 @@ def test_damaged_detail_is_answered_with_the_way_out() -> None:
     damage = read_intact(damaged).damage
     assert damage is not None and damage.startswith(f"section detail at byte {EXAMPLE.end}: CRC-32")
     assert damage.endswith("; the file is damaged, copy or encode it again.")
-
-
-def test_adding_metadata_keeps_detail() -> None:
-    data = with_metadata(write_stream(replace(WITH_DETAIL, metadata=None)), {"name": "fox"})
-    assert read_stream(data) == replace(WITH_DETAIL, metadata={"name": "fox"})
-
-
-def test_a_damaged_second_stage_is_answered_with_the_way_out() -> None:
     with pytest.raises(BitstreamError, match=r"section B2 .*`stages=1`"):
         read_stream(GOOD[: EXAMPLE.end - 1])
 
