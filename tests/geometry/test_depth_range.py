@@ -66,17 +66,11 @@ def test_views_that_face_away_from_each_other_give_a_usable_range():
     assert 0 < near < far < math.inf
 
 
-def test_percentiles_of_depths_are_widened():
+def test_bounds_of_depths():
     depths = torch.linspace(1, 2, 10_001)
     assert bounds_of_depths(depths.numpy()) == pytest.approx((1.01 / 1.15, 1.99 * 1.15))
-
-
-def test_a_far_background_does_not_take_the_range_with_it():
     depths = torch.cat((torch.full((900,), 3.0), torch.full((100,), 1e6)))
     assert bounds_of_depths(depths.numpy()) == pytest.approx((3 / 1.15, 40.0))
-
-
-def test_few_depths_tell_nothing():
     assert bounds_of_depths(np.ones(49)) is None
     assert bounds_of_depths(np.full(60, np.inf)) is bounds_of_depths(np.zeros(0)) is None
 

@@ -175,23 +175,25 @@ def test_the_colours_of_a_layer_or_another_part_are_read(tmp_path):
     assert colour_layer(tmp_path / "plain.exr") == ""
 
 
-def test_light_above_1_is_counted(tmp_path):
+def test_light_that_is_not_in_0_to_1_is_counted(tmp_path):
     light = np.full((2, 4, 3), 1.0, np.float16)
     light[0, 0, 1] = 1.001  # the next half float
     store(tmp_path / "image.exr", {"RGB": light})
     assert read_exr(tmp_path / "image.exr").clipped == 1 / 8
+    light = np.full((2, 4, 3), 0.25, np.float32)
+    light[0, 0, 1], light[1, 3, 2], light[1, 2, 0] = np.nan, -0.5, -1e-6
+    store(tmp_path / "image.exr", {"RGB": light})
+    image = read_exr(tmp_path / "image.exr")
+    assert image.blackened == 2 / 8 and image.colour[1, 0, 0] == image.colour[2, 1, 3] == 0
 
 
-def test_chromaticities_are_converted_to_srgb(tmp_path):
-    """ACEScg, whose white is adapted; the red primary of sRGB in ACEScg, from the ACES documents."""
+def test_other_primaries_become_srgb(tmp_path):
+    # ACEScg, whose white is adapted; the red primary of sRGB in ACEScg, from the ACES documents.
     acescg = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
     light = np.array([[[1, 1, 1], [0.61309732, 0.07019372, 0.02061559]]], np.float32)
     store(tmp_path / "image.exr", {"RGB": light}, chromaticities=acescg)
     colour = srgb_to_linear(read_exr(tmp_path / "image.exr").colour)
     torch.testing.assert_close(colour, torch.tensor([[[1.0, 1.0]], [[1.0, 0.0]], [[1.0, 0.0]]]), atol=2e-3, rtol=0)
-
-
-def test_cie_xyz_becomes_srgb(tmp_path):
     light = np.random.default_rng(0).random((2, 3, 3), np.float32)
     of_rgb = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]  # IEC 61966-2-1
     xyz = np.moveaxis(light @ np.array(of_rgb, np.float32).T, -1, 0)
@@ -234,11 +236,3 @@ def test_luminance_and_chroma_are_colours(tmp_path):
     (tmp_path / "image.exr").write_bytes(data)
     light = srgb_to_linear(read_exr(tmp_path / "image.exr").colour)
     torch.testing.assert_close(light, torch.tensor([0.5, 0.25, 0.1])[:, None, None].expand(3, 4, 6), atol=1e-4, rtol=0)
-
-
-def test_pixels_that_are_nan_or_negative_are_counted(tmp_path):
-    light = np.full((2, 4, 3), 0.25, np.float32)
-    light[0, 0, 1], light[1, 3, 2], light[1, 2, 0] = np.nan, -0.5, -1e-6
-    store(tmp_path / "image.exr", {"RGB": light})
-    image = read_exr(tmp_path / "image.exr")
-    assert image.blackened == 2 / 8 and image.colour[1, 0, 0] == image.colour[2, 1, 3] == 0

@@ -44,22 +44,11 @@ def test_eight_bits_are_kept_exactly(colours, tmp_path):
     assert np.array_equal(np.asarray(Image.open(tmp_path / "b.png")), to_bytes(colours))
 
 
-def test_sixteen_bit_grey(colours, tmp_path):
+def test_sixteen_bits(colours, tmp_path):
     grey = (colours[..., 0] * 65535).round().astype(np.uint16)
     Image.fromarray(grey).save(tmp_path / "grey.png")
     expected = torch.from_numpy(grey / 65535).float().expand(3, -1, -1)
     torch.testing.assert_close(read_image(tmp_path / "grey.png"), expected, atol=1e-6, rtol=0)
-
-
-def png_of_sixteen_bits(samples: np.ndarray) -> bytes:
-    """A PNG of 16 bits a channel, which Pillow does not write, of [height width 1 to 4] whole numbers."""
-    height, width, channels = samples.shape
-    head = struct.pack(">IIBBBBB", width, height, 16, {1: 0, 2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
-    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
-    return png_of_chunks((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
-
-
-def test_sixteen_bit_colour(colours, tmp_path):
     data = png_of_sixteen_bits((colours * 65535).round())
     (tmp_path / "image.png").write_bytes(data)
     expected = torch.from_numpy(colours).permute(2, 0, 1).float()
@@ -68,6 +57,14 @@ def test_sixteen_bit_colour(colours, tmp_path):
     (tmp_path / "cut.png").write_bytes(data[:-200])
     with pytest.raises(InputError, match=r"cut\.png: the image is damaged, cut short"):
         read_image(tmp_path / "cut.png")
+
+
+def png_of_sixteen_bits(samples: np.ndarray) -> bytes:
+    """A PNG of 16 bits a channel, which Pillow does not write, of [height width 1 to 4] whole numbers."""
+    height, width, channels = samples.shape
+    head = struct.pack(">IIBBBBB", width, height, 16, {1: 0, 2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
+    return png_of_chunks((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
 
 
 @pytest.mark.parametrize(

@@ -95,15 +95,12 @@ def padded(gaussians: Gaussians) -> torch.Tensor:
     return table(replace(gaussians, harmonics=harmonics))
 
 
-def test_uncovered_cells_have_no_gaussians() -> None:
+def test_coverage_fading_and_detail_act_as_with_torch() -> None:
     stream = read_stream(SCENE)
     data = write_stream(replace(stream, coverage=cells_covered(stream.header, 3)))
     found, expected = decode(data, is_merged=False), decode_with_torch(data, merging=None)
     assert found.gaussians.count == pytest.approx(expected.gaussians.count, abs=2)
     assert found.gaussians.count < 0.5 * decode(SCENE, is_merged=False).gaussians.count
-
-
-def test_faded_blocks_are_fainter() -> None:
     stream = read_stream(SCENE)
     data = write_stream(replace(stream, fading=levels_of(stream.header)))
     found, expected = (
@@ -113,6 +110,11 @@ def test_faded_blocks_are_fainter() -> None:
     assert found.count == pytest.approx(expected.gaussians.count, abs=2)
     assert found.opacities.sum() == pytest.approx(float(expected.gaussians.opacities.sum()), rel=1e-4)
     assert found.opacities.sum() < 0.8 * decode(SCENE, has_background=False, is_merged=False).gaussians.opacities.sum()
+    plain = write_stream(replace(read_stream(SCENE), detail=None))
+    with_detail, without = decode(SCENE).gaussians, decode(plain).gaussians
+    assert with_detail.count != without.count or not np.array_equal(with_detail.means, without.means)
+    expected = decode_with_torch(plain).gaussians
+    assert without.count == pytest.approx(expected.count, abs=2)
 
 
 def test_opacities_do_not_exceed_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,14 +167,6 @@ def test_intact_stages_of_a_damaged_stream_are_decoded() -> None:
         assert found.stages == stages and found.damage is not None and f"section {name}" in found.damage
         with pytest.raises(BitstreamError, match=f"section {name}"):
             decode(damaged)
-
-
-def test_detail_changes_the_gaussians_as_with_torch() -> None:
-    plain = write_stream(replace(read_stream(SCENE), detail=None))
-    with_detail, without = decode(SCENE).gaussians, decode(plain).gaussians
-    assert with_detail.count != without.count or not np.array_equal(with_detail.means, without.means)
-    expected = decode_with_torch(plain).gaussians
-    assert without.count == pytest.approx(expected.count, abs=2)
 
 
 def test_arguments_are_checked() -> None:

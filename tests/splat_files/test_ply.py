@@ -61,14 +61,6 @@ def test_properties_in_the_usual_order(tmp_path):
     )
 
 
-def test_harmonics_are_stored_channel_by_channel(tmp_path):
-    gaussians = some_gaussians(count=1, d_sh=4)
-    write_ply(tmp_path / "scene.ply", gaussians)
-    values = np.frombuffer((tmp_path / "scene.ply").read_bytes().split(b"end_header\n")[1], "<f4")
-    red, green, blue = gaussians.harmonics[0, 1:].T.numpy()
-    assert np.array_equal(values[9:18], np.concatenate((red, green, blue)))
-
-
 @pytest.mark.parametrize("count", [0, 1, 50])
 @pytest.mark.parametrize("d_sh", [1, 4, 9, 16])
 def test_reads_back(count, d_sh, tmp_path):

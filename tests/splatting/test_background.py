@@ -64,10 +64,31 @@ def test_the_colour_of_the_near_border_is_continued() -> None:
     torch.testing.assert_close(right[:, -24], RED, atol=0.1, rtol=0.0)
 
 
-def test_every_gaussian_lies_behind_the_border_that_it_continues() -> None:
+def test_where_the_layer_stands() -> None:
     cameras = cameras_in_a_row(0.0)
     layer = background_layer(wall(cameras), cameras, (SIDE, SIDE))
     assert float(layer.means[:, 2].min()) > 1.05 * WALL
+    cameras = cameras_in_a_row(0.0)
+    scene = wall(cameras)
+    opacities = scene.opacities.clone().view(SIDE, SIDE)
+    opacities[:, :24], opacities[:4], opacities[-4:] = 0.0, 0.0, 0.0
+    layer = background_layer(replace(scene, opacities=opacities.flatten()), cameras, (SIDE, SIDE))
+    assert layer.count > 0
+    assert float((layer.means[:, 0] / layer.means[:, 2]).min()) > 0.0
+    cameras = cameras_in_a_row(-0.5, 0.5)
+    scene = wall(cameras)
+    scene.means[5] = torch.inf
+    layer = background_layer(scene, cameras, (SIDE, SIDE))
+    assert layer.count > 0
+    assert all(bool(field.isfinite().all()) for field in layer.fields())
+    cameras = cameras_in_a_row(0.0)
+    scene = wall(cameras)
+    layer = background_layer(scene, cameras, (SIDE, SIDE))
+    leaning = replace(scene, harmonics=torch.cat((scene.harmonics, torch.ones(scene.count, 3, 3)), dim=1))
+    joined = append(leaning, layer)
+    assert joined.count == scene.count + layer.count
+    assert torch.equal(joined.harmonics[scene.count :, :1], layer.harmonics)
+    assert float(joined.harmonics[scene.count :, 1:].abs().max()) == 0.0
 
 
 def test_no_gaussian_stands_before_the_continued_surface_of_another_view() -> None:
@@ -90,33 +111,3 @@ def test_views_all_around_a_point_get_no_gaussian_between_the_cameras() -> None:
     from_each = torch.cdist(cameras.extrinsics[:, :3, 3], layer.means)
     assert layer.count > 0
     assert float(from_each.min()) > 0.5 * WALL
-
-
-def test_a_transparent_border_is_not_continued() -> None:
-    cameras = cameras_in_a_row(0.0)
-    scene = wall(cameras)
-    opacities = scene.opacities.clone().view(SIDE, SIDE)
-    opacities[:, :24], opacities[:4], opacities[-4:] = 0.0, 0.0, 0.0
-    layer = background_layer(replace(scene, opacities=opacities.flatten()), cameras, (SIDE, SIDE))
-    assert layer.count > 0
-    assert float((layer.means[:, 0] / layer.means[:, 2]).min()) > 0.0
-
-
-def test_a_gaussian_at_infinity_changes_nothing_else() -> None:
-    cameras = cameras_in_a_row(-0.5, 0.5)
-    scene = wall(cameras)
-    scene.means[5] = torch.inf
-    layer = background_layer(scene, cameras, (SIDE, SIDE))
-    assert layer.count > 0
-    assert all(bool(field.isfinite().all()) for field in layer.fields())
-
-
-def test_appending_pads_the_harmonics_of_the_layer() -> None:
-    cameras = cameras_in_a_row(0.0)
-    scene = wall(cameras)
-    layer = background_layer(scene, cameras, (SIDE, SIDE))
-    leaning = replace(scene, harmonics=torch.cat((scene.harmonics, torch.ones(scene.count, 3, 3)), dim=1))
-    joined = append(leaning, layer)
-    assert joined.count == scene.count + layer.count
-    assert torch.equal(joined.harmonics[scene.count :, :1], layer.harmonics)
-    assert float(joined.harmonics[scene.count :, 1:].abs().max()) == 0.0

@@ -53,8 +53,13 @@ def noise(deviation: float) -> torch.Tensor:
     return deviation * torch.randn(SIDE, SIDE, generator=torch.Generator().manual_seed(3))
 
 
-def test_a_uniform_wall_becomes_one_gaussian_per_4x4_cell() -> None:
+def test_uniform_walls_are_merged_and_texture_is_kept() -> None:
     assert merge_all(wall(flat(0.6), flat(4.0))).count == (SIDE // 4) ** 2
+    before = wall(0.5 + noise(0.2), flat(4.0))
+    assert merge_all(before).count > 0.95 * before.count
+    before = wall(0.5 + noise(0.1), flat(4.0))
+    after = merge_all(before, replace(CONFIG, largest_cost=0.0))
+    assert all(torch.equal(a, b) for a, b in zip(after.fields(), before.fields(), strict=True))
 
 
 def mean_squared_difference(first: Gaussians, second: Gaussians) -> float:
@@ -77,11 +82,6 @@ def test_receivers_that_round_differently_agree_within_50_db() -> None:
     other = replace(before, means=before.means * (1.0 + 1e-6), opacities=before.opacities * (1.0 - 1e-5))
     assert 0.2 * before.count < merge_all(before).count < 0.8 * before.count
     assert mean_squared_difference(merge_all(before), merge_all(other)) < 1e-5
-
-
-def test_texture_is_kept() -> None:
-    before = wall(0.5 + noise(0.2), flat(4.0))
-    assert merge_all(before).count > 0.95 * before.count
 
 
 def test_colours_do_not_mix_across_an_edge() -> None:
@@ -149,12 +149,6 @@ def test_the_edge_of_a_cut_out_is_kept() -> None:
     rows = {row.numpy().tobytes() for row in after.means}
     assert all(row.numpy().tobytes() in rows for row in edge.means)
     assert after.count < 0.7 * int(is_inside.sum())
-
-
-def test_a_bound_of_zero_keeps_every_bit() -> None:
-    before = wall(0.5 + noise(0.1), flat(4.0))
-    after = merge_all(before, replace(CONFIG, largest_cost=0.0))
-    assert all(torch.equal(a, b) for a, b in zip(after.fields(), before.fields(), strict=True))
 
 
 def test_the_unit_of_length_does_not_matter() -> None:

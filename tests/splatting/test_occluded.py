@@ -63,10 +63,23 @@ def test_a_view_from_beside_has_no_hole_behind_the_post() -> None:
     assert float((filled - GREY).norm()) < float((filled - RED).norm())
 
 
-def test_a_scene_without_steps_of_depth_gets_no_gaussian() -> None:
+def test_nothing_is_continued_without_steps_of_depth_or_too_far() -> None:
     cameras = cameras_in_a_row(0.0, 1.0)
     assert layer_of(post_before_wall(cameras, WALL), cameras).count == 0
     assert layer_of(post_before_wall(cameras, 0.97 * WALL), cameras).count == 0
+    cameras = cameras_in_a_row(0.0)
+    scene = post_before_wall(cameras)
+    opacities = scene.opacities.clone().view(SIDE, SIDE)
+    opacities[:, : BEFORE.start] = opacities[:, BEFORE.stop :] = 0.0
+    assert layer_of(replace(scene, opacities=opacities.flatten()), cameras).count == 0  # no wall
+    opacities = scene.opacities.clone().view(SIDE, SIDE)
+    opacities[::2, BEFORE] = 0.0
+    assert layer_of(replace(scene, opacities=opacities.flatten()), cameras).count == 0  # half a post
+    # Else a little transparency would multiply rendered depths.
+    cameras = cameras_in_a_row(0.0)
+    layer = layer_of(post_before_wall(cameras, 0.1 * WALL), cameras)
+    assert layer.count > 0
+    torch.testing.assert_close(layer.means[:, 2], torch.full((layer.count,), MOST_STEP * 0.1 * WALL))
 
 
 def test_no_gaussian_stands_before_what_another_view_shows() -> None:
@@ -79,17 +92,6 @@ def test_no_gaussian_stands_before_what_another_view_shows() -> None:
     assert not bool(((columns > 1.0) & (columns < SIDE - 1.0)).any())
     alone = cameras_in_a_row(0.0)
     assert layer_of(post_before_wall(alone), alone).count > 0
-
-
-def test_nothing_is_continued_behind_or_from_gaussians_that_are_not_emitted() -> None:
-    cameras = cameras_in_a_row(0.0)
-    scene = post_before_wall(cameras)
-    opacities = scene.opacities.clone().view(SIDE, SIDE)
-    opacities[:, : BEFORE.start] = opacities[:, BEFORE.stop :] = 0.0
-    assert layer_of(replace(scene, opacities=opacities.flatten()), cameras).count == 0  # no wall
-    opacities = scene.opacities.clone().view(SIDE, SIDE)
-    opacities[::2, BEFORE] = 0.0
-    assert layer_of(replace(scene, opacities=opacities.flatten()), cameras).count == 0  # half a post
 
 
 def test_no_gaussian_is_close_to_a_camera() -> None:
@@ -105,7 +107,7 @@ def test_no_gaussian_is_close_to_a_camera() -> None:
     assert float((layer.means - cameras.extrinsics[1, :3, 3]).norm(dim=1).min()) > LEAST_DISTANCE
 
 
-def test_a_gaussian_at_infinity_changes_nothing_else() -> None:
+def test_gaussians_at_infinity_or_far_and_faint_change_nothing_else() -> None:
     cameras = cameras_in_a_row(0.0)
     scene = post_before_wall(cameras)
     expected = layer_of(scene, cameras)
@@ -113,6 +115,12 @@ def test_a_gaussian_at_infinity_changes_nothing_else() -> None:
     layer = layer_of(scene, cameras)
     assert layer.count > 0.9 * expected.count
     assert all(bool(field.isfinite().all()) for field in layer.fields())
+    cameras = cameras_in_a_row(0.0)
+    scene = post_before_wall(cameras)
+    expected = layer_of(scene, cameras)
+    scene.means[0] *= 100.0
+    scene.opacities[0] = 0.005
+    torch.testing.assert_close(layer_of(scene, cameras).means, expected.means, atol=1e-3, rtol=1e-3)
 
 
 def test_no_gaussian_stands_in_a_hole_of_another_view() -> None:
@@ -123,20 +131,3 @@ def test_no_gaussian_stands_in_a_hole_of_another_view() -> None:
     layer = layer_of(replace(scene, opacities=opacities), cameras)
     uv = (layer.means - cameras.extrinsics[1, :3, 3])[:, :2] / layer.means[:, 2:] + 0.5
     assert not bool(((uv > 0.0) & (uv < 1.0)).all(dim=1).any())
-
-
-def test_a_faint_gaussian_far_away_is_not_continued() -> None:
-    cameras = cameras_in_a_row(0.0)
-    scene = post_before_wall(cameras)
-    expected = layer_of(scene, cameras)
-    scene.means[0] *= 100.0
-    scene.opacities[0] = 0.005
-    torch.testing.assert_close(layer_of(scene, cameras).means, expected.means, atol=1e-3, rtol=1e-3)
-
-
-def test_no_gaussian_is_much_farther_than_the_surface_before_it() -> None:
-    """Else a little transparency would multiply rendered depths."""
-    cameras = cameras_in_a_row(0.0)
-    layer = layer_of(post_before_wall(cameras, 0.1 * WALL), cameras)
-    assert layer.count > 0
-    torch.testing.assert_close(layer.means[:, 2], torch.full((layer.count,), MOST_STEP * 0.1 * WALL))

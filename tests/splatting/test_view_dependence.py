@@ -74,19 +74,13 @@ def test_a_view_that_sees_nothing_of_it_or_stands_at_the_same_place_changes_noth
     assert torch.equal(found.harmonics[:, :1], wall(cameras, [0.2, 0.6], [WALL, WALL]).harmonics)
 
 
-def test_one_view_has_colours_of_degree_0() -> None:
+def test_gaussians_that_are_left_as_they_are() -> None:
     cameras = cameras_in_a_row(0.0)
     gaussians = wall(cameras, [0.2], [WALL])
     assert view_dependent(gaussians, cameras, (SIDE, SIDE), CONFIG) is gaussians
-
-
-def test_colours_that_depend_on_the_direction_already_are_left() -> None:
     cameras = cameras_in_a_row(0.0, 1.0)
     found = dependent(cameras, [0.2, 0.6], [WALL, WALL])
     assert view_dependent(found, cameras, (SIDE, SIDE), CONFIG) is found
-
-
-def test_a_gaussian_without_a_place_spoils_no_other() -> None:
     cameras = cameras_in_a_row(0.0, 1.0)
     gaussians = wall(cameras, [0.2, 0.6], [WALL, WALL])
     gaussians.means[5] = torch.inf
