@@ -1,11 +1,9 @@
 """Cameras of photographs without poses: the example scene with its known cameras, and inputs without a solution."""
 
 import errno
-import json
 import os
 import shutil
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -35,6 +33,7 @@ from fecocodec.poses.posed_folder import _left_out, _obstacle, _of_photograph, p
 from fecocodec.poses.pycolmap_matching import read_points
 from fecocodec.poses.pycolmap_steps import refine
 from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
+from tests.poses.made_up_cameras import camera
 
 pycolmap = pytest.importorskip("pycolmap")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
@@ -202,19 +201,6 @@ def test_photographs_are_numbered_in_their_order_with_several_threads(tmp_path):
     assert sorted(numbers, key=numbers.__getitem__) == list(names)
 
 
-def test_photographs_are_turned_upright_by_their_exif_orientation(tmp_path):
-    first, second = copies(tmp_path / "photos", reduction=2)
-    image = Image.open(second).convert("RGB")
-    exif = Image.Exif()
-    exif[0x0112] = 6  # rotate by 90 degrees clockwise to show
-    image.transpose(Image.Transpose.ROTATE_90).save(tmp_path / "photos" / "turned.jpg", exif=exif, quality=95)
-    second.unlink()
-    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
-        views = read_views(posed.path)
-    assert views.image_size == (image.height, image.width)
-    assert set(views.names) == {first.name, "turned.jpg"}
-
-
 @pytest.mark.parametrize("mode", ["I;16", "L"])
 def test_features_are_found_in_grey_photographs_of_16_bits(tmp_path, mode):
     pytest.importorskip("imagecodecs")
@@ -305,27 +291,22 @@ def test_panoramas_are_refused(projection, tmp_path):
     assert "p.jpg" not in [name for group in groups for name in group.names]
 
 
-def test_a_focal_length_in_exif_data_is_the_starting_point(tmp_path):
-    paths = copies(tmp_path / "photos", reduction=2)
-    for path in paths:
-        image = Image.open(path).convert("RGB")
+def test_exif_data_names_with_spaces_and_an_unrelated_photograph(tmp_path):
+    """Focal lengths start from EXIF data, which turn the second one upright; pycolmap's list of pairs has no quotes."""
+    for path in (*copies(tmp_path, reduction=2), tmp_path / "zz.png"):
+        image = noise(0, (256, 192)) if path.stem == "zz" else Image.open(path).convert("RGB")
         exif = Image.Exif()
         exif.get_ifd(0x8769)[0xA405] = 40  # mm on 35 mm film
-        image.save(path.with_suffix(".jpg"), exif=exif, quality=97)
-        if path.suffix != ".jpg":
-            path.unlink()
-    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
-        assert "started from EXIF data" in posed.notes[0]
-
-
-def test_an_unrelated_photograph_is_left_out_with_a_warning(tmp_path):
-    copies(tmp_path / "photos", reduction=2)
-    noise(0, (256, 192)).save(tmp_path / "photos" / "zz.png")
-    with posed_folder(tmp_path / "photos", num_threads=1) as posed:
-        assert "2 of 3" in posed.notes[0]
-        assert posed.warnings[0].startswith("zz.png is left out: ")
-        frames = json.loads((posed.path / "transforms.json").read_text())["frames"]
-        assert len(frames) == 2
+        if path.stem == "right":
+            exif[0x0112] = 6  # rotate by 90 degrees clockwise to show
+            image = image.transpose(Image.Transpose.ROTATE_90)
+        image.save(tmp_path / f"# the {path.stem}.jpg", exif=exif, quality=97)
+        path.unlink(missing_ok=True)
+    with posed_folder(tmp_path, num_threads=1) as posed:
+        assert "2 of 3" in posed.notes[0] and "started from EXIF data" in posed.notes[0]
+        assert posed.warnings[0].startswith("# the zz.jpg is left out: ")
+        views = read_views(posed.path)
+    assert views.image_size == (128, 192) and views.names == ("# the left.jpg", "# the right.jpg")
 
 
 @pytest.mark.parametrize("step", [0.0, 4.0])
@@ -337,15 +318,6 @@ def test_a_camera_that_stays_at_one_position_is_refused_before_all_pairs_are_mat
         picture = picture + np.random.default_rng(index).normal(0, 2, image.shape)
         Image.fromarray(picture.round().clip(0, 255).astype(np.uint8)).save(tmp_path / f"{index}.png")
     assert "from one position (a turn of the camera explains their matches), so depth is unknown" in refusal(tmp_path)
-
-
-def test_names_with_spaces_are_matched(tmp_path):
-    """The list of pairs of pycolmap has no quotes."""
-    for path in copies(tmp_path):
-        path.rename(path.with_name(f"# the {path.name}"))
-    with posed_folder(tmp_path, num_threads=1) as posed:
-        assert "2 of 2" in posed.notes[0]
-        assert [camera.name for camera in posed.reconstruction.cameras] == ["# the left.png", "# the right.png"]
 
 
 @pytest.mark.parametrize("is_found_early", [True, False])
@@ -389,15 +361,8 @@ def test_outliers_of_some_pixels_do_not_move_the_focal_length():
 
 def cameras_at(*positions: tuple[float, float, float], turn: float = 0.0) -> tuple[EstimatedCamera, ...]:
     """Cameras named 0, 1, ... with one orientation; the last one is turned about the vertical axis, in degrees."""
-    lens = Lens(384, 288, 288.0, 288.0, 192.0, 144.0)
-    cameras = []
-    for index, position in enumerate(positions):
-        angle = np.radians(turn if index == len(positions) - 1 else 0.0)
-        pose = np.eye(4)
-        pose[:3, 3] = position
-        pose[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
-        cameras.append(EstimatedCamera(str(index), lens, pose, np.ones(1)))
-    return tuple(cameras)
+    lens, last = Lens(384, 288, 288.0, 288.0, 192.0, 144.0), len(positions) - 1
+    return tuple(camera(str(i), lens, at, turn if i == last else 0.0) for i, at in enumerate(positions))
 
 
 def test_the_difference_of_two_estimates_ignores_unit_of_length_and_short_baselines():
@@ -411,8 +376,8 @@ def test_the_difference_of_two_estimates_ignores_unit_of_length_and_short_baseli
 
 def test_cameras_are_in_pixels_of_the_photographs_and_not_of_their_copies(tmp_path: Path) -> None:
     Image.new("RGB", (800, 1200)).save(tmp_path / "0.jpg")
-    camera = replace(cameras_at((0, 0, 0))[0], lens=Lens(400, 600, 288.0, 288.0, 200.0, 300.0, (0.1,)))
-    found = _of_photograph(camera, tmp_path / "0.jpg")
+    copy = camera("0", Lens(400, 600, 288.0, 288.0, 200.0, 300.0, (0.1,)))
+    found = _of_photograph(copy, tmp_path / "0.jpg")
     assert found.lens == Lens(800, 1200, 576.0, 576.0, 400.0, 600.0, (0.1,))
 
 
