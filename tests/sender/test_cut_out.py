@@ -53,15 +53,11 @@ def test_pictures_and_photographs_are_on_white_then_on_black(monkeypatch: pytest
 
 
 @torch.no_grad()
-def test_opaque_photographs_are_compared_as_they_are(shipped_codec: Codec) -> None:
+def test_photographs_are_compared_as_they_are_emitted(shipped_codec: Codec, cut_out_views: Views) -> None:
     views = read_views(ROOT / "examples" / "motorcycle", size=SIZE)
     encoder = SceneEncoder.of(shipped_codec, prepare_scene(views, shipped_codec.device))
     assert encoder.cut_out is None
     assert torch.equal(References.of(encoder).pictures, encoder.images[0])
-
-
-@torch.no_grad()
-def test_the_emitted_gaussians_are_those_of_the_decoder(shipped_codec: Codec, cut_out_views: Views) -> None:
     scene = prepare_scene(cut_out_views, shipped_codec.device)
     encoder = SceneEncoder.of(shipped_codec, scene)
     assert encoder.cut_out is not None
@@ -93,30 +89,21 @@ def test_cut_outs_come_out_better_than_when_judged_on_white_alone(shipped_codec:
     assert quality["both", WHITE] > quality["white", WHITE]
 
 
-def test_a_cell_is_covered_by_one_opaque_pixel() -> None:
+def test_covered_cells() -> None:
     alpha = torch.zeros(2, 64, 64)
     alpha[1, 11, 20] = 0.5
     cells = covered_cells(alpha, (2, 16, 16))
     assert cells.nonzero().tolist() == [[1, 2, 5]]
     assert not covered_cells(0.99 * alpha, (2, 16, 16)).any()
-
-
-def test_cells_cover_the_image_where_the_coding_grid_has_another_size() -> None:
-    """70 rows on a grid of 64: cell 0 spans rows 0 to 4.375, cell 15 spans rows 65.625 to 70."""
+    # 70 rows on a grid of 64: cell 0 spans rows 0 to 4.375, cell 15 spans rows 65.625 to 70.
     alpha = torch.zeros(1, 70, 64)
     alpha[0, 4, 0], alpha[0, 69, 63] = 1.0, 1.0
     assert covered_cells(alpha, (1, 16, 16)).nonzero().tolist() == [[0, 0, 0], [0, 1, 0], [0, 15, 15]]
-
-
-def test_cells_across_a_silhouette_are_left_out_beside_cells_within_the_part() -> None:
     alpha = torch.zeros(1, 64, 64)
     alpha[:, :, :10] = 1.0  # half of the third column of cells
     assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [0, 1]
     alpha[:, :, 10], alpha[:, :, 11] = 1.0, 0.3  # 82% of it
     assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [0, 1, 2]
-
-
-def test_all_cells_of_a_part_that_has_none_within_are_covered() -> None:
     alpha = torch.zeros(1, 64, 64)
     alpha[:, :, 6:9] = 1.0  # thinner than a cell, in two columns of cells
     assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [1, 2]

@@ -96,9 +96,6 @@ def test_factors_are_those_that_a_decoder_applies(cameras) -> None:
     changed = factors != 1
     assert changed[3, :8, 8:16].all() and changed.sum() == 64
     assert (factors[3, :8, 8:16] == 0).all()
-
-
-def test_no_section_is_written_if_nothing_is_faded() -> None:
     assert fading_of(None) is None
     assert fading_of(Fading(torch.full((5, 4, 4), 2.0))) is None
 

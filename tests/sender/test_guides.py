@@ -53,16 +53,13 @@ def test_a_guide_of_another_scene_is_left_out_and_named(shipped_codec: Codec, vi
     assert "good.jpg" not in sentence
 
 
-def test_a_darker_guide_is_brightened_before_it_teaches(shipped_codec: Codec, views: Views) -> None:
+def test_guides_are_brightened_or_left_out(shipped_codec: Codec, views: Views) -> None:
     context, guides = views.select([0, 1]), views.select([2, 3])
     dark = replace(guides, images=0.6 * guides.images)
     _, scene = matched_scene(shipped_codec, context, dark, lambda _: None)
     assert scene.guides is not None
     before, after = ((images - guides.images).abs().mean() for images in (dark.images, scene.guides.images))
     assert after < 0.5 * before
-
-
-def test_opaque_guides_of_cut_outs_are_left_out(shipped_codec: Codec, views: Views) -> None:
     context, guides = views.select([0, 1]), views.select([2, 3])
     cut_out = replace(context, alpha=torch.ones(2, *SIZE))
     said: list[str] = []

@@ -83,14 +83,11 @@ def test_several_sources_are_averaged() -> None:
     torch.testing.assert_close(both[0, 0], (each[0] + each[1]) / 2)
 
 
-def test_a_source_that_looks_away_counts_as_unseen() -> None:
+def test_views_that_show_nothing_of_each_other_agree_with_nothing() -> None:
     views = example_views(2)
     views.cameras.extrinsics[1, :3, :3] = views.cameras.extrinsics[0, :3, :3] @ torch.diag(torch.tensor([-1.0, 1, -1]))
     found = photo_consistency(views.images[None], views.cameras.as_batch(), torch.tensor([[[1], [0]]]), CANDIDATES)
     assert float(found.abs().max()) == 0.0
-
-
-def test_a_view_on_its_own_agrees_with_nothing() -> None:
     cameras = example_cameras(1).as_batch()
     found = photo_consistency(torch.rand(1, 1, 3, 64, 32), cameras, nearest_views(cameras, 2), CANDIDATES)
     assert found.shape == (1, 1, CANDIDATES, 16, 8)

@@ -50,12 +50,16 @@ def test_it_equals_warping_and_multiplying(num_views: int, height: int, width: i
     torch.testing.assert_close(found, expected, atol=2e-4, rtol=0)
 
 
-def test_a_source_behind_the_camera_counts_as_unseen() -> None:
+def test_views_that_show_nothing_of_each_other_match_nothing() -> None:
     cameras = example_cameras(2)
     cameras.extrinsics[1, :3, :3] = cameras.extrinsics[0, :3, :3] @ torch.diag(torch.tensor([-1.0, 1.0, -1.0]))
     features = unit_features(2, 8, 8)
     volume = cost_volume(features, cameras.as_batch(), nearest_views(cameras.as_batch(), 1), 6)
     assert float(volume.abs().max()) == 0.0
+    cameras = example_cameras(1).as_batch()
+    sources = nearest_views(cameras, 2)
+    assert sources.shape == (1, 1, 0)
+    assert float(cost_volume(unit_features(1, 8, 8), cameras, sources, 6).abs().max()) == 0.0
 
 
 @pytest.mark.parametrize("pick", [from_all_pairs, from_sampled_rows])
@@ -67,13 +71,6 @@ def test_ways_and_sizes_of_chunks_give_the_same(pick: Callable[..., Tensor], max
     weight = torch.rand(384, 6, 4, generator=generator)
     expected = torch.einsum("pc,cpdk,pdk->pd", queries, keys[:, index], weight)
     torch.testing.assert_close(pick(queries, keys, index, weight, max_products), expected, atol=1e-4, rtol=0)
-
-
-def test_a_view_on_its_own_matches_nothing() -> None:
-    cameras = example_cameras(1).as_batch()
-    sources = nearest_views(cameras, 2)
-    assert sources.shape == (1, 1, 0)
-    assert float(cost_volume(unit_features(1, 8, 8), cameras, sources, 6).abs().max()) == 0.0
 
 
 def test_sources_are_the_nearest_other_views() -> None:

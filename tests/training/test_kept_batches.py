@@ -91,15 +91,12 @@ def test_a_batch_is_used_again_with_another_lambda_until_newer_ones_replace_it(i
     torch.testing.assert_close(taken[0].images, drawn[0].images, atol=1e-3, rtol=0)
 
 
-def test_a_run_with_kept_batches_trains_all_but_the_extractor(it: Trainer, tmp_path: Path) -> None:
+def test_a_run_with_kept_batches_trains_all_but_what_is_frozen(it: Trainer, tmp_path: Path) -> None:
     before = copied(it.networks)
     list(train(it))
     moved = changed(it.networks, before)
     assert any(name.startswith("receiver.") for name in moved) and any("analysis" in name for name in moved)
     assert not any(name.startswith("sender.extractor.") for name in moved)
-
-
-def test_kept_results_of_matching_train_the_fusion_alone_of_the_extractor(it: Trainer, tmp_path: Path) -> None:
     configuration = replace(it.settings.configuration, frozen=("matching",))
     trainer = Trainer(replace(it.settings, folder=tmp_path / "run", configuration=configuration), it.sources)
     before = copied(trainer.networks)
@@ -110,8 +107,5 @@ def test_kept_results_of_matching_train_the_fusion_alone_of_the_extractor(it: Tr
     of_extractor = {name.split(".")[2] for name in moved if name.startswith("sender.extractor.")}
     assert {"input", "fine_in", "coarse", "output"} <= of_extractor
     assert not of_extractor & {"stem", "down_stem", "cross_view", "up_attended", "matching_head", "log_temperature"}
-
-
-def test_features_of_an_extractor_that_is_trained_cannot_be_kept() -> None:
     with pytest.raises(InputError, match=r"only while the extractor or its matching is frozen; add one of them"):
         replace(CONFIGURATIONS["compact"], kept_batches=10)

@@ -119,10 +119,12 @@ def test_a_stop_while_saving_leaves_the_old_checkpoint(tmp_path: Path, monkeypat
     assert load_checkpoint(path) == {"step": 1}
 
 
-def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
+def test_checkpoints_that_cannot_be_used_or_written(tmp_path: Path) -> None:
     save_checkpoint(tmp_path / "last.pt", {"step": 1})
     with pytest.raises(ModelError, match="not a checkpoint of these networks"):
         trainer(tmp_path).resume(tmp_path / "last.pt")
+    with pytest.raises(OutputError, match=r"missing/last\.pt: the checkpoint cannot be written"):
+        save_checkpoint(tmp_path / "missing" / "last.pt", {"step": 1})
 
 
 def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
@@ -134,17 +136,14 @@ def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
     assert schedule.photograph_share_at(0) == 0.4 and schedule.photograph_share_at(2000) == pytest.approx(0.6)
 
 
-def test_log_rows_keep_their_columns(tmp_path: Path) -> None:
+def test_rows_of_the_log(tmp_path: Path) -> None:
     append_row(tmp_path / "log.csv", mean_of_rows([{"loss": 1.0}, {"loss": 3.0, "bpp1": 0.5}]) | {"step": 2.0})
     append_row(tmp_path / "log.csv", {"step": 4.0, "loss": 0.25})
     header, first, second = (line.split(",") for line in (tmp_path / "log.csv").read_text().splitlines())
     assert dict(zip(header, first, strict=True))["loss"] == "2"
     assert dict(zip(header, first, strict=True))["bpp1"] == "0.5"
     assert dict(zip(header, second, strict=True))["bpp1"] == ""
-
-
-def test_a_resumed_run_replaces_the_rows_it_takes_again(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
+    path = tmp_path / "resumed.csv"
     for step in (50.0, 100.0, 150.0):
         append_row(path, {"step": step, "loss": 1.0})
     remove_rows_after(path, 100)
@@ -173,11 +172,6 @@ def test_a_skipped_batch_is_counted_and_spoils_no_mean(tmp_path: Path, monkeypat
     (row,) = train(it)
     assert row["skipped"] == 1.0 and all(math.isfinite(value) for value in row.values())
     assert all(bool(value.isfinite().all()) for value in it.networks.state_dict().values())
-
-
-def test_a_checkpoint_that_cannot_be_written_is_one_sentence_and_the_old_one_stays(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"missing/last\.pt: the checkpoint cannot be written"):
-        save_checkpoint(tmp_path / "missing" / "last.pt", {"step": 1})
 
 
 def test_starting_from_a_model_and_exporting_gives_the_model_again(random_weights: Path, tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ from fecocodec.training.sources import Sources, open_sources
 from fecocodec.training.training_pass import bypass_coding, run_stages
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.example_scenes import example_views
+from tests.sender.depthsplat_small.public_network import made_up_extractor
 from tests.training.tiny_runs import SHAPES, changed, copied, synthetic_sources, tiny_trainer
 from tests.wall_scene import shots
 
@@ -54,7 +55,7 @@ def sources_with(photographs: ChunkScenes | None) -> Sources:
 
 @pytest.fixture(scope="module")
 def extractor() -> DepthSplatSmall:
-    return DepthSplatSmall()
+    return made_up_extractor()
 
 
 # 1: crops
@@ -89,12 +90,9 @@ def test_views_of_different_intrinsics_are_matched_under_the_public_geometry(ext
 # 2: time limit and unfinished runs
 
 
-def test_the_papers_configurations_have_no_time_limit() -> None:
+def test_the_papers_runs_have_no_time_limit_and_export_nothing_unfinished() -> None:
     assert _default_minutes(configuration_named("paper-re10k")) is None
     assert _default_minutes(configuration_named("compact")) == 60.0
-
-
-def test_an_unfinished_run_exports_nothing() -> None:
     _require_finished(300_000, 300_000, Path("model"))
     with pytest.raises(InputError, match=r"model: nothing was exported, .* after 120 of 300000 steps; .*--steps 120"):
         _require_finished(120, 300_000, Path("model"))
@@ -244,19 +242,10 @@ def test_the_small_dl3dv_checkpoint_loads_with_a_warning(extractor: DepthSplatSm
 # The data protocol of DepthSplat
 
 
-def test_the_gap_grows_over_the_first_steps() -> None:
+def test_context_views_of_the_protocol() -> None:
     assert REALESTATE10K.gaps_at(0) == (25, 45) and REALESTATE10K.gaps_at(15_000) == (35, 90)
     assert REALESTATE10K.gaps_at(30_000) == REALESTATE10K.gaps_at(200_000) == (45, 135)
     assert DL3DV.gaps_at(0) == DL3DV.gaps_at(10) == (20, 50)
-
-
-def stretches() -> Iterator[list[int]]:
-    centres = np.stack([np.linspace(0.0, 1.0, 200) ** 2, np.zeros(200), np.zeros(200)], axis=1)
-    for seed in range(20):
-        yield choose_farthest_frames(np.random.default_rng(seed), centres, (40, 60), 4, 3)
-
-
-def test_further_context_views_are_the_farthest_points() -> None:
     for frames in stretches():
         context, targets = frames[:4], frames[4:]
         assert 40 <= context[-1] - context[0] <= 60 and context == sorted(set(context))
@@ -264,6 +253,12 @@ def test_further_context_views_are_the_farthest_points() -> None:
         # Cameras accelerate, so the farthest point lies after the middle of the time.
         middle = (context[0] + context[-1]) / 2
         assert any(frame > middle for frame in context[1:3])
+
+
+def stretches() -> Iterator[list[int]]:
+    centres = np.stack([np.linspace(0.0, 1.0, 200) ** 2, np.zeros(200), np.zeros(200)], axis=1)
+    for seed in range(20):
+        yield choose_farthest_frames(np.random.default_rng(seed), centres, (40, 60), 4, 3)
 
 
 def test_frames_of_the_protocol_are_cropped_to_the_centre_and_not_tinted(tmp_path: Path) -> None:

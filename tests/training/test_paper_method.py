@@ -79,6 +79,8 @@ def test_streams_have_one_lambda_rounded_latents_and_no_optimisation(codec: Code
     header = read_stream(data).header
     assert header.lambda_q_of_stage(1) == header.lambda_q_of_stage(2) == LAMBDA_Q
     assert encode_with(codec, views, LAMBDA_Q, config=BEST) == data
+    single = Codec(codec.sender, paper_codec(num_stages=1).receiver, bytes(8))
+    assert read_stream(encode_with(single, example_views(2), LAMBDA_Q)).header.num_stages == 1
 
 
 def test_decoded_gaussians_are_those_of_the_predictor(codec: Codec) -> None:
@@ -115,15 +117,15 @@ def test_training_and_decoding_have_predicted_harmonics(batch: Batch) -> None:
         Receiver(ReceiverConfig(sh_degree=2))
 
 
-def test_a_model_of_one_stage_codes_one(codec: Codec) -> None:
-    single = Codec(codec.sender, paper_codec(num_stages=1).receiver, bytes(8))
-    assert read_stream(encode_with(single, example_views(2), LAMBDA_Q)).header.num_stages == 1
-
-
-def test_a_lambda_outside_the_range_of_the_model_is_refused() -> None:
+def test_what_does_not_exist_is_refused() -> None:
     narrow = paper_codec(lambda_range=(1e-5, 1e-3))
     with pytest.raises(InputError, match=r"lambda is 0\.01, but the model was trained for 1e-05 to 0\.001; choose a"):
         encode_with(narrow, example_views(2), quantise_lambda(1e-2))
+    with pytest.raises(ModelError, match="no method 'ours'; choose compact or paper"):
+        Receiver(ReceiverConfig(method="ours"))
+    with pytest.raises(ModelError, match="no ablation 'no-depth'"):
+        Sender(PaperSenderConfig(ablation="no-depth"), ReceiverConfig(method=COMPACT))
+    assert isinstance(configuration_named("compact"), Configuration)
 
 
 def test_feedback_sees_the_two_pictures_alone(codec: Codec) -> None:
@@ -225,11 +227,3 @@ def test_ablations_of_the_sender_change_stage_2_alone(codec: Codec, batch: Batch
         for sender in senders
     ]
     assert rates[0][0] == rates[1][0] and rates[0][1] != rates[1][1]
-
-
-def test_what_does_not_exist_is_refused() -> None:
-    with pytest.raises(ModelError, match="no method 'ours'; choose compact or paper"):
-        Receiver(ReceiverConfig(method="ours"))
-    with pytest.raises(ModelError, match="no ablation 'no-depth'"):
-        Sender(PaperSenderConfig(ablation="no-depth"), ReceiverConfig(method=COMPACT))
-    assert isinstance(configuration_named("compact"), Configuration)

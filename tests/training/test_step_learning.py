@@ -196,13 +196,10 @@ def test_the_distance_of_g_a_counts_in_first_steps(codec: Codec) -> None:
     assert y.grad is not None and bool(((y - found) * y.grad >= 0.0).all()) and float(y.grad.abs().sum()) > 0.0
 
 
-def test_without_a_share_the_step_network_rests(tmp_path: Path) -> None:
+def test_without_a_share_the_step_network_rests_and_a_share_needs_it(tmp_path: Path) -> None:
     trainer = new_trainer(tmp_path, 0.0)
     trainer.train_step()
     assert trainer.sender.steps is not None
     assert all(parameter.grad is None for parameter in trainer.sender.steps.parameters())
-
-
-def test_a_configuration_without_the_network_is_refused() -> None:
     with pytest.raises(InputError, match="leave out `optimised_share`, or choose the configuration compact"):
         Configuration(SHAPES, Schedule(1), optimised_share=0.5)

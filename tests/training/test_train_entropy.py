@@ -83,13 +83,10 @@ def test_latents_are_those_of_the_sender_at_every_lambda(untrained: Codec) -> No
     assert float(alone.y[0].std()) > 1.5 * float(fine.y[0].std())  # the first of two stages is coarser
 
 
-def test_the_last_of_several_scenes_has_one_stage_alone(untrained: Codec) -> None:
+def test_latents_that_are_drawn(untrained: Codec) -> None:
     assert ENTROPY.alone_every == 8
     scenes = draw_latents(untrained, SOURCES, replace(SHORT, alone_every=2), generator(), 2, FAST)
     assert [len(scene.y) for scene in scenes] == [2, 2, 2, 1]
-
-
-def test_equal_seeds_draw_equal_latents(untrained: Codec) -> None:
     first, again = (draw_latents(untrained, SOURCES, SHORT, generator(), 1, FAST) for _ in range(2))
     assert all(torch.equal(a.y[0], b.y[0]) and a.lambda_q == b.lambda_q for a, b in zip(first, again, strict=True))
 

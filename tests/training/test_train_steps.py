@@ -110,6 +110,8 @@ def test_the_network_for_sharper_pictures_is_the_mean_of_what_was_trained() -> N
         torch.testing.assert_close(found.sender.sharp_steps.log_scale.bias, own + 2.0)
         torch.testing.assert_close(found.sender.steps.log_scale.bias, own + share)
     assert codec.sender.sharp_steps is None
+    with pytest.raises(InputError, match="no network that proposes steps; train one with the configuration compact"):
+        trained(new_codec(step_channels=0), short(1))
 
 
 def test_models_with_and_without_the_network_start_each_other(tmp_path: Path) -> None:
@@ -124,8 +126,3 @@ def test_models_with_and_without_the_network_start_each_other(tmp_path: Path) ->
     write_model(tmp_path / "plain", serialise_receiver(without.receiver), without.sender)
     load_model_weights(codec.sender, codec.receiver, tmp_path / "plain")
     assert bool((codec.sender.steps.log_scale.bias == 1).all())  # its own, because the model has none
-
-
-def test_a_sender_without_the_network_is_refused() -> None:
-    with pytest.raises(InputError, match="no network that proposes steps; train one with the configuration compact"):
-        trained(new_codec(step_channels=0), short(1))
