@@ -183,8 +183,8 @@ def test_render_keeps_views_apart_that_are_called_alike(
     assert written == ["wall_00_a.exr", "wall_00_a.png", "wall_01_a.exr", "wall_01_a.png"]
 
 
-def test_render_refuses_existing_images_before_decoding(fecosplat, stream_file: Path, tmp_path: Path) -> None:
-    """The stream's payloads are no payloads: decoding it would fail with another sentence."""
+def test_outputs_that_render_refuses(fecosplat, stream_file: Path, tmp_path: Path) -> None:
+    # The stream's payloads are no payloads: decoding it would fail with another sentence.
     images = tmp_path / "images"
     images.mkdir()
     (images / "scene_01.exr").write_text("precious")
@@ -192,17 +192,11 @@ def test_render_refuses_existing_images_before_decoding(fecosplat, stream_file: 
     assert result.code == 1
     assert result.err.startswith(f"fecosplat: {images / 'scene_01.exr'}: the file exists already")
     assert [file.name for file in images.iterdir()] == ["scene_01.exr"]
-
-
-def test_render_of_a_path_into_one_file_is_refused(fecosplat, stream_file: Path, tmp_path: Path) -> None:
     result = fecosplat("render", stream_file, "-o", tmp_path / "view.png", "--path", "orbit", "--frames", 2)
     assert (result.code, result.err) == (
         1,
         f"fecosplat: {tmp_path / 'view.png'}: one file cannot hold 2 views; give a folder or choose one view.\n",
     )
-
-
-def test_render_into_a_file_that_is_no_image_is_refused(fecosplat, stream_file: Path, tmp_path: Path) -> None:
     output = tmp_path / "notes.txt"
     output.write_text("precious")
     result = fecosplat("render", stream_file, "-o", output)

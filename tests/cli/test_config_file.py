@@ -68,16 +68,13 @@ def test_a_missing_file_is_one_sentence(fecosplat, tmp_path: Path) -> None:
     assert result.err.startswith(f"fecosplat: {tmp_path / 'none.toml'}: cannot be read (No such file or directory); ")
 
 
-def test_a_wrong_value_names_the_option_and_the_file(fecosplat, tmp_path: Path) -> None:
+def test_a_wrong_value_names_the_option_and_the_file_it_is_from(fecosplat, tmp_path: Path) -> None:
     config = tmp_path / "options.toml"
     config.write_text('[encode]\neffort = "most"\n')
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs", "--config-file", config)
     assert result.code == 2
     assert "Invalid value for '--effort': 'most' is not one of" in result.err
     assert f"; the value is in {config}." in result.err
-
-
-def test_a_wrong_value_of_the_command_line_is_not_blamed_on_the_file(fecosplat, tmp_path: Path) -> None:
     config = tmp_path / "options.toml"
     config.write_text('[encode]\neffort = "fast"\n')
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs", "--effort", "most", "--config-file", config)

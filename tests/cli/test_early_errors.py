@@ -145,22 +145,16 @@ def test_views_of_thousands_of_digits(fecosplat, photographs: Path, output: Path
     assert "no view is called" in result.err
 
 
-def test_a_comma_in_a_name_follows_a_backslash() -> None:
+def test_texts_of_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     context, option = click.Context(click.Command("encode")), click.Option(["--views"])
     assert parse_selection(context, option, r"a\,b.jpg, 2.jpg") == ("a,b.jpg", "2.jpg")
-
-
-def test_very_long_names_are_shortened(capsys: pytest.CaptureFixture[str]) -> None:
+    assert in_options("change `views` or `size`; not `file_path`.") == "change --views or --size; not `file_path`."
     warn(f"cameras.json: there is no image {'a' * 5000}.jpg; put it there.")
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("cameras.json: there is no image aaa") and line.endswith("aaa.jpg; put it there.")
     assert "a...a" in line and len(line) < 500
     warn(path := "/" + "/".join(["folder"] * 70))
     assert capsys.readouterr().err == f"{path}\n"
-
-
-def test_arguments_of_the_library_are_named_as_options() -> None:
-    assert in_options("change `views` or `size`; not `file_path`.") == "change --views or --size; not `file_path`."
 
 
 def test_the_library_as_a_module_names_the_command() -> None:

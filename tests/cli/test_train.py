@@ -46,9 +46,6 @@ def test_options_override_the_configuration_and_nothing_else() -> None:
     assert several.shapes.view_shares == ((2, 0.9), (4, 0.1))
     assert several.shapes.sizes == ((96, 160), (64, 128))
     assert several.lambda_range == (1e-4, 1e-3)
-
-
-def test_the_perceptual_distance_of_the_papers_loss_can_be_chosen() -> None:
     assert parsed(*PAPER).distortion == PerceptualDistortion("lpips")
     for name in ("lpips", "st-lpips", "none"):
         found = parsed(*PAPER, "--perceptual", name)
