@@ -79,3 +79,12 @@ def codec(random_weights: Path) -> "Codec":
     from tests.example_scenes import MODEL
 
     return load_codec(random_weights / MODEL, "cpu")
+
+
+@pytest.fixture(scope="session")
+def shipped_codec() -> "Codec":
+    """The networks that ship, which no test changes."""
+    from fecocodec.checkpoint import model_folder
+    from fecocodec.sender.codec import load_codec
+
+    return load_codec(model_folder(None), "cpu")

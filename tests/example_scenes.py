@@ -5,17 +5,22 @@ from pathlib import Path
 
 import torch
 import torch.nn.functional as F
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
+from torch import Tensor
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, model_id_of
 from fecocodec.config import ReceiverConfig, SenderConfig
-from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.photographs.images import write_image
 from fecocodec.receiver.model import Receiver, serialise_receiver
 from fecocodec.sender.codec import serialise_sender
 from fecocodec.sender.extractors.protocol import Extractor
 from fecocodec.sender.model import Sender
+from fecocodec.training.synthetic.scenes import SyntheticScenes
+from fecocodec.training.synthetic.textures import pattern_textures
 
 MODEL = "random"
 
@@ -32,12 +37,41 @@ def example_cameras(num_views: int, seed: int = 0, near: float = 1.5, far: float
     return Cameras(extrinsics, intrinsics, torch.tensor(near), torch.tensor(far))
 
 
+def cameras_in_a_row(
+    *positions: float, axis: int = 0, focal: tuple[float, float] = (1.0, 1.0), near: float = 1.0, far: float = 20.0
+) -> Cameras:
+    """Cameras that look along z, at these coordinates of one axis. focal: fx and fy in image sides."""
+    extrinsics = torch.eye(4).repeat(len(positions), 1, 1)
+    extrinsics[:, axis, 3] = torch.tensor(positions)
+    intrinsics = torch.tensor([[focal[0], 0.0, 0.5], [0.0, focal[1], 0.5], [0.0, 0.0, 1.0]])
+    return Cameras(extrinsics, intrinsics.repeat(len(positions), 1, 1), torch.tensor(near), torch.tensor(far))
+
+
+def surface(cameras: Cameras, depth: Float[Tensor, "view h w"], colour: Tensor, opacity: float) -> Gaussians:
+    """One Gaussian a pixel on the surfaces of each view, in the order of the predictor. colour: sRGB [view h w 3]."""
+    rays = pixel_rays(cameras, *depth.shape[1:])
+    means = camera_to_world_points(cameras, rays * depth[..., None]).reshape(-1, 3)
+    return Gaussians(
+        means=means,
+        scales=(0.6 / depth.shape[1] * depth.reshape(-1, 1)).expand(-1, 3),
+        rotations=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(len(means), 1),
+        opacities=torch.full((len(means),), opacity),
+        harmonics=((colour - 0.5) / SH_DEGREE_0).reshape(-1, 1, 3),
+    )
+
+
 def example_views(num_views: int, height: int = 64, width: int = 64, seed: int = 0) -> Views:
     """Images of smooth colours with some grain; they show no consistent scene, which a codec must bear."""
     generator = torch.Generator().manual_seed(seed)
     smooth = F.interpolate(torch.rand(num_views, 3, 6, 6, generator=generator), (height, width), mode="bilinear")
     images = (smooth + 0.1 * torch.randn(num_views, 3, height, width, generator=generator)).clamp(0, 1)
     return Views(images, example_cameras(num_views, seed), tuple(f"view {view}" for view in range(num_views)))
+
+
+def synthetic_views(num_context: int, num_target: int, size: tuple[int, int] = (64, 96), seed: int = 11) -> Views:
+    """Views of a synthetic scene, which show one room."""
+    world, generator = SyntheticScenes(pattern_textures(8)), torch.Generator().manual_seed(seed)
+    return world.sample(generator, num_context=num_context, num_target=num_target, size=size).views
 
 
 def write_scene(folder: Path, seed: int = 0, num_views: int = 2) -> None:

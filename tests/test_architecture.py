@@ -73,12 +73,9 @@ def test_library_has_one_home(library: str, homes: tuple[str, ...]) -> None:
     assert [user for user in users if not user.startswith(homes)] == []
 
 
-def test_specification_imports_nothing_of_ours() -> None:
+def test_the_specification_imports_nothing_of_ours_and_every_package_is_distributed() -> None:
     for file in python_files("bitstream_spec"):
         assert imported_libraries(file).isdisjoint({"fecocodec", "cli", "fecosplat_cli"}), file
-
-
-def test_every_package_is_distributed() -> None:
     found = {".".join(file.parent.relative_to(ROOT).parts) for file in (ROOT / "fecocodec").rglob("__init__.py")}
     assert found | {"fecosplat_cli"} == set(PYPROJECT["tool"]["setuptools"]["packages"])
 

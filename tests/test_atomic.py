@@ -15,7 +15,7 @@ from fecocodec.errors import OutputError
 from fecocodec.photographs.exr import ExrImage, write_exr
 
 
-def test_the_file_appears_when_the_block_ends(tmp_path):
+def test_the_file_appears_when_the_block_ends_with_usual_permissions(tmp_path):
     path = tmp_path / "out.png"
     with write_atomically(path, overwrite=False) as temporary:
         temporary.write_bytes(b"new")
@@ -24,9 +24,6 @@ def test_the_file_appears_when_the_block_ends(tmp_path):
         assert not path.exists()
     assert path.read_bytes() == b"new"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_permissions_follow_the_umask(tmp_path):
     before = os.umask(0o027)
     try:
         with write_atomically(tmp_path / "out", overwrite=False) as temporary:
@@ -225,7 +222,7 @@ def test_names_that_no_file_can_have(overwrite, tmp_path):
         assert str(caught.value) == f"{refused}: cannot be written ({reason}); choose another output path."
 
 
-def test_a_folder_that_takes_no_new_file_is_found_before_any_work():
+def test_folders_that_take_no_new_file_are_found_before_any_work():
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o555)
@@ -238,9 +235,6 @@ def test_a_folder_that_takes_no_new_file_is_found_before_any_work():
         folder.chmod(0o755)
         require_writable(folder / "missing" / "out", overwrite=False)
         assert not list(folder.iterdir())
-
-
-def test_a_folder_without_access():
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "closed"
         folder.mkdir(mode=0o000)

@@ -46,19 +46,19 @@ def test_the_folder_of_a_model_may_be_text(tmp_path: Path) -> None:
     assert fecocodec.decode(vector.read_bytes(), model=str(tmp_path / "copy")).gaussians.count > 0
 
 
-@pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04", b"\x80\x02.", b"\x80\x02K\x01.", b"cos\nsystem\n."])
-def test_a_checkpoint_that_is_none(tmp_path: Path, content: bytes | None) -> None:
-    if content is not None:
-        (tmp_path / "last.pt").write_bytes(content)
+@pytest.mark.parametrize(
+    "content",
+    [None, b"", b"PK\x03\x04", b"\x80\x02.", b"\x80\x02K\x01.", b"cos\nsystem\n.", 3, [1, 2], torch.zeros(2)],
+)
+def test_a_checkpoint_that_is_none(tmp_path: Path, content: object) -> None:
+    """A file with these bytes, or with this value as torch saves it, or none."""
+    path = tmp_path / "last.pt"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content is not None:
+        torch.save(content, path)
     with pytest.raises(ModelError, match=r"last\.pt: not a training checkpoint"):
-        load_checkpoint(tmp_path / "last.pt")
-
-
-@pytest.mark.parametrize("value", [3, [1, 2], torch.zeros(2)])
-def test_a_checkpoint_of_another_kind(tmp_path: Path, value: object) -> None:
-    torch.save(value, tmp_path / "last.pt")
-    with pytest.raises(ModelError, match="not a training checkpoint"):
-        load_checkpoint(tmp_path / "last.pt")
+        load_checkpoint(path)
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "sparse"])

@@ -12,7 +12,7 @@ import torch
 from fecocodec.checkpoint import SENDER_FILE
 from fecocodec.coding.visibility import MOST_VIEWS_FILLED
 from fecocodec.container import Stream, list_sections, read_prefix, read_stream, write_stream
-from fecocodec.errors import BitstreamError, InputError, ModelError
+from fecocodec.errors import BitstreamError, InputError
 from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
@@ -83,22 +83,13 @@ def test_every_visible_cell_becomes_a_gaussian(
     torch.testing.assert_close(decoded.cameras.extrinsics, views.cameras.extrinsics, atol=1e-6, rtol=0)
 
 
-def test_the_latents_are_not_trivial(data: bytes) -> None:
+def test_latents_are_not_trivial_and_opaque_views_not_cut_out(data: bytes, views: Views, random_weights: Path) -> None:
     assert all(len(payload) > 100 for payload in read_stream(data).payloads)
-
-
-def test_gaussians_lie_in_the_world_near_the_pixels_they_stand_for(
-    data: bytes, views: Views, random_weights: Path
-) -> None:
-    cameras, size = views.cameras, 32
-    decoded = decode(data, model=random_weights / MODEL, background=None, merging=None)
-    means = decoded.gaussians.means.view(2, size, size, 3)
-    row, column = torch.meshgrid(torch.arange(size) + 0.5, torch.arange(size) + 0.5, indexing="ij")
-    for view in range(2):
-        uv, depth, _ = (field[0] for field in cameras.select([view]).project(means[view]))
-        assert float((size * uv - torch.stack((column, row), dim=-1)).abs().max()) < 1.01
-        assert float(depth.min()) > 0.8 * float(cameras.near)
-        assert float(depth.max()) < 2.02 * float(cameras.far)
+    opaque = replace(views, alpha=torch.full((2, 64, 64), 0.5))
+    assert encode(opaque, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL) == data
+    with pytest.raises(InputError, match="8192 pixels in all, more than the 8191 that are allowed"):
+        decode(data, model=random_weights / MODEL, max_pixels=8191)
+    assert decode(data, model=random_weights / MODEL, max_pixels=8192).stages == 2
 
 
 @pytest.mark.parametrize("exponent", [-10, 7])
@@ -155,14 +146,6 @@ def test_a_stream_of_one_stage_equals_the_first_of_two_at_its_lambda(views: View
     )
     with pytest.raises(InputError, match="the stream has 1"):
         decode(single, stages=2, model=random_weights / MODEL)
-
-
-def test_a_flipped_bit_anywhere_is_an_error(data: bytes, random_weights: Path) -> None:
-    for position in range(0, len(data), 211):
-        damaged = bytearray(data)
-        damaged[position] ^= 1 << position % 8
-        with pytest.raises((BitstreamError, ModelError)):
-            decode(bytes(damaged), model=random_weights / MODEL)
 
 
 @pytest.mark.parametrize("stage", [0, 1])
@@ -232,37 +215,19 @@ def test_no_background_layer_continues_a_transparent_border(
         assert filled.count - plain.count < whole_layer
 
 
-def test_opaque_views_have_no_coverage_section(views: Views, data: bytes, random_weights: Path) -> None:
-    opaque = replace(views, alpha=torch.full((2, 64, 64), 0.5))
-    assert encode(opaque, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL) == data
-
-
-def test_more_pixels_than_allowed_are_refused(data: bytes, random_weights: Path) -> None:
-    with pytest.raises(InputError, match="8192 pixels in all, more than the 8191 that are allowed"):
-        decode(data, model=random_weights / MODEL, max_pixels=8191)
-    assert decode(data, model=random_weights / MODEL, max_pixels=8192).stages == 2
-
-
 @pytest.mark.parametrize(("effort", "is_optimised"), [("fast", False), (FEW_STEPS, True)])
-def test_optimisation_is_reported_where_there_is_some(
+def test_progress_moves_forward_and_names_what_is_done(
     views: Views, random_weights: Path, effort: str | OptimisationConfig, is_optimised: bool
 ) -> None:
-    tasks: list[str] = []
-    model = random_weights / MODEL
-    encode(views, model=model, effort=effort, on_progress=lambda task, _share: tasks.append(task))
+    model, reports = random_weights / MODEL, list[tuple[str, float]]()
+    data = encode(views, model=model, effort=effort, on_progress=lambda *report: reports.append(report))
+    tasks, fractions = zip(*reports, strict=True)
     assert ("optimising stage 2" in tasks) == is_optimised
-    assert tasks[:2] == ["matching views", "coding stage 1"] and "coding stage 2" in tasks
-
-
-def test_progress_moves_forward(views: Views, random_weights: Path) -> None:
-    fractions: list[float] = []
-    data = encode(
-        views, effort=FEW_STEPS, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share)
-    )
-    assert fractions == sorted(fractions) and fractions[0] >= 0 and fractions[-1] <= 1
-    fractions.clear()
-    decode(data, model=random_weights / MODEL, on_progress=lambda _task, share: fractions.append(share))
-    assert fractions == sorted(fractions) and len(fractions) == 3
+    assert tasks[:2] == ("matching views", "coding stage 1") and "coding stage 2" in tasks
+    assert list(fractions) == sorted(fractions) and fractions[0] >= 0 and fractions[-1] <= 1
+    shares: list[float] = []
+    decode(data, model=model, on_progress=lambda _task, share: shares.append(share))
+    assert shares == sorted(shares) and len(shares) == 3
 
 
 def test_decoding_needs_nothing_of_the_sender(data: bytes, random_weights: Path, tmp_path: Path) -> None:

@@ -6,8 +6,11 @@ cameras they return: a wrong axis, crop, focal length or distortion shows as a w
 
 import json
 import struct
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -70,8 +73,19 @@ def wall_depth(camera_to_world: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return -(WALL[:3] @ origin + WALL[3]) / (rays @ camera_to_world[:3, :3].T @ WALL[:3])
 
 
+_taken: dict[str, np.ndarray] = {}
+
+
 def take(shot: Shot) -> np.ndarray:
-    """The photograph, sRGB in [0, 1]: for each pixel the ray that the lens bends onto it, found by Newton's method."""
+    """The photograph, sRGB in [0, 1]."""
+    key = repr(replace(shot, name="", camera_to_world=shot.camera_to_world.tolist()))
+    if key not in _taken:
+        _taken[key] = _take(shot)
+    return _taken[key].copy()
+
+
+def _take(shot: Shot) -> np.ndarray:
+    """For each pixel, find the ray that the lens bends onto it by Newton's method."""
     v, u = np.meshgrid(np.arange(shot.height) + 0.5, np.arange(shot.width) + 0.5, indexing="ij")
     seen = np.stack(((u - shot.cx) / shot.fx, (v - shot.cy) / shot.fy), axis=-1)
     plane = seen.copy()
@@ -128,6 +142,14 @@ def write_transforms(folder: Path, taken: list[Shot], **top_level) -> Path:
     write_photographs(folder / "images", taken)
     (folder / "transforms.json").write_text(json.dumps(transforms(taken, **top_level)))
     return folder
+
+
+@contextmanager
+def edited(folder: Path, name: str = "transforms.json") -> Iterator[Any]:
+    """The contents of a JSON file, which is written again after the block."""
+    contents = json.loads((folder / name).read_text())
+    yield contents
+    (folder / name).write_text(json.dumps(contents))
 
 
 def write_realestate10k(folder: Path, taken: list[Shot]) -> Path:

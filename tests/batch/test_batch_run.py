@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from fecocodec.batch import run as run_module
 from fecocodec.batch.run import run_batch, write_summary
 from fecocodec.batch.scenes import BatchScene
 from fecocodec.batch.sidecar import Outcome
-from fecocodec.errors import InputError, OutputError
+from fecocodec.errors import OutputError
 from tests.batch.works import Reverse
 
 
@@ -38,13 +37,16 @@ def test_outputs_appear_with_a_sidecar(texts, output: Path) -> None:
     assert outcomes["b"].num_warnings == 1
 
 
-def test_what_matches_is_skipped(texts, output: Path) -> None:
+def test_what_changed_is_redone(texts, output: Path) -> None:
     scenes = texts(a="abc", b="def")
     run(scenes, output)
     again = run(scenes, output)
     assert statuses(again) == {"a": "skipped", "b": "skipped"}
     assert again["a"].num_bytes == 3
     assert num_runs(scenes, "a") == 1
+    assert statuses(run(texts(a="new"), output)) == {"a": "done", "b": "skipped"}
+    assert (output / "a.rev").read_bytes() == b"wen"
+    assert statuses(run(scenes, output, overwrite=True)) == {"a": "done", "b": "done"}
 
 
 @pytest.mark.parametrize("work", [Reverse(option=2), Reverse(version="second")], ids=["options", "weights"])
@@ -52,12 +54,6 @@ def test_other_options_or_weights_redo_all(texts, output: Path, work: Reverse) -
     scenes = texts(a="abc", b="def")
     run(scenes, output)
     assert statuses(run(scenes, output, work)) == {"a": "done", "b": "done"}
-
-
-def test_only_changed_input_is_redone(texts, output: Path) -> None:
-    run(texts(a="abc", b="def"), output)
-    assert statuses(run(texts(a="new"), output)) == {"a": "done", "b": "skipped"}
-    assert (output / "a.rev").read_bytes() == b"wen"
 
 
 def test_a_renamed_photograph_is_a_change(texts, output: Path) -> None:
@@ -75,12 +71,6 @@ def test_an_output_that_does_not_match_its_sidecar_is_redone(texts, output: Path
     spoil(output / "a.rev")
     assert statuses(run(scenes, output)) == {"a": "done"}
     assert (output / "a.rev").read_bytes() == b"cba"
-
-
-def test_overwrite_redoes_all(texts, output: Path) -> None:
-    scenes = texts(a="abc")
-    run(scenes, output)
-    assert statuses(run(scenes, output, overwrite=True)) == {"a": "done"}
 
 
 def test_failures_are_sentences_and_do_not_stop_the_rest(texts, output: Path) -> None:
@@ -156,13 +146,3 @@ def test_the_summary_is_a_table_in_the_order_of_the_scenes(texts, output: Path) 
     assert rows[0] == ["scene", "status", "bytes", "seconds", "warnings", "output", "error"]
     assert [row[:3] for row in rows[1:]] == [["a", "failed", ""], ["b", "done", "3"]]
     assert rows[1][-1].endswith("the text is bad; write another.")
-
-
-def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_module, "find_spec", lambda _name: None)
-    with pytest.raises(InputError) as caught:
-        run_module.require_cluster_extra()
-    assert str(caught.value) == (
-        "several processes need the package distributed; run `pip install '.[cluster]'` in the project's folder, or "
-        "use one process by `workers=1`."
-    )

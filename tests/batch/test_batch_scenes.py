@@ -6,12 +6,18 @@ What of the work of `batch encode` changes files, and what is refused before any
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from fecocodec.batch.decode_scene import DecodeScene
 from fecocodec.batch.encode_scene import EncodeScene, passed_over
 from fecocodec.batch.scenes import BatchScene, coded_scenes, scene_folders, shard_of
 from fecocodec.codec.options import EncodingOptions
+from fecocodec.decoding import Decoded
 from fecocodec.errors import InputError
+from fecocodec.geometry.gaussian_arrays import SceneCameras
+from tests.splat_files.test_output_formats import some_gaussians
+from tests.vectors.tiny_model import VECTORS
 
 
 @pytest.fixture
@@ -22,11 +28,8 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_subfolders_are_scenes_except_the_output(root: Path) -> None:
+def test_subfolders_are_scenes_and_files_beside_them_are_named(root: Path) -> None:
     assert scene_folders(root, output=root / "out") == (BatchScene("a", root / "a"), BatchScene("b", root / "b"))
-
-
-def test_files_beside_scene_folders_are_named(root: Path) -> None:
     assert passed_over(root) == ()
     for name in ("a.zip", "clip.MOV", "b.jpg", ".c.jpg"):
         (root / name).touch()
@@ -34,13 +37,10 @@ def test_files_beside_scene_folders_are_named(root: Path) -> None:
     assert passed_over(root / "notes.txt") == ()
 
 
-def test_a_manifest_names_paths_relative_to_itself(root: Path) -> None:
+def test_manifests_name_paths_relative_to_themselves(root: Path) -> None:
     manifest = root / "manifest.txt"
     manifest.write_text("# comment\n\na\nother name\tb/../b\n")
     assert scene_folders(manifest) == (BatchScene("a", root / "a"), BatchScene("other name", root / "b"))
-
-
-def test_coded_scenes_are_fcs_files(root: Path) -> None:
     (root / "one.fcs").write_bytes(b"1")
     (root / "manifest.txt").write_text(f"{root / 'one.fcs'}\ntwo\tone.fcs\n")
     assert coded_scenes(root) == (BatchScene("one", root / "one.fcs"),)
@@ -77,13 +77,10 @@ def test_a_wrong_manifest_is_one_sentence(root: Path, lines: str, sentence: str)
     assert str(caught.value) == sentence.format(manifest=manifest, root=root)
 
 
-def test_a_folder_that_is_a_scene_is_refused(root: Path) -> None:
+def test_folders_without_scenes_are_refused(root: Path, tmp_path: Path) -> None:
     (root / "transforms.json").write_text("{}")
     with pytest.raises(InputError, match="this folder is a scene; give the folder that contains the scene folders"):
         scene_folders(root)
-
-
-def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"missing: cannot be read \(No such file or directory\); give a folder"):
         scene_folders(tmp_path / "missing")
 
@@ -102,8 +99,21 @@ def test_sharpness_is_an_option_of_a_file_only_where_it_is_given() -> None:
     plain, sharp = EncodeScene(), EncodeScene(EncodingOptions(sharpness=0.5))
     assert "sharpness" not in plain.options()  # files that were encoded before there was one stay valid
     assert sharp.options() == plain.options() | {"sharpness": 0.5}
-
-
-def test_a_sharpness_without_steps_is_refused() -> None:
     with pytest.raises(InputError, match="needs the steps"):
         EncodeScene(EncodingOptions(effort="fast", sharpness=0.5))
+
+
+UPSIDE_DOWN = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize(("suffix", "has_note"), [(".ply", False), (".glb", True)])
+def test_a_scene_that_does_not_show_which_way_is_up_is_noted_where_it_should_stand(suffix: str, has_note: bool) -> None:
+    extrinsics = np.stack((np.eye(4), UPSIDE_DOWN)).astype(np.float32)
+    intrinsics = np.tile(np.diag([1.0, 1.0, 1.0]).astype(np.float32), (2, 1, 1))
+    decoded = Decoded(some_gaussians(10), SceneCameras(extrinsics, intrinsics, 1.0, 10.0), (64, 64), 2, None)
+    result = DecodeScene(suffix, lambda data: decoded).run(Path(VECTORS / "valid/two-views.fcs"), "a")
+    assert result.details.get("notes") == (
+        ["the cameras do not agree on which way is up, so the up direction of the first one is taken."]
+        if has_note
+        else None
+    )

@@ -48,14 +48,20 @@ def test_cameras_beside_or_above_the_images(write: Callable[..., Path], where: s
     assert_cameras_of_shots(next(path for path in folder.iterdir() if path.suffix in (".json", ".npy")))
 
 
-def test_depth_bounds_of_llff(tmp_path: Path) -> None:
-    folder = write_llff(tmp_path / "scene", shots(2), bounds=(1.5, 7.5))
+def test_cameras_that_encode_has_saved_are_found_by_their_usual_name(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "scene", shots(3, **CENTRAL))
+    (folder / "transforms.json").rename(folder / "cameras.json")
+    assert has_cameras(folder)
+    assert_cameras_of_shots(folder)
+
+
+def test_llff_has_bounds_and_needs_one_image_for_each_camera(tmp_path: Path) -> None:
+    """Maps beside the images are left out."""
+    folder = write_llff(tmp_path / "scene", shots(3, **CENTRAL), bounds=(1.5, 7.5))
     cameras = read_views(folder).cameras
     assert (cameras.near.item(), cameras.far.item()) == (1.5, 7.5)
-
-
-def test_llff_needs_one_image_for_each_camera(tmp_path: Path) -> None:
-    folder = write_llff(tmp_path / "scene", shots(3))
+    shutil.copy(folder / "images" / "000.png", folder / "images" / "000_depth.png")
+    assert_cameras_of_shots(folder)
     (folder / "images" / "001.png").unlink()
     with pytest.raises(InputError) as refused:
         choose_photographs(folder)
@@ -63,12 +69,6 @@ def test_llff_needs_one_image_for_each_camera(tmp_path: Path) -> None:
         f"{folder}/poses_bounds.npy: has cameras for 3 images, but there are 2 in {folder}/images; put exactly the "
         "images there that it was made from."
     )
-
-
-def test_maps_beside_the_images_of_llff_are_left_out(tmp_path: Path) -> None:
-    folder = write_llff(tmp_path / "scene", shots(3, **CENTRAL))
-    shutil.copy(folder / "images" / "000.png", folder / "images" / "000_depth.png")
-    assert_cameras_of_shots(folder)
 
 
 def test_a_row_of_llff_that_is_not_valid_matters_only_if_it_is_named(tmp_path: Path) -> None:
@@ -115,13 +115,6 @@ def test_names_of_3dgs_end_at_the_first_dot(tmp_path: Path) -> None:
     chosen = choose_photographs(folder)
     assert chosen.names == ("000.frame.png", "001.frame.png", "002.frame.png")
     assert len(chosen.remarks) == 1 and chosen.notes == ()
-
-
-def test_cameras_that_encode_has_saved_are_found_by_their_usual_name(tmp_path: Path) -> None:
-    folder = write_transforms(tmp_path / "scene", shots(3, **CENTRAL))
-    (folder / "transforms.json").rename(folder / "cameras.json")
-    assert has_cameras(folder)
-    assert_cameras_of_shots(folder)
 
 
 def test_other_files_called_cameras_json_are_named(tmp_path: Path) -> None:
@@ -295,16 +288,15 @@ def test_a_part_of_a_colmap_model_is_named(tmp_path: Path) -> None:
     assert note == "sparse/0 has no images.bin or images.txt, and cameras are estimated; export it again."
 
 
-def test_many_files_of_one_program_are_counted(tmp_path: Path) -> None:
+def test_many_files_are_counted_and_those_without_cameras_are_not_named(tmp_path: Path) -> None:
     folder = write_transforms(tmp_path / "scene", shots(2))
-    for number in range(5):
-        (folder / f"frame_{number}.json").write_text('{"cameraPoseARFrame": []}')
+    frames = [folder / f"frame_{number}.json" for number in range(5)]
+    for frame in frames:
+        frame.write_text('{"cameraPoseARFrame": []}')
     (remark,) = choose_photographs(folder).remarks
     assert remark.startswith("cameras in frame_0.json and 4 more (ARKit, 3D Scanner App) are not read")
-
-
-def test_files_that_hold_no_cameras_are_not_named(tmp_path: Path) -> None:
-    folder = write_transforms(tmp_path / "scene", shots(2))
+    for frame in frames:
+        frame.unlink()
     for name in ("notes.txt", "report.xml", "scene.json", "camera.jpg.txt", "._poses.npy", "points.npz", "a.log"):
         (folder / name).write_text("1 2 3\n{}")
     (folder / "cam").mkdir()

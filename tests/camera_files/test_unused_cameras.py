@@ -29,6 +29,12 @@ from fecocodec.codec.scene_source import scene_source
 from fecocodec.errors import InputError
 
 CONVERT = "to use them, convert them to a transforms.json or a COLMAP model."
+FURTHER_PROGRAMS = """
+    pmvs/bundle.rd.out reconstruction_sequential/sfm_data.bin MeshroomCache/SfM/ab/cameras.sfm sfm.abc project.psx
+    reconstruction.bin undistorted/reconstruction.json sensors/trajectories.txt Ori-All/Orient-a.xml scene.pkl scene.pt
+    params/a_calibrated_camera_parameters.txt CameraTrajectory.txt KeyFrameTrajectory.txt cam2world.npy K.npy
+    poses.jsonl frame_annotations.jgz cams.usd scan.rcproj odm_report/shots.geojson images/000.pose.txt sparse.zip
+"""
 POSES = "1 0 0 0 0 1 0 0 0 0 1 0\n"
 
 
@@ -80,6 +86,14 @@ def test_folders_of_other_things_above_are_quiet(tmp_path: Path, monkeypatch: py
     assert unread_cameras_notes(tmp_path / "kitchen")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))  # as of an archive that is unpacked
     assert unread_cameras_notes(tmp_path / "kitchen") == []
+
+
+def test_another_scene_in_a_folder_below_is_quiet(tmp_path: Path) -> None:
+    write_photographs(tmp_path, shots(4)[2:])
+    write_transforms(tmp_path / "other", shots(2))
+    assert unread_cameras_notes(tmp_path) == []
+    shutil.rmtree(tmp_path / "other" / "images")
+    assert unread_cameras_notes(tmp_path)
 
 
 def test_cameras_above_that_are_read(tmp_path: Path) -> None:
@@ -134,29 +148,7 @@ def test_other_cameras_farther_down(write: Callable[..., Path], where: str, tmp_
     assert note.startswith(f"cameras in {where}/{file.name} are not looked for, and cameras are estimated; to use them")
 
 
-@pytest.mark.parametrize(
-    "file",
-    [
-        *(
-            "pmvs/bundle.rd.out",
-            "reconstruction_sequential/sfm_data.bin",
-            "MeshroomCache/SfM/ab/cameras.sfm",
-            "sfm.abc",
-        ),
-        *("reconstruction.bin", "undistorted/reconstruction.json", "sensors/trajectories.txt", "Ori-All/Orient-a.xml"),
-        *("params/a_calibrated_camera_parameters.txt", "project.psx", "scene.pkl", "scene.pt", "CameraTrajectory.txt"),
-        *(
-            "sfm.abc",
-            "KeyFrameTrajectory.txt",
-            "cam2world.npy",
-            "K.npy",
-            "poses.jsonl",
-            "frame_annotations.jgz",
-            "cams.usd",
-        ),
-        *("frame_annotations.jgz", "scan.rcproj", "odm_report/shots.geojson", "images/000.pose.txt", "sparse.zip"),
-    ],
-)
+@pytest.mark.parametrize("file", FURTHER_PROGRAMS.split())
 def test_further_programs(file: str, tmp_path: Path) -> None:
     write_photographs(tmp_path / "images", shots(2))
     put(tmp_path / file, "# Bundle file")
@@ -268,6 +260,9 @@ def test_camera_files_given_by_themselves(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         read_cameras(tmp_path / name)
     assert str(refused.value).startswith(f"{tmp_path / name}: cameras of this kind are not read; convert them to a ")
+    put(tmp_path / "transforms.json", json.dumps([{"file_path": "a.png", "transform": []}]))
+    with pytest.raises(InputError, match="as `ns-export cameras` writes it, which has no lenses; give the transforms"):
+        read_cameras(tmp_path)
 
 
 def test_images_of_cameras_below_in_another_folder(tmp_path: Path) -> None:
@@ -282,17 +277,3 @@ def test_images_of_cameras_below_in_another_folder(tmp_path: Path) -> None:
     )
     (note,) = unread_cameras_notes(images)
     assert note.endswith(f"to use them, put the images into {scene}/images and give the folder {scene}.")
-
-
-def test_another_scene_in_a_folder_below_is_quiet(tmp_path: Path) -> None:
-    write_photographs(tmp_path, shots(4)[2:])
-    write_transforms(tmp_path / "other", shots(2))
-    assert unread_cameras_notes(tmp_path) == []
-    shutil.rmtree(tmp_path / "other" / "images")
-    assert unread_cameras_notes(tmp_path)
-
-
-def test_poses_without_lenses_of_nerfstudio(tmp_path: Path) -> None:
-    put(tmp_path / "transforms.json", json.dumps([{"file_path": "a.png", "transform": []}]))
-    with pytest.raises(InputError, match="as `ns-export cameras` writes it, which has no lenses; give the transforms"):
-        read_cameras(tmp_path)

@@ -36,14 +36,10 @@ def test_an_archive_is_read_like_its_folder(write, prefix, tmp_path: Path) -> No
     assert torch.equal(found.images, expected.images)
     assert (found.names, found.notes) == (expected.names, ())
     assert torch.equal(read_render_cameras(archive).cameras.extrinsics, expected.cameras.extrinsics)
-
-
-def test_notes_beside_the_folder_of_a_scene_are_passed_over(tmp_path: Path) -> None:
-    archive = pack(write_transforms(tmp_path / "scene", shots(2)), tmp_path / "scan.zip", "scan/")
-    with zipfile.ZipFile(archive, "a") as packed:
+    with zipfile.ZipFile(archive, "a") as packed:  # beside the folder of the scene, if it has one
         packed.writestr("README.txt", "Thank you.")
         packed.writestr("licence.json", "{}")
-    assert read_views(archive, near=1.0, far=9.0).names == ("000.png", "001.png")
+    assert read_views(archive, near=1.0, far=9.0).names == expected.names
 
 
 @pytest.mark.parametrize("name", ["room.log", "export.psx", "my_poses.yaml"])
@@ -68,8 +64,12 @@ def test_photographs_without_cameras_are_unpacked_without_rubbish(tmp_path: Path
         assert folder == tmp_path / "scene"
 
 
-def test_errors_name_the_archive(tmp_path: Path) -> None:
-    folder = write_transforms(tmp_path / "scene", shots(2))
+def test_errors_name_the_archive_and_what_is_to_be_unpacked(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        folder = write_transforms(tmp_path / "scans" / name, shots(2))
+    archive = pack(tmp_path / "scans", tmp_path / "scans.zip")
+    with pytest.raises(InputError, match=rf"2 folders with cameras; unpack it and give one of them, as {archive}/a\.$"):
+        read_views(archive)
     (folder / "images" / "001.png").write_bytes(b"no image")
     archive = pack(folder, tmp_path / "a.zip", "scene/")
     with pytest.raises(InputError) as refused:
@@ -162,11 +162,3 @@ def test_a_video_or_an_archive_in_an_archive_is_to_be_given_itself(name: str, tm
     assert str(refused.value) == (
         f"{tmp_path / 'a.zip'}: the ZIP archive holds no photographs, but {name}; unpack it and give that file."
     )
-
-
-def test_what_is_in_an_archive_is_to_be_unpacked_before_it_is_given(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        write_transforms(tmp_path / "scans" / name, shots(2))
-    archive = pack(tmp_path / "scans", tmp_path / "scans.zip")
-    with pytest.raises(InputError, match=rf"2 folders with cameras; unpack it and give one of them, as {archive}/a\.$"):
-        read_views(archive)

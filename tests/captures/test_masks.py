@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from wall_scene import shots, write_colmap_text, write_transforms
+from wall_scene import edited, shots, write_colmap_text, write_transforms
 
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError
@@ -51,9 +51,8 @@ def test_black_pixels_are_ignored(write, name, tmp_path):
     folder = write(tmp_path / "scene", shots(2))
     store_mask(folder / name)
     if name.startswith("other"):
-        scene = json.loads((folder / "transforms.json").read_text())
-        scene["frames"][0]["mask_path"] = name
-        (folder / "transforms.json").write_text(json.dumps(scene))
+        with edited(folder) as scene:
+            scene["frames"][0]["mask_path"] = name
     views = read(folder)
     assert torch.equal(views.ignored[0], left_half(80, 96)) and not views.ignored[1].any()
     assert torch.equal(views.select([1, 0]).ignored, views.ignored.flip(0))
@@ -71,10 +70,9 @@ def test_black_pixels_are_ignored(write, name, tmp_path):
 def test_masks_that_are_named_are_found_as_photographs_are(named, tmp_path):
     folder = write_transforms(tmp_path / "scene", shots(2))
     store_mask(folder / "other" / "a.png")
-    scene = json.loads((folder / "transforms.json").read_text())
-    scene["frames"][0]["mask_path"] = named
-    scene["frames"][1]["mask_path"] = "masks/001.png"  # no such mask, and not the photograph 001.png
-    (folder / "transforms.json").write_text(json.dumps(scene))
+    with edited(folder) as scene:
+        scene["frames"][0]["mask_path"] = named
+        scene["frames"][1]["mask_path"] = "masks/001.png"  # no such mask, and not the photograph 001.png
     assert torch.equal(read(folder, views=(0,)).ignored[0], left_half(80, 96))
     with pytest.raises(InputError, match=r"001\.png: no such image"):
         read(folder, views=(1,))
@@ -89,10 +87,9 @@ def test_masks_of_reduced_photographs_are_those_of_the_names(tmp_path):
     (folder / "images").rename(folder / "images_2")
     for name in ("000.png", "001.png"):
         store_mask(folder / "masks_2" / name)
-    scene = json.loads((folder / "transforms.json").read_text())
-    for frame in scene["frames"]:
-        frame["mask_path"] = frame["file_path"].replace("images", "masks")
-    (folder / "transforms.json").write_text(json.dumps(scene))
+    with edited(folder) as scene:
+        for frame in scene["frames"]:
+            frame["mask_path"] = frame["file_path"].replace("images", "masks")
     assert torch.equal(read(folder).ignored[1], left_half(80, 96))
 
 
@@ -111,11 +108,23 @@ def test_masks_that_are_not_read_are_named(name, tmp_path):
     assert views.ignored is None and read(folder, masks="unused").remarks == ()
 
 
-def test_a_mask_in_the_opacity_of_its_image(tmp_path):
+def test_what_is_black_is_marked(tmp_path):
     pixels = np.zeros((80, 96, 4), np.uint8)  # black, and opaque on the right
     pixels[:, 48:, 3] = 255
     Image.fromarray(pixels).save(tmp_path / "mask.png")
     assert torch.equal(read_mask(tmp_path / "mask.png", 80, 96), left_half(80, 96))
+    store_mask(tmp_path / "mask.png")
+    Image.open(tmp_path / "mask.png").save(tmp_path / "mask.jpg", quality=50)
+    assert torch.equal(read_mask(tmp_path / "mask.jpg", 80, 96), left_half(80, 96))
+    Image.new("L", (96, 80), 0).save(tmp_path / "mask.png")
+    assert read_mask(tmp_path / "mask.png", 80, 96).all()
+    store_mask(tmp_path / "mask.png", (80, 96))
+    with pytest.raises(InputError) as caught:
+        read_mask(tmp_path / "mask.png", 80, 96)
+    assert str(caught.value) == (
+        f"{tmp_path / 'mask.png'}: the mask has 80x96 pixels and its photograph 96x80; give it the shape of the "
+        "photograph."
+    )
 
 
 def test_masks_are_cropped_and_resized_with_their_photographs(tmp_path):
@@ -143,17 +152,6 @@ def test_masks_of_small_numbers_are_black_at_zero(kept, tmp_path):
     assert torch.equal(read_mask(tmp_path / "mask.png", 80, 96), left_half(80, 96))
 
 
-def test_noise_of_jpeg_is_black(tmp_path):
-    store_mask(tmp_path / "mask.png")
-    Image.open(tmp_path / "mask.png").save(tmp_path / "mask.jpg", quality=50)
-    assert torch.equal(read_mask(tmp_path / "mask.jpg", 80, 96), left_half(80, 96))
-
-
-def test_a_mask_that_is_black_everywhere_marks_all(tmp_path):
-    Image.new("L", (96, 80), 0).save(tmp_path / "mask.png")
-    assert read_mask(tmp_path / "mask.png", 80, 96).all()
-
-
 def test_a_photograph_of_which_nothing_is_left_is_refused(tmp_path):
     folder = write_transforms(tmp_path / "scene", shots(2))
     store_mask(folder / "masks" / "000.png", kept=0)
@@ -162,21 +160,10 @@ def test_a_photograph_of_which_nothing_is_left_is_refused(tmp_path):
     assert read(folder, masks="cut-out").alpha is not None and read(folder, masks="unused").ignored is None
 
 
-def test_a_mask_of_another_shape_is_refused(tmp_path):
-    store_mask(tmp_path / "mask.png", (80, 96))
-    with pytest.raises(InputError) as caught:
-        read_mask(tmp_path / "mask.png", 80, 96)
-    assert str(caught.value) == (
-        f"{tmp_path / 'mask.png'}: the mask has 80x96 pixels and its photograph 96x80; give it the shape of the "
-        "photograph."
-    )
-
-
 def test_a_named_mask_that_is_missing_is_refused(tmp_path):
     folder = write_transforms(tmp_path / "scene", shots(2))
-    scene = json.loads((folder / "transforms.json").read_text())
-    scene["frames"][0]["mask_path"] = "masks/no.png"
-    (folder / "transforms.json").write_text(json.dumps(scene))
+    with edited(folder) as scene:
+        scene["frames"][0]["mask_path"] = "masks/no.png"
     with pytest.raises(InputError, match=r"masks/no\.png: no such image"):
         read(folder)
 

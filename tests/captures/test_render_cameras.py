@@ -140,19 +140,18 @@ def test_a_camera_path_of_nerfstudio(tmp_path):
         ({"camera_path": [{"camera_to_world": [1.0] * 16, "fov": None}]}, "fov"),
         ({"camera_path": [{"camera_to_world": np.eye(4).ravel().tolist(), "fov": 180}]}, "180 degrees is not possible"),
         ({"camera_path": [7]}, "camera 0: this is not an object"),
+        *(
+            (
+                {"camera_path": [{"camera_to_world": matrix, "fov": 50}]},
+                "camera 0, camera_to_world: 16 numbers expected",
+            )
+            for matrix in ("text", {"a": 1}, [[1], [2, 3]], [[1, 2], [3, 4]], None)
+        ),
     ],
 )
 def test_bad_camera_paths(change, sentence, tmp_path):
     (tmp_path / "path.json").write_text(json.dumps(camera_path([np.eye(4)]) | change))
     with pytest.raises(InputError, match=sentence):
-        read_render_cameras(tmp_path / "path.json")
-
-
-@pytest.mark.parametrize("matrix", ["text", {"a": 1}, [[1], [2, 3]], [[1, 2], [3, 4]], None])
-def test_poses_of_a_camera_path_that_are_no_matrices(matrix, tmp_path):
-    scene = {"camera_path": [{"camera_to_world": matrix, "fov": 50}], "render_width": 64, "render_height": 64}
-    (tmp_path / "path.json").write_text(json.dumps(scene))
-    with pytest.raises(InputError, match="camera 0, camera_to_world: 16 numbers expected"):
         read_render_cameras(tmp_path / "path.json")
 
 

@@ -69,28 +69,21 @@ def test_neighbours_overlap_by_half_or_more(scene_of, make, count):
     assert nearest_overlaps(poses, chosen).min() >= 0.5
 
 
-def test_an_even_spread_over_a_walk_does_not_overlap():
-    """What `spread:N` chose before, and why it does not any more."""
-    even = tuple(np.linspace(0, 39, 4).round().astype(int).tolist())
-    assert nearest_overlaps(walk(), even).max() < 0.05
-
-
 def test_the_middle_is_covered_as_widely_as_overlap_allows(scene_of):
     chosen = spread_views(scene_of(walk(40, step=0.1)), 4)
     assert chosen[0] < 20 <= chosen[-1]
     assert np.diff(chosen).min() > 1, "neighbours farther apart would overlap enough too"
 
 
-def test_few_views_are_all_taken(scene_of):
+def test_how_many_are_taken(scene_of):
     assert spread_views(scene_of(walk(3)), 3) == (0, 1, 2)
     assert auto_views(scene_of(walk(3))) == (0, 1, 2)
-
-
-def test_auto_takes_at_most_eight_and_leaves_out_what_shares_nothing(scene_of):
     poses = walk(30)
     assert len(auto_views(scene_of(poses))) == 8
     poses[:27, 0, 3] += 1000 * np.arange(1, 28)  # only the last three stand together
     assert auto_views(scene_of(poses)) == (27, 28, 29)
+    with pytest.raises(InputError, match="17 views asked for, but at most 16 can be used"):
+        spread_views(scene_of(walk(20)), 17)
 
 
 def test_cameras_at_one_position_are_not_neighbours_where_others_are(scene_of):
@@ -110,11 +103,6 @@ def test_without_bounds_they_come_from_points_or_from_steps_of_the_camera(scene_
 def test_more_views_than_there_are(scene_of, count):
     with pytest.raises(InputError, match=f"{count} views asked for, but the folder has 10; choose 1 to 10"):
         spread_views(scene_of(walk(10)), count)
-
-
-def test_more_views_than_the_codec_takes(scene_of):
-    with pytest.raises(InputError, match="17 views asked for, but at most 16 can be used"):
-        spread_views(scene_of(walk(20)), 17)
 
 
 def test_opposite_sides_of_an_object_share_no_surface():

@@ -107,6 +107,14 @@ def wall(photographs: Path, random_weights: Path) -> bytes:
 
 
 @pytest.fixture
+def wall_file(networks: None, wall: bytes, tmp_path: Path) -> Path:
+    """`wall` as a file, for commands that work with the untrained networks."""
+    file = tmp_path / "wall.fcs"
+    file.write_bytes(wall)
+    return file
+
+
+@pytest.fixture
 def output(tmp_path: Path) -> Path:
     """An empty folder to write to."""
     folder = tmp_path / "output"

@@ -56,70 +56,52 @@ def test_full_disk_when_encoding(fecosplat, photographs: Path, output: Path, ful
     assert result.err.splitlines()[-1] == f"fecosplat: {output / 'a.fcs'}: {NO_SPACE}"
 
 
-@pytest.mark.usefixtures("networks")
-def test_full_disk_when_decoding(fecosplat, wall: bytes, tmp_path: Path, output: Path, full_folder) -> None:
-    (tmp_path / "wall.fcs").write_bytes(wall)
-    result = fecosplat("decode", tmp_path / "wall.fcs", "-o", output / "a.ply")
-    assert_refused(result, output, f"{output / 'a.ply'}: {NO_SPACE}")
-
-
-@pytest.mark.usefixtures("networks")
 @pytest.mark.parametrize(
-    ("number", "name", "reason"),
-    [(0, "wall_00.png", NO_SPACE), (2, "wall_01.png", NO_SPACE), (3, "wall_01.exr", NO_SPACE)],
+    ("command", "name", "written"),
+    [("decode", "a.ply", "a.ply"), ("render", "new/images", "new/images/wall_00.png")],
 )
-def test_full_disk_when_rendering_leaves_no_view(
-    fecosplat, wall: bytes, tmp_path: Path, output: Path, full_disk, number: int, name: str, reason: str
+def test_full_disk_leaves_neither_files_nor_new_folders(
+    fecosplat, wall_file: Path, output: Path, full_folder, command: str, name: str, written: str
 ) -> None:
-    (tmp_path / "wall.fcs").write_bytes(wall)
+    result = fecosplat(command, wall_file, "-o", output / name)
+    assert_refused(result, output, f"{output / written}: {NO_SPACE}")
+
+
+def test_a_folder_for_images_that_cannot_be_made(fecosplat, wall_file: Path, output: Path) -> None:
+    images = wall_file / "images"
+    sentence = f"{images}: the folder cannot be made (Not a directory); choose another output path."
+    assert_refused(fecosplat("render", wall_file, "-o", images), output, sentence)
+
+
+@pytest.mark.parametrize(("number", "name"), [(0, "wall_00.png"), (2, "wall_01.png"), (3, "wall_01.exr")])
+def test_full_disk_when_rendering_leaves_no_view(
+    fecosplat, wall_file: Path, output: Path, full_disk, number: int, name: str
+) -> None:
     full_disk(number, Path(name).suffix)
-    result = fecosplat("render", tmp_path / "wall.fcs", "-o", output)
-    assert_refused(result, output, f"{output / name}: {reason}")
+    assert_refused(fecosplat("render", wall_file, "-o", output), output, f"{output / name}: {NO_SPACE}")
 
 
-@pytest.mark.usefixtures("networks")
-def test_folders_made_for_images_go_again(fecosplat, wall: bytes, tmp_path: Path, output: Path, full_folder) -> None:
-    (tmp_path / "wall.fcs").write_bytes(wall)
-    result = fecosplat("render", tmp_path / "wall.fcs", "-o", output / "new" / "images")
-    assert_refused(result, output, f"{output / 'new' / 'images' / 'wall_00.png'}: {NO_SPACE}")
-
-
-@pytest.mark.usefixtures("networks")
 @pytest.mark.parametrize("name", ["a.fcs", "a.ply", "a.png"])
 def test_folders_are_made_for_a_file_and_go_again_on_failure(
-    fecosplat, photographs: Path, wall: bytes, tmp_path: Path, output: Path, request, name: str
+    fecosplat, photographs: Path, wall_file: Path, output: Path, request, name: str
 ) -> None:
-    stream, file = tmp_path / "wall.fcs", output / "new" / "folder" / name
-    stream.write_bytes(wall)
+    file, cameras = output / "new" / "folder" / name, output / "cameras" / "cameras.json"
     arguments = {
         "a.fcs": ("encode", photographs, *FAST),
-        "a.ply": ("decode", stream, "--save-cameras", output / "cameras" / "cameras.json"),
-        "a.png": ("render", stream),
+        "a.ply": ("decode", wall_file, "--save-cameras", cameras),
+        "a.png": ("render", wall_file),
     }[name]
     result = fecosplat(*arguments, "-o", file)
     assert result.code == 0 and file.is_file(), result.err
-    assert (output / "cameras" / "cameras.json").is_file() == (name == "a.ply")
+    assert cameras.is_file() == (name == "a.ply")
 
     shutil.rmtree(output)
     output.mkdir()
     request.getfixturevalue("full_folder")
     result = fecosplat(*arguments, "-o", file)
-    written_first = output / "cameras" / "cameras.json" if name == "a.ply" else file
-    assert result.code == 1
+    assert (result.code, list(output.iterdir())) == (1, [])
+    written_first = cameras if name == "a.ply" else file
     assert result.err.endswith(f"fecosplat: {written_first}: {NO_SPACE}\n")  # encode has warned before
-    assert list(output.iterdir()) == []
-
-
-@pytest.mark.usefixtures("networks")
-def test_a_folder_for_images_that_cannot_be_made(fecosplat, wall: bytes, tmp_path: Path, output: Path) -> None:
-    file = tmp_path / "wall.fcs"
-    file.write_bytes(wall)
-    result = fecosplat("render", file, "-o", file / "images")
-    assert_refused(
-        result,
-        output,
-        f"{file / 'images'}: the folder cannot be made (Not a directory); choose another output path.",
-    )
 
 
 @pytest.mark.parametrize("command", ["encode", "decode", "render"])
@@ -163,10 +145,6 @@ def test_a_reader_that_goes_away_is_no_success(unbuffered: str) -> None:
     assert (child.returncode, message) == (1, b"")
 
 
-@pytest.mark.usefixtures("networks")
-def test_no_gaussians_are_left_without_the_cameras(fecosplat, wall: bytes, tmp_path: Path, output: Path) -> None:
-    file = tmp_path / "wall.fcs"
-    file.write_bytes(wall)
-    result = fecosplat("decode", file, "-o", output / "a.ply", "--save-cameras", "/proc/cameras.json")
-    assert result.code == 1
-    assert list(output.iterdir()) == []
+def test_no_gaussians_are_left_without_the_cameras(fecosplat, wall_file: Path, output: Path) -> None:
+    result = fecosplat("decode", wall_file, "-o", output / "a.ply", "--save-cameras", "/proc/cameras.json")
+    assert (result.code, list(output.iterdir())) == (1, [])

@@ -68,16 +68,13 @@ def test_a_missing_file_is_one_sentence(fecosplat, tmp_path: Path) -> None:
     assert result.err.startswith(f"fecosplat: {tmp_path / 'none.toml'}: cannot be read (No such file or directory); ")
 
 
-def test_a_wrong_value_names_the_option_and_the_file(fecosplat, tmp_path: Path) -> None:
+def test_a_wrong_value_names_the_option_and_the_file_it_is_from(fecosplat, tmp_path: Path) -> None:
     config = tmp_path / "options.toml"
     config.write_text('[encode]\neffort = "most"\n')
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs", "--config-file", config)
     assert result.code == 2
     assert "Invalid value for '--effort': 'most' is not one of" in result.err
     assert f"; the value is in {config}." in result.err
-
-
-def test_a_wrong_value_of_the_command_line_is_not_blamed_on_the_file(fecosplat, tmp_path: Path) -> None:
     config = tmp_path / "options.toml"
     config.write_text('[encode]\neffort = "fast"\n')
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs", "--effort", "most", "--config-file", config)
@@ -105,24 +102,6 @@ def test_targets_out_of_reach_are_refused(fecosplat: CommandLine, photographs: P
     good = fecosplat(*arguments, "--target-psnr", "80")
     assert good.code == 1 and "a PSNR of 80 dB cannot be reached, the best is" in good.err
     assert not (tmp_path / "scene.fcs").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (("--target-kib", "8", "--target-psnr", "25"), "exclude each other"),
-        (("--effort", "fast", "--sharpness", "1"), "--sharpness needs the steps that --effort fast leaves out"),
-        (("--effort", "fast", "--sharpness", "-0.5"), "--sharpness needs the steps that --effort fast leaves out"),
-        (("--sharpness", "1.5"), "1.5 is not in the range -1.0<=x<=1.0"),
-        (("--target-kib", "8", "--stages", "1"), "has no rate control"),
-        (("--target-kib", "8", "--lambda", "1e-3"), "leave out --lambda"),
-    ],
-)
-def test_options_that_contradict_each_other(
-    fecosplat: CommandLine, photographs: Path, tmp_path: Path, options: tuple[str, ...], sentence: str
-) -> None:
-    result = fecosplat("encode", photographs, "-o", tmp_path / "scene.fcs", *options)
-    assert result.code == 2 and sentence in result.err
 
 
 @pytest.mark.usefixtures("networks")

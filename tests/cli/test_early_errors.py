@@ -52,6 +52,9 @@ EARLY = [
         "no: there is no such folder; name the folder of a model.",
     ),
     (("encode", ".", "-o", "a.fcs", "--model", "no"), "no: there is no such folder; name the folder of a model."),
+    (("eval", "one", "--index", "missing", "-o", "out"), "missing: there is no such file; check the path."),
+    (("stress", "one", "--index", "missing", "-o", "out"), "missing: there is no such file; check the path."),
+    (("eval", "one", "--index", "i.json", "-o", "out", "--lambdas", "1.0"), "lambda is 1.0, outside the range"),
     (("info", "missing"), "missing: there is no such file; check the path."),
     (("decode", "text.fcs", "-o", "a.ply"), "text.fcs: not a .fcs file: its signature at byte 0 is 68 65 6c 6c 6f"),
     (("decode", "scene.fcs", "-o", "a.ply", "--max-pixels", "9"), "scene.fcs: the views have 229376 pixels in all"),
@@ -142,22 +145,16 @@ def test_views_of_thousands_of_digits(fecosplat, photographs: Path, output: Path
     assert "no view is called" in result.err
 
 
-def test_a_comma_in_a_name_follows_a_backslash() -> None:
+def test_texts_of_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     context, option = click.Context(click.Command("encode")), click.Option(["--views"])
     assert parse_selection(context, option, r"a\,b.jpg, 2.jpg") == ("a,b.jpg", "2.jpg")
-
-
-def test_very_long_names_are_shortened(capsys: pytest.CaptureFixture[str]) -> None:
+    assert in_options("change `views` or `size`; not `file_path`.") == "change --views or --size; not `file_path`."
     warn(f"cameras.json: there is no image {'a' * 5000}.jpg; put it there.")
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("cameras.json: there is no image aaa") and line.endswith("aaa.jpg; put it there.")
     assert "a...a" in line and len(line) < 500
     warn(path := "/" + "/".join(["folder"] * 70))
     assert capsys.readouterr().err == f"{path}\n"
-
-
-def test_arguments_of_the_library_are_named_as_options() -> None:
-    assert in_options("change `views` or `size`; not `file_path`.") == "change --views or --size; not `file_path`."
 
 
 def test_the_library_as_a_module_names_the_command() -> None:
@@ -193,19 +190,6 @@ def test_missing_packages_are_reported_before_any_work(
         f"fecosplat: measuring needs packages that are not installed ({package}); run `pip install '.[eval]'` in the "
         "project's folder.\n"
     )
-
-
-def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    from fecosplat_cli.progress import progress_bar
-
-    now = [0.0]
-    monkeypatch.setattr("fecosplat_cli.progress.monotonic", lambda: now[0])
-    with progress_bar() as on_progress:
-        for tenth, seconds in enumerate((10.0, 31.0, 40.0, 62.0), start=1):
-            now[0] = seconds
-            on_progress("refining", tenth / 10)
-    lines = "refining: 20% done, about 3 min left\nrefining: 40% done, about 2 min left\n"
-    assert capsys.readouterr() == ("", lines)
 
 
 def test_a_name_of_a_model_that_no_folder_can_have(fecosplat, stream_file: Path, output: Path) -> None:

@@ -35,7 +35,7 @@ def report(names: tuple[str, ...], quality: tuple[DecodedQuality, ...], **others
     return EncodingReport(b"", names, quality, **fields, notes=(), warnings=(), seconds=1.0, save_cameras=None)
 
 
-def test_sizes_and_quality_of_each_stage(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sizes_quality_and_detail_are_said(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
     summary = inspect(stream_bytes)
     say_result("scene.fcs", report(("a.png", "b.png"), QUALITY), summary)
     printed = capsys.readouterr().err
@@ -44,9 +44,6 @@ def test_sizes_and_quality_of_each_stage(stream_bytes: bytes, capsys: pytest.Cap
     assert "  stage 1:     0.02 KiB   21.00 dB\n" in printed and "  stage 2:     0.01 KiB   25.00 dB\n" in printed
     assert f"  in all:  {len(stream_bytes) / 1024:8.2f} KiB   25.00 dB, PSNR of the 2 coded views" in printed
     assert printed.endswith("(worst 24.50 dB, b.png) as decoded\n")
-
-
-def test_new_views_are_said_beside_the_coded_ones(stream_bytes: bytes, capsys: pytest.CaptureFixture[str]) -> None:
     checks = OtherViews(("c.png", "d.png"), DecodedQuality((23.0, 22.0)))
     say_result("scene.fcs", report(("a.png", "b.png"), QUALITY, checks=checks), inspect(stream_bytes))
     *_, of_coded, of_new = capsys.readouterr().err.splitlines()
@@ -55,15 +52,17 @@ def test_new_views_are_said_beside_the_coded_ones(stream_bytes: bytes, capsys: p
         "(worst 22.00 dB, d.png)"
     )
     assert of_coded.index("dB") == of_new.index("dB")
-
-
-def test_the_share_of_detail_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     data = (Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "detail-of-one-stage.fcs").read_bytes()
     summary = inspect(data)
     (detail,) = [section.total_bytes for section in summary.sections if section.name == "detail"]
     quality = (DecodedQuality((20.0, 22.0, 21.0)),)
     say_result("scene.fcs", report(("a.png", "b.png", "c.png"), quality), summary)
     assert f"   21.00 dB ({detail / 1024:.2f} KiB of it detail)\n" in capsys.readouterr().err
+    checks = OtherViews(("c.png",), DecodedQuality((24.0,)))
+    summary, found = inspect(stream_bytes), report(("a.png", "b.png"), QUALITY, checks=checks, is_fitted=True)
+    say_result("scene.fcs", found, summary)
+    assert "measured on one photograph that was not used, to which lambda is fitted\n" in capsys.readouterr().err
+    assert report_fields(found, summary)["new_view_psnr_is_fitted"] is True
 
 
 def test_the_same_as_json(stream_bytes: bytes) -> None:
@@ -163,14 +162,18 @@ def test_poor_views_are_said() -> None:
     assert quality_warnings(DecodedQuality((18.0,)), ("a.png",)) == (
         "the decoded views are poor, with a PSNR of 18.0 dB; use a smaller lambda, a larger `size` or more `effort`.",
     )
-
-
-def test_poor_new_views_are_said() -> None:
     assert new_view_warnings(DecodedQuality((25.0, 15.0)), ("a.png", "b.png")) == ()
     assert new_view_warnings(DecodedQuality((18.0, 17.0)), ("a.png", "b.png")) == (
         "new views are poor, with a PSNR of 17.5 dB, measured on 2 photographs that were not used (worst b.png, 17.0 "
         "dB); check that each camera belongs to its photograph, add photographs between the coded ones, or code more "
         "of them by `views`.",
+    )
+    better, worse = DecodedQuality((30.0, 28.0)), DecodedQuality((29.0, 28.0))
+    assert not is_lowered_by_stage_2((worse, better)) and not is_lowered_by_stage_2((better,))
+    assert not is_lowered_by_stage_2((better, DecodedQuality((29.9, 28.0))))
+    assert is_lowered_by_stage_2((better, worse))
+    assert stage_2_note((better, worse)) == (
+        "stage 2 would lower the PSNR of the decoded views from 29.00 to 28.50 dB; the file holds stage 1 alone."
     )
 
 
@@ -193,23 +196,3 @@ def test_views_that_do_not_predict_each_other_are_said(stream_bytes: bytes, caps
     line = "  left out:               14.25 dB, PSNR of coded views without their own Gaussians, where the others show"
     assert f"{line} them (60% of their pixels)\n" in capsys.readouterr().err
     assert report_fields(found, summary)["left_out_psnr"] == 14.25
-
-
-def test_a_figure_to_which_lambda_was_fitted_is_called_so(
-    stream_bytes: bytes, capsys: pytest.CaptureFixture[str]
-) -> None:
-    checks = OtherViews(("c.png",), DecodedQuality((24.0,)))
-    summary, found = inspect(stream_bytes), report(("a.png", "b.png"), QUALITY, checks=checks, is_fitted=True)
-    say_result("scene.fcs", found, summary)
-    assert "measured on one photograph that was not used, to which lambda is fitted\n" in capsys.readouterr().err
-    assert report_fields(found, summary)["new_view_psnr_is_fitted"] is True
-
-
-def test_a_second_stage_that_does_harm_is_found() -> None:
-    better, worse = DecodedQuality((30.0, 28.0)), DecodedQuality((29.0, 28.0))
-    assert not is_lowered_by_stage_2((worse, better)) and not is_lowered_by_stage_2((better,))
-    assert not is_lowered_by_stage_2((better, DecodedQuality((29.9, 28.0))))
-    assert is_lowered_by_stage_2((better, worse))
-    assert stage_2_note((better, worse)) == (
-        "stage 2 would lower the PSNR of the decoded views from 29.00 to 28.50 dB; the file holds stage 1 alone."
-    )

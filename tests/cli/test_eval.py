@@ -1,11 +1,14 @@
-"""`fecosplat eval` refuses before it measures, and names what failed after what did not."""
+"""`fecosplat eval` and `fecosplat stress` refuse before they measure, and name what failed and which rules broke."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from fecocodec.evaluation import run
+from fecocodec.evaluation.stress import suite
+from fecocodec.evaluation.stress.suite import Verdict
 from tests.chunk_files import write_wall_chunks
 from tests.cli.conftest import CommandLine
 from tests.example_scenes import MODEL
@@ -37,11 +40,20 @@ def test_missing_weights_of_a_metric_are_one_sentence(
     assert "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only" in result.err
 
 
-def test_bad_lists_are_refused(fecosplat: CommandLine, tmp_path: Path) -> None:
-    arguments = ["eval", tmp_path, "--index", tmp_path / "index.json", "-o", tmp_path / "out"]
-    assert fecosplat(*arguments, "--lambdas", "small").code == 2
-    outside = fecosplat(*arguments, "--lambdas", "1.0")
-    assert outside.code == 1 and "lambda is 1.0, outside the range" in outside.err
-    missing = fecosplat(*arguments)
-    assert missing.code == 1 and "index.json: there is no such file" in missing.err
-    assert not (tmp_path / "out").exists()
+def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
+    yield Verdict("wall: reference", "≤0", 20.0, 0.0, 3.5, 0.4, 3.4, 0, ""), 0.5
+    yield Verdict("wall: black", "warned", 40.0, -20.0, 1.5, 0.4, 1.6, 0, 'no warning says "black"'), 1.0
+
+
+def test_the_table_is_written_and_broken_rules_are_named(
+    fecosplat: CommandLine, random_weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(suite, "read_pairs", lambda *_arguments: {})
+    monkeypatch.setattr(suite, "run_suite", verdicts)
+    model, output, index = random_weights / MODEL, tmp_path / "out", tmp_path / "i.json"
+    index.write_text("{}")
+    result = fecosplat("stress", tmp_path, "--index", index, "-o", output, "--model", model)
+    assert result.code == 1 and "1 of 2 cases hold" in result.err
+    assert 'wall: black: no warning says "black"' in result.err
+    header, *rows = (output / "stress.tsv").read_text().splitlines()
+    assert header.startswith("case\trule\tpsnr\tlost") and len(rows) == 2

@@ -44,29 +44,26 @@ def test_text_shows_size_and_sections(fecosplat, stream_file: Path, stream_bytes
     assert result.out.endswith("  stage 2: corrections to stage 1\n")
 
 
-def test_detail_is_said_to_hide_the_lambda_that_was_given(fecosplat, stream_file: Path) -> None:
+def test_what_decoding_takes_and_detail_are_said(fecosplat, stream_file: Path) -> None:
     sentence = "with detail, this may exceed the --lambda that was given"
     with_detail = Path(__file__).parents[2] / "bitstream_spec/vectors/valid/detail-of-one-stage.fcs"
     assert sentence in fecosplat("info", with_detail).out
     assert sentence not in fecosplat("info", stream_file).out
+    assert "229,376 pixels in all, about 0.5 GiB of memory" in fecosplat("info", stream_file).out
+    decoding = json.loads(fecosplat("info", stream_file, "--json").out)["decoding"]
+    assert decoding["pixels"] == 2 * 256 * 448
 
 
-def test_damaged_section_is_described_and_fails(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
+def test_damage_is_described_and_fails(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
     stream_file.write_bytes(stream_bytes[:-1] + bytes([stream_bytes[-1] ^ 1]))
     result = fecosplat("info", stream_file, "--json")
     assert result.code == 1
     assert [section["intact"] for section in json.loads(result.out)["sections"]] == [True, True, False]
     assert result.err.startswith(f"fecosplat: {stream_file}: section B2 at byte ")
     assert "CRC-32" in result.err
-
-
-def test_a_cut_file_still_tells_its_depth_range(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
     stream_file.write_bytes(stream_bytes[:-1])
     result = fecosplat("info", stream_file)
     assert result.code == 1 and ["depth", "1", "to", "10"] in [line.split() for line in result.out.splitlines()]
-
-
-def test_file_cut_in_the_header_is_one_sentence(fecosplat, stream_file: Path, stream_bytes: bytes) -> None:
     stream_file.write_bytes(stream_bytes[:20])
     result = fecosplat("info", stream_file)
     assert (result.code, result.out) == (1, "")
@@ -74,13 +71,6 @@ def test_file_cut_in_the_header_is_one_sentence(fecosplat, stream_file: Path, st
         f"fecosplat: {stream_file}: header at byte 0: the file ends after 20 bytes, the header needs 28; "
         "copy or download it again.\n"
     )
-
-
-@pytest.mark.parametrize("arguments", [(), ("scene.fcs", "--parameters")])
-def test_needs_a_file_or_the_model(fecosplat, arguments: tuple[str, ...]) -> None:
-    result = fecosplat("info", *arguments)
-    assert result.code == 2
-    assert "Give either a .fcs file or --parameters." in result.err
 
 
 def test_control_characters_never_reach_the_terminal(fecosplat, tmp_path: Path, stream_bytes: bytes) -> None:
@@ -95,12 +85,6 @@ def test_control_characters_never_reach_the_terminal(fecosplat, tmp_path: Path, 
             assert all(c.isprintable() or c == "\n" for c in result.out + result.err)
             if options:
                 assert json.loads(result.out)["metadata"] == (metadata if data == named else None)
-
-
-def test_what_decoding_takes_is_shown(fecosplat, stream_file: Path) -> None:
-    assert "229,376 pixels in all, about 0.5 GiB of memory" in fecosplat("info", stream_file).out
-    decoding = json.loads(fecosplat("info", stream_file, "--json").out)["decoding"]
-    assert decoding["pixels"] == 2 * 256 * 448
 
 
 def test_loads_neither_torch_nor_numpy(stream_file: Path) -> None:

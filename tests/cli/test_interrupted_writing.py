@@ -57,18 +57,16 @@ def test_a_killed_command_leaves_the_old_file_whole(killed: Path) -> None:
     assert all(name.startswith(".") and ".part" in name for name in leftovers), "half a file under a name of its own"
 
 
-@pytest.mark.usefixtures("networks")
 def test_an_interrupted_command_leaves_nothing(
-    fecosplat, wall: bytes, tmp_path: Path, output: Path, monkeypatch: pytest.MonkeyPatch
+    fecosplat, wall_file: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(source: object, target: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
-    (tmp_path / "wall.fcs").write_bytes(wall)
     monkeypatch.setattr("fecocodec.atomic.os.link", interrupt)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # shells ignore it for what they start with &
     try:
-        result = fecosplat("decode", tmp_path / "wall.fcs", "-o", output / "a.ply")
+        result = fecosplat("decode", wall_file, "-o", output / "a.ply")
     finally:
         signal.signal(signal.SIGINT, before)
     assert result.code == 130 and list(output.iterdir()) == []
@@ -85,27 +83,24 @@ def read_only(output: Path) -> Iterator[Path]:
     output.chmod(0o700)
 
 
-@pytest.mark.usefixtures("networks")
 @pytest.mark.parametrize("command", ["encode", "decode"])
 def test_a_read_only_folder(
-    fecosplat, photographs: Path, wall: bytes, tmp_path: Path, output: Path, read_only: Path, command: str
+    fecosplat, photographs: Path, wall_file: Path, output: Path, read_only: Path, command: str
 ) -> None:
-    (tmp_path / "wall.fcs").write_bytes(wall)
     options = ("--views", "0,1", "--stages", "1", "--effort", "fast") if command == "encode" else ()
-    source = photographs if command == "encode" else tmp_path / "wall.fcs"
+    source = photographs if command == "encode" else wall_file
     target = read_only / ("a.fcs" if command == "encode" else "a.ply")
     result = fecosplat(command, source, "-o", target, *options)
     assert_refused(result, output, f"{target}: no file can be made in {read_only} (...")
 
 
-def test_decoding_into_the_input_is_refused(fecosplat, wall: bytes, tmp_path: Path, output: Path) -> None:
-    file, link = tmp_path / "wall.fcs", tmp_path / "link.fcs"
-    file.write_bytes(wall)
-    link.symlink_to(file)
-    for target in (file, link, tmp_path / "output" / ".." / "wall.fcs"):
-        result = fecosplat("decode", file, "-o", target, "--overwrite")
+def test_decoding_into_the_input_is_refused(fecosplat, wall: bytes, wall_file: Path, output: Path) -> None:
+    link = wall_file.with_name("link.fcs")
+    link.symlink_to(wall_file)
+    for target in (wall_file, link, output / ".." / "wall.fcs"):
+        result = fecosplat("decode", wall_file, "-o", target, "--overwrite")
         assert_refused(result, output, f"{target}: this is the input, or part of it; choose another output path.")
-    assert file.read_bytes() == wall
+    assert wall_file.read_bytes() == wall
 
 
 @pytest.mark.parametrize("name", ["view_0.png", "transforms.json"])

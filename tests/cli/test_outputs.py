@@ -21,17 +21,6 @@ from fecocodec.splat_files.ply import read_ply
 from tests.splat_files.test_output_formats import some_cameras, some_gaussians
 
 
-@pytest.mark.parametrize("name", ["a.splat", "a.fcs", "a.jpg", "a.7z"])
-def test_decode_refuses_other_endings(fecosplat, stream_file: Path, output: Path, name: str) -> None:
-    result = fecosplat("decode", stream_file, "-o", output / name)
-    assert_refused(
-        result,
-        output,
-        f"{output / name}: files of kind .{name[2:]} are not written here; "
-        "use .ply or .compressed.ply or .spz or .sog or .glb or .html.",
-    )
-
-
 def test_output_paths_with_control_characters_are_shown_escaped(fecosplat, coded_scene: Path, output: Path) -> None:
     for command, name in (("decode", "a\n\x1b[2Jb.ply"), ("render", "a\n\x1b[2Jb.png")):
         result = fecosplat(command, coded_scene, "-o", output / name)
@@ -71,11 +60,6 @@ def test_decode_to_a_terminal_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
         write_stdout(b"data")
 
 
-def test_decode_to_standard_output_leaves_no_room_for_json(fecosplat, stream_file: Path) -> None:
-    result = fecosplat("decode", stream_file, "-o", "-", "--json")
-    assert (result.code, result.out) == (2, "") and "leave --json out" in result.err
-
-
 @pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.webp"])
 def test_render_writes_one_picture(fecosplat, coded_scene: Path, photographs: Path, output: Path, name: str) -> None:
     arguments = ("--cameras", photographs, "--views", "1")
@@ -90,7 +74,6 @@ def test_a_file_is_decoded_beside_it_by_default(fecosplat, wall: bytes, tmp_path
     result = fecosplat("decode", tmp_path / "my wall.fcs")
     assert (result.code, (tmp_path / "my wall.ply").read_bytes()[:4]) == (0, b"ply\n")
     assert result.err.startswith(f"{tmp_path / 'my wall.ply'}: ")
-    assert "Give -o" in fecosplat("decode", "-").err
 
 
 @pytest.mark.usefixtures("networks")

@@ -4,6 +4,7 @@ A stream cut at any byte: what stands whole before the cut is decoded, and nothi
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,40 +25,63 @@ def whole(wall: bytes) -> bytes:
     return write_stream(replace(read_stream(wall), metadata={"name": "wall"}))
 
 
-def end_of(data: bytes, name: str) -> int:
-    section = next(section for section in list_sections(data) if section.name == name)
-    return section.offset + 9 + section.length
+def ends_of(data: bytes) -> dict[str, int]:
+    return {section.name: section.offset + 9 + section.length for section in list_sections(data)}
 
 
-def cuts(whole: bytes) -> dict[str, int]:
-    """Every boundary of sections behind B1, and places within the sections."""
-    ends = {name: end_of(whole, name) for name in ("B1", "B2")}
-    return ends | {
-        "head of B2": ends["B1"] + 4,
-        "half of B2": (ends["B1"] + ends["B2"]) // 2,
-        "last byte": len(whole) - 1,
-    }
+def cut_at(place: str) -> Callable[[bytes], bytes]:
+    """Cut at a boundary of sections, or within one."""
+
+    def cut(data: bytes) -> bytes:
+        ends = ends_of(data)
+        within = {
+            "middle of B1": ends["B1"] - 50,
+            "head of B2": ends["B1"] + 4,
+            "half of B2": (ends["B1"] + ends["B2"]) // 2,
+            "last byte": len(data) - 1,
+        }
+        return data[: (ends | within)[place]]
+
+    return cut
+
+
+def with_another_digest(data: bytes) -> bytes:
+    """The checksum of the second stage holds: only the digest tells."""
+    stream = read_stream(data)
+    digests = (stream.header.symbol_digests[0], bytes(8))
+    return write_stream(replace(stream, header=replace(stream.header, symbol_digests=digests)))
+
+
+ENDS = "the file ends after {} bytes"
 
 
 @pytest.mark.parametrize(
-    ("place", "stages"),
-    [("B1", 1), ("head of B2", 1), ("half of B2", 1), ("B2", 2), ("last byte", 2)],
+    ("damage", "stages", "cause"),
+    [
+        (cut_at("B1"), 1, ENDS),
+        (cut_at("head of B2"), 1, ENDS),
+        (cut_at("half of B2"), 1, ENDS),
+        (cut_at("B2"), 2, ENDS),
+        (cut_at("last byte"), 2, ENDS),
+        (lambda data: data + b"12345", 2, "end at byte"),
+        (with_another_digest, 1, "stage 2: the decoded symbols have digest"),
+        (lambda data: data, 2, None),
+    ],
 )
-def test_a_cut_file_gives_what_is_intact(
-    fecosplat, whole: bytes, tmp_path: Path, output: Path, place: str, stages: int
-) -> None:
-    file, result_file = tmp_path / "cut.fcs", output / "a.ply"
-    file.write_bytes(whole[: cuts(whole)[place]])
-    result = fecosplat("decode", file, "-o", result_file, "--partial", "--json")
+def test_what_is_intact_is_decoded(fecosplat, whole: bytes, tmp_path: Path, output: Path, damage, stages, cause):
+    file, data = tmp_path / "cut.fcs", damage(whole)
+    file.write_bytes(data)
+    result = fecosplat("decode", file, "-o", output / "a.ply", "--partial", "--json")
     fields = json.loads(result.out)
-    assert (result.code, fields["stages"]) == (3, stages)
-    assert f"the file ends after {cuts(whole)[place]} bytes" in fields["damage"]
+    assert (result.code, fields["stages"]) == (0 if cause is None else 3, stages)
+    assert read_ply(output / "a.ply").count == fields["gaussians"] > 0
+    if cause is None:
+        assert "damaged" not in result.err
+        return
+    assert cause.format(len(data)) in fields["damage"] and "--stages" not in result.err
     what = {1: "only stage 1", 2: "but both stages"}[stages]
-    assert (
-        result.err.startswith(f"fecosplat: {file}: damaged, {what} could be decoded: ") and result.err.count("\n") == 1
-    )
-    assert "--stages" not in result.err
-    assert read_ply(result_file).count == fields["gaussians"] > 0
+    assert result.err.startswith(f"fecosplat: {file}: damaged, {what} could be decoded: ")
+    assert result.err.count("\n") == 1
 
 
 @pytest.mark.parametrize("place", ["cameras", "middle of B1"])
@@ -65,58 +89,19 @@ def test_nothing_is_made_of_a_file_without_an_intact_first_stage(
     fecosplat, whole: bytes, tmp_path: Path, output: Path, place: str
 ) -> None:
     file = tmp_path / "cut.fcs"
-    at = end_of(whole, "cameras") if place == "cameras" else end_of(whole, "B1") - 50
-    file.write_bytes(whole[:at])
+    file.write_bytes(cut_at(place)(whole))
     result = fecosplat("decode", file, "-o", output / "a.ply", "--partial")
     assert_refused(result, output, f"{file}: section ...")
-
-
-def test_a_whole_file_is_decoded_as_ever(fecosplat, whole: bytes, tmp_path: Path, output: Path) -> None:
-    file = tmp_path / "whole.fcs"
-    file.write_bytes(whole)
-    result = fecosplat("decode", file, "-o", output / "a.ply", "--partial")
-    assert result.code == 0 and "damaged" not in result.err
-
-
-def test_bytes_after_the_end_do_not_harm_a_stage(fecosplat, whole: bytes, tmp_path: Path, output: Path) -> None:
-    file = tmp_path / "longer.fcs"
-    file.write_bytes(whole + b"12345")
-    result = fecosplat("decode", file, "-o", output / "a.ply", "--partial")
-    assert result.code == 3 and "damaged, but both stages could be decoded: end at byte" in result.err
-
-
-def test_a_second_stage_with_other_symbols_than_promised_is_left_out(
-    fecosplat, whole: bytes, tmp_path: Path, output: Path
-) -> None:
-    """Its checksum holds: only the digest tells."""
-    stream = read_stream(whole)
-    digests = (stream.header.symbol_digests[0], bytes(8))
-    file = tmp_path / "other.fcs"
-    file.write_bytes(write_stream(replace(stream, header=replace(stream.header, symbol_digests=digests))))
-    result = fecosplat("decode", file, "-o", output / "a.ply", "--partial", "--json")
-    fields = json.loads(result.out)
-    assert (result.code, fields["stages"]) == (3, 1)
-    assert fields["damage"].startswith("stage 2: the decoded symbols have digest")
-
-
-def test_the_number_of_stages_is_not_for_the_user_to_say(fecosplat, tmp_path: Path, output: Path) -> None:
-    result = fecosplat("decode", tmp_path / "a.fcs", "-o", output / "a.ply", "--partial", "--stages", "1")
-    assert result.code == 2 and "leave --stages out" in result.err
 
 
 EVERY_KIND = (VECTORS / "uncommon" / "unknown-sections.fcs").read_bytes()
 """Two stages among as many unknown sections as there may be."""
 
 
-def ends_of_stages(data: bytes) -> list[int]:
-    sections = [section for section in list_sections(data) if section.name in ("B1", "B2")]
-    return [section.offset + 9 + section.length for section in sections]
-
-
 def test_at_every_byte_the_stages_before_it_are_intact() -> None:
-    ends, payloads = ends_of_stages(EVERY_KIND), read_stream(EVERY_KIND).payloads
+    ends, payloads = ends_of(EVERY_KIND), read_stream(EVERY_KIND).payloads
     for cut in range(len(EVERY_KIND)):
-        num_stages = sum(end <= cut for end in ends)
+        num_stages = sum(ends[name] <= cut for name in ("B1", "B2"))
         if num_stages == 0:
             with pytest.raises(BitstreamError):
                 read_intact(EVERY_KIND[:cut])

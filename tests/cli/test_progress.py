@@ -27,9 +27,11 @@ def test_a_terminal_shows_the_step(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     assert capsys.readouterr().out == ""
 
 
-def test_a_log_file_stays_empty(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_of_short_work_stays_empty(capsys: pytest.CaptureFixture[str], clock) -> None:
     work()
     assert capsys.readouterr() == ("", "")
+    optimise(clock, 0.1, 36)
+    assert capsys.readouterr().err == ""
 
 
 @pytest.fixture
@@ -56,11 +58,6 @@ def test_long_work_prints_the_time_left_after_its_first_step(clock, capsys: pyte
     assert lines[0] == "optimising: 12% done, about 70 s left"
     assert lines[1:] == ["optimising: 38% done, about 50 s left", "optimising: 62% done, about 30 s left",
                          "optimising: 88% done, about 10 s left"]  # fmt: skip
-
-
-def test_short_work_prints_nothing(clock, capsys: pytest.CaptureFixture[str]) -> None:
-    optimise(clock, 0.1, 36)
-    assert capsys.readouterr().err == ""
 
 
 def test_a_terminal_shows_the_time_left(clock, monkeypatch: pytest.MonkeyPatch) -> None:

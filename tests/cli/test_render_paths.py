@@ -87,19 +87,6 @@ def test_a_video_without_its_package_is_one_sentence(
     )
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ((), "Give -o for images, --video for a video"),
-        (("-o", "out", "--frames", "5"), "--frames is for --path"),
-        (("-o", "out", "--fps", "5"), "--fps for --video"),
-    ],
-)
-def test_options_that_need_others(fecosplat, ply: Path, photographs: Path, options: tuple, sentence: str) -> None:
-    result = fecosplat("render", ply, "--cameras", photographs, *options)
-    assert result.code == 2 and sentence in result.err
-
-
 def test_an_image_output_that_is_a_video_names_its_option(fecosplat, stream_file: Path, output: Path) -> None:
     result = fecosplat("render", stream_file, "-o", output / "a.mp4")
     assert result.code == 1 and f"use --video {output / 'a.mp4'}." in result.err

@@ -46,9 +46,6 @@ def test_options_override_the_configuration_and_nothing_else() -> None:
     assert several.shapes.view_shares == ((2, 0.9), (4, 0.1))
     assert several.shapes.sizes == ((96, 160), (64, 128))
     assert several.lambda_range == (1e-4, 1e-3)
-
-
-def test_the_perceptual_distance_of_the_papers_loss_can_be_chosen() -> None:
     assert parsed(*PAPER).distortion == PerceptualDistortion("lpips")
     for name in ("lpips", "st-lpips", "none"):
         found = parsed(*PAPER, "--perceptual", name)
@@ -90,25 +87,6 @@ def test_what_cannot_be_trained_is_one_sentence(
     assert result.code == 1 and result.out == ""
     assert sentence in result.err and result.err.count("\n") == 1
     assert not folder.exists()
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [["--views", "two"], ["--perceptual", "vgg"], ["--size", "128"], ["--max-minutes", "0"], ["--precision", "half"]],
-)
-def test_what_is_no_value_of_an_option_is_wrong_usage(
-    fecosplat: CommandLine, tmp_path: Path, arguments: list[str]
-) -> None:
-    result = fecosplat("train", tmp_path / "run", *arguments)
-    assert result.code == 2 and arguments[0] in result.err
-
-
-def test_a_folder_that_is_a_file_is_one_sentence(fecosplat: CommandLine, tmp_path: Path) -> None:
-    path = tmp_path / "run"
-    path.write_text("not a folder")
-    result = fecosplat("train", path, "--max-minutes", "0.001")
-    assert (result.code, result.out) == (1, "")
-    assert result.err == f"fecosplat: {path}: this is not a folder; choose another output path.\n"
 
 
 EXTRACTOR = {

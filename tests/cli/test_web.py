@@ -113,10 +113,3 @@ def test_a_damaged_file_is_not_served(fecosplat, tmp_path: Path) -> None:
     scene.write_bytes(b"\x89FCS")
     result = fecosplat("view", scene, "--decode-in-browser")
     assert result.code == 1 and result.err.startswith(f"fecosplat: {scene}: ") and result.err.count("\n") == 1
-
-
-@pytest.mark.parametrize("arguments", [("a.ply",), ("a.fcs", "--model", "folder")])
-def test_only_a_file_of_a_model_that_ships_is_decoded_in_the_browser(fecosplat, arguments: tuple[str, ...]) -> None:
-    result = fecosplat("view", *arguments, "--decode-in-browser")
-    assert result.code == 2
-    assert "--decode-in-browser sends a .fcs file, and decodes it with a model that ships." in result.err

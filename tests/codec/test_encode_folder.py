@@ -128,6 +128,11 @@ def test_options_that_exclude_each_other_are_refused_at_once() -> None:
         EncodingOptions(size=(64, 30))
     with pytest.raises(fecocodec.BitstreamError, match="section metadata"):
         EncodingOptions(metadata={"title": "a" * 70000})
+    with pytest.raises(OptionError, match="codes every photograph"):
+        EncodingOptions(views=All(), guides=(1,))
+    with pytest.raises(OptionError, match="codes every photograph"):
+        EncodingOptions(views=All(), num_checks=1)
+    EncodingOptions(views=All(), guides=(), num_checks=0)
 
 
 def test_errors_name_the_folder(folder: Path, options: EncodingOptions) -> None:
@@ -285,14 +290,6 @@ def test_warnings_rest_on_new_views(seven: Path, options: EncodingOptions) -> No
     assert not any(warning.startswith("the decoded views are poor") for warning in warnings)
     unchecked = encode_folder(seven, replace(options, num_checks=0)).warnings
     assert any(warning.startswith("the decoded views are poor") for warning in unchecked)
-
-
-def test_all_excludes_guides_and_checks() -> None:
-    with pytest.raises(OptionError, match="codes every photograph"):
-        EncodingOptions(views=All(), guides=(1,))
-    with pytest.raises(OptionError, match="codes every photograph"):
-        EncodingOptions(views=All(), num_checks=1)
-    EncodingOptions(views=All(), guides=(), num_checks=0)
 
 
 def test_messages_of_a_video_are_about_frames() -> None:

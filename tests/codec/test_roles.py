@@ -44,17 +44,18 @@ def every(roles: Roles) -> list[int]:
     return [*roles.context, *roles.guides, *roles.checks]
 
 
-def test_one_in_ten_is_left_out_to_measure(walk: MakeWalk) -> None:
+def test_checks_are_one_in_ten_and_spread_over_the_poses(walk: MakeWalk) -> None:
     counts = {1: 0, 5: 0, 6: 1, 19: 1, 20: 2, 60: 6, 80: 8, 500: 8}
     assert {count: default_checks(count) for count in counts} == counts
     roles = choose_roles(walk(20, step=0.2), FOLDER, None)
     assert len(roles.checks) == 2
     assert len(set(every(roles))) == len(every(roles)) == 20 - roles.num_unused
-
-
-def test_checks_are_spread_over_the_poses(walk: MakeWalk) -> None:
     checks = choose_roles(walk(24, step=0.5), FOLDER, None, num_checks=3).checks
     assert np.diff(checks).min() >= 4
+    with pytest.raises(InputError, match="photos: 5 checks asked for, but 4 photographs can be left for them"):
+        choose_roles(walk(8), FOLDER, Spread(4), num_checks=5)
+    with pytest.raises(InputError, match="6 checks asked for, but 5 photographs"):
+        choose_roles(walk(7), FOLDER, (0, 1), num_checks=6)
 
 
 def test_candidates_lie_far_apart_and_those_between_them_guide(walk: MakeWalk) -> None:
@@ -71,14 +72,16 @@ def test_candidates_lie_far_apart_and_those_between_them_guide(walk: MakeWalk) -
     assert len(roles.guides) == 20 - 4 - len(roles.checks) - roles.num_unused
 
 
-def test_up_to_four_photographs_are_all_coded(walk: MakeWalk) -> None:
+def test_few_and_all_are_coded(walk: MakeWalk) -> None:
     assert choose_roles(walk(4), FOLDER, None) == Roles([0, 1, 2, 3], [], [])
-
-
-def test_all_codes_all(walk: MakeWalk) -> None:
     assert choose_roles(walk(16), FOLDER, All()) == Roles(list(range(16)), [], [])
     with pytest.raises(InputError, match="17 views chosen, but 1 to 16 can be used"):
         choose_roles(walk(17), FOLDER, All())
+    roles = choose_roles(walk(20), FOLDER, Spread(4))
+    assert len(roles.context) == 4 and roles.context[0] < 6 and roles.context[-1] > 14
+    assert choose_roles(walk(6), FOLDER, Spread(6)) == Roles([0, 1, 2, 3, 4, 5], [], [])  # none is left to measure
+    with pytest.raises(InputError, match="photos: 7 views asked for, but the folder has 6; choose 1 to 6"):
+        choose_roles(walk(6), FOLDER, Spread(7))
 
 
 def test_without_guides_and_checks_views_are_chosen_as_before(walk: MakeWalk) -> None:
@@ -91,19 +94,13 @@ def test_without_guides_and_checks_views_are_chosen_as_before(walk: MakeWalk) ->
     assert len(chosen.context) == 8 and chosen.num_unused == 12 and every(chosen) == chosen.context
 
 
-def test_named_views_are_coded_and_those_near_them_guide(walk: MakeWalk) -> None:
+def test_those_near_named_views_guide(walk: MakeWalk) -> None:
     roles = choose_roles(walk(30), FOLDER, ("010", "12"))
     assert roles.context == [10, 12]
     assert {9, 11, 13} <= {*roles.guides, *roles.checks}
     assert all(abs(index - 11) < 12 for index in every(roles))
     assert roles.num_unused == 30 - len(every(roles)) > 8
-
-
-def test_at_most_24_guide(walk: MakeWalk) -> None:
     assert len(choose_roles(walk(40, step=0.08), FOLDER, (0, 20)).guides) == MAX_GUIDES
-
-
-def test_a_photograph_from_the_position_of_a_coded_one_does_not_guide(walk: MakeWalk) -> None:
     scene = walk(5, step=0.3)
     twin = replace(scene.photographs[2], camera_to_world=scene.photographs[0].camera_to_world)
     scene.photographs[2] = twin
@@ -120,21 +117,6 @@ def test_named_guides_guide_alone(walk: MakeWalk) -> None:
         choose_roles(walk(8), FOLDER, (0, 3), (3,))
     with pytest.raises(InputError, match="no photograph is left to be coded"):
         choose_roles(walk(6), FOLDER, None, (0, 1, 2, 3, 4, 5))
-
-
-def test_spread_codes_that_many_over_the_scene(walk: MakeWalk) -> None:
-    roles = choose_roles(walk(20), FOLDER, Spread(4))
-    assert len(roles.context) == 4 and roles.context[0] < 6 and roles.context[-1] > 14
-    assert choose_roles(walk(6), FOLDER, Spread(6)) == Roles([0, 1, 2, 3, 4, 5], [], [])  # none is left to measure
-    with pytest.raises(InputError, match="photos: 7 views asked for, but the folder has 6; choose 1 to 6"):
-        choose_roles(walk(6), FOLDER, Spread(7))
-
-
-def test_more_checks_than_photographs_are_refused(walk: MakeWalk) -> None:
-    with pytest.raises(InputError, match="photos: 5 checks asked for, but 4 photographs can be left for them"):
-        choose_roles(walk(8), FOLDER, Spread(4), num_checks=5)
-    with pytest.raises(InputError, match="6 checks asked for, but 5 photographs"):
-        choose_roles(walk(7), FOLDER, (0, 1), num_checks=6)
 
 
 def test_what_cannot_be_used_is_left_out_unless_it_is_named(walk: MakeWalk) -> None:

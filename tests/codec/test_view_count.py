@@ -26,12 +26,9 @@ def test_doubling_the_views_must_gain_three_hundredths_of_what_is_shown(gain: fl
     assert best_count(np.array([gain * math.log2(views) for views in range(1, 17)])) == count
 
 
-def test_views_stop_where_they_show_no_more() -> None:
+def test_views_are_added_while_they_show_more() -> None:
     assert best_count(np.array([0.3, 0.5, 0.7, 0.8, 0.9, 0.904, 0.908, 0.91])) == 5
     assert best_count(np.array([0.7])) == 1
-
-
-def test_coded_views_show_themselves_and_their_neighbours() -> None:
     beside, apart = look((0.05, 0.0, -1.5)), look((9.0, 0.0, -1.5))
     poses = torch.stack([look((0.0, 0.0, -1.5)), beside, apart])
     cameras = photograph(Room(painted), poses, (64, 96)).cameras

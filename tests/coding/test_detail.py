@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
+from fecocodec.checkpoint import serialise_weights
 from fecocodec.coding.detail import (
     Choose,
     Size,
@@ -14,14 +16,13 @@ from fecocodec.coding.detail import (
     detail_size,
     detail_values,
     encode_detail,
-    table_indices,
 )
 from fecocodec.container import Detail
 from fecocodec.entropy.symbol_coders import SymbolWriter
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT
 from fecocodec.errors import BitstreamError, ModelError
+from tests.bitstream_spec.second_reader import read_symbols
 from tests.container.example_streams import example_stream
-from tests.entropy.ans_reference import ReferenceAns, decode_batch
 
 SIZE = (2, 4, 8)
 EACH_BUCKET = np.arange(16, dtype=np.uint8)[None].repeat(2, axis=0)  # tables with which an index is its bucket
@@ -48,35 +49,6 @@ def choose_from(symbols: np.ndarray) -> Choose:
     return lambda plane, _: symbols[plane]
 
 
-def slow_index(of_plane: list[int], before: list[np.ndarray], v: int, i: int, j: int) -> int:
-    """Return the table index of an element. before: the planes before."""
-
-    def summed(row: int, column: int) -> int:
-        is_inside = 0 <= row < before[0].shape[1] and 0 <= column < before[0].shape[2]
-        return sum(min(abs(int(plane[v, row, column])), 15) for plane in before) if is_inside else 0
-
-    if not before:
-        return of_plane[0]
-    context = 2 * summed(i, j) + summed(i - 1, j) + summed(i + 1, j) + summed(i, j - 1) + summed(i, j + 1)
-    bucket = 0
-    for threshold in (1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 96, 140):
-        if context >= threshold:
-            bucket += 1
-    return of_plane[bucket]
-
-
-def slow_decode(tables: np.ndarray, payload: bytes, size: Size) -> np.ndarray:
-    """Return the symbols of a payload, element by element, in plain integers."""
-    ans, planes = ReferenceAns(payload), list[np.ndarray]()
-    for of_plane in tables.tolist():
-        indices = np.zeros(size, np.int64)
-        for v, i, j in np.ndindex(*size):
-            indices[v, i, j] = slow_index(of_plane, planes, v, i, j)
-        planes.append(decode_batch(ans, indices))
-    assert ans.is_empty()
-    return np.array(planes)
-
-
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("size", [SIZE, (1, 4, 4), (3, 8, 4)])
 def test_detail_is_read_as_written_and_as_the_specification_says(seed: int, size: Size) -> None:
@@ -84,7 +56,9 @@ def test_detail_is_read_as_written_and_as_the_specification_says(seed: int, size
     payload, sent = encode_detail(tables, choose_from(wanted), size)
     received = decode_detail(tables, payload, size)
     assert received.dtype == np.int32 and np.array_equal(received, sent)
-    assert np.array_equal(received, slow_decode(tables, payload, size))
+    weights = serialise_weights({"detail.tables": torch.from_numpy(tables)}, {})
+    planes = read_symbols.decode_detail(weights, payload, size)
+    assert received.reshape(len(tables), -1).tolist() == planes
 
 
 def test_symbols_that_are_coded_are_those_that_were_chosen() -> None:
@@ -117,46 +91,11 @@ def test_the_example_of_the_specification_holds() -> None:
     assert seen == [[[30] * 4] * 4, [[0, 3, 0, 0], [3, 5, 3, 0], [1, 4, 1, 8], [0, 1, 8, 10]]]
 
 
-def test_buckets_begin_at_their_thresholds() -> None:
-    """In a row where every fourth S is not 0, the element before it has the context S."""
-    sums = np.zeros((1, 1, 4 * 200), np.int32)
-    sums[0, 0, 1::4] = np.arange(200)
-    buckets = table_indices(EACH_BUCKET, 1, sums)[0, 0, ::4].tolist()
-    assert [buckets.index(bucket) for bucket in range(16)] == [0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 96, 140]
-    assert buckets == sorted(buckets)
-
-
-def test_a_view_has_no_neighbours_in_other_views() -> None:
-    sums = np.zeros((3, 4, 4), np.int32)
-    sums[1] = 100
-    indices = table_indices(EACH_BUCKET, 1, sums)
-    assert not indices[[0, 2]].any() and (indices[1] == 15).all()
-
-
-def test_magnitudes_above_fifteen_count_as_fifteen() -> None:
-    tables = np.full((2, 16), 40, np.uint8)
-    tables[1] = EACH_BUCKET[1]
-    for symbol in (15, 16, -SYMBOL_LIMIT):
-        seen = list[np.ndarray]()
-
-        def choose(plane: int, indices: np.ndarray, symbol: int = symbol, seen: list[np.ndarray] = seen) -> np.ndarray:
-            seen.append(indices)
-            return np.full(indices.shape, symbol, np.int32)
-
-        encode_detail(tables, choose, (1, 4, 4))
-        assert seen[1][0, 1].tolist() == [13, 13, 13, 13], "contexts of 75 and 90"
-
-
 def test_elements_that_are_not_coded_take_no_bytes() -> None:
     tables = np.full((3, 16), FIRST_CODED_TABLE - 1, np.uint8)
     payload, sent = encode_detail(tables, choose_from(random_symbols(1, planes=3)), SIZE)
     assert payload == b"" and not sent.any()
     assert not decode_detail(tables, b"", SIZE).any()
-
-
-def test_a_writer_must_choose() -> None:
-    with pytest.raises(ValueError, match="pass the symbols to write"):
-        code_detail(SymbolWriter(), np.full((1, 16), 30, np.uint8), SIZE, None)
 
 
 def test_damaged_payloads_are_refused_or_hold_other_symbols() -> None:
@@ -201,18 +140,14 @@ def test_values_are_symbols_times_the_step() -> None:
             assert np.array_equal(values[:, plane], sent[plane].astype(np.float32) * np.float32(size))
 
 
-def test_a_model_without_detail_refuses_it() -> None:
+def test_models_and_tables_that_do_not_fit_are_refused() -> None:
     with pytest.raises(BitstreamError, match=rf"^section detail: the model {b'modelid8'.hex()} has no detail; .*\.$"):
         detail_values(None, Detail(0, b""), HEADER)
-
-
-def test_a_damaged_payload_is_named_by_its_section() -> None:
     with pytest.raises(BitstreamError, match=r"^section detail: payload: its 5 bytes are not 32-bit words"):
         detail_values(random_tables(0), Detail(0, b"12345"), HEADER)
-
-
-def test_tables_that_do_not_exist_are_refused() -> None:
     tables = random_tables(0)
     tables[3, 5] = 64
     with pytest.raises(ModelError, match="names table 64"):
         decode_detail(tables, b"", SIZE)
+    with pytest.raises(ValueError, match="pass the symbols to write"):
+        code_detail(SymbolWriter(), np.full((1, 16), 30, np.uint8), SIZE, None)

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import torch
 
+from fecocodec.checkpoint import serialise_weights
 from fecocodec.coding.fixed_point import export_integers
 from fecocodec.coding.payload import CodedLatents, decode_latents, encode_latents
 from fecocodec.coding.symbol_choice import PRICES
 from fecocodec.entropy.tables import SYMBOL_LIMIT
 from fecocodec.errors import BitstreamError, InputError
+from tests.bitstream_spec.second_reader import read_symbols
 from tests.coding.coding_examples import lively_prior, smooth_latents
-from tests.coding.integer_reference import decode
 
 
 def assert_same(sent: CodedLatents, received: CodedLatents) -> None:
@@ -53,10 +54,14 @@ def test_coded_elements_are_off_by_little_and_skipped_ones_are_their_mean(
     assert float(far.double().mean()) < 0.5
 
 
-def test_a_view_of_the_smallest_size():
+def test_the_smallest_view_is_coded_and_nan_refused():
     y, z = smooth_latents(1, 4, 4)
     payload, sent = encode_latents(lively_prior(), y, z, 1768, 1, None)
     assert_same(sent, decode_latents(lively_prior(), payload, (1, 4, 4), 1768, 1, None))
+    y, z = smooth_latents(1, 4, 4)
+    y[0, 0, 0, 0] = torch.nan
+    with pytest.raises(InputError, match="NaN"):
+        encode_latents(lively_prior(), y, z, 0, 1, None)
 
 
 def test_no_latent_is_too_extreme():
@@ -73,13 +78,6 @@ def test_no_latent_is_too_extreme():
     assert again == encode_latents(prior, *smooth_latents(1, 8, 8), 100, 2, received.y_hat)[0]
 
 
-def test_nan_is_refused():
-    y, z = smooth_latents(1, 4, 4)
-    y[0, 0, 0, 0] = torch.nan
-    with pytest.raises(InputError, match="NaN"):
-        encode_latents(lively_prior(), y, z, 0, 1, None)
-
-
 @pytest.mark.parametrize("stage", [1, 2])
 def test_decoding_is_what_the_specification_says(stage: int):
     prior, size, lambda_q = lively_prior(seed=4), (2, 8, 4), 1234
@@ -88,11 +86,15 @@ def test_decoding_is_what_the_specification_says(stage: int):
     context = None if stage == 1 else encode_latents(prior, y, z, lambda_q, 1, None)[1].y_hat
     payload, sent = encode_latents(prior, y * 0.7, z, lambda_q, stage, context)
 
-    weights = {name: tensor.numpy() for name, tensor in export_integers(prior).items()}
-    context_q8 = None if context is None else (context.permute(0, 2, 3, 1) * 256).long().numpy()
-    z_hat, y_hat = decode(weights, payload, size, lambda_q, stage, context_q8)
-    assert np.array_equal(sent.z_hat.permute(0, 2, 3, 1).numpy() * 256, z_hat)
-    assert np.array_equal(sent.y_hat.permute(0, 2, 3, 1).numpy() * 256, y_hat)
+    weights = serialise_weights({f"prior.{name}": values for name, values in export_integers(prior).items()}, {})
+    before = None if context is None else q8(context)
+    read = read_symbols.decode_stage(read_symbols.read_model(weights), payload, size, lambda_q, stage, before)
+    assert (read.z_hat, read.y_hat, read.digest) == (q8(sent.z_hat), q8(sent.y_hat), sent.digest())
+
+
+def q8(values: torch.Tensor) -> list:
+    """Return [view row column channel] in units of 1/256."""
+    return (values.permute(0, 2, 3, 1).double() * 256).long().tolist()
 
 
 def test_damaged_payloads_raise_or_change_the_digest():

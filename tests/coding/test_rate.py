@@ -140,8 +140,18 @@ def chosen(residuals: torch.Tensor, table: float, price: float) -> torch.Tensor:
     return choose_symbols(residuals, torch.full_like(residuals, table), torch.tensor(price))
 
 
-def test_bits_that_cost_nothing_leave_the_nearest() -> None:
+def test_which_symbols_are_chosen() -> None:
     assert torch.equal(chosen(RESIDUALS, SIGMA_HALF, 0.0), (RESIDUALS + 0.5).floor())
+    firsts = [float(RESIDUALS[(chosen(RESIDUALS, table, 0.1) > 0.5)].min()) for table in (12.0, SIGMA_ONE, SIGMA_58)]
+    assert firsts[0] > firsts[1] > firsts[2] >= 0.5
+    outliers = torch.tensor([3e6, -3e6, 1e5])
+    assert chosen(outliers, 6.0, 0.1).tolist() == [SYMBOL_LIMIT, -SYMBOL_LIMIT, 100000]
+    odd = RESIDUALS[RESIDUALS.frac().abs() != 0.5]
+    assert torch.equal(chosen(odd, SIGMA_ONE, 0.1), -chosen(-odd, SIGMA_ONE, 0.1))
+    lambda_q = torch.tensor([0, 884, 1768])
+    assert price_of_bits(lambda_q, 1).tolist() == pytest.approx([0.35, 0.255, 0.16])
+    assert price_of_bits(lambda_q, 2).tolist() == pytest.approx([0.3, 0.175, 0.05])
+    assert float(price_of_bits(torch.tensor([LAMBDA_Q_MAX + 2 * 255]), 1)) > 0  # of the coarsest first stage
 
 
 @pytest.mark.parametrize("table", [SIGMA_HALF, SIGMA_ONE, SIGMA_58])
@@ -155,25 +165,6 @@ def test_what_is_chosen_is_the_best_of_all_symbols_but_for_jumps(table: float) -
     found = chosen(RESIDUALS, table, price)
     taken = cost.gather(1, (found + 7).long()[:, None])[:, 0]
     torch.testing.assert_close(taken, cost.gather(1, (best + 7).long()[:, None])[:, 0], atol=1e-4, rtol=0)
-
-
-def test_improbable_symbols_need_larger_residuals() -> None:
-    firsts = [float(RESIDUALS[(chosen(RESIDUALS, table, 0.1) > 0.5)].min()) for table in (12.0, SIGMA_ONE, SIGMA_58)]
-    assert firsts[0] > firsts[1] > firsts[2] >= 0.5
-
-
-def test_outliers_and_mirror_images() -> None:
-    outliers = torch.tensor([3e6, -3e6, 1e5])
-    assert chosen(outliers, 6.0, 0.1).tolist() == [SYMBOL_LIMIT, -SYMBOL_LIMIT, 100000]
-    odd = RESIDUALS[RESIDUALS.frac().abs() != 0.5]
-    assert torch.equal(chosen(odd, SIGMA_ONE, 0.1), -chosen(-odd, SIGMA_ONE, 0.1))
-
-
-def test_price_falls_as_lambda_rises() -> None:
-    lambda_q = torch.tensor([0, 884, 1768])
-    assert price_of_bits(lambda_q, 1).tolist() == pytest.approx([0.35, 0.255, 0.16])
-    assert price_of_bits(lambda_q, 2).tolist() == pytest.approx([0.3, 0.175, 0.05])
-    assert float(price_of_bits(torch.tensor([LAMBDA_Q_MAX + 2 * 255]), 1)) > 0  # of the coarsest first stage
 
 
 def test_a_payload_is_shorter_for_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,11 +16,8 @@ def stream() -> Stream:
     return stream_of_recipe(Recipe(64, 128, cameras=cameras_of(2)))
 
 
-def test_without_sections_there_are_no_factors(stream: Stream) -> None:
+def test_levels_of_blocks(stream: Stream) -> None:
     assert visibility_of(stream) is None
-
-
-def test_a_level_belongs_to_the_gaussians_of_its_block(stream: Stream) -> None:
     levels = np.zeros((2, 4, 8), np.uint8)
     levels[1, 2, 5] = 2
     factors = visibility_of(replace(stream, fading=pack_levels(levels))).reshape(2, 32, 64)
@@ -28,13 +25,15 @@ def test_a_level_belongs_to_the_gaussians_of_its_block(stream: Stream) -> None:
     expected = np.ones((2, 32, 64), np.float32)
     expected[1, 16:24, 40:48] = np.float32(1) / np.float32(3)
     assert np.array_equal(factors, expected)
-
-
-def test_levels_are_thirds(stream: Stream) -> None:
     levels = np.zeros((2, 4, 8), np.uint8)
     levels[0, 0, :4] = range(4)
     factors = visibility_of(replace(stream, fading=pack_levels(levels)), gaussians_per_side=1)
     assert factors[:16:4].tolist() == [1.0, np.float32(2) / 3, np.float32(1) / 3, 0.0]
+    levels = np.zeros((2, 4, 8), np.uint8)
+    levels[0, 0, :5] = 3, 0, 2, 1, 2
+    packed = pack_levels(levels)
+    assert packed[:3] == bytes((0b11001001, 0b10000000, 0)) and len(packed) == 16
+    assert np.array_equal(unpack_levels(packed, stream.header), levels)
 
 
 def test_uncovered_cells_stay_invisible_in_blocks_that_are_not_faded(stream: Stream) -> None:
@@ -44,11 +43,3 @@ def test_uncovered_cells_stay_invisible_in_blocks_that_are_not_faded(stream: Str
     row = visibility_of(both).reshape(2, 32, 64)[0, 0]
     assert row[:4].tolist() == [np.float32(2) / 3] * 2 + [0.0] * 2
     assert row[8:].tolist() == [1.0] * 56
-
-
-def test_the_first_level_is_in_the_highest_bits(stream: Stream) -> None:
-    levels = np.zeros((2, 4, 8), np.uint8)
-    levels[0, 0, :5] = 3, 0, 2, 1, 2
-    packed = pack_levels(levels)
-    assert packed[:3] == bytes((0b11001001, 0b10000000, 0)) and len(packed) == 16
-    assert np.array_equal(unpack_levels(packed, stream.header), levels)

@@ -61,13 +61,10 @@ def test_packing_keeps_values_of_any_size(extrinsics: tuple[float, ...], lens: t
     assert unpack_cameras(pack_cameras(cameras), 2, "section cameras") == cameras
 
 
-def test_the_ends_of_the_range() -> None:
+def test_integers_of_lambda() -> None:
     assert quantise_lambda(1e-5) == 0
     assert quantise_lambda(1e-2) == LAMBDA_Q_MAX == 1768
     assert dequantise_lambda(0) == 1e-5
-
-
-def test_every_integer_is_its_own_lambda() -> None:
     assert [quantise_lambda(dequantise_lambda(q)) for q in range(LAMBDA_Q_MAX + 1)] == list(range(LAMBDA_Q_MAX + 1))
 
 

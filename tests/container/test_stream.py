@@ -65,10 +65,7 @@ def test_header_and_sections_cost_what_the_specification_says(
     num_stages: int, optional: tuple[str, ...], overhead: int
 ) -> None:
     full = example_stream()
-    header = replace(
-        full.header,
-        symbol_digests=full.header.symbol_digests[:num_stages],
-    )
+    header = replace(full.header, symbol_digests=full.header.symbol_digests[:num_stages])
     stream = Stream(header, full.cameras, full.payloads[:num_stages])
     data = write_stream(replace(stream, **{name: OPTIONAL[name] for name in optional}))
     content = len(pack_cameras(full.cameras)) + sum(map(len, full.payloads[:num_stages]))
@@ -92,33 +89,49 @@ def test_asking_for_a_stage_that_is_not_there_is_refused() -> None:
         read_prefix(data, 2)
 
 
-def test_the_intact_part_of_a_whole_stream_is_the_stream() -> None:
-    part = read_intact(GOOD)
-    assert part.stream == example_stream()
-    assert part.damage is None
-
-
-@pytest.mark.parametrize("cut", [EXAMPLE.b2_offset, EXAMPLE.b2_offset + 5, EXAMPLE.end - 1])
-def test_the_intact_part_of_a_cut_stream_is_its_first_stage(cut: int) -> None:
-    part = read_intact(GOOD[:cut])
-    assert part.stream == read_prefix(GOOD, 1)
-    assert part.damage is not None and f"the file ends after {cut} bytes" in part.damage
-
-
-def test_damaged_metadata_leaves_both_stages_intact() -> None:
-    part = read_intact(GOOD[:-1] + b"!")
-    assert part.stream == replace(example_stream(), metadata=None)
-    assert part.damage is not None and part.damage.startswith("section metadata at byte")
-
-
 WITH_DETAIL = replace(example_stream(), detail=Detail(24, b"fine"))
 DETAIL_END = EXAMPLE.end + 9 + len(b"\x18fine")
+STAGES = replace(example_stream(), metadata=None)
+
+
+def cut_at(data: bytes, length: int, intact: Stream) -> tuple[bytes, Stream, str]:
+    return data[:length], intact, f"the file ends after {length} bytes"
+
+
+@pytest.mark.parametrize(
+    ("data", "intact", "damage"),
+    [
+        (GOOD, example_stream(), None),
+        cut_at(GOOD, EXAMPLE.b2_offset, read_prefix(GOOD, 1)),
+        cut_at(GOOD, EXAMPLE.b2_offset + 5, read_prefix(GOOD, 1)),
+        cut_at(GOOD, EXAMPLE.end - 1, read_prefix(GOOD, 1)),
+        (GOOD[: EXAMPLE.end - 1], read_prefix(GOOD, 1), "; the file is truncated, copy or download it again."),
+        (GOOD[:-1] + b"!", STAGES, "section metadata at byte"),
+        cut_at(write_stream(WITH_DETAIL), EXAMPLE.end, STAGES),
+        cut_at(write_stream(WITH_DETAIL), EXAMPLE.end + 8, STAGES),
+        cut_at(write_stream(WITH_DETAIL), DETAIL_END - 1, STAGES),
+        (write_stream(WITH_DETAIL)[:-1], replace(WITH_DETAIL, metadata=None), "section metadata at byte"),
+        (write_stream(WITH_DETAIL) + b"more", replace(WITH_DETAIL, metadata=None), "end at byte"),
+        (GOOD[: EXAMPLE.b2_offset - 1], None, "section B1 at byte"),
+    ],
+)
+def test_what_is_intact_is_read(data: bytes, intact: Stream | None, damage: str | None) -> None:
+    """Its damage comes without the advice to decode it."""
+    if intact is None:
+        with pytest.raises(BitstreamError, match=damage):
+            read_intact(data)
+        return
+    part = read_intact(data)
+    assert part.stream == intact and (part.damage is None) == (damage is None)
+    assert damage is None or (damage in part.damage and "`stages" not in part.damage)
 
 
 def test_detail_lies_behind_the_last_stage_as_a_step_and_a_payload() -> None:
     data = write_stream(WITH_DETAIL)
     assert data[EXAMPLE.end : DETAIL_END] == sealed_section(DETAIL, b"\x18fine")
     assert read_stream(data) == WITH_DETAIL
+    data = with_metadata(write_stream(replace(WITH_DETAIL, metadata=None)), {"name": "fox"})
+    assert read_stream(data) == replace(WITH_DETAIL, metadata={"name": "fox"})
 
 
 @pytest.mark.parametrize("num_stages", [1, 2])
@@ -126,21 +139,7 @@ def test_a_prefix_has_no_detail(num_stages: int) -> None:
     assert read_prefix(write_stream(WITH_DETAIL), num_stages) == read_prefix(GOOD, num_stages)
 
 
-@pytest.mark.parametrize("cut", [EXAMPLE.end, EXAMPLE.end + 8, DETAIL_END - 1])
-def test_the_intact_part_of_a_stream_cut_in_its_detail_is_every_stage(cut: int) -> None:
-    part = read_intact(write_stream(WITH_DETAIL)[:cut])
-    assert part.stream == replace(example_stream(), metadata=None)
-    assert part.damage is not None and f"the file ends after {cut} bytes" in part.damage
-
-
-@pytest.mark.parametrize("damaged", [write_stream(WITH_DETAIL)[:-1], write_stream(WITH_DETAIL) + b"more"])
-def test_damage_behind_detail_leaves_detail_intact(damaged: bytes) -> None:
-    part = read_intact(damaged)
-    assert part.stream == replace(WITH_DETAIL, metadata=None)
-    assert part.damage is not None
-
-
-def test_damaged_detail_is_answered_with_the_way_out() -> None:
+def test_damage_is_answered_with_the_way_out() -> None:
     damaged = write_stream(WITH_DETAIL).replace(b"fine", b"fins")
     with pytest.raises(
         BitstreamError, match=r'section detail .*CRC-32.*or decode what precedes it with `stages="intact"`\.$'
@@ -149,27 +148,8 @@ def test_damaged_detail_is_answered_with_the_way_out() -> None:
     damage = read_intact(damaged).damage
     assert damage is not None and damage.startswith(f"section detail at byte {EXAMPLE.end}: CRC-32")
     assert damage.endswith("; the file is damaged, copy or encode it again.")
-
-
-def test_adding_metadata_keeps_detail() -> None:
-    data = with_metadata(write_stream(replace(WITH_DETAIL, metadata=None)), {"name": "fox"})
-    assert read_stream(data) == replace(WITH_DETAIL, metadata={"name": "fox"})
-
-
-def test_nothing_is_intact_without_the_first_stage() -> None:
-    with pytest.raises(BitstreamError, match="section B1 at byte"):
-        read_intact(GOOD[: EXAMPLE.b2_offset - 1])
-
-
-def test_a_damaged_second_stage_is_answered_with_the_way_out() -> None:
     with pytest.raises(BitstreamError, match=r"section B2 .*`stages=1`"):
         read_stream(GOOD[: EXAMPLE.end - 1])
-
-
-def test_what_is_intact_comes_without_the_advice_to_decode_it() -> None:
-    damage = read_intact(GOOD[: EXAMPLE.end - 1]).damage
-    assert damage is not None and damage.startswith("section B2 at byte")
-    assert damage.endswith("; the file is truncated, copy or download it again.")
 
 
 @pytest.mark.parametrize(

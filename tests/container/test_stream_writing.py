@@ -47,17 +47,13 @@ def test_cameras_that_do_not_fit_are_refused(cameras: PackedCameras, message: st
     [
         ({"coverage": bytes(1791)}, "section coverage: its cells take 1791 bytes, the views need 1792"),
         ({"fading": bytes(225)}, "section fading: its blocks take 225 bytes, the views need 224"),
+        ({"detail": Detail(-1, b"")}, "section detail: its step is -1, allowed are 0 to 63; "),
+        ({"detail": Detail(64, b"")}, "section detail: its step is 64, allowed are 0 to 63; "),
     ],
 )
-def test_grids_that_do_not_fit_are_refused(change: dict[str, Any], message: str) -> None:
+def test_sections_that_do_not_fit_are_refused(change: dict[str, Any], message: str) -> None:
     with pytest.raises(BitstreamError, match=message):
         write_stream(replace(GOOD, **change))
-
-
-@pytest.mark.parametrize("step", [-1, 64])
-def test_a_step_outside_its_limits_is_refused(step: int) -> None:
-    with pytest.raises(BitstreamError, match=f"section detail: its step is {step}, allowed are 0 to 63; "):
-        write_stream(replace(GOOD, detail=Detail(step, b"")))
 
 
 @pytest.mark.parametrize(

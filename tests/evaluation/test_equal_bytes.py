@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fecocodec.evaluation.bd_rate import gain_at
+from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate, gain_at
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.rate_section import equal_bytes_table
 
@@ -52,16 +52,13 @@ def test_scenes_are_resampled_and_not_their_entries() -> None:
     assert (of_half.low, of_half.high) == (pytest.approx(found.low, abs=1e-6), pytest.approx(found.high, abs=1e-6))
 
 
-def test_sizes_outside_our_curve_have_no_gain() -> None:
+def test_pairs_without_a_point_are_left_out() -> None:
     assert (
         gain_at(OURS + AVIF, "AVIF", 3.9, "fecosplat") is None
         and gain_at(OURS + AVIF, "AVIF", 17.5, "fecosplat") is None
     )
     assert gain_at(OURS + AVIF, "AVIF", 3.95, "fecosplat") is not None, "2% beyond the end count as the end"
     assert gain_at(OURS, "AVIF", 8.0, "fecosplat") is None
-
-
-def test_entries_whose_baseline_does_not_reach_the_size_are_left_out_and_counted() -> None:
     flat = [m if "street" not in m.entry else replace(m, num_bytes=m.num_bytes // 8) for m in AVIF]
     found = gain_at(OURS + flat, "AVIF", 8.0, "fecosplat")
     assert found is not None and (found.pairs, found.measured) == (4, 6)
@@ -74,3 +71,23 @@ def test_the_table_has_a_row_per_baseline_and_none_for_what_has_no_curve() -> No
     lines = equal_bytes_table(OURS + AVIF + plane, ["fecosplat", "AVIF", "best plane"]).splitlines()
     assert lines[0] == "| against | fecosplat at 4 KiB | fecosplat at 8 KiB | fecosplat at 16 KiB |"
     assert len(lines) == 3 and lines[2].startswith("| AVIF | +0.60 (+0.20 to +1.10) | ")
+
+
+ANCHOR = [(3.0, 20.0), (6.0, 22.5), (12.0, 24.0), (30.0, 25.1), (60.0, 25.4)]
+
+
+def test_known_differences() -> None:
+    half = [(rate / 2, quality) for rate, quality in ANCHOR]
+    assert bd_rate(ANCHOR, half) == pytest.approx(-50.0, abs=1e-6)
+    assert bd_rate(half, ANCHOR) == pytest.approx(100.0, abs=1e-6)
+    better = [(rate, quality + 1) for rate, quality in ANCHOR]
+    assert bd_psnr(ANCHOR, better) == pytest.approx(1.0, abs=1e-9)
+    assert bd_rate(ANCHOR, [*ANCHOR, (40.0, 24.5)]) == pytest.approx(0.0, abs=1e-9)
+    other = [(rate, quality - 5.0) for rate, quality in ANCHOR]  # they share 20.0 to 20.4 dB
+    assert bd_rate(ANCHOR, other) is not None and bd_rate(ANCHOR, other, least_overlap=0.3) is not None
+    assert bd_rate(ANCHOR, other, least_overlap=0.5) is None
+
+
+@pytest.mark.parametrize("test", [[(5.0, 30.0), (9.0, 32.0)], [(5.0, 22.0)], [(5.0, 22.0), (6.0, 21.0)]])
+def test_curves_that_cannot_be_compared(test: list[tuple[float, float]]) -> None:
+    assert bd_rate(ANCHOR, test) is None

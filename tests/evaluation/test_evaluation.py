@@ -72,7 +72,7 @@ def test_averages_are_over_common_entries_and_curves_are_compared() -> None:
     assert header.split("\t")[:4] == ["system", "setting", "entries", "kib"] and len(lines) == 8
 
 
-def test_variants_are_compared_at_the_lambdas_they_share() -> None:
+def test_curves_are_compared_at_what_they_share() -> None:
     psnr = (20.0, 22.5, 23.0, 23.1, 24.0)
     found = [
         measurement("a", system, f"lambda {step}", 1024 * 2**step, psnr[step])
@@ -81,10 +81,7 @@ def test_variants_are_compared_at_the_lambdas_they_share() -> None:
     ]
     (comparison,) = compare(averages(found))
     assert comparison.bd_rate == pytest.approx(0.0, abs=1e-9) and comparison.bd_psnr == pytest.approx(0.0, abs=1e-9)
-
-
-def test_bd_rate_by_st_lpips_counts_smaller_values_as_better() -> None:
-    """Ours needs half the bytes at equal PSNR, but twice the bytes at equal ST-LPIPS."""
+    # Ours needs half the bytes at equal PSNR, but twice the bytes at equal ST-LPIPS.
     found = [
         replace(measurement("a", system, f"{step}", factor * 1024 * 2**step, 20.0 + step), st_lpips=worst - 0.1 * step)
         for system, factor, worst in (("fecosplat", 1, 0.6), ("AVIF", 2, 0.4))
@@ -97,7 +94,7 @@ def test_bd_rate_by_st_lpips_counts_smaller_values_as_better() -> None:
     assert comparison.bd_rate == pytest.approx(-50.0) and comparison.bd_rate_st_lpips is None
 
 
-def test_a_cut_last_line_is_measured_again(tmp_path: Path) -> None:
+def test_other_files_are_no_measurements(tmp_path: Path) -> None:
     path = tmp_path / RECORDS
     records = RecordFile(path)
     for entry in ("a", "b"):
@@ -107,9 +104,6 @@ def test_a_cut_last_line_is_measured_again(tmp_path: Path) -> None:
     assert known.is_known(("a", "fecosplat", "x", "model")) and not known.is_known(("b", "fecosplat", "x", "model"))
     known.add(measurement("b", "fecosplat", "x", 10, 20.0))
     assert RecordFile(path).is_known(("b", "fecosplat", "x", "model"))
-
-
-def test_other_files_are_no_measurements(tmp_path: Path) -> None:
     path = tmp_path / RECORDS
     path.write_text('{"what": 1}\n{"else": 2}\n')
     with pytest.raises(InputError, match=r"measurements\.jsonl: not measurements of this version .*another output"):

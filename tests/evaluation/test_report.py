@@ -83,10 +83,15 @@ def studies() -> Studies:
     return Studies(tuple(rate), tuple(speed), tuple(pairs), complexity, (), steps, loads, needs, verdicts)
 
 
-def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def plan(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReportPlan:
+    """A report whose measurements are the studies."""
     monkeypatch.setattr(make, "measure_studies", lambda _plan, _on_study: studies)
     monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
-    plan = ReportPlan(tmp_path, tmp_path, tmp_path / "compact", tmp_path / "work", tmp_path / "docs")
+    return ReportPlan(tmp_path, tmp_path, tmp_path / "compact", tmp_path / "work", tmp_path / "docs")
+
+
+def test_the_files_of_a_report(studies: Studies, plan: ReportPlan) -> None:
     assert make.make_report(plan, lambda _study: None) == ()
     text = (plan.output / "report.md").read_text()
     assert text.startswith(make.TITLE + make.MARK)
@@ -105,10 +110,7 @@ def test_the_files_of_a_report(studies: Studies, tmp_path: Path, monkeypatch: py
     assert {f"report/{chart['name']}.png" for chart in charts} == pictures
 
 
-def test_what_stands_above_the_mark_is_kept(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(make, "measure_studies", lambda _plan, _on_study: studies)
-    monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
-    plan = ReportPlan(tmp_path, tmp_path, tmp_path / "compact", tmp_path / "work", tmp_path / "docs")
+def test_what_stands_above_the_mark_is_kept(plan: ReportPlan) -> None:
     plan.output.mkdir()
     (plan.output / "report.md").write_text(f"# Ours\n\n{make.MARK}old figures\n")
     make.make_report(plan, lambda _study: None)
@@ -124,11 +126,9 @@ def test_lpips_has_a_column_or_a_sentence_that_says_why_not(studies: Studies) ->
     assert "| 0.250 | 0.125 |" in measured and "was not measured" not in measured
 
 
-def test_failures_are_told(studies: Studies, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failures_are_told(studies: Studies, plan: ReportPlan, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = replace(studies.rate[0], entry="d", error="is gone")
     monkeypatch.setattr(make, "measure_studies", lambda *_: replace(studies, rate=(*studies.rate, broken)))
-    monkeypatch.setattr(make, "weights_label", lambda _model, _size: "0123")
-    plan = ReportPlan(tmp_path, tmp_path, tmp_path, tmp_path / "work", tmp_path / "docs")
     assert make.make_report(plan, lambda _study: None) == ("d, fecosplat, lambda 0.01: is gone",)
 
 
@@ -140,26 +140,17 @@ def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:
     assert "fecosplat, effort fast" in names and "one thread" not in names
 
 
-def test_times_have_quartiles(studies: Studies) -> None:
+def test_tables_of_growth_and_times(studies: Studies) -> None:
     speed = [replace(m, encode_seconds=float(ENTRIES.index(m.entry))) for m in studies.speed]
     text = speed_section(studies.rate, speed, studies.steps, 64).text
     assert re.search(r"\| one thread \| [\d.]+ \| [\d.]+ \| 1\.000 \(0\.500 to 1\.500\) \|", text)
-
-
-def test_steps_are_named_unless_they_take_no_time(studies: Studies) -> None:
     steps = {"encode": {"start": 0.001, "matching views": 0.749, "coding stage 1": 0.25}}
     text = speed_section(studies.rate, studies.speed, steps, 64).text
     assert "| encode | 1000 | matching views: 749 (75%); coding stage 1: 250 (25%) |" in text
-
-
-def test_systems_of_other_sizes_are_not_compared_at_one(studies: Studies) -> None:
     huge = [replace(m, system="PLY", num_bytes=1000 * m.num_bytes) for m in studies.rate]
     charts = speed_section([*studies.rate, *huge], studies.speed, studies.steps, 64).charts
     named = [{series.name for series in chart.series} for chart in charts]
     assert "PLY" not in named[0] | named[1] and "PLY" in named[2] & named[3]
-
-
-def test_growth(studies: Studies) -> None:
     assert exponent([1.0, 2.0, 4.0], [3.0, 12.0, 48.0]) == pytest.approx(2.0)
     assert exponent([2.0], [1.0]) is None
     assert "| two views of more pixels | 1.00 | 0.50 | 0.00 | 1.00 |" in scaling_section(studies.loads, 64).text

@@ -16,10 +16,16 @@ from fecocodec.geometry.cameras import (
 from tests.example_scenes import example_cameras
 
 
-def test_world_to_camera_is_the_inverse() -> None:
+def test_cameras_are_inverted_and_selected() -> None:
     cameras = example_cameras(5)
     product = cameras.world_to_camera @ cameras.extrinsics
     torch.testing.assert_close(product, torch.eye(4).expand(5, 4, 4), atol=1e-6, rtol=0)
+    cameras = example_cameras(4)
+    chosen = cameras.select([2, 0])
+    assert chosen.num_views == 2
+    assert torch.equal(chosen.extrinsics[0], cameras.extrinsics[2])
+    back = chosen.as_batch().scene(0)
+    assert all(torch.equal(one, other) for one, other in zip(back.fields(), chosen.fields(), strict=True))
 
 
 @pytest.mark.parametrize(("height", "width"), [(8, 8), (5, 13)])
@@ -49,15 +55,6 @@ def test_points_behind_a_camera_or_beside_its_image_are_not_visible() -> None:
     assert projection.uv.shape == (2, 3, 2) and bool(projection.uv.isfinite().all())
 
 
-def test_select_as_batch_and_scene_keep_the_cameras() -> None:
-    cameras = example_cameras(4)
-    chosen = cameras.select([2, 0])
-    assert chosen.num_views == 2
-    assert torch.equal(chosen.extrinsics[0], cameras.extrinsics[2])
-    back = chosen.as_batch().scene(0)
-    assert all(torch.equal(one, other) for one, other in zip(back.fields(), chosen.fields(), strict=True))
-
-
 def test_relative_disparity_runs_from_far_to_near_and_back() -> None:
     cameras = example_cameras(2, near=0.5, far=40.0)
     relative = torch.linspace(0.0, 1.0, 12).view(1, 3, 4).repeat(2, 1, 1)
@@ -65,27 +62,18 @@ def test_relative_disparity_runs_from_far_to_near_and_back() -> None:
     torch.testing.assert_close(depth[0, 0, 0], torch.tensor(40.0))
     torch.testing.assert_close(depth[0, -1, -1], torch.tensor(0.5))
     torch.testing.assert_close(relative_disparity_from_depth(depth, cameras), relative, atol=1e-6, rtol=0)
-
-
-def test_depth_behind_far_stays_finite() -> None:
     depth = depth_from_relative_disparity(torch.full((2, 1, 1), -1e6), example_cameras(2, far=40.0))
     assert torch.equal(depth, torch.full((2, 1, 1), 80.0))
 
 
-def test_they_are_rigid_and_as_many_as_neighbours() -> None:
+def test_cameras_between_neighbours() -> None:
     between = cameras_between(example_cameras(3))
     assert between is not None and between.num_views == 2
     rotations = between.extrinsics[:, :3, :3]
     torch.testing.assert_close(rotations @ rotations.mT, torch.eye(3).expand(2, 3, 3), atol=1e-5, rtol=0)
-
-
-def test_there_are_none_of_one_view_and_of_views_at_one_place() -> None:
     cameras = example_cameras(2)
     assert cameras_between(cameras.select([0])) is None
     assert cameras_between(cameras.select([1, 1])) is None
-
-
-def test_half_way_is_half_of_the_way_and_of_the_turn() -> None:
     cameras = example_cameras(2)
     between = cameras_between(cameras)
     assert between is not None and between.num_views == 1

@@ -56,13 +56,7 @@ def test_a_hole_gets_the_colours_around_it() -> None:
 def test_what_was_under_the_mask_does_not_matter() -> None:
     images = torch.rand(2, 3, 20, 30, generator=torch.Generator().manual_seed(0))
     assert torch.equal(filled(images, hole()), filled(torch.where(hole()[:, None], 0.5, images), hole()))
-
-
-def test_without_masks_images_are_returned_as_they_are() -> None:
     images = torch.rand(2, 3, 20, 30)
     assert filled(images, None) is images and filled(images, torch.zeros(2, 20, 30, dtype=torch.bool)) is images
-
-
-def test_an_image_of_which_nothing_is_kept_is_black() -> None:
     ignored = torch.ones(1, 20, 30, dtype=torch.bool)
     assert torch.equal(filled(torch.rand(1, 3, 20, 30), ignored), torch.zeros(1, 3, 20, 30))

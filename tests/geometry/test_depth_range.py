@@ -11,6 +11,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.depth_range import DEFAULT_RANGE, MOST_BEFORE, believable_bounds, estimate_depth_range
 from fecocodec.geometry.views import Views
+from tests.example_scenes import cameras_in_a_row
 
 NEAR_WALL, FAR_WALL = 2.0, 8.0
 HEIGHT, WIDTH, FOCAL_PX = 96, 128, 110.0
@@ -27,12 +28,8 @@ def two_walls(positions: list[float], unit: float = 1.0) -> Views:
         column = u + FOCAL_PX * position / depth + 200  # of the texture, rendered at one texel per pixel
         grid = torch.stack((2 * column / texture.shape[-1] - 1, 2 * v / texture.shape[-2] - 1), dim=-1)
         images.append(F.grid_sample(texture, grid[None], align_corners=False)[0])
-    extrinsics = torch.eye(4).repeat(len(positions), 1, 1)
-    extrinsics[:, 0, 3] = torch.tensor(positions) * unit
-    intrinsics = torch.tensor([[FOCAL_PX / WIDTH, 0, 0.5], [0, FOCAL_PX / HEIGHT, 0.5], [0, 0, 1]])
-    cameras = Cameras(
-        extrinsics, intrinsics.repeat(len(positions), 1, 1), torch.tensor(torch.nan), torch.tensor(torch.nan)
-    )
+    focal = (FOCAL_PX / WIDTH, FOCAL_PX / HEIGHT)
+    cameras = cameras_in_a_row(*(unit * x for x in positions), focal=focal, near=math.nan, far=math.nan)
     return Views(torch.stack(images), cameras, tuple(map(str, positions)))
 
 
@@ -69,17 +66,11 @@ def test_views_that_face_away_from_each_other_give_a_usable_range():
     assert 0 < near < far < math.inf
 
 
-def test_percentiles_of_depths_are_widened():
+def test_bounds_of_depths():
     depths = torch.linspace(1, 2, 10_001)
     assert bounds_of_depths(depths.numpy()) == pytest.approx((1.01 / 1.15, 1.99 * 1.15))
-
-
-def test_a_far_background_does_not_take_the_range_with_it():
     depths = torch.cat((torch.full((900,), 3.0), torch.full((100,), 1e6)))
     assert bounds_of_depths(depths.numpy()) == pytest.approx((3 / 1.15, 40.0))
-
-
-def test_few_depths_tell_nothing():
     assert bounds_of_depths(np.ones(49)) is None
     assert bounds_of_depths(np.full(60, np.inf)) is bounds_of_depths(np.zeros(0)) is None
 

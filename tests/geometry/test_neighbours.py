@@ -48,7 +48,7 @@ def test_coinciding_points_come_by_index_and_take_little_time() -> None:
     assert torch.equal(found[25_000:], (25_000 + torch.arange(25)).expand(25_000, -1))
 
 
-def test_few_coinciding_points_are_all_found_before_farther_ones() -> None:
+def test_coinciding_and_endless_points() -> None:
     generator = torch.Generator().manual_seed(0)
     single = torch.randn(200, 3, generator=generator)
     points = torch.cat((single, single[:50], single[:20]))[torch.randperm(270, generator=generator)]
@@ -56,8 +56,5 @@ def test_few_coinciding_points_are_all_found_before_farther_ones() -> None:
     found = nearest_neighbours(points, 9)
     assert all(len(set(row)) == 9 for row in found.tolist())
     torch.testing.assert_close(distances.gather(1, found), distances.topk(9, largest=False).values, atol=1e-6, rtol=0)
-
-
-def test_points_that_are_not_finite_count_as_the_origin() -> None:
     points = torch.tensor([[0.1, 0.0, 0.0], [float("nan"), 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, float("inf"), 0.0]])
     assert nearest_neighbours(points, 2).tolist() == [[0, 1], [1, 3], [2, 0], [1, 3]]

@@ -29,24 +29,19 @@ def gaussians_at(points: torch.Tensor) -> Gaussians:
     return Gaussians(points, torch.full((n, 3), 0.25), rotations, torch.full((n,), 0.5), torch.zeros(n, 1, 3))
 
 
-def test_near_becomes_one_and_centres_lie_around_the_origin() -> None:
+def test_near_is_one_on_the_grid_of_the_specification_wherever_the_origin_is() -> None:
     cameras = example_cameras(4)
     normalised, _ = normalise_scene(cameras)
     assert float(normalised.near) == 1.0
     torch.testing.assert_close(normalised.far, cameras.far / cameras.near, atol=0, rtol=2.0**-11)
     torch.testing.assert_close(normalised.extrinsics[:, :3, 3].mean(dim=0), torch.zeros(3), atol=2.0**-14, rtol=0)
     assert torch.equal(normalised.extrinsics[:, :3, :3], cameras.extrinsics[:, :3, :3])
-
-
-@pytest.mark.parametrize("unit", [1e-3, 1e3, 2.0**20])
-def test_the_unit_of_length_does_not_matter(unit: float) -> None:
-    metres, others = normalise_scene(example_cameras(4)), normalise_scene(in_unit(example_cameras(4), unit))
-    for one, other in zip(metres[0].fields(), others[0].fields(), strict=True):
-        assert torch.equal(one, other)
-    assert others[1].scale == pytest.approx(metres[1].scale * unit)
-
-
-def test_a_far_off_origin_costs_no_precision() -> None:
+    cameras = example_cameras(4)
+    normalised, _ = normalise_scene(cameras)
+    centres = 2.0**13 * normalised.extrinsics[:, :3, 3]
+    assert torch.equal(centres, centres.round())
+    mantissa, _ = torch.frexp(normalised.far)
+    assert float(2.0**11 * mantissa) == round(float(2.0**11 * mantissa))
     cameras = example_cameras(4)
     extrinsics = cameras.extrinsics.clone()
     extrinsics[:, :3, 3] = (extrinsics[:, :3, 3] * 8).round() / 8  # so that sums with 1e6 are exact in float32
@@ -56,13 +51,12 @@ def test_a_far_off_origin_costs_no_precision() -> None:
         assert torch.equal(one, other)
 
 
-def test_centres_and_far_lie_on_the_grid_of_the_specification() -> None:
-    cameras = example_cameras(4)
-    normalised, _ = normalise_scene(cameras)
-    centres = 2.0**13 * normalised.extrinsics[:, :3, 3]
-    assert torch.equal(centres, centres.round())
-    mantissa, _ = torch.frexp(normalised.far)
-    assert float(2.0**11 * mantissa) == round(float(2.0**11 * mantissa))
+@pytest.mark.parametrize("unit", [1e-3, 1e3, 2.0**20])
+def test_the_unit_of_length_does_not_matter(unit: float) -> None:
+    metres, others = normalise_scene(example_cameras(4)), normalise_scene(in_unit(example_cameras(4), unit))
+    for one, other in zip(metres[0].fields(), others[0].fields(), strict=True):
+        assert torch.equal(one, other)
+    assert others[1].scale == pytest.approx(metres[1].scale * unit)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
@@ -81,26 +75,17 @@ def assert_same_rotation(quaternion: torch.Tensor, expected: Rotation) -> None:
     assert float((found * expected.inv()).magnitude().max()) < 1e-6
 
 
-def test_random_rotations() -> None:
+def test_quaternions_are_those_of_scipy() -> None:
     rotations = Rotation.random(500, random_state=0)
     quaternions = quaternion_from_matrix(torch.from_numpy(rotations.as_matrix()))
     assert_same_rotation(quaternions, rotations)
     assert bool((quaternions[:, 0] >= 0).all())
-
-
-def test_half_turns_about_any_axis_and_the_identity() -> None:
     axes = np.concatenate((np.eye(3), -np.eye(3), np.random.default_rng(0).normal(size=(50, 3)), np.zeros((1, 3))))
     lengths = np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-12)
     rotations = Rotation.from_rotvec(np.pi * axes / lengths)
     assert_same_rotation(quaternion_from_matrix(torch.from_numpy(rotations.as_matrix())), rotations)
-
-
-def test_products_follow_the_order_of_matrices() -> None:
     left, right = Rotation.random(100, random_state=1), Rotation.random(100, random_state=2)
     quaternions = (quaternion_from_matrix(torch.from_numpy(r.as_matrix())) for r in (left, right))
     assert_same_rotation(multiply(*quaternions), left * right)
-
-
-def test_the_matrix_of_a_quaternion_is_the_inverse_of_the_quaternion_of_a_matrix() -> None:
     matrices = torch.from_numpy(Rotation.random(100, random_state=3).as_matrix())
     torch.testing.assert_close(matrix_from_quaternion(quaternion_from_matrix(matrices)), matrices)

@@ -28,22 +28,16 @@ def _sum(numbers):  # type: ignore[no-untyped-def]
     return total(load(numbers, FIRST))
 
 
-def test_arithmetic_is_that_of_arrays() -> None:
+def test_lanes_are_arrays() -> None:
     result, given = np.zeros_like(NUMBERS), NUMBERS[5 : 5 + NUM_LANES] + ONE
     _arithmetic(NUMBERS, result)
     expected = (given * THREE - np.arange(NUM_LANES, dtype=np.float32)) / (ONE + given)
     np.testing.assert_allclose(result[5 : 5 + NUM_LANES], expected, rtol=1e-6)
     assert not result[:5].any()
     assert not result[5 + NUM_LANES :].any()
-
-
-def test_masks_choose_as_those_of_arrays_do() -> None:
     result, given = np.zeros_like(NUMBERS), NUMBERS[5 : 5 + NUM_LANES]
     _choices(NUMBERS, result)
     inside = np.where((given >= 3) & (given <= 4.5), given, 1)
     expected = np.where(given < 2.5, np.minimum(given, np.float32(2.3)), np.maximum(inside, 1.5))
     assert np.array_equal(result[5 : 5 + NUM_LANES], expected)
-
-
-def test_total_is_the_sum_of_the_lanes() -> None:
     assert _sum(NUMBERS) == pytest.approx(NUMBERS[5 : 5 + NUM_LANES].sum())

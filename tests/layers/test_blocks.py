@@ -5,6 +5,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from fecocodec.errors import InputError
 from fecocodec.layers.blocks import (
     CONDITION_CHANNELS,
     AdaptiveNorm,
@@ -44,7 +45,7 @@ def test_pointwise_is_a_convolution_whose_bits_do_not_depend_on_threads(
     torch.testing.assert_close(results[0], F.conv2d(x, weight, bias), atol=1e-4, rtol=1e-4)
 
 
-def test_adaptive_norm_is_modulated_by_the_condition_of_each_item_alone() -> None:
+def test_adaptive_norm_scales_each_channel_by_the_condition_of_its_item() -> None:
     norm = AdaptiveNorm(8)
     nn.init.normal_(norm.modulation.weight)
     x, condition = torch.randn(2, 8, 3, 4), _any_condition(2)
@@ -52,9 +53,6 @@ def test_adaptive_norm_is_modulated_by_the_condition_of_each_item_alone() -> Non
     before, after = norm(x, condition).detach(), norm(x, changed).detach()
     torch.testing.assert_close(after[0], before[0])
     torch.testing.assert_close(after[1], ChannelNorm()(x)[1])  # a condition of zero leaves the normalised values
-
-
-def test_adaptive_norm_gives_each_channel_one_scale_and_one_offset() -> None:
     norm = AdaptiveNorm(8)
     nn.init.normal_(norm.modulation.weight)
     x, condition = torch.randn(1, 8, 6, 6), _any_condition(1)
@@ -65,7 +63,7 @@ def test_adaptive_norm_gives_each_channel_one_scale_and_one_offset() -> None:
     assert float((modulated - normed).abs().mean()) > 0.1
 
 
-def test_conditions_of_lambdas_and_stages_differ() -> None:
+def test_conditions_and_steps_of_lambdas() -> None:
     torch.manual_seed(0)
     embedding = RateEmbedding(1768, 11.0, 0.5)
     lambda_q = torch.tensor([0, 884, 1768])
@@ -74,9 +72,6 @@ def test_conditions_of_lambdas_and_stages_differ() -> None:
     conditions = torch.cat((first.embedding, second.embedding))
     distances = torch.cdist(conditions, conditions) + torch.eye(6) * 1e9
     assert float(distances.detach().min()) > 1e-3
-
-
-def test_a_larger_lambda_makes_the_quantisation_step_coarser() -> None:
     gains = RateEmbedding(1768, 11.0, 0.5)(torch.tensor([0, 281, 884, 1768]), 1).latent_gain.flatten()
     assert bool((gains.diff() < 0).all())
     assert float(gains[0]) == pytest.approx(11.0)  # lambda 1e-5
@@ -87,11 +82,17 @@ def _any_condition(num_items: int) -> RateCondition:
     return RateCondition(torch.randn(num_items, CONDITION_CHANNELS), torch.ones(num_items, 1, 1, 1))
 
 
-def test_pixel_shuffle_is_that_of_torch_with_channels_last() -> None:
+def test_channels_last_changes_memory_and_not_values() -> None:
     x = torch.randn(2, 12, 3, 5).contiguous(memory_format=torch.channels_last)
     shuffled = pixel_shuffle(x)
     assert torch.equal(shuffled, nn.functional.pixel_shuffle(x, 2))
     assert shuffled.is_contiguous(memory_format=torch.channels_last)
+    torch.manual_seed(0)
+    network, x = nn.Sequential(nn.Conv2d(4, 6, 3), nn.ReLU(), nn.Conv2d(6, 2, 1)), torch.randn(1, 4, 9, 9)
+    before = network(x)
+    to_channels_last(network, "cpu")
+    assert network[0].weight.is_contiguous(memory_format=torch.channels_last)
+    torch.testing.assert_close(network(x), before)
 
 
 def test_a_residual_branch_receives_no_direct_gradient_and_keeps_its_values() -> None:
@@ -108,10 +109,14 @@ def test_a_residual_branch_receives_no_direct_gradient_and_keeps_its_values() ->
     assert float((full_gradient - direct_gradient).abs().max()) > 1e-3
 
 
-def test_channels_last_weights_change_memory_and_not_values() -> None:
-    torch.manual_seed(0)
-    network, x = nn.Sequential(nn.Conv2d(4, 6, 3), nn.ReLU(), nn.Conv2d(6, 2, 1)), torch.randn(1, 4, 9, 9)
-    before = network(x)
-    to_channels_last(network, "cpu")
-    assert network[0].weight.is_contiguous(memory_format=torch.channels_last)
-    torch.testing.assert_close(network(x), before)
+@pytest.mark.parametrize(
+    ("device", "message"),
+    [
+        ("gpu", "there is no device 'gpu'"),
+        ("cpu:x", "there is no device"),
+        ("cuda:99", "torch sees [0-9]+ CUDA devices"),
+    ],
+)
+def test_a_device_that_is_not_there_is_refused(device: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        to_channels_last(nn.Conv2d(2, 2, 3), device)

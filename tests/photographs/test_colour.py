@@ -66,7 +66,7 @@ def test_display_p3_of_16_bits_becomes_srgb(tmp_path):
     assert (colour / alpha * 255)[:, 5, 5].tolist() == pytest.approx(SRGB, abs=0.4)
 
 
-def test_opacity_and_palettes_stay_what_they_are(tmp_path):
+def test_profiles_of_other_images(tmp_path):
     clear = flat((*DISPLAY_P3, 51), "RGBA")
     clear.save(tmp_path / "clear.png", icc_profile=P3_PROFILE)
     colour, alpha = read_image_and_alpha(tmp_path / "clear.png", "black")
@@ -74,23 +74,14 @@ def test_opacity_and_palettes_stay_what_they_are(tmp_path):
     assert levels(colour / alpha) == list(SRGB)
     flat(DISPLAY_P3).convert("P", palette=Image.Palette.ADAPTIVE).save(tmp_path / "p.png", icc_profile=P3_PROFILE)
     assert levels(read_image(tmp_path / "p.png")) == list(SRGB)
-
-
-def test_grey_profiles_apply_to_grey_images(tmp_path):
     linear = imagecodecs.cms_profile("gray", whitepoint=WHITE, gamma=1.0)
     flat((128,), "L").save(tmp_path / "grey.png", icc_profile=linear)
     assert levels(read_image(tmp_path / "grey.png")) == [188] * 3  # the sRGB signal of half the light
     flat(SRGB).save(tmp_path / "colour.png", icc_profile=linear)  # not of the image's kind
     assert levels(read_image(tmp_path / "colour.png")) == list(SRGB)
-
-
-def test_an_srgb_profile_changes_no_level(tmp_path):
     pixels = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
     Image.fromarray(pixels).save(tmp_path / "a.png", icc_profile=SRGB_PROFILE)
     assert np.array_equal((read_image(tmp_path / "a.png") * 255).round().permute(1, 2, 0).numpy(), pixels)
-
-
-def test_a_damaged_profile_changes_nothing(tmp_path):
     flat(SRGB).save(tmp_path / "a.png", icc_profile=P3_PROFILE[:100])
     assert levels(read_image(tmp_path / "a.png")) == list(SRGB)
 

@@ -18,11 +18,11 @@ from fecocodec.photographs.exr import (
     write_exr,
 )
 
+HEADER = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+
 
 def store(path, channels, **header) -> None:
-    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | header, channels).write(
-        str(path)
-    )
+    OpenEXR.File(HEADER | header, channels).write(str(path))
 
 
 def test_colour_is_stored_as_linear_light_and_depth_as_it_is(tmp_path):
@@ -45,35 +45,58 @@ def test_the_two_transfer_functions_are_inverse():
     assert linear_to_srgb(torch.tensor(0.18)).item() == pytest.approx(0.4614, abs=1e-4)  # middle grey
 
 
-def test_half_floats_bright_light_and_nan(tmp_path):
-    light = np.array([[[0.18, 5.0, np.nan]]], np.float16)
-    store(tmp_path / "image.exr", {"RGB": np.ascontiguousarray(light)})
-    torch.testing.assert_close(
-        read_exr(tmp_path / "image.exr").colour[:, 0, 0], torch.tensor([0.4614, 1.0, 0.0]), atol=1e-3, rtol=0
-    )
+PLANE = np.full((2, 3), 0.18, np.float32)
+HALVES = {"R": PLANE.astype(np.float16), "G": 0 * PLANE, "B": np.ones((2, 3), np.float16), "A": np.ones_like(PLANE)}
 
 
-def test_alpha_is_premultiplied_and_shows_white(tmp_path):
-    store(tmp_path / "image.exr", {"RGBA": np.full((2, 3, 4), 0.25, np.float32)})
-    torch.testing.assert_close(read_exr(tmp_path / "image.exr").colour, torch.ones(3, 2, 3))
-
-
-def test_luminance_is_grey(tmp_path):
-    store(tmp_path / "image.exr", {"Y": np.full((2, 3), 0.18, np.float32)})
-    torch.testing.assert_close(
-        read_exr(tmp_path / "image.exr").colour, torch.full((3, 2, 3), 0.4614), atol=1e-4, rtol=0
-    )
+@pytest.mark.parametrize(
+    ("channels", "colour", "alpha"),
+    [
+        ({"RGB": np.array([[[0.18, 5.0, np.nan]] * 3] * 2, np.float16)}, [0.4614, 1.0, 0.0], None),
+        ({"RGBA": np.full((2, 3, 4), 0.25, np.float32)}, [1.0, 1.0, 1.0], 0.25),  # premultiplied, on white
+        ({"Y": PLANE}, [0.4614] * 3, None),
+        ({"R": PLANE, "Y": PLANE}, [0.4614] * 3, None),
+        (HALVES, [0.4614, 0.0, 1.0], None),
+    ],
+    ids=["half floats, bright light and NaN", "opacity", "luminance", "luminance and red", "halves and floats"],
+)
+def test_kinds_of_channels(channels, colour, alpha, tmp_path):
+    store(tmp_path / "image.exr", channels)
+    image = read_exr(tmp_path / "image.exr")
     assert read_exr_size(tmp_path / "image.exr") == (2, 3)
-    store(tmp_path / "red.exr", {kind: np.full((2, 3), 0.18, np.float32) for kind in "RY"})
-    torch.testing.assert_close(read_exr(tmp_path / "red.exr").colour, read_exr(tmp_path / "image.exr").colour)
+    expected = torch.tensor(colour)[:, None, None].expand(3, 2, 3)
+    torch.testing.assert_close(image.colour, expected, atol=1e-4, rtol=0)
+    assert alpha is None or torch.equal(image.alpha, torch.full((2, 3), alpha))
 
 
-def test_without_colour_it_is_refused(tmp_path):
+NORMALS = {f"Normal.{axis}": PLANE for axis in "XYZ"}
+
+
+@pytest.mark.parametrize(
+    ("channels", "sentence"),
+    [
+        ({"Z": PLANE}, "no colour among the channels ['Z']; store R, G and B."),
+        (
+            {f"{layer}.{name}": PLANE for layer in ("left", "right") for name in "RGB"},
+            "several layers have colour (left, right); store the wanted one as R, G and B.",
+        ),
+        (
+            NORMALS,
+            "no colour among the channels ['Normal.X', 'Normal.Y', 'Normal.Z']; store R, G and B.",
+        ),
+    ],
+)
+def test_files_without_one_colour_are_refused(channels, sentence, tmp_path):
     path = tmp_path / "image.exr"
-    store(path, {"Z": np.ones((2, 3), np.float32)})
+    store(path, channels)
     with pytest.raises(InputError) as caught:
         read_exr(path)
-    assert str(caught.value) == f"{path}: no colour among the channels ['Z']; store R, G and B."
+    assert str(caught.value) == f"{path}: {sentence}"
+
+
+def test_normals_are_no_colours(tmp_path):
+    store(tmp_path / "a.exr", NORMALS | {f"Layer.{kind}": PLANE for kind in "RGB"})
+    assert colour_layer(tmp_path / "a.exr") == "Layer"
 
 
 def with_window(path, width: int, height: int) -> None:
@@ -111,18 +134,6 @@ def test_a_file_that_is_cut_short_is_refused_in_one_sentence(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")  # OpenEXR prints of its own
 
 
-def test_opacity_is_returned(tmp_path):
-    store(tmp_path / "image.exr", {"RGBA": np.full((2, 3, 4), 0.25, np.float32)})
-    torch.testing.assert_close(read_exr(tmp_path / "image.exr").alpha, torch.full((2, 3), 0.25))
-
-
-def test_half_and_float_channels_may_be_mixed(tmp_path):
-    channels = {"R": np.full((2, 3), 0.18, np.float16), "G": np.zeros((2, 3), np.float32)}
-    store(tmp_path / "image.exr", channels | {"B": np.ones((2, 3), np.float16), "A": np.ones((2, 3), np.float32)})
-    colour = read_exr(tmp_path / "image.exr").colour[:, 1, 2]
-    torch.testing.assert_close(colour, torch.tensor([0.4614, 0.0, 1.0]), atol=1e-3, rtol=0)
-
-
 def window(left: int, top: int, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array([left, top], np.int32), np.array([left + width - 1, top + height - 1], np.int32)
 
@@ -146,56 +157,43 @@ def test_pixels_lie_where_the_data_window_is_in_the_display_window(left, top, tm
 
 
 def test_the_colours_of_a_layer_or_another_part_are_read(tmp_path):
-    grey = {"R": np.full((2, 3), 0.18, np.float32), "G": np.full((2, 3), 0.18, np.float32)} | {
-        "B": np.full((2, 3), 0.18, np.float32)
-    }
+    grey = dict.fromkeys("RGB", PLANE)
     blender = {f"ViewLayer.Combined.{name}": plane for name, plane in grey.items()}
     others = {f"ViewLayer.DiffCol.{name}": plane / 2 for name, plane in grey.items()}
     nuke = {f"beauty.{name}": plane for name, plane in zip(("red", "green", "blue"), grey.values(), strict=True)}
-    for channels, layer in (
-        (blender, "ViewLayer.Combined"),
-        (others | blender, "ViewLayer.Combined"),
-        (nuke, "beauty"),
-    ):
+    combined = "ViewLayer.Combined"
+    for channels, layer in ((blender, combined), (others | blender, combined), (nuke, "beauty")):
         store(tmp_path / "layer.exr", channels | {"ViewLayer.Depth.Z": np.ones((2, 3), np.float32)})
         assert colour_layer(tmp_path / "layer.exr") == layer
-        torch.testing.assert_close(
-            read_exr(tmp_path / "layer.exr").colour, torch.full((3, 2, 3), 0.4614), atol=1e-4, rtol=0
-        )
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    depth = OpenEXR.Part(dict(header), {"Z": np.ones((2, 3), np.float32)}, "depth")
-    OpenEXR.File([depth, OpenEXR.Part(dict(header), grey, "picture")]).write(str(tmp_path / "parts.exr"))
+        colour = read_exr(tmp_path / "layer.exr").colour
+        torch.testing.assert_close(colour, torch.full((3, 2, 3), 0.4614), atol=1e-4, rtol=0)
+    depth = OpenEXR.Part(dict(HEADER), {"Z": np.ones((2, 3), np.float32)}, "depth")
+    OpenEXR.File([depth, OpenEXR.Part(dict(HEADER), grey, "picture")]).write(str(tmp_path / "parts.exr"))
     assert colour_layer(tmp_path / "parts.exr") == "picture"
     assert read_exr(tmp_path / "parts.exr").colour[0, 0, 0].item() == pytest.approx(0.4614, abs=1e-4)
     store(tmp_path / "plain.exr", grey)
     assert colour_layer(tmp_path / "plain.exr") == ""
 
 
-def test_several_layers_without_a_usual_name_are_refused(tmp_path):
-    path = tmp_path / "image.exr"
-    store(path, {f"{layer}.{name}": np.ones((2, 3), np.float32) for layer in ("left", "right") for name in "RGB"})
-    with pytest.raises(InputError) as caught:
-        read_exr(path)
-    assert str(caught.value) == f"{path}: several layers have colour (left, right); store the wanted one as R, G and B."
-
-
-def test_light_above_1_is_counted(tmp_path):
+def test_light_that_is_not_in_0_to_1_is_counted(tmp_path):
     light = np.full((2, 4, 3), 1.0, np.float16)
     light[0, 0, 1] = 1.001  # the next half float
     store(tmp_path / "image.exr", {"RGB": light})
     assert read_exr(tmp_path / "image.exr").clipped == 1 / 8
+    light = np.full((2, 4, 3), 0.25, np.float32)
+    light[0, 0, 1], light[1, 3, 2], light[1, 2, 0] = np.nan, -0.5, -1e-6
+    store(tmp_path / "image.exr", {"RGB": light})
+    image = read_exr(tmp_path / "image.exr")
+    assert image.blackened == 2 / 8 and image.colour[1, 0, 0] == image.colour[2, 1, 3] == 0
 
 
-def test_chromaticities_are_converted_to_srgb(tmp_path):
-    """ACEScg, whose white is adapted; the red primary of sRGB in ACEScg, from the ACES documents."""
+def test_other_primaries_become_srgb(tmp_path):
+    # ACEScg, whose white is adapted; the red primary of sRGB in ACEScg, from the ACES documents.
     acescg = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
     light = np.array([[[1, 1, 1], [0.61309732, 0.07019372, 0.02061559]]], np.float32)
     store(tmp_path / "image.exr", {"RGB": light}, chromaticities=acescg)
     colour = srgb_to_linear(read_exr(tmp_path / "image.exr").colour)
     torch.testing.assert_close(colour, torch.tensor([[[1.0, 1.0]], [[1.0, 0.0]], [[1.0, 0.0]]]), atol=2e-3, rtol=0)
-
-
-def test_cie_xyz_becomes_srgb(tmp_path):
     light = np.random.default_rng(0).random((2, 3, 3), np.float32)
     of_rgb = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]  # IEC 61966-2-1
     xyz = np.moveaxis(light @ np.array(of_rgb, np.float32).T, -1, 0)
@@ -203,16 +201,6 @@ def test_cie_xyz_becomes_srgb(tmp_path):
     image = read_exr(tmp_path / "a.exr")
     torch.testing.assert_close(srgb_to_linear(image.colour), torch.from_numpy(light).movedim(-1, 0), atol=5e-4, rtol=0)
     assert image.depth is None
-
-
-def test_normals_are_no_colours(tmp_path):
-    path, plane = tmp_path / "a.exr", np.full((2, 3), 0.18, np.float32)
-    normals = {f"Normal.{axis}": plane for axis in "XYZ"}
-    store(path, normals)
-    with pytest.raises(InputError, match=r"no colour among the channels \['Normal.X', 'Normal.Y', 'Normal.Z'\]"):
-        read_exr(path)
-    store(path, normals | {f"Layer.{kind}": plane for kind in "RGB"})
-    assert colour_layer(path) == "Layer"
 
 
 def exr_of_luminance_and_chroma(luma: np.ndarray, red: np.ndarray, blue: np.ndarray) -> bytes:
@@ -248,11 +236,3 @@ def test_luminance_and_chroma_are_colours(tmp_path):
     (tmp_path / "image.exr").write_bytes(data)
     light = srgb_to_linear(read_exr(tmp_path / "image.exr").colour)
     torch.testing.assert_close(light, torch.tensor([0.5, 0.25, 0.1])[:, None, None].expand(3, 4, 6), atol=1e-4, rtol=0)
-
-
-def test_pixels_that_are_nan_or_negative_are_counted(tmp_path):
-    light = np.full((2, 4, 3), 0.25, np.float32)
-    light[0, 0, 1], light[1, 3, 2], light[1, 2, 0] = np.nan, -0.5, -1e-6
-    store(tmp_path / "image.exr", {"RGB": light})
-    image = read_exr(tmp_path / "image.exr")
-    assert image.blackened == 2 / 8 and image.colour[1, 0, 0] == image.colour[2, 1, 3] == 0

@@ -44,5 +44,5 @@ def test_many_views_are_scaled_down_to_a_moderate_size(size: tuple[int, int], co
     assert abs(height / width - size[0] / size[1]) < 0.01 * size[0] / size[1]
 
 
-def test_few_views_keep_their_size() -> None:
+def test_views_are_scaled_by_their_number() -> None:
     assert within_limit((768, 1024), 4) == (768, 1024)

@@ -44,24 +44,11 @@ def test_eight_bits_are_kept_exactly(colours, tmp_path):
     assert np.array_equal(np.asarray(Image.open(tmp_path / "b.png")), to_bytes(colours))
 
 
-def test_sixteen_bit_grey(colours, tmp_path):
+def test_sixteen_bits(colours, tmp_path):
     grey = (colours[..., 0] * 65535).round().astype(np.uint16)
     Image.fromarray(grey).save(tmp_path / "grey.png")
     expected = torch.from_numpy(grey / 65535).float().expand(3, -1, -1)
     torch.testing.assert_close(read_image(tmp_path / "grey.png"), expected, atol=1e-6, rtol=0)
-
-
-def png_of_sixteen_bits(samples: np.ndarray) -> bytes:
-    """A PNG of 16 bits a channel, which Pillow does not write, of [height width 1 to 4] whole numbers."""
-    height, width, channels = samples.shape
-    head = struct.pack(">IIBBBBB", width, height, 16, {1: 0, 2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
-    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
-    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
-    framed = (struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in chunks)
-    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
-
-
-def test_sixteen_bit_colour(colours, tmp_path):
     data = png_of_sixteen_bits((colours * 65535).round())
     (tmp_path / "image.png").write_bytes(data)
     expected = torch.from_numpy(colours).permute(2, 0, 1).float()
@@ -72,13 +59,33 @@ def test_sixteen_bit_colour(colours, tmp_path):
         read_image(tmp_path / "cut.png")
 
 
-def test_sixteen_bit_grey_with_transparency(tmp_path):
-    samples = np.zeros((HEIGHT, WIDTH, 2))
-    samples[..., 0], samples[..., 1] = 40_001, 13_000
-    (tmp_path / "image.png").write_bytes(png_of_sixteen_bits(samples))
-    colour, alpha = read_image_and_alpha(tmp_path / "image.png", "black")
-    torch.testing.assert_close(alpha, torch.full((HEIGHT, WIDTH), 13_000 / 65535), atol=1e-6, rtol=0)
-    torch.testing.assert_close(colour / alpha, torch.full((3, HEIGHT, WIDTH), 40_001 / 65535), atol=1e-6, rtol=0)
+def png_of_sixteen_bits(samples: np.ndarray) -> bytes:
+    """A PNG of 16 bits a channel, which Pillow does not write, of [height width 1 to 4] whole numbers."""
+    height, width, channels = samples.shape
+    head = struct.pack(">IIBBBBB", width, height, 16, {1: 0, 2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
+    return png_of_chunks((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+
+
+@pytest.mark.parametrize(
+    ("colour", "alpha", "largest"),
+    [((40_001,), 13_000, 65535), ((0, 0, 0), 13_000, 65535), ((0, 0, 0), 51, 255)],
+    ids=["grey of 16 bits", "colour of 16 bits", "colour of 8 bits"],
+)
+def test_transparency_shows_white_and_is_returned(colour, alpha, largest, tmp_path):
+    samples, path = np.full((HEIGHT, WIDTH, len(colour) + 1), (*colour, alpha)), tmp_path / "image.png"
+    if largest == 255:
+        Image.fromarray(samples.astype(np.uint8)).save(path)
+    else:
+        path.write_bytes(png_of_sixteen_bits(samples))
+    share, signal = alpha / largest, colour[0] / largest
+    on_white, opacity = read_image_and_alpha(str(path))
+    torch.testing.assert_close(opacity, torch.full((HEIGHT, WIDTH), share), atol=1e-6, rtol=0)
+    expected = torch.full((3, HEIGHT, WIDTH), 1 - share + share * signal)
+    torch.testing.assert_close(on_white, expected, atol=1e-5, rtol=0)
+    assert torch.equal(read_image(path), on_white)
+    on_black, _ = read_image_and_alpha(path, "black")
+    torch.testing.assert_close(on_black / opacity, torch.full((3, HEIGHT, WIDTH), signal), atol=1e-6, rtol=0)
 
 
 def test_sixteen_bits_without_the_package_are_one_sentence(tmp_path, monkeypatch):
@@ -89,14 +96,6 @@ def test_sixteen_bits_without_the_package_are_one_sentence(tmp_path, monkeypatch
     ):
         read_image(tmp_path / "image.png")
     assert read_image_size(tmp_path / "image.png") == (HEIGHT, WIDTH)
-
-
-def test_sixteen_bit_colour_with_transparency_shows_white(tmp_path):
-    samples = np.zeros((HEIGHT, WIDTH, 4))
-    samples[..., 3] = 13000
-    (tmp_path / "image.png").write_bytes(png_of_sixteen_bits(samples))
-    expected = torch.full((3, HEIGHT, WIDTH), 1 - 13000 / 65535)
-    torch.testing.assert_close(read_image(tmp_path / "image.png"), expected, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("mode", ["L", "P", "CMYK", "LA", "RGBA"])
@@ -114,13 +113,6 @@ def test_other_suffixes_of_kinds_that_are_read(colours, tmp_path):
         assert has_image_name(path)
         expected = torch.from_numpy(colours).permute(2, 0, 1).float()
         torch.testing.assert_close(read_image(path), expected, atol=0.03, rtol=0)
-
-
-def test_transparency_shows_white(tmp_path):
-    pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
-    pixels[..., 3] = 51  # 20% black over white
-    Image.fromarray(pixels).save(tmp_path / "image.png")
-    torch.testing.assert_close(read_image(tmp_path / "image.png"), torch.full((3, HEIGHT, WIDTH), 0.8))
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -161,11 +153,20 @@ def test_decoders_that_print_or_break_lines_give_one_sentence(tmp_path, capfd):
     assert "(two lines); store it" in unreadable(path, ValueError("two\n lines\n"))
 
 
-def test_a_missing_image_is_named(tmp_path):
-    path = tmp_path / "no.png"
+@pytest.mark.parametrize(
+    ("is_folder", "sentence"),
+    [
+        (False, "no such image; put it there or leave its view out."),
+        (True, "cannot be read (Is a directory); check the path and its permissions."),
+    ],
+)
+def test_what_the_system_refuses_is_not_called_damage(is_folder, sentence, tmp_path):
+    path = tmp_path / "image.png"
+    if is_folder:
+        path.mkdir()
     with pytest.raises(InputError) as caught:
         read_image(path)
-    assert str(caught.value) == f"{path}: no such image; put it there or leave its view out."
+    assert str(caught.value) == f"{path}: {sentence}"
 
 
 @pytest.mark.parametrize(("width", "height"), [(9400, 9400), (8193, 8192), (100_000, 100_000)])
@@ -214,43 +215,25 @@ def test_pipes_devices_and_huge_files_are_refused(tmp_path):
             read_image(tmp_path / name)
 
 
-def test_opacity_is_returned_beside_the_composited_colour(tmp_path):
-    pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
-    pixels[..., 3] = 51
-    Image.fromarray(pixels).save(tmp_path / "image.png")
-    colour, alpha = read_image_and_alpha(str(tmp_path / "image.png"))
-    torch.testing.assert_close(colour, torch.full((3, HEIGHT, WIDTH), 0.8))
-    torch.testing.assert_close(alpha, torch.full((HEIGHT, WIDTH), 0.2))
-    Image.fromarray(pixels[..., :3]).save(tmp_path / "opaque.png")
-    assert read_image_and_alpha(tmp_path / "opaque.png")[1] is None
-
-
 def test_opaque_alpha_is_no_alpha(tmp_path):
     """Else the same file would be measured against another background."""
     pixels = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
-    Image.fromarray(pixels).save(tmp_path / "image.png")
-    assert read_image_and_alpha(tmp_path / "image.png")[1] is None
+    for opaque in (pixels, pixels[..., :3]):
+        Image.fromarray(opaque).save(tmp_path / "image.png")
+        assert read_image_and_alpha(tmp_path / "image.png")[1] is None
     pixels[3, 2, 3] = 254
     Image.fromarray(pixels).save(tmp_path / "image.png")
     assert read_image_and_alpha(tmp_path / "image.png")[1] is not None
 
 
-def test_an_unknown_suffix_is_not_written(tmp_path):
-    with pytest.raises(OutputError, match=r"images of kind '\.gif' are not written; use one of \.png"):
-        write_image(tmp_path / "image.gif", torch.zeros(3, 4, 4))
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("image.gif", 0.0, r"images of kind '\.gif' are not written; use one of \.png"),
+        ("image.png", torch.nan, "the image holds NaN; nothing was written"),
+    ],
+)
+def test_what_cannot_be_written_leaves_nothing(name, value, sentence, tmp_path):
+    with pytest.raises(OutputError, match=sentence):
+        write_image(tmp_path / name, torch.full((3, 4, 4), value))
     assert not list(tmp_path.iterdir())
-
-
-def test_nan_is_not_written(tmp_path):
-    with pytest.raises(OutputError, match="the image holds NaN; nothing was written"):
-        write_image(tmp_path / "image.png", torch.full((3, 4, 4), torch.nan))
-    assert not list(tmp_path.iterdir())
-
-
-def test_what_the_system_refuses_is_not_called_damage(tmp_path):
-    (tmp_path / "image.png").mkdir()
-    with pytest.raises(InputError) as caught:
-        read_image(tmp_path / "image.png")
-    assert str(caught.value) == (
-        f"{tmp_path / 'image.png'}: cannot be read (Is a directory); check the path and its permissions."
-    )

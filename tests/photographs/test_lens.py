@@ -46,23 +46,17 @@ def test_the_undistorted_image_lies_inside_the_photograph(model: str) -> None:
     assert (seen > -0.5).all() and (seen < np.array(SIZE) + 0.5).all()
 
 
-def test_a_fisheye_of_180_degrees_is_cut_to_120() -> None:
-    """An equidistant circle of 800 pixels; its corners, beyond 90 degrees, are outside of every pinhole."""
+def test_polynomials_are_used_as_far_as_they_have_an_inverse() -> None:
+    # An equidistant circle of 800 pixels; its corners, beyond 90 degrees, are outside of every pinhole.
     focal = 400 / (np.pi / 2)
     lens = lens_of_model("FISHEYE", (800, 800), {"fx": focal, "fy": focal, "cx": 400.0, "cy": 400.0})
     pinhole = undistorted(lens, "a")
     assert abs(pinhole.width / 2 - focal * MAX_SLOPE) < 1.5
     assert abs(pinhole.height / 2 - focal * MAX_SLOPE) < 1.5
-
-
-def test_a_polynomial_that_falls_is_used_up_to_its_turning_point() -> None:
-    """theta (1 - theta^2) rises up to 33 degrees; farther rays have no inverse."""
+    # theta (1 - theta^2) rises up to 33 degrees; farther rays have no inverse.
     lens = lens_of_model("OPENCV_FISHEYE", (400, 400), {"fx": 300.0, "fy": 300.0, "cx": 200.0, "cy": 200.0, "k1": -1.0})
     slope = np.abs(corners(undistorted(lens, "a"))).max()
     assert 0.3 < slope < np.tan(1 / np.sqrt(3))
-
-
-def test_a_denominator_with_a_zero_has_no_inverse() -> None:
     lens = lens_of_model("FULL_OPENCV", SIZE, CENTRE | {"k4": -4.0})
     with pytest.raises(InputError, match="a: its lens distortion has no inverse inside the image"):
         undistorted(lens, "a")

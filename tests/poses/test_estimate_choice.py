@@ -5,32 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fecocodec.photographs.lens import Lens, distort
+from fecocodec.photographs.lens import Lens
 from fecocodec.poses.estimate_choice import Estimate, best_estimate, least_difference, match_cost
 from fecocodec.poses.estimated_cameras import EstimatedCamera
 from fecocodec.poses.pycolmap_matching import reached_points
+from tests.poses.made_up_cameras import camera, pixels
 
 LENS = Lens(640, 480, 900.0, 900.0, 320.0, 240.0, radial=(0.2,))
 
 
 def cameras_of(turn: float = 0.0, lens: Lens = LENS) -> tuple[EstimatedCamera, ...]:
     """Return four cameras in a row. turn: of the last about the vertical axis, in degrees."""
-    cameras = []
-    for index in range(4):
-        pose, angle = np.eye(4), np.radians(turn if index == 3 else 0.0)
-        pose[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
-        pose[0, 3] = 0.3 * index
-        cameras.append(EstimatedCamera(str(index), lens, pose, np.ones(1)))
-    return tuple(cameras)
+    return tuple(camera(str(index), lens, (0.3 * index, 0, 0), turn if index == 3 else 0.0) for index in range(4))
 
 
 def matches_of(cameras: tuple[EstimatedCamera, ...]) -> dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
     world = np.random.default_rng(0).uniform((-1, -1, 5), (2, 1, 9), (300, 3))
-    seen = []
-    for camera in cameras:
-        local = (world - camera.camera_to_world[:3, 3]) @ camera.camera_to_world[:3, :3]
-        plane = distort(camera.lens, local[:, :2] / local[:, 2:])
-        seen.append(plane * camera.lens.fx + (camera.lens.cx, camera.lens.cy))
+    seen = [pixels(of, world) for of in cameras]
     return {(str(one), str(other)): (seen[one], seen[other]) for other in range(4) for one in range(other)}
 
 
@@ -46,33 +37,21 @@ def test_of_equally_many_cameras_those_that_explain_the_matches_are_kept(estimat
     assert match_cost(RIGHT, everything, POINTS) < 1e-6 < 1 < match_cost(WRONG, everything, POINTS)
 
 
-def test_more_cameras_come_first():
+def test_which_estimate_is_kept():
     fewer = replace(RIGHT, cameras=RIGHT.cameras[:3])
     assert best_estimate([fewer, WRONG], POINTS) is WRONG
     assert best_estimate([WRONG, fewer], POINTS) is WRONG
-
-
-def test_estimates_of_different_photographs_and_equal_ones_leave_the_first():
     first, second = (replace(RIGHT, cameras=RIGHT.cameras[part]) for part in (slice(2), slice(2, 4)))
     assert best_estimate([first, second], POINTS) is first
     assert best_estimate([second, first], POINTS) is second
     assert best_estimate([RIGHT, Estimate(cameras_of(), "again")], POINTS) is RIGHT
-
-
-def test_distortion_of_the_lens_is_no_error():
     straight = Estimate(cameras_of(lens=replace(LENS, radial=(0.0,))), "straight")
     assert match_cost(RIGHT, RIGHT.names, POINTS) < 1e-6
     assert best_estimate([straight, RIGHT], POINTS) is RIGHT
-
-
-def test_points_behind_a_camera_are_no_explanation():
-    """Cameras in the opposite order have the same epipolar lines, and all points behind them."""
+    # Cameras in the opposite order have the same epipolar lines, and all points behind them.
     flipped = [camera.camera_to_world * np.where(np.arange(16).reshape(4, 4) == 3, -1, 1) for camera in RIGHT.cameras]
     behind = [replace(camera, camera_to_world=pose) for camera, pose in zip(RIGHT.cameras, flipped, strict=True)]
     assert best_estimate([Estimate(tuple(behind), "behind"), RIGHT], POINTS) is RIGHT
-
-
-def test_the_nearest_other_estimate_confirms_the_best():
     near = Estimate(cameras_of(turn=0.5), "near")
     assert least_difference(RIGHT, [WRONG, RIGHT, near]) == pytest.approx((0.5, 0.5), abs=0.01)
     assert least_difference(RIGHT, [RIGHT, replace(RIGHT, cameras=RIGHT.cameras[:2])]) is None

@@ -21,23 +21,17 @@ def walk(count: int, shuffle: bool = False) -> tuple[dict[str, tuple[np.ndarray,
     return features, names
 
 
-def test_all_pairs_of_few_photographs_are_matched():
+def test_all_pairs_of_few_photographs_are_matched_and_of_many_those_that_share_features():
     assert len(likely_pairs(walk(24)[0])) == 24 * 23 // 2
-
-
-def test_of_many_photographs_those_that_share_features_are_matched():
     features, names = walk(60, shuffle=True)
     pairs = likely_pairs(features)
     assert len(pairs) < 60 * 15 and all(first < second for first, second in pairs)
     assert {(min(pair), max(pair)) for step in (1, 2) for pair in zip(names, names[step:], strict=False)} <= set(pairs)
 
 
-def test_neighbours_by_name_are_matched_although_they_share_nothing():
+def test_neighbours_by_name_and_best_partners_are_matched():
     features = {name: (np.ones(5), np.eye(5, 128, 5 * int(name), dtype=np.uint8)) for name, _ in walk(25)[0].items()}
     pairs = likely_pairs({name: features[name] for name in reversed(sorted(features))})
     assert {("000", "001"), ("000", "002"), ("022", "024")} <= set(pairs) and len(pairs) < 25 * 13
-
-
-def test_photographs_without_a_camera_are_matched_again_with_their_best_partners():
     counts = {(f"{number:02d}", "x"): 20 + number for number in range(12)} | {("00", "01"): 500}
     assert pairs_to_match_again(counts, {"x", "y"}) == [(f"{number:02d}", "x") for number in range(2, 12)]

@@ -5,22 +5,13 @@ import pytest
 
 from fecocodec.photographs.lens import Lens
 from fecocodec.poses.estimate_choice import cut_weak_links, joined_names, least_explained
-from fecocodec.poses.estimated_cameras import EstimatedCamera
+from tests.poses.made_up_cameras import camera, pixels
 
 LENS = Lens(640, 480, 500.0, 500.0, 320.0, 240.0)
 NAMES = "abcdef"
 
 
-def row_of_cameras() -> tuple[EstimatedCamera, ...]:
-    cameras = []
-    for index, name in enumerate(NAMES):
-        pose = np.eye(4)
-        pose[0, 3] = 0.3 * index
-        cameras.append(EstimatedCamera(name, LENS, pose, np.ones(1)))
-    return tuple(cameras)
-
-
-CAMERAS = row_of_cameras()
+CAMERAS = tuple(camera(name, LENS, (0.3 * index, 0, 0)) for index, name in enumerate(NAMES))
 
 
 def matches_of(fitting: dict[str, int], contradicting: dict[str, int]) -> dict:
@@ -28,10 +19,7 @@ def matches_of(fitting: dict[str, int], contradicting: dict[str, int]) -> dict:
     generator, points = np.random.default_rng(0), {}
     for pair in fitting | contradicting:
         world = generator.uniform((-1, -1, 5), (2, 1, 9), (fitting.get(pair, 0) + contradicting.get(pair, 0), 3))
-        seen = []
-        for name in pair:
-            local = world - CAMERAS[NAMES.index(name)].camera_to_world[:3, 3]
-            seen.append(local[:, :2] / local[:, 2:] * LENS.fx + (LENS.cx, LENS.cy))
+        seen = [pixels(CAMERAS[NAMES.index(name)], world) for name in pair]
         seen[1][fitting.get(pair, 0) :, 1] += 40.0  # across the epipolar lines, which are rows
         points[pair[0], pair[1]] = seen[0], seen[1]
     return points
@@ -61,9 +49,6 @@ def test_the_least_explained_part_is_measured_also_where_nothing_is_cut():
     assert least_explained(CAMERAS, matches_of(CHAIN | {"cd": 40}, {"cd": 60})) == pytest.approx(0.4)
     assert least_explained(CAMERAS, matches_of(CHAIN | {"cd": 90}, {})) == 1.0
     assert least_explained(CAMERAS[:1], {}) == 1.0
-
-
-def test_two_photographs_stay_together():
     assert joined_names(CAMERAS[:2], matches_of({"ab": 20}, {"ab": 80})) == {"a", "b"}
 
 

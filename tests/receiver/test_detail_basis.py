@@ -56,9 +56,6 @@ def test_a_model_without_detail_refuses_it() -> None:
     state, condition = torch.zeros(2, 128, 16, 16), receiver.condition(torch.tensor([900, 900]), 2)
     with pytest.raises(ModelError, match="has no detail layer"):
         receiver.predict(state, cameras, condition, torch.zeros(2, PLANES, 8, 8))
-
-
-def test_the_paper_has_no_detail() -> None:
     with pytest.raises(ModelError, match="no detail layer"):
         Receiver(ReceiverConfig(method=PAPER, detail_planes=PLANES))
 

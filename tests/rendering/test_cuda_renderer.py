@@ -62,16 +62,12 @@ def test_cameras_and_gaussians_arrive_in_gsplats_conventions() -> None:
 
 
 @pytest.mark.usefixtures("gsplat")
-def test_gaussians_that_are_not_finite_do_not_reach_gsplat() -> None:
+def test_what_cannot_be_drawn_does_not_reach_gsplat() -> None:
     gaussians = random_gaussians(20)
     scales = gaussians.scales.clone()
     scales[4, 1] = torch.nan
     rendering = render_on_cuda(replace(gaussians, scales=scales), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
     assert rendering.color.isfinite().all()
-
-
-@pytest.mark.usefixtures("gsplat")
-def test_no_gaussians_give_the_background() -> None:
     rendering = render_on_cuda(random_gaussians(0), two_cameras(), IMAGE_SIZE, BACKGROUND, near=0.05)
     assert torch.equal(rendering.color, torch.tensor(BACKGROUND)[:, None, None].expand(2, 3, *IMAGE_SIZE))
     assert not rendering.alpha.any()

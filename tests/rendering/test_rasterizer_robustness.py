@@ -30,11 +30,18 @@ def without(gaussians: Gaussians, index: int) -> Gaussians:
     return gaussians.keep(torch.arange(gaussians.count) != index)
 
 
-def test_no_gaussians_give_the_background() -> None:
+def test_where_nothing_is_drawn_the_background_shows() -> None:
     rendering = render(random_gaussians(0), two_cameras(), IMAGE_SIZE, BACKGROUND)
     assert torch.equal(rendering.color, torch.tensor(BACKGROUND)[:, None, None].expand(2, 3, *IMAGE_SIZE))
     assert not rendering.depth.any()
     assert not rendering.alpha.any()
+    gaussians = random_gaussians(30)
+    cameras = two_cameras().select([0])
+    moved = gaussians.means.clone()
+    moved[:15, 2] *= -1.0
+    moved[15:, 2] = 0.099 * float(cameras.near)
+    hidden = Gaussians(moved, *gaussians.fields()[1:])
+    assert not render(hidden, cameras, IMAGE_SIZE).alpha.any()
 
 
 @pytest.mark.parametrize(
@@ -63,16 +70,6 @@ def test_an_invisible_gaussian_changes_nothing(values: dict[str, float]) -> None
     gaussians = random_gaussians(30)
     rendering = render(with_value(gaussians, 3, **values), two_cameras(), IMAGE_SIZE)
     assert torch.equal(rendering.color, render(without(gaussians, 3), two_cameras(), IMAGE_SIZE).color)
-
-
-def test_gaussians_behind_the_camera_or_too_near_are_not_drawn() -> None:
-    gaussians = random_gaussians(30)
-    cameras = two_cameras().select([0])
-    moved = gaussians.means.clone()
-    moved[:15, 2] *= -1.0
-    moved[15:, 2] = 0.099 * float(cameras.near)
-    hidden = Gaussians(moved, *gaussians.fields()[1:])
-    assert not render(hidden, cameras, IMAGE_SIZE).alpha.any()
 
 
 def test_a_gaussian_without_extent_is_a_dot_as_wide_as_the_dilation() -> None:

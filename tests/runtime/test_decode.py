@@ -13,7 +13,6 @@ from fecocodec.coding.camera_packing import unpack
 from fecocodec.container import inspect, read_stream, write_stream
 from fecocodec.decoding import decode
 from fecocodec.errors import BitstreamError, InputError
-from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.decode import decode as decode_with_torch
@@ -27,6 +26,7 @@ from fecocodec.runtime.graphs import Graphs, graphs_of
 from fecocodec.runtime.prediction import LastState
 from fecocodec.splatting.background import DEFAULT_BACKGROUND
 from fecocodec.splatting.emission import Emission
+from tests.example_scenes import cameras_in_a_row
 from tests.vectors.chosen_symbols import cells_covered, levels_of
 from tests.vectors.gaussian_difference import beyond, difference, without_rendering
 from tests.vectors.gaussian_samples import PAPER_STREAM, table
@@ -95,15 +95,12 @@ def padded(gaussians: Gaussians) -> torch.Tensor:
     return table(replace(gaussians, harmonics=harmonics))
 
 
-def test_uncovered_cells_have_no_gaussians() -> None:
+def test_coverage_fading_and_detail_act_as_with_torch() -> None:
     stream = read_stream(SCENE)
     data = write_stream(replace(stream, coverage=cells_covered(stream.header, 3)))
     found, expected = decode(data, is_merged=False), decode_with_torch(data, merging=None)
     assert found.gaussians.count == pytest.approx(expected.gaussians.count, abs=2)
     assert found.gaussians.count < 0.5 * decode(SCENE, is_merged=False).gaussians.count
-
-
-def test_faded_blocks_are_fainter() -> None:
     stream = read_stream(SCENE)
     data = write_stream(replace(stream, fading=levels_of(stream.header)))
     found, expected = (
@@ -113,6 +110,11 @@ def test_faded_blocks_are_fainter() -> None:
     assert found.count == pytest.approx(expected.gaussians.count, abs=2)
     assert found.opacities.sum() == pytest.approx(float(expected.gaussians.opacities.sum()), rel=1e-4)
     assert found.opacities.sum() < 0.8 * decode(SCENE, has_background=False, is_merged=False).gaussians.opacities.sum()
+    plain = write_stream(replace(read_stream(SCENE), detail=None))
+    with_detail, without = decode(SCENE).gaussians, decode(plain).gaussians
+    assert with_detail.count != without.count or not np.array_equal(with_detail.means, without.means)
+    expected = decode_with_torch(plain).gaussians
+    assert without.count == pytest.approx(expected.count, abs=2)
 
 
 def test_opacities_do_not_exceed_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,13 +131,6 @@ def test_opacities_do_not_exceed_one(monkeypatch: pytest.MonkeyPatch) -> None:
     assert decode(SCENE, has_background=False).gaussians.opacities.max() == 1
 
 
-def cameras_in_a_row(num_views: int) -> Cameras:
-    extrinsics = torch.eye(4).repeat(num_views, 1, 1)
-    extrinsics[:, 0, 3] = 0.3 * torch.arange(num_views)
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.3, 0.5], [0.0, 0.0, 1.0]]).repeat(num_views, 1, 1)
-    return Cameras(extrinsics, intrinsics, torch.tensor(0.5), torch.tensor(40.0))
-
-
 @pytest.mark.parametrize(
     ("num_views", "height", "width", "is_filled"),
     [(1, 64, 64, True), (3, 64, 96, True), (16, 64, 64, False), (2, 128, 64, True)],
@@ -144,7 +139,7 @@ def test_networks_agree_for_any_number_of_views_and_any_size(
     num_views: int, height: int, width: int, is_filled: bool
 ) -> None:
     receiver, _ = load_receiver(find_receiver(MODEL_ID))
-    cameras = cameras_in_a_row(num_views)
+    cameras = cameras_in_a_row(*(0.3 * torch.arange(num_views)).tolist(), focal=(1.0, 1.3), near=0.5, far=40.0)
     generator = torch.Generator().manual_seed(num_views)
     state = 0.3 * torch.randn(num_views, receiver.config.state_channels, height // 4, width // 4, generator=generator)
     with torch.inference_mode():
@@ -172,14 +167,6 @@ def test_intact_stages_of_a_damaged_stream_are_decoded() -> None:
         assert found.stages == stages and found.damage is not None and f"section {name}" in found.damage
         with pytest.raises(BitstreamError, match=f"section {name}"):
             decode(damaged)
-
-
-def test_detail_changes_the_gaussians_as_with_torch() -> None:
-    plain = write_stream(replace(read_stream(SCENE), detail=None))
-    with_detail, without = decode(SCENE).gaussians, decode(plain).gaussians
-    assert with_detail.count != without.count or not np.array_equal(with_detail.means, without.means)
-    expected = decode_with_torch(plain).gaussians
-    assert without.count == pytest.approx(expected.count, abs=2)
 
 
 def test_arguments_are_checked() -> None:

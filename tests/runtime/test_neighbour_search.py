@@ -31,19 +31,13 @@ def test_the_same_neighbours_in_the_same_order(num_views: int, side: int) -> Non
     assert np.array_equal(nearest_neighbours(points, 25), by_tree(points, 25))
 
 
-def test_of_coinciding_points_the_first_is_the_nearer_one() -> None:
+def test_coinciding_and_endless_points() -> None:
     points = np.repeat(surfaces(1, 8), 40, axis=0)[np.random.default_rng(1).permutation(64 * 40)]
     assert np.array_equal(nearest_neighbours(points, 25), by_tree(points, 25))
     assert np.array_equal(nearest_neighbours(np.zeros((3000, 3), np.float32), 25), np.tile(np.arange(25), (3000, 1)))
-
-
-def test_points_that_are_not_finite_count_as_the_origin() -> None:
     points = surfaces(2, 16)
     points[::7, 1] = np.nan
     points[3::11] = -np.inf
     assert np.array_equal(nearest_neighbours(points, 25), by_tree(points, 25))
-
-
-def test_distances_that_overflow_are_the_largest() -> None:
     points = np.float32(1e30) * surfaces(1, 16)
     assert np.array_equal(nearest_neighbours(points, 25)[:, 0], np.arange(256))

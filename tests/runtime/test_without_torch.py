@@ -40,25 +40,17 @@ def fecosplat(*commands: list[str | Path]) -> list[tuple[int, str, str]]:
     return json.loads(subprocess.run(command, cwd=ROOT, input=given, capture_output=True, text=True, check=True).stdout)
 
 
-def test_decode_writes_every_format(tmp_path: Path) -> None:
+def test_decode_and_info_take_their_options_and_write_every_format(tmp_path: Path) -> None:
     outputs = [tmp_path / f"scene.{ending}" for ending in ("ply", "compressed.ply", "spz", "glb")]
     cameras = [output.with_name(f"{output.name}.json") for output in outputs]
-    commands = (["decode", SCENE, "-o", *pair] for pair in zip(outputs, ["--save-cameras"] * 4, cameras, strict=True))
-    for (code, _, err), output, saved in zip(fecosplat(*commands), outputs, cameras, strict=True):
-        assert code == 0, err
-        assert output.stat().st_size > 10_000 and saved.stat().st_size > 100
-
-
-def test_decode_takes_its_options(tmp_path: Path) -> None:
+    commands = [["decode", SCENE, "-o", *pair] for pair in zip(outputs, ["--save-cameras"] * 4, cameras, strict=True)]
     options = [["--stages", "1"], ["--partial"], ["--sh-degree", "0"], ["--no-merge"]]
-    commands = (["decode", SCENE, "-o", tmp_path / f"{number}.ply", *given] for number, given in enumerate(options))
-    for code, _, err in fecosplat(*commands):
-        assert code == 0, err
-
-
-def test_info_describes_a_file() -> None:
-    ((code, out, err),) = fecosplat(["info", SCENE, "--json"])
-    assert code == 0 and '"views"' in out, err
+    commands += [["decode", SCENE, "-o", tmp_path / f"{number}.ply", *given] for number, given in enumerate(options)]
+    results = fecosplat(*commands, ["info", SCENE, "--json"])
+    assert [code for code, *_ in results] == [0] * 9, [err for *_, err in results]
+    assert all(output.stat().st_size > 10_000 for output in outputs)
+    assert all(saved.stat().st_size > 100 for saved in cameras)
+    assert '"views"' in results[-1][1]
 
 
 def test_what_needs_more_names_what_to_install(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from fecocodec.sender.codec import (
 )
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, LargeExtractor
+from fecocodec.sender.model import Sender
 from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL, example_cameras, example_views, fused
 
@@ -49,6 +50,31 @@ class Ramps:
 
     def fingerprint(self) -> str:
         return self.name
+
+
+def is_decoded(sender: Sender, model: Path) -> bool:
+    """Whether the receiver of a model decodes Gaussians from what the sender encodes."""
+    receiver, model_id = load_receiver(model / RECEIVER_FILE)
+    data = encode_with(Codec(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3))
+    return fecocodec.decode(data, model=model).gaussians.count > 0
+
+
+@pytest.fixture
+def example() -> ModuleType:
+    specification = importlib.util.spec_from_file_location("larger_extractor", EXAMPLE)
+    assert specification is not None and specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    sys.modules["larger_extractor"] = module
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def disk(example: ModuleType) -> LargeExtractor:
+    kornia = pytest.importorskip("kornia.feature", reason="examples/larger_extractor.py needs kornia")
+    torch.manual_seed(0)
+    extractor: LargeExtractor = example.DiskExtractor(kornia.DISK())
+    return extractor
 
 
 def test_features_are_adapted_to_quarter_resolution_and_only_the_adapter_learns() -> None:
@@ -75,8 +101,7 @@ def test_an_adapted_sender_adopts_a_trained_codec_and_its_files_decode_with_that
 
     (tmp_path / SENDER_FILE).write_bytes(serialise_sender(sender, model_id))
     loaded = load_adapted_sender(tmp_path / SENDER_FILE, Ramps(), receiver.config, model_id)
-    data = encode_with(Codec(loaded, receiver, model_id), example_views(2), quantise_lambda(1e-3), 2)
-    assert fecocodec.decode(data, model=random_weights / MODEL).gaussians.count > 0
+    assert is_decoded(loaded, random_weights / MODEL)
 
 
 def test_refusals(random_weights: Path, tmp_path: Path) -> None:
@@ -95,37 +120,20 @@ def test_refusals(random_weights: Path, tmp_path: Path) -> None:
         AdaptedExtractor(Ramps(num_channels=7), 128).match(example_views(2).images[None], example_cameras(2).as_batch())
 
 
-def worked_example() -> ModuleType:
-    specification = importlib.util.spec_from_file_location("larger_extractor", EXAMPLE)
-    assert specification is not None and specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    sys.modules["larger_extractor"] = module
-    specification.loader.exec_module(module)
-    return module
-
-
-def test_the_worked_example_fits(random_weights: Path) -> None:
-    kornia = pytest.importorskip("kornia.feature", reason="examples/larger_extractor.py needs kornia")
-    torch.manual_seed(0)
-    disk = worked_example().DiskExtractor(kornia.DISK())
+def test_the_worked_example_fits(disk: LargeExtractor, random_weights: Path) -> None:
     assert isinstance(disk, LargeExtractor) and disk.fingerprint() == disk.fingerprint() and disk.num_channels() == 128
-    receiver, model_id = load_receiver(random_weights / MODEL / RECEIVER_FILE)
-    sender = adapted_sender(disk, receiver.config).eval()
-    data = encode_with(Codec(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3), 1)
-    assert fecocodec.decode(data, model=random_weights / MODEL).gaussians.count > 0
+    assert is_decoded(adapted_sender(disk, ReceiverConfig()).eval(), random_weights / MODEL)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-def test_the_worked_example_trains_a_sender_for_the_receiver_there_is(random_weights: Path, tmp_path: Path) -> None:
-    kornia = pytest.importorskip("kornia.feature", reason="examples/larger_extractor.py needs kornia")
-    example, model = worked_example(), random_weights / MODEL
-    torch.manual_seed(0)
-    disk = example.DiskExtractor(kornia.DISK())
+def test_the_worked_example_trains_a_sender_for_the_receiver_there_is(
+    disk: LargeExtractor, example: ModuleType, random_weights: Path, tmp_path: Path
+) -> None:
+    model = random_weights / MODEL
     scenes = write_wall_chunks(tmp_path / "scenes", num_scenes=2, num_frames=10)
     example.train_sender(disk, scenes, tmp_path / "out", minutes=1e-3, model=model)
     assert (tmp_path / "out" / RECEIVER_FILE).read_bytes() == (model / RECEIVER_FILE).read_bytes()
     receiver, model_id = load_receiver(model / RECEIVER_FILE)
     sender = load_adapted_sender(tmp_path / "out" / SENDER_FILE, disk, receiver.config, model_id)
-    data = encode_with(Codec(sender, receiver, model_id), example_views(2), quantise_lambda(1e-3), 1)
-    assert fecocodec.decode(data, model=random_weights / MODEL).gaussians.count > 0
+    assert is_decoded(sender, model)

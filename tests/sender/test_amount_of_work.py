@@ -12,28 +12,23 @@ import pytest
 import torch
 
 import fecocodec.rendering.cpu as rasteriser
-from fecocodec.checkpoint import model_folder
 from fecocodec.container import quantise_lambda
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.codec import load_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode, encode_with
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.optimisation_config import DEFAULT
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
-from tests.example_scenes import MODEL, example_views
+from tests.example_scenes import MODEL, example_views, synthetic_views
 
-SIZE = (64, 64)
 FEW_STEPS = replace(DEFAULT.with_steps(2), detail_steps_per_decade=0)
 
 
 @pytest.fixture(scope="module")
 def views() -> Views:
-    generator = torch.Generator().manual_seed(11)
-    return SyntheticScenes(pattern_textures(8)).sample(generator, num_context=4, num_target=3, size=SIZE).views
+    return synthetic_views(4, 3, (64, 64))
 
 
 @pytest.mark.parametrize(
@@ -45,12 +40,7 @@ def views() -> Views:
     ],
 )
 def test_parts_of_an_encoding(
-    views: Views,
-    num_views: int,
-    num_guides: int,
-    lmbda: float,
-    most: dict[str, int],
-    monkeypatch: pytest.MonkeyPatch,
+    views: Views, shipped_codec: Codec, num_views: int, num_guides: int, lmbda: float, most: dict[str, int], monkeypatch
 ) -> None:
     """match: of the views. predict: passes of the predictor. pictures: rendered, with or without gradients."""
     counts = Counter[str]()
@@ -68,8 +58,7 @@ def test_parts_of_an_encoding(
     count(Receiver, "predict", "predict")
     count(rasteriser, "_project", "pictures")
     guides = views.select(list(range(4, 4 + num_guides))) if num_guides else None
-    codec = load_codec(model_folder(None), "cpu")
-    encode_with(codec, views.select(list(range(num_views))), quantise_lambda(lmbda), guides=guides)
+    encode_with(shipped_codec, views.select(list(range(num_views))), quantise_lambda(lmbda), guides=guides)
     assert counts == most
 
 

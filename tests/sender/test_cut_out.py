@@ -18,7 +18,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import Rendering, render
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.coverage import covered_cells
 from fecocodec.sender.encode import write_scene
 from fecocodec.sender.optimisation_config import DEFAULT
@@ -29,11 +29,6 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 ROOT = Path(__file__).parents[2]
 SIZE = (64, 96)
 WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
-
-
-@pytest.fixture(scope="module")
-def codec() -> Codec:
-    return load_codec(ROOT / "fecocodec" / "weights" / "compact-6", "cpu")
 
 
 @pytest.fixture(scope="module")
@@ -58,17 +53,13 @@ def test_pictures_and_photographs_are_on_white_then_on_black(monkeypatch: pytest
 
 
 @torch.no_grad()
-def test_opaque_photographs_are_compared_as_they_are(codec: Codec) -> None:
+def test_photographs_are_compared_as_they_are_emitted(shipped_codec: Codec, cut_out_views: Views) -> None:
     views = read_views(ROOT / "examples" / "motorcycle", size=SIZE)
-    encoder = SceneEncoder.of(codec, prepare_scene(views, codec.device))
+    encoder = SceneEncoder.of(shipped_codec, prepare_scene(views, shipped_codec.device))
     assert encoder.cut_out is None
     assert torch.equal(References.of(encoder).pictures, encoder.images[0])
-
-
-@torch.no_grad()
-def test_the_emitted_gaussians_are_those_of_the_decoder(codec: Codec, cut_out_views: Views) -> None:
-    scene = prepare_scene(cut_out_views, codec.device)
-    encoder = SceneEncoder.of(codec, scene)
+    scene = prepare_scene(cut_out_views, shipped_codec.device)
+    encoder = SceneEncoder.of(shipped_codec, scene)
     assert encoder.cut_out is not None
     visibility = visibility_of(read_stream(write_scene(encoder, scene, quantise_lambda(1e-2), 1, DEFAULT)))
     assert visibility is not None
@@ -76,17 +67,17 @@ def test_the_emitted_gaussians_are_those_of_the_decoder(codec: Codec, cut_out_vi
 
 
 @torch.no_grad()
-def test_cut_outs_come_out_better_than_when_judged_on_white_alone(codec: Codec, cut_out_views: Views) -> None:
-    scene = prepare_scene(cut_out_views, codec.device)
+def test_cut_outs_come_out_better_than_when_judged_on_white_alone(shipped_codec: Codec, cut_out_views: Views) -> None:
+    scene = prepare_scene(cut_out_views, shipped_codec.device)
     assert cut_out_views.alpha is not None
     opacity = cut_out_views.alpha[:, None]
     quality = {}
     for name, encoder in (
-        ("both", SceneEncoder.of(codec, scene)),
-        ("white", SceneEncoder(codec, scene.images, scene.cameras)),
+        ("both", SceneEncoder.of(shipped_codec, scene)),
+        ("white", SceneEncoder(shipped_codec, scene.images, scene.cameras)),
     ):
         gaussians = decode_with(
-            codec.receiver, write_scene(encoder, scene, quantise_lambda(1e-4), 2, DEFAULT)
+            shipped_codec.receiver, write_scene(encoder, scene, quantise_lambda(1e-4), 2, DEFAULT)
         ).gaussians
         for background, image in (
             (WHITE, cut_out_views.images),
@@ -98,30 +89,21 @@ def test_cut_outs_come_out_better_than_when_judged_on_white_alone(codec: Codec, 
     assert quality["both", WHITE] > quality["white", WHITE]
 
 
-def test_a_cell_is_covered_by_one_opaque_pixel() -> None:
+def test_covered_cells() -> None:
     alpha = torch.zeros(2, 64, 64)
     alpha[1, 11, 20] = 0.5
     cells = covered_cells(alpha, (2, 16, 16))
     assert cells.nonzero().tolist() == [[1, 2, 5]]
     assert not covered_cells(0.99 * alpha, (2, 16, 16)).any()
-
-
-def test_cells_cover_the_image_where_the_coding_grid_has_another_size() -> None:
-    """70 rows on a grid of 64: cell 0 spans rows 0 to 4.375, cell 15 spans rows 65.625 to 70."""
+    # 70 rows on a grid of 64: cell 0 spans rows 0 to 4.375, cell 15 spans rows 65.625 to 70.
     alpha = torch.zeros(1, 70, 64)
     alpha[0, 4, 0], alpha[0, 69, 63] = 1.0, 1.0
     assert covered_cells(alpha, (1, 16, 16)).nonzero().tolist() == [[0, 0, 0], [0, 1, 0], [0, 15, 15]]
-
-
-def test_cells_across_a_silhouette_are_left_out_beside_cells_within_the_part() -> None:
     alpha = torch.zeros(1, 64, 64)
     alpha[:, :, :10] = 1.0  # half of the third column of cells
     assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [0, 1]
     alpha[:, :, 10], alpha[:, :, 11] = 1.0, 0.3  # 82% of it
     assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [0, 1, 2]
-
-
-def test_all_cells_of_a_part_that_has_none_within_are_covered() -> None:
     alpha = torch.zeros(1, 64, 64)
     alpha[:, :, 6:9] = 1.0  # thinner than a cell, in two columns of cells
     assert covered_cells(alpha, (1, 16, 16))[0, 0].nonzero().flatten().tolist() == [1, 2]

@@ -8,15 +8,13 @@ import torch
 
 from fecocodec import encode, measure_decoded, read_views
 from fecocodec.container import quantise_lambda, read_stream
-from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.sender.detail_steps import Search, descend, symbols_of
 from fecocodec.sender.lambda_roles import price_of_detail
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST
 from fecocodec.sender.references import References
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
+from tests.example_scenes import cameras_in_a_row, synthetic_views
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "motorcycle"
 DETAIL = DEFAULT.with_steps(1)  # few steps of the latents, which are not what is tested
@@ -42,10 +40,7 @@ class Shown(References):
 
 def search_of(images: torch.Tensor, price: float = 0.0) -> Search:
     """Pictures that depend on the numbers as if every plane were a colour."""
-    count = len(images)
-    cameras = Cameras(
-        torch.eye(4).expand(count, 4, 4), torch.eye(3).expand(count, 3, 3), torch.ones(()), torch.ones(())
-    )
+    cameras = cameras_in_a_row(*[0.0] * len(images))
 
     def gaussians(values: torch.Tensor) -> Gaussians:
         means = values.permute(0, 2, 3, 1).reshape(-1, 3)
@@ -55,7 +50,7 @@ def search_of(images: torch.Tensor, price: float = 0.0) -> Search:
     return Search(Shown(cameras, images, None, len(images)), gaussians, gaussians, price)
 
 
-def test_steps_approach_the_photographs() -> None:
+def test_steps_approach_the_photographs_as_far_as_bits_are_worth_it() -> None:
     images = torch.rand(2, 3, 8, 8, generator=torch.Generator().manual_seed(0))
     errors = [
         float((0.1 * descend(search_of(images), torch.zeros(2, 3, 8, 8), steps) - images).square().mean())
@@ -64,35 +59,23 @@ def test_steps_approach_the_photographs() -> None:
     assert errors[0] < float(images.square().mean())
     assert errors[2] < errors[1] < errors[0]
     assert errors[2] < 0.05 * float(images.square().mean())
-
-
-def test_a_high_price_leaves_nothing() -> None:
     images = torch.rand(2, 3, 8, 8, generator=torch.Generator().manual_seed(0))
     assert not descend(search_of(images, price=10.0), torch.zeros(2, 3, 8, 8), 5).any()
-
-
-def test_photographs_that_are_shown_already_give_zeros() -> None:
     found = descend(search_of(torch.zeros(1, 3, 8, 8)), torch.zeros(1, 3, 8, 8), 3)
     assert torch.equal(found, torch.zeros(1, 3, 8, 8))
-
-
-def test_a_lone_number_needs_to_be_larger_than_half_a_step() -> None:
     values = torch.zeros(1, 1, 1, 3)
     values[0, 0, 0] = torch.tensor([0.55, 1.4, -2.9])
     table = torch.full((1, 1, 3), 22, dtype=torch.uint8).numpy()  # standard deviation 1
     assert symbols_of(values)(0, table).tolist() == [[[0, 1, -3]]]
 
 
-def test_detail_raises_the_quality_of_the_photographs(views: Views, with_detail: bytes) -> None:
+def test_detail_raises_the_quality_more_at_smaller_lambdas(views: Views, with_detail: bytes) -> None:
     without = encode(views, lmbda=1e-4, effort=WITHOUT)
     assert read_stream(with_detail).detail is not None
     assert read_stream(without).detail is None
     better, plain = (measure_decoded(data, views)[-1].psnr for data in (with_detail, without))
     assert better > plain + 0.5
     assert len(with_detail) < 1.5 * len(without)
-
-
-def test_smaller_lambdas_buy_more_detail(views: Views, with_detail: bytes) -> None:
     sizes = []
     for data in (encode(views, lmbda=1e-3, effort=DETAIL), with_detail, encode(views, lmbda=1e-5, effort=DETAIL)):
         detail = read_stream(data).detail
@@ -105,8 +88,7 @@ def test_many_views_have_detail_at_every_lambda() -> None:
     lambda_q = quantise_lambda(1e-3)
     assert DEFAULT.detail_steps_of(3, 2**17, lambda_q) == 0 < DEFAULT.detail_steps_of(4, 2**17, lambda_q)
     assert price_of_detail(3, lambda_q) > price_of_detail(4, lambda_q)
-    generator = torch.Generator().manual_seed(3)
-    four = SyntheticScenes(pattern_textures(8)).sample(generator, num_context=4, num_target=0, size=(64, 96)).views
+    four = synthetic_views(4, 0, seed=3)
     with_detail = encode(four, lmbda=1e-3, effort=DETAIL)
     assert read_stream(with_detail).detail is not None
     without = encode(four, lmbda=1e-3, effort=WITHOUT)

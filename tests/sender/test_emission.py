@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 import torch
 
-from fecocodec.checkpoint import model_folder
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.coding.visibility import is_filled_behind, visibility_of
 from fecocodec.container import quantise_lambda, read_stream, write_stream
@@ -19,27 +18,19 @@ from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode, decode_with
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import assemble, encode, write_stages
 from fecocodec.sender.latent_optimisation import gaussians_of
 from fecocodec.sender.optimisation_config import DEFAULT, FAST
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
-from tests.example_scenes import example_views
+from tests.example_scenes import example_views, synthetic_views
 
 SIZE = (64, 96)
 
 
-@pytest.fixture(scope="module")
-def codec() -> Codec:
-    return load_codec(model_folder(None), "cpu")
-
-
 def views_of(count: int, is_cut_out: bool) -> Views:
-    world, generator = SyntheticScenes(pattern_textures(8)), torch.Generator().manual_seed(count)
-    views = world.sample(generator, num_context=count, num_target=0, size=SIZE).views
+    views = synthetic_views(count, 0, SIZE, seed=count)
     if not is_cut_out:
         return views
     opacity = torch.zeros(count, *SIZE)
@@ -49,12 +40,12 @@ def views_of(count: int, is_cut_out: bool) -> Views:
 
 @torch.no_grad()
 @pytest.mark.parametrize(("count", "is_cut_out"), [(2, False), (4, False), (8, False), (2, True), (4, True)])
-def test_feedback_and_objective_show_what_is_decoded(codec: Codec, count: int, is_cut_out: bool) -> None:
+def test_feedback_and_objective_show_what_is_decoded(shipped_codec: Codec, count: int, is_cut_out: bool) -> None:
     views = views_of(count, is_cut_out)
-    scene = prepare_scene(views, codec.device)
-    encoder = SceneEncoder.of(codec, scene)
+    scene = prepare_scene(views, shipped_codec.device)
+    encoder = SceneEncoder.of(shipped_codec, scene)
     stages = write_stages(encoder, quantise_lambda(1e-3), 2, DEFAULT.with_steps(1))
-    stream = assemble(codec, scene, stages)
+    stream = assemble(shipped_codec, scene, stages)
     last, data = stages[-1], write_stream(stream)
     prediction = encoder.predict(last.state, last.inputs.condition)
     sent = encoder.emit(prediction, last.fading)
@@ -64,7 +55,7 @@ def test_feedback_and_objective_show_what_is_decoded(codec: Codec, count: int, i
 
     def decoded(sh_degree: int) -> Gaussians:
         """What `decode` emits, in the normalised frame: Gaussians of the views, layers outside and behind."""
-        emitted = decode_with(codec.receiver, data, sh_degree=sh_degree, merging=None).gaussians
+        emitted = decode_with(shipped_codec.receiver, data, sh_degree=sh_degree, merging=None).gaussians
         means = ((emitted.means.double() - torch.from_numpy(frame.origin)) / frame.scale).float()
         return replace(emitted, means=means, scales=emitted.scales / frame.scale)
 
@@ -88,9 +79,9 @@ SIDE = 128
 
 
 @torch.no_grad()
-def test_the_feedback_shows_what_is_decoded() -> None:
-    views, codec = example_views(2, SIDE, SIDE), load_codec(model_folder(None), "cpu")
-    encoder = SceneEncoder.of(codec, prepare_scene(views, codec.device))
+def test_the_feedback_shows_what_is_decoded(shipped_codec: Codec) -> None:
+    views = example_views(2, SIDE, SIDE)
+    encoder = SceneEncoder.of(shipped_codec, prepare_scene(views, shipped_codec.device))
     last = write_stages(encoder, quantise_lambda(1e-3), 2, FAST)[-1]
     seen = encoder.render(last).scenes[0].color
     decoded, plain = (

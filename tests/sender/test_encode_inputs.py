@@ -40,10 +40,7 @@ def with_skew(views: Views) -> Views:
         (replace(example_views(2), images=torch.full((2, 3, 64, 64), float("nan"))), "not finite"),
         (replace(example_views(2), images=torch.rand(3, 3, 64, 64)), "3 images were given with 2 cameras"),
         (replace(example_views(2), alpha=torch.zeros(2, 64, 64)), "every pixel of the views is transparent"),
-        (
-            replace(example_views(2), alpha=torch.full((2, 64, 64), float("nan"))),
-            "alpha holds values that",
-        ),
+        (replace(example_views(2), alpha=torch.full((2, 64, 64), float("nan"))), "alpha holds values that"),
         (example_views(17), "give 1 to 16"),
         (example_views(2, 63, 64), "sides must be 64 to 1024"),
         (example_views(1, 64, 1025), "sides must be 64 to 1024"),
@@ -54,16 +51,17 @@ def test_views_that_cannot_be_coded_are_named(random_weights: Path, views: Views
         encode(views, model=random_weights / MODEL)
 
 
-@pytest.mark.parametrize("lmbda", [0.0, 9e-6, 1.1e-2, float("nan")])
-def test_lambda_outside_its_range_is_refused(random_weights: Path, lmbda: float) -> None:
-    with pytest.raises(InputError, match="lambda"):
-        encode(example_views(1), lmbda=lmbda, model=random_weights / MODEL)
-
-
-@pytest.mark.parametrize("num_stages", [0, 3])
-def test_there_are_one_or_two_stages(random_weights: Path, num_stages: int) -> None:
-    with pytest.raises(InputError, match="choose 1 or 2"):
-        encode(example_views(1), num_stages=num_stages, model=random_weights / MODEL)
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        *(({"lmbda": lmbda}, "lambda") for lmbda in (0.0, 9e-6, 1.1e-2, float("nan"))),
+        ({"num_stages": 0}, "choose 1 or 2"),
+        ({"num_stages": 3}, "choose 1 or 2"),
+    ],
+)
+def test_options_outside_their_range_are_refused(random_weights: Path, options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        encode(example_views(1), model=random_weights / MODEL, **options)
 
 
 def test_a_model_that_is_not_there_is_named(random_weights: Path) -> None:

@@ -18,7 +18,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.fading import LEAST_VIEWS, Fading, fader, fading_of
 from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene import Guides
-from tests.example_scenes import MODEL, example_views
+from tests.example_scenes import MODEL, cameras_in_a_row, example_views, surface
 
 DEPTH, SIDE, NUM_VIEWS = 1.5, 64, 5
 FEW_STEPS = DEFAULT.with_steps(1)
@@ -27,15 +27,12 @@ FEW_STEPS = DEFAULT.with_steps(1)
 @pytest.fixture(scope="module")
 def cameras() -> Cameras:
     """Five cameras in a row, which look at a wall."""
-    extrinsics = torch.eye(4).repeat(NUM_VIEWS, 1, 1)
-    extrinsics[:, 0, 3] = torch.linspace(-0.4, 0.4, NUM_VIEWS)
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(NUM_VIEWS, 1, 1)
-    return Cameras(extrinsics, intrinsics, torch.tensor(0.5), torch.tensor(40.0))
+    return cameras_in_a_row(*torch.linspace(-0.4, 0.4, NUM_VIEWS).tolist(), near=0.5, far=40.0)
 
 
-def wall(cameras: Cameras, side: int, depth: torch.Tensor | float = DEPTH) -> torch.Tensor:
-    """Return the points on the wall, or at other depths, at the pixels of each view: [view side side 3]."""
-    return cameras.extrinsics[:, None, None, :3, 3] + pixel_rays(cameras, side, side) * depth
+def wall(cameras: Cameras, side: int) -> torch.Tensor:
+    """Return the points on the wall at the pixels of each view: [view side side 3]."""
+    return cameras.extrinsics[:, None, None, :3, 3] + pixel_rays(cameras, side, side) * DEPTH
 
 
 @pytest.fixture(scope="module")
@@ -46,17 +43,14 @@ def photographs(cameras: Cameras) -> torch.Tensor:
 def gaussians_of(cameras: Cameras, depth: torch.Tensor | float = DEPTH) -> Gaussians:
     """Return one Gaussian for each 2x2 pixels, with the colour of the wall behind it."""
     side = SIDE // 2
-    means, colours = wall(cameras, side, depth).flatten(0, 2), painted(wall(cameras, side)).flatten(0, 2)
-    scales = (means[:, 2:] / side * 0.6).expand(-1, 3)
-    rotations = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(len(means), 4)
-    harmonics = ((colours - 0.5) / 0.28209479)[:, None]
-    return Gaussians(means, scales, rotations, torch.full((len(means),), 0.9), harmonics)
+    depths = torch.as_tensor(depth).expand(cameras.num_views, side, side)
+    return surface(cameras, depths, painted(wall(cameras, side)), 0.9)
 
 
 @pytest.fixture(scope="module")
 def foggy(cameras: Cameras) -> Gaussians:
     """Gaussians on the wall, except for those of one block, which stand halfway before it."""
-    depth = torch.full((NUM_VIEWS, SIDE // 2, SIDE // 2, 1), DEPTH)
+    depth = torch.full((NUM_VIEWS, SIDE // 2, SIDE // 2), DEPTH)
     depth[2, 8:16, 16:24] = 0.5 * DEPTH
     return gaussians_of(cameras, depth)
 
@@ -104,9 +98,6 @@ def test_factors_are_those_that_a_decoder_applies(cameras) -> None:
     changed = factors != 1
     assert changed[3, :8, 8:16].all() and changed.sum() == 64
     assert (factors[3, :8, 8:16] == 0).all()
-
-
-def test_no_section_is_written_if_nothing_is_faded() -> None:
     assert fading_of(None) is None
     assert fading_of(Fading(torch.full((5, 4, 4), 2.0))) is None
 
@@ -148,14 +139,13 @@ def without_fading(data: bytes) -> bytes:
 def test_guides_show_what_hides_others(cameras, photographs, foggy) -> None:
     """Fog before the wall, which only a photograph that is not coded shows, is faded by that photograph."""
     beside = torch.tensor([0, 4])
-    own = Cameras(cameras.extrinsics[beside], cameras.intrinsics[beside], cameras.near, cameras.far)
+    own = cameras.select(beside.tolist())
     of_views = foggy.count // NUM_VIEWS
-    depth = torch.full((2, SIDE // 2, SIDE // 2, 1), DEPTH)
+    depth = torch.full((2, SIDE // 2, SIDE // 2), DEPTH)
     depth[0, 8:16, 24:32] = 0.5 * DEPTH
     fog = gaussians_of(own, depth)
     assert fog.count == 2 * of_views
-    between = Cameras(cameras.extrinsics[2:3], cameras.intrinsics[2:3], cameras.near, cameras.far)
-    guides = Guides(photographs[2:3], between)
+    guides = Guides(photographs[2:3], cameras.select([2]))
     plain = fader(photographs[beside], own)(fog, None)
     guided = fader(photographs[beside], own, guides=guides)(fog, None)
     assert guided.logits[0, 1, 3] < plain.logits[0, 1, 3]

@@ -6,32 +6,24 @@ import pytest
 import torch
 
 from fecocodec import decode, encode
-from fecocodec.checkpoint import model_folder
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import matched_scene
 from fecocodec.sender.references import MAX_GUIDES_AT_ONCE, References
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
+from tests.example_scenes import synthetic_views
 
 SIZE = (64, 96)
 
 
 @pytest.fixture(scope="module")
-def codec() -> Codec:
-    return load_codec(model_folder(None), "cpu")
-
-
-@pytest.fixture(scope="module")
 def views() -> Views:
     """Two context views, two guides, two targets of a room."""
-    generator = torch.Generator().manual_seed(11)
-    return SyntheticScenes(pattern_textures(8)).sample(generator, num_context=2, num_target=4, size=SIZE).views
+    return synthetic_views(2, 4, SIZE)
 
 
 def quality(data: bytes, views: Views) -> float:
@@ -48,41 +40,38 @@ def test_guides_raise_the_quality_where_they_are(views: Views) -> None:
     assert encode(context, guides=guides.select([]), effort="fast") == encode(context, effort="fast")
 
 
-def test_a_guide_of_another_scene_is_left_out_and_named(codec: Codec, views: Views) -> None:
+def test_a_guide_of_another_scene_is_left_out_and_named(shipped_codec: Codec, views: Views) -> None:
     context, guides = views.select([0, 1]), views.select([2, 3])
     row, column = torch.meshgrid(torch.arange(SIZE[0]) // 16, torch.arange(SIZE[1]) // 16, indexing="ij")
     board = ((row + column) % 2).float().expand(1, 3, *SIZE)
     spoiled = replace(guides, images=torch.cat((guides.images[:1], board)), names=("good.jpg", "bad.jpg"))
     said: list[str] = []
-    _, scene = matched_scene(codec, context, spoiled, said.append)
+    _, scene = matched_scene(shipped_codec, context, spoiled, said.append)
     assert scene.guides is not None and scene.guides.count == 1
     (sentence,) = [sentence for sentence in said if "guide" in sentence]
     assert sentence.startswith("guide bad.jpg is left out: ")
     assert "good.jpg" not in sentence
 
 
-def test_a_darker_guide_is_brightened_before_it_teaches(codec: Codec, views: Views) -> None:
+def test_guides_are_brightened_or_left_out(shipped_codec: Codec, views: Views) -> None:
     context, guides = views.select([0, 1]), views.select([2, 3])
     dark = replace(guides, images=0.6 * guides.images)
-    _, scene = matched_scene(codec, context, dark, lambda _: None)
+    _, scene = matched_scene(shipped_codec, context, dark, lambda _: None)
     assert scene.guides is not None
     before, after = ((images - guides.images).abs().mean() for images in (dark.images, scene.guides.images))
     assert after < 0.5 * before
-
-
-def test_opaque_guides_of_cut_outs_are_left_out(codec: Codec, views: Views) -> None:
     context, guides = views.select([0, 1]), views.select([2, 3])
     cut_out = replace(context, alpha=torch.ones(2, *SIZE))
     said: list[str] = []
-    _, scene = matched_scene(codec, cut_out, guides, said.append)
+    _, scene = matched_scene(shipped_codec, cut_out, guides, said.append)
     assert scene.guides is None
     assert said[0] == "the guides are left out: the coded views are cut-outs and the guides are not."
 
 
 @torch.no_grad()
-def test_all_guides_teach_in_turns(codec: Codec, views: Views) -> None:
+def test_all_guides_teach_in_turns(shipped_codec: Codec, views: Views) -> None:
     context, guides = views.select([0, 1]), views.select([2, 3, 4, 5] * 5)
-    references = References.of(SceneEncoder.of(codec, prepare_scene(context, codec.device, guides)))
+    references = References.of(SceneEncoder.of(shipped_codec, prepare_scene(context, shipped_codec.device, guides)))
     turns = [references.taught(number) for number in range(3)]
     assert all(turn.num_context == 2 and len(turn.images) <= 2 + MAX_GUIDES_AT_ONCE for turn in turns)
     assert all(torch.equal(turn.images[:2], references.images[:2]) for turn in turns)

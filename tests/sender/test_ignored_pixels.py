@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from fecocodec import InputError, decode, encode, measure_decoded
-from fecocodec.checkpoint import model_folder
 from fecocodec.coding.visibility import unpack_levels
 from fecocodec.container import read_stream
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph, waves
@@ -15,7 +14,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encoder_of, matched_scene
 from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.references import References
@@ -26,11 +25,6 @@ FEW_STEPS = DEFAULT.with_steps(1)
 ROWS, COLUMNS = slice(8, 64), slice(32, 68)
 POSES = torch.stack([look((step, 0.05 * step, -1.5)) for step in (-0.4, 0.0, 0.4, -0.2, 0.2)])
 NAMES = ("left.png", "middle.png", "right.png", "a.png", "b.png")
-
-
-@pytest.fixture(scope="module")
-def codec() -> Codec:
-    return load_codec(model_folder(None), "cpu")
 
 
 @pytest.fixture(scope="module")
@@ -90,18 +84,20 @@ def test_blocks_under_a_mask_have_no_gaussians(masked: Views) -> None:
     assert encode(masked.select([0]), effort="fast") == encode(without_mask(masked).select([0]), effort="fast")
 
 
-def test_masked_pixels_confirm_nothing(codec: Codec, room: Views, masked: Views) -> None:
+def test_masked_pixels_confirm_nothing(shipped_codec: Codec, room: Views, masked: Views) -> None:
     pairs = (masked.select([0, 1]), without_mask(masked).select([0, 1]))
-    found, plain = (matched_scene(codec, views, None, lambda _: None)[0].matching.depth.consistency for views in pairs)
+    found, plain = (
+        matched_scene(shipped_codec, views, None, lambda _: None)[0].matching.depth.consistency for views in pairs
+    )
     assert float(found[1, :, 2:, 8:17].max()) == 0.0 < float(plain[1, :, 2:, 8:17].max())
     assert int((found[0] < 0.01).sum()) > int((plain[0] < 0.01).sum())  # of what the middle one alone could confirm
-    guided = matched_scene(codec, masked.select([1]), room.select([3, 4]), lambda _: None)[0].matching.depth
+    guided = matched_scene(shipped_codec, masked.select([1]), room.select([3, 4]), lambda _: None)[0].matching.depth
     assert float(guided.consistency[0, :, 2:, 8:17].max()) == 0.0 < float(guided.consistency.mean())
 
 
-def test_renderings_equal_the_photographs_under_masks(codec: Codec, room: Views, masked: Views) -> None:
+def test_renderings_equal_the_photographs_under_masks(shipped_codec: Codec, room: Views, masked: Views) -> None:
     guides = with_passer_by(room.select([3, 4]), 1)
-    references = References.of(encoder_of(codec, prepare_scene(masked, codec.device, guides)))
+    references = References.of(encoder_of(shipped_codec, prepare_scene(masked, shipped_codec.device, guides)))
     nothing = Gaussians(torch.zeros(0, 3), torch.zeros(0, 3), torch.zeros(0, 4), torch.zeros(0), torch.zeros(0, 1, 3))
     for part in (references, references.taught(1)):
         assert part.ignored is not None and part.ignored.shape[0] == 5
@@ -109,17 +105,17 @@ def test_renderings_equal_the_photographs_under_masks(codec: Codec, room: Views,
         assert torch.equal(is_equal, part.ignored)
 
 
-def test_a_guide_is_judged_by_what_no_mask_marks(codec: Codec, room: Views) -> None:
+def test_a_guide_is_judged_by_what_no_mask_marks(shipped_codec: Codec, room: Views) -> None:
     guides = room.select([3, 4])
     ignored = torch.zeros(2, *SIZE, dtype=torch.bool)
     ignored[0, :, :72] = True
     images = torch.where(ignored[:, None], torch.rand(2, 3, *SIZE), guides.images)
     said: list[str] = []
     spoiled = replace(guides, images=images, ignored=ignored)
-    _, scene = matched_scene(codec, room.select([0, 2]), spoiled, said.append)
+    _, scene = matched_scene(shipped_codec, room.select([0, 2]), spoiled, said.append)
     assert said == [] and scene.guides is not None and scene.guides.count == 2
     nothing = replace(spoiled, ignored=torch.ones(2, *SIZE, dtype=torch.bool))
-    _, scene = matched_scene(codec, room.select([0, 2]), nothing, said.append)
+    _, scene = matched_scene(shipped_codec, room.select([0, 2]), nothing, said.append)
     assert scene.guides is None and all("hardly any point" in sentence for sentence in said)
 
 

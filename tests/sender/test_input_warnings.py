@@ -16,15 +16,19 @@ def context_of(poses: torch.Tensor) -> Views:
     return photograph(Room(painted), poses, (64, 64)).select([0, 1])
 
 
-def test_good_views_get_no_warning() -> None:
+def test_good_views_get_no_warning_and_others_do() -> None:
     assert check_input(context_of(sideways())) == ()
-
-
-def test_too_many_pixels_for_latent_optimisation() -> None:
     views, pixels = context_of(sideways()), 2 * 64 * 64
     (warning,) = check_input(views, replace(DEFAULT, max_pixels=pixels - 1))
     assert warning.startswith("the views have 8,192 pixels in all, more than the 8,191 up to which latents are")
     assert check_input(views, replace(DEFAULT, max_pixels=pixels)) == check_input(views, "fast") == ()
+    squeezed = photograph(Room(painted), sideways(), (64, 64)).select([0, 1])
+    squeezed = replace(squeezed, images=squeezed.images.repeat_interleave(2, dim=2))
+    (warning,) = check_input(squeezed)
+    assert warning.startswith(
+        "the pixels are 2.0 times as long as wide or the reverse, by the focal lengths, so detail"
+    )
+    assert warning.endswith("correct `fl_x` and `fl_y`, or choose a `size` of the photographs' own shape.")
 
 
 @pytest.mark.parametrize(
@@ -70,24 +74,11 @@ def test_bounds_that_miss_the_scene_or_are_far_too_wide() -> None:
         assert warning.endswith("give `near` and `far` in the unit of the camera positions, or leave both out.")
 
 
-def test_pixels_that_are_not_square() -> None:
-    squeezed = photograph(Room(painted), sideways(), (64, 64)).select([0, 1])
-    squeezed = replace(squeezed, images=squeezed.images.repeat_interleave(2, dim=2))
-    (warning,) = check_input(squeezed)
-    assert warning.startswith(
-        "the pixels are 2.0 times as long as wide or the reverse, by the focal lengths, so detail"
-    )
-    assert warning.endswith("correct `fl_x` and `fl_y`, or choose a `size` of the photographs' own shape.")
-
-
-def test_a_camera_that_is_turned() -> None:
+def test_a_camera_that_is_turned_is_named() -> None:
     (warning,) = check_input(with_turned_camera(context_of(sideways()), 1, 6.0))
     assert warning.startswith(
         "view 0 and view 1 fit each other much better with a camera turned by about 6 degrees, so"
     )
-
-
-def test_the_turned_camera_among_several_is_named() -> None:
     poses = torch.stack([look((0.3 * number - 0.45, 0.05 * number, -1.5), 0.0) for number in range(4)])
     views = photograph(Room(painted), poses, (64, 64))
     assert check_input(views) == ()

@@ -27,15 +27,12 @@ def test_six_times_the_lambda(lambda_q: int) -> None:
     assert header.lambda_of_stage(2) == dequantise_lambda(lambda_q)
 
 
-def test_lambdas_of_a_batch_are_those_of_each_scene() -> None:
+def test_lambdas_of_stages_stand_in_headers(random_weights: Path) -> None:
     lambda_q = torch.tensor([0, 1179, 1768])
     first, second, third = stage_lambdas(lambda_q, 3)
     assert first.tolist() == [stage_lambdas(value, 2)[0] for value in (0, 1179, 1768)]
     assert torch.equal(second, lambda_q) and torch.equal(third, lambda_q)
     assert torch.equal(stage_lambdas(lambda_q, 1)[0], lambda_q)  # a single stage must be as good as it gets
-
-
-def test_headers_say_what_stages_were_coded_at(random_weights: Path) -> None:
     codec = load_codec(random_weights / MODEL, "cpu")
     two, one = (read_stream(encode_with(codec, example_views(2), 1000, stages, FAST)).header for stages in (2, 1))
     assert (two.lambda_q_of_stage(1), two.lambda_q_of_stage(2)) == tuple(stage_lambdas(1000, 2))

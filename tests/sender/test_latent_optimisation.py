@@ -60,27 +60,11 @@ def objective(encoder: SceneEncoder, config: OptimisationConfig) -> float:
     return float(distortion.mean()) + dequantise_lambda(LAMBDA_Q) * bits_per_pixel
 
 
-def test_more_steps_lower_the_objective(encoder: SceneEncoder) -> None:
+def test_more_steps_lower_the_objective_that_is_asked_for(encoder: SceneEncoder) -> None:
     none, few, many = (objective(encoder, MSE.with_steps(steps)) for steps in (0, 3, 12))
     assert many < few < none
-
-
-def test_the_log_distortion_is_lowered_where_it_is_asked_for(encoder: SceneEncoder) -> None:
     none, few = (objective(encoder, replace(DEFAULT.with_steps(s), distortion=LogDistortion())) for s in (0, 4))
     assert few < none
-
-
-def test_scenes_get_as_many_steps_as_their_size_allows() -> None:
-    small, large, largest = DEFAULT.large_pixels, DEFAULT.max_pixels, DEFAULT.max_pixels + 1
-    sizes = (small, large, largest)
-    assert [DEFAULT.steps_of_last(size, quantise_lambda(1e-2)) for size in sizes] == [6, 2, 0]
-    assert [DEFAULT.steps_of_last(size, COARSE_LAMBDA_Q) for size in sizes] == [4, 2, 0]
-    assert [DEFAULT.steps_of_last(size, LAMBDA_Q) for size in sizes] == [5, 3, 0]
-    assert [DEFAULT.steps_of_last(size, 0) for size in sizes] == [8, 6, 0]
-    assert [BEST.steps_of_last(size, 0) for size in sizes] == [16, 6, 0]
-    assert [BEST.steps_of_last(size, quantise_lambda(1e-2)) for size in sizes] == [16, 6, 0]
-    assert [FAST.steps_of_last(size, 0) for size in sizes] == [0, 0, 0]
-    assert [DEFAULT.with_steps(9).steps_of_last(size, 0) for size in sizes] == [9, 9, 0]
 
 
 def test_encoding_optimises_by_default_and_leaves_no_gradients_in_the_networks(codec: Codec) -> None:
@@ -92,10 +76,20 @@ def test_encoding_optimises_by_default_and_leaves_no_gradients_in_the_networks(c
     assert all(parameter.grad is None for network in networks for parameter in network.parameters())
 
 
-def test_efforts_have_names() -> None:
+def test_efforts_have_names_and_as_many_steps_as_the_size_allows() -> None:
     assert config_of_effort("best") == BEST and config_of_effort(FAST) is FAST
     with pytest.raises(InputError, match="no effort 'most'; choose one of fast, default, best"):
         config_of_effort("most")
+    small, large, largest = DEFAULT.large_pixels, DEFAULT.max_pixels, DEFAULT.max_pixels + 1
+    sizes = (small, large, largest)
+    assert [DEFAULT.steps_of_last(size, quantise_lambda(1e-2)) for size in sizes] == [6, 2, 0]
+    assert [DEFAULT.steps_of_last(size, COARSE_LAMBDA_Q) for size in sizes] == [4, 2, 0]
+    assert [DEFAULT.steps_of_last(size, LAMBDA_Q) for size in sizes] == [5, 3, 0]
+    assert [DEFAULT.steps_of_last(size, 0) for size in sizes] == [8, 6, 0]
+    assert [BEST.steps_of_last(size, 0) for size in sizes] == [16, 6, 0]
+    assert [BEST.steps_of_last(size, quantise_lambda(1e-2)) for size in sizes] == [16, 6, 0]
+    assert [FAST.steps_of_last(size, 0) for size in sizes] == [0, 0, 0]
+    assert [DEFAULT.with_steps(9).steps_of_last(size, 0) for size in sizes] == [9, 9, 0]
 
 
 def test_many_steps_hold_the_views_between_and_few_do_not(
@@ -138,10 +132,13 @@ def test_gradients_skip_residual_branches_where_views_are_few(
     assert has_gradient == 2 * [not is_skipped]
 
 
-def test_views_without_neighbours_are_optimised_without_held_views(codec: Codec) -> None:
+def test_views_without_neighbours_are_optimised_and_large_scenes_are_not(codec: Codec) -> None:
     alone = example_views(2).select([0])
     many, none = (encode_with(codec, alone, LAMBDA_Q, config=DEFAULT.with_steps(steps)) for steps in (12, 0))
     assert many != none
+    small = replace(DEFAULT.with_steps(3), max_pixels=PIXELS - 1)
+    large, none = (encode_with(codec, example_views(2), LAMBDA_Q, config=config) for config in (small, FAST))
+    assert large == none
 
 
 def test_callers_may_be_in_inference_mode(random_weights: Path) -> None:
@@ -157,24 +154,15 @@ def distortion_alone(distortion: Tensor, y: Tensor) -> Objective:
     return Objective(distortion, 0.0 * y.sum(), torch.zeros(1, 3, 16, 16))
 
 
-def test_a_step_that_raises_the_objective_is_taken_back() -> None:
-    """A steep valley, narrower than the first step: only halved steps get closer to its bottom."""
+def test_descent_takes_back_what_raises_the_objective_and_stays_without_a_gradient() -> None:
+    # A steep valley, narrower than the first step: only halved steps get closer to its bottom.
     start = torch.full((1, 1, 2, 2), 0.01)
     end = descend(start, lambda y: distortion_alone(y.abs().sum(), y), 12, 0.12)
     assert float(end.abs().max()) < 0.01
-
-
-def test_descent_stays_where_there_is_no_gradient() -> None:
     start = torch.ones(1, 1, 2, 2)
     for factor in (0.0, torch.nan):
         found = descend(start, lambda y, factor=factor: distortion_alone(factor * y.sum(), y), 3, 0.12)
         assert torch.equal(found, start)
-
-
-def test_large_scenes_get_the_bytes_of_no_steps(codec: Codec) -> None:
-    small = replace(DEFAULT.with_steps(3), max_pixels=PIXELS - 1)
-    large, none = (encode_with(codec, example_views(2), LAMBDA_Q, config=config) for config in (small, FAST))
-    assert large == none
 
 
 def test_distortions_are_as_documented() -> None:

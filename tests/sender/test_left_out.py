@@ -22,7 +22,7 @@ def test_views_predict_each_other_unless_their_cameras_are_wrong() -> None:
     assert wrong is not None and wrong.psnr < left_out.psnr - 3.0
 
 
-def test_cut_outs_are_measured_on_white() -> None:
+def test_cut_outs_are_measured_on_white_and_one_view_not_at_all() -> None:
     views = read_views(EXAMPLE, size=(96, 128))
     alpha = torch.zeros(2, 96, 128)
     alpha[:, 24:72, 32:96] = 1.0
@@ -30,8 +30,5 @@ def test_cut_outs_are_measured_on_white() -> None:
     data = encode(cut_out, effort="fast")
     on_white, on_black = measure_left_out(data, cut_out), measure_left_out(data, replace(cut_out, alpha=None))
     assert on_white is not None and on_black is not None and on_white.psnr > on_black.psnr + 0.1
-
-
-def test_one_view_is_shown_by_no_other() -> None:
     views = read_views(EXAMPLE, size=(64, 96)).select([0])
     assert measure_left_out(encode(views, effort="fast"), views) is None

@@ -69,15 +69,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_new_extractor_loads_and_encodes(folder: Path) -> None:
+def test_a_new_extractor_loads_encodes_and_gets_gradients(folder: Path) -> None:
     extractor = load_codec(folder, "cpu").sender.extractor
     assert isinstance(extractor, Extractor) and extractor.input.out_channels == 16
     views = example_views(2)
     assert isinstance(extractor.match(views.images[None], views.cameras.as_batch()), Matching)
     assert read_stream(encode(views, model=folder, effort="fast")).header.num_stages == 2
-
-
-def test_its_weights_get_gradients(folder: Path) -> None:
     views, sender = example_views(2), load_codec(folder, "cpu").sender
     for parameter in sender.extractor.parameters():
         parameter.requires_grad_(True)

@@ -8,7 +8,7 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras, depth_from_relative_disparity, pixel_rays
 from fecocodec.sender.extractors.photo_consistency import LEAST_VARIANCE, RADIUS, photo_consistency
 from fecocodec.sender.extractors.plane_sweep import nearest_views
-from tests.example_scenes import example_cameras, example_views
+from tests.example_scenes import cameras_in_a_row, example_cameras, example_views
 
 CANDIDATES = 16
 
@@ -42,12 +42,8 @@ def warped_consistency(images: Tensor, cameras: Cameras, view: int, source: int)
 
 def wall(distance: float, offsets: tuple[float, ...], gain: float = 1.0) -> tuple[Tensor, Cameras]:
     """Views of a wall with a pattern, from cameras side by side (offsets along x); the second darker by `gain`."""
-    size, focal = 128, 1.0
-    extrinsics = torch.eye(4).repeat(len(offsets), 1, 1)
-    extrinsics[:, 0, 3] = torch.tensor(offsets)
-    intrinsics = torch.tensor([[focal, 0, 0.5], [0, focal, 0.5], [0, 0, 1.0]]).repeat(len(offsets), 1, 1)
-    cameras = Cameras(extrinsics, intrinsics, torch.tensor(1.0), torch.tensor(10.0))
-    position = pixel_rays(cameras, size, size)[..., :2] * distance + extrinsics[:, None, None, :2, 3]
+    cameras = cameras_in_a_row(*offsets, far=10.0)
+    position = pixel_rays(cameras, 128, 128)[..., :2] * distance + cameras.extrinsics[:, None, None, :2, 3]
     waves = torch.randn(24, 2, generator=torch.Generator().manual_seed(0)) * 18.0 / distance
     phases = position @ waves.T
     images = torch.stack([phases[..., k::3].sin().sum(dim=-1) * 0.1 + 0.5 for k in range(3)], dim=1)
@@ -87,14 +83,11 @@ def test_several_sources_are_averaged() -> None:
     torch.testing.assert_close(both[0, 0], (each[0] + each[1]) / 2)
 
 
-def test_a_source_that_looks_away_counts_as_unseen() -> None:
+def test_views_that_show_nothing_of_each_other_agree_with_nothing() -> None:
     views = example_views(2)
     views.cameras.extrinsics[1, :3, :3] = views.cameras.extrinsics[0, :3, :3] @ torch.diag(torch.tensor([-1.0, 1, -1]))
     found = photo_consistency(views.images[None], views.cameras.as_batch(), torch.tensor([[[1], [0]]]), CANDIDATES)
     assert float(found.abs().max()) == 0.0
-
-
-def test_a_view_on_its_own_agrees_with_nothing() -> None:
     cameras = example_cameras(1).as_batch()
     found = photo_consistency(torch.rand(1, 1, 3, 64, 32), cameras, nearest_views(cameras, 2), CANDIDATES)
     assert found.shape == (1, 1, CANDIDATES, 16, 8)

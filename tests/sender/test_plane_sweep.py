@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, pixel_rays
 from fecocodec.sender.extractors.plane_sweep import cost_volume, from_all_pairs, from_sampled_rows, nearest_views
-from tests.example_scenes import example_cameras
+from tests.example_scenes import cameras_in_a_row, example_cameras
 
 
 def unit_features(num_views: int, height: int, width: int, *, with_gradients: bool = False) -> Tensor:
@@ -50,12 +50,16 @@ def test_it_equals_warping_and_multiplying(num_views: int, height: int, width: i
     torch.testing.assert_close(found, expected, atol=2e-4, rtol=0)
 
 
-def test_a_source_behind_the_camera_counts_as_unseen() -> None:
+def test_views_that_show_nothing_of_each_other_match_nothing() -> None:
     cameras = example_cameras(2)
     cameras.extrinsics[1, :3, :3] = cameras.extrinsics[0, :3, :3] @ torch.diag(torch.tensor([-1.0, 1.0, -1.0]))
     features = unit_features(2, 8, 8)
     volume = cost_volume(features, cameras.as_batch(), nearest_views(cameras.as_batch(), 1), 6)
     assert float(volume.abs().max()) == 0.0
+    cameras = example_cameras(1).as_batch()
+    sources = nearest_views(cameras, 2)
+    assert sources.shape == (1, 1, 0)
+    assert float(cost_volume(unit_features(1, 8, 8), cameras, sources, 6).abs().max()) == 0.0
 
 
 @pytest.mark.parametrize("pick", [from_all_pairs, from_sampled_rows])
@@ -67,13 +71,6 @@ def test_ways_and_sizes_of_chunks_give_the_same(pick: Callable[..., Tensor], max
     weight = torch.rand(384, 6, 4, generator=generator)
     expected = torch.einsum("pc,cpdk,pdk->pd", queries, keys[:, index], weight)
     torch.testing.assert_close(pick(queries, keys, index, weight, max_products), expected, atol=1e-4, rtol=0)
-
-
-def test_a_view_on_its_own_matches_nothing() -> None:
-    cameras = example_cameras(1).as_batch()
-    sources = nearest_views(cameras, 2)
-    assert sources.shape == (1, 1, 0)
-    assert float(cost_volume(unit_features(1, 8, 8), cameras, sources, 6).abs().max()) == 0.0
 
 
 def test_sources_are_the_nearest_other_views() -> None:
@@ -90,10 +87,7 @@ def test_the_best_candidate_of_a_textured_plane_is_its_depth(candidate: int) -> 
     num_candidates, near, far, height, width = 24, 1.0, 20.0, 16, 32
     disparity = 1 / far + candidate / (num_candidates - 1) * (1 / near - 1 / far)
     shift_px = 4  # the baseline that moves this plane by whole pixels
-    extrinsics = torch.eye(4).repeat(2, 1, 1)
-    extrinsics[1, 0, 3] = shift_px / (disparity * width)
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]).repeat(2, 1, 1)
-    cameras = Cameras(extrinsics, intrinsics, torch.tensor(near), torch.tensor(far)).as_batch()
+    cameras = cameras_in_a_row(0.0, shift_px / (disparity * width), focal=(1.0, 2.0), near=near, far=far).as_batch()
     texture = F.normalize(torch.randn(16, height, width + shift_px, generator=torch.Generator().manual_seed(2)), dim=0)
     features = torch.stack((texture[..., :width], texture[..., shift_px:]))[None]
     volume = cost_volume(features, cameras, nearest_views(cameras, 1), num_candidates)

@@ -10,18 +10,15 @@ from fecocodec.config import ReceiverConfig, SenderConfig
 from fecocodec.receiver.model import Receiver
 from fecocodec.sender.model import Sender
 from fecocodec.sender.precision import run_in_bfloat16
-from fecocodec.training.batch import Batch, BatchShape
+from fecocodec.training.batch import Batch
 from fecocodec.training.loss import loss_of
-from fecocodec.training.sources import Sources, draw_batch
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.training_pass import bypass_coding, run_stages
+from tests.training.tiny_runs import synthetic_batch
 
 
 @pytest.fixture(scope="module")
 def batch() -> Batch:
-    sources = Sources(SyntheticScenes(pattern_textures(13)), None)
-    return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 1, (64, 64)), 0.0)
+    return synthetic_batch()
 
 
 @pytest.fixture(scope="module")

@@ -62,7 +62,7 @@ def test_it_is_the_mean_of_eight_paths() -> None:
         torch.testing.assert_close(found[item].permute(1, 2, 0), expected, atol=1e-4, rtol=1e-5)
 
 
-def test_a_slanted_surface_comes_out_of_noise() -> None:
+def test_surfaces_come_out_of_noise_and_end_where_colours_do() -> None:
     generator = torch.Generator().manual_seed(2)
     height, width, count = 24, 32, 12
     truth = (torch.arange(width) * (count - 1) // (width - 1)).expand(height, width)
@@ -72,10 +72,7 @@ def test_a_slanted_surface_comes_out_of_noise() -> None:
     before, after = (((x.argmax(dim=1)[0] - truth).abs() <= 1).float().mean() for x in (score, found))
     assert before < 0.8
     assert after > 0.97
-
-
-def test_surfaces_end_where_colours_do() -> None:
-    """A narrow post in front of a wall, with noisy scores, keeps its depth if its colour differs from the wall's."""
+    # A narrow post in front of a wall, with noisy scores, keeps its depth if its colour differs from the wall's.
     generator = torch.Generator().manual_seed(4)
     height, width, count = 24, 32, 12
     is_post = ((torch.arange(width) - 15).abs() <= 1).expand(height, width)
@@ -103,15 +100,12 @@ def test_threads_change_nothing() -> None:
 MATCHED = torch.full((1, 1, 4, 4), 0.6)
 
 
-def test_a_decoded_depth_that_is_too_far_counts_as_positive_where_views_agree() -> None:
+def test_depth_feedback() -> None:
     consistency = torch.zeros(1, 1, 4, 4)
     consistency[..., :2] = 1.0
     feedback = depth_feedback(MatchedDepth(MATCHED, consistency), torch.full((1, 1, 4, 4), 0.5))
     torch.testing.assert_close(feedback[0, 0, :, :2], torch.full((4, 2), 0.1 * DIFFERENCE_SCALE))
     assert float(feedback[0, 0, :, 2:].abs().max()) == 0.0
     torch.testing.assert_close(feedback[:, 1:], consistency)
-
-
-def test_no_gradient_reaches_matching_or_decoding_through_it() -> None:
     decoded = torch.full((1, 1, 4, 4), 0.5, requires_grad=True)
     assert not depth_feedback(MatchedDepth(MATCHED, torch.ones(1, 1, 4, 4)), decoded).requires_grad

@@ -37,16 +37,13 @@ def test_shapes_from_views_to_latents(sender: Sender, num_views: int, height: in
     assert bool(features.isfinite().all() and y.isfinite().all())
 
 
-def test_permuting_the_views_permutes_the_features(sender: Sender) -> None:
+def test_views_and_scenes_are_independent(sender: Sender) -> None:
     views = example_views(4)
     order = [2, 0, 3, 1]
     cameras, _ = normalise_scene(views.cameras)
     features = fused(sender.extractor, views.images[None], cameras.as_batch())
     permuted = fused(sender.extractor, views.images[None, order], cameras.select(order).as_batch())
     torch.testing.assert_close(permuted, features[order], atol=1e-4, rtol=1e-4)
-
-
-def test_a_batch_gives_what_its_scenes_give_alone(sender: Sender) -> None:
     scenes = [example_views(2, seed=seed) for seed in (1, 2)]
     batches = [normalise_scene(scene.cameras)[0].as_batch() for scene in scenes]
     alone = [fused(sender.extractor, s.images[None], c) for s, c in zip(scenes, batches, strict=True)]

@@ -47,29 +47,20 @@ def test_pixels_that_masks_mark_do_not_count(views: Views) -> None:
     assert not torch.allclose(right.shared, whole.shared)
 
 
-def test_overlapping_views_get_no_warning(views: Views) -> None:
+def test_views_that_do_not_fit_are_named_with_their_share(views: Views) -> None:
     overlap = overlap_of(views)
     assert overlap.shared.amax(dim=1).min() > 0.5 and overlap.confirmed.amax(dim=1).min() > 0.3
     assert overlap_warnings(overlap, views.names) == ()
-
-
-def test_the_photograph_of_another_scene_is_named_with_its_share(views: Views) -> None:
     other = photograph(Room(lambda points: waves(points, 9)), POSES.flip(0), (128, 128))
     mixed = replace(views, images=torch.stack((views.images[0], views.images[1], other.images[2].flip(-2))))
     overlap = overlap_of(mixed)
     (warning,) = overlap_warnings(overlap, mixed.names)
     share = 100 * float(torch.maximum(overlap.confirmed, overlap.confirmed.T)[2].max())
     assert warning.startswith(f"the depth of only {share:.1f}% of the pixels of c.png is confirmed by another view; ")
-
-
-def test_a_view_that_looks_away_is_named_with_its_share(views: Views) -> None:
     poses = torch.stack((POSES[0], POSES[1], look((0.25, 0.0, -1.5), 180.0)))
     away = replace(photograph(Room(painted), poses, (128, 128)), names=views.names)
     warnings = overlap_warnings(overlap_of(away), away.names)
     assert warnings[-1].startswith("c.png shares 0.0% of its pixels with the view that overlaps it most; ")
-
-
-def test_one_view_has_no_overlap_to_warn_of() -> None:
     assert overlap_warnings(ViewOverlap(torch.zeros(1, 1), torch.zeros(1, 1)), ("a.png",)) == ()
 
 

@@ -262,7 +262,7 @@ def test_spz_is_of_version_3_unless_4_is_asked_for(tmp_path):
     assert struct.unpack("<2I", (tmp_path / "four.spz").read_bytes()[:8]) == (0x5053474E, 4)
 
 
-def test_nerfstudio_layout_is_read_back(tmp_path):
+def test_layouts_of_cameras(tmp_path):
     cameras = some_cameras()
     write_camera_json(tmp_path / "transforms.json", cameras, ["00.png", "01.png"])
     read = read_transforms_json(tmp_path / "transforms.json")
@@ -271,9 +271,6 @@ def test_nerfstudio_layout_is_read_back(tmp_path):
         np.testing.assert_allclose(photograph.camera_to_world, pose, atol=1e-12)
         lens = photograph.lens_for(128, 96)
         assert (lens.fx, lens.fy, lens.cx) == pytest.approx((0.9 * 128, 1.2 * 96, 64))
-
-
-def test_reference_layout_has_camera_to_world_rotations(tmp_path):
     cameras = some_cameras()
     write_camera_json(tmp_path / "cameras.json", cameras, ["00.png", "01.png"])
     entries = json.loads((tmp_path / "cameras.json").read_text())

@@ -61,14 +61,6 @@ def test_properties_in_the_usual_order(tmp_path):
     )
 
 
-def test_harmonics_are_stored_channel_by_channel(tmp_path):
-    gaussians = some_gaussians(count=1, d_sh=4)
-    write_ply(tmp_path / "scene.ply", gaussians)
-    values = np.frombuffer((tmp_path / "scene.ply").read_bytes().split(b"end_header\n")[1], "<f4")
-    red, green, blue = gaussians.harmonics[0, 1:].T.numpy()
-    assert np.array_equal(values[9:18], np.concatenate((red, green, blue)))
-
-
 @pytest.mark.parametrize("count", [0, 1, 50])
 @pytest.mark.parametrize("d_sh", [1, 4, 9, 16])
 def test_reads_back(count, d_sh, tmp_path):
@@ -122,32 +114,56 @@ def refusal(path) -> str:
     return str(caught.value).removeprefix(f"{path}: ")
 
 
-def test_files_that_cannot_be_read(tmp_path):
-    path = tmp_path / "scene.ply"
-    assert refusal(path) == "cannot be read (No such file or directory); check the path."
-    path.write_bytes(b"plymouth")
-    assert refusal(path) == "this is not a PLY file; give a 3DGS .ply file."
-    write_ply(path, some_gaussians(), overwrite=True)
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-1])
-    assert refusal(path) == "50 vertices need 8200 bytes but 8199 are there; get the whole file."
-    path.write_bytes(whole.replace(b"binary_little_endian", b"ascii"))
-    assert refusal(path) == "only binary little-endian PLY is read; convert the file."
-    path.write_bytes(whole.replace(b"property float opacity", b"property float alpha"))
-    assert refusal(path) == "not Gaussians (missing ['opacity'], 24 f_rest); give a 3DGS .ply file."
-    path.write_bytes(whole.replace(b"float opacity", b"uchar opacity"))
-    assert refusal(path) == "a vertex property is not a float; give an uncompressed 3DGS .ply file."
-    path.write_bytes(whole.replace(b"element vertex 50", b"element chunk 50"))
-    assert refusal(path) == "the first element is not `vertex N`; give an uncompressed 3DGS .ply file."
-    path.write_bytes(whole[:-4] + np.float32(np.nan).tobytes())
-    assert refusal(path) == "a value is NaN or infinite; write the file again from finite Gaussians."
+NO_VERTEX = "the first element is not `vertex N`; give an uncompressed 3DGS .ply file."
+NOT_FINITE = "a value is NaN or infinite; write the file again from finite Gaussians."
 
 
-def test_a_header_may_be_spaced_freely(tmp_path):
+def renumbered(data: bytes) -> bytes:
+    for number in reversed(range(9)):
+        data = data.replace(b"float f_rest_%d\n" % number, b"float f_rest_%d\n" % (number + 24))
+    return data
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (lambda whole: b"plymouth", "this is not a PLY file; give a 3DGS .ply file."),
+        (lambda whole: whole[:-1], "50 vertices need 8200 bytes but 8199 are there; get the whole file."),
+        (
+            lambda whole: whole.replace(b"binary_little_endian", b"ascii"),
+            "only binary little-endian PLY is read; convert the file.",
+        ),
+        (
+            lambda whole: whole.replace(b"property float opacity", b"property float alpha"),
+            "not Gaussians (missing ['opacity'], 24 f_rest); give a 3DGS .ply file.",
+        ),
+        (
+            renumbered,
+            f"not Gaussians (missing {[f'f_rest_{number}' for number in range(9)]}, 24 f_rest); give a 3DGS .ply file.",
+        ),
+        (
+            lambda whole: whole.replace(b"float opacity", b"uchar opacity"),
+            "a vertex property is not a float; give an uncompressed 3DGS .ply file.",
+        ),
+        (lambda whole: whole.replace(b"element vertex 50", b"element chunk 50"), NO_VERTEX),
+        (lambda whole: whole.replace(b"vertex 50", b"vertex " + b"9" * 5000), NO_VERTEX),
+        (lambda whole: whole[:-4] + np.float32(np.nan).tobytes(), NOT_FINITE),
+        (lambda whole: whole[:-32] + np.full(8, 3e38, "<f4").tobytes(), NOT_FINITE),  # opacity, scales, rotation
+    ],
+)
+def test_files_that_cannot_be_read(spoil, sentence, tmp_path):
     path = tmp_path / "scene.ply"
     write_ply(path, some_gaussians())
-    path.write_bytes(path.read_bytes().replace(b"element vertex 50", b"element  vertex 50 "))
-    assert read_ply(path).count == 50
+    path.write_bytes(spoil(path.read_bytes()))
+    assert refusal(path) == sentence
+
+
+def test_what_is_no_file_cannot_be_read(tmp_path):
+    path = tmp_path / "scene.ply"
+    assert refusal(path) == "cannot be read (No such file or directory); check the path."
+    path.symlink_to("/dev/zero")
+    assert refusal(path) == "a pipe or a device cannot be read here; give a regular file."
 
 
 def test_any_cut_is_refused(tmp_path):
@@ -159,38 +175,8 @@ def test_any_cut_is_refused(tmp_path):
         assert refusal(path).endswith(".")
 
 
-def test_numbers_of_thousands_of_digits_are_one_sentence(tmp_path):
+def test_paths_may_be_text_and_headers_spaced_freely(tmp_path):
     path = tmp_path / "scene.ply"
-    write_ply(path, some_gaussians())
-    path.write_bytes(path.read_bytes().replace(b"element vertex 50", b"element vertex " + b"9" * 5000))
-    assert refusal(path) == "the first element is not `vertex N`; give an uncompressed 3DGS .ply file."
-
-
-def test_harmonics_without_their_beginning_are_one_sentence(tmp_path):
-    path = tmp_path / "scene.ply"
-    write_ply(path, some_gaussians(d_sh=4))
-    data = path.read_bytes()
-    for number in reversed(range(9)):
-        data = data.replace(b"float f_rest_%d\n" % number, b"float f_rest_%d\n" % (number + 9))
-    path.write_bytes(data)
-    missing = ", ".join(f"'f_rest_{number}'" for number in range(9))
-    assert refusal(path) == f"not Gaussians (missing [{missing}], 9 f_rest); give a 3DGS .ply file."
-
-
-@pytest.mark.filterwarnings("error")
-def test_values_beyond_all_bounds_are_one_sentence_without_warnings(tmp_path):
-    path = tmp_path / "scene.ply"
-    write_ply(path, some_gaussians(count=1, d_sh=1))
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-32] + np.full(8, 3e38, "<f4").tobytes())  # opacity, scales and rotation
-    assert refusal(path) == "a value is NaN or infinite; write the file again from finite Gaussians."
-
-
-def test_a_device_is_refused(tmp_path):
-    (tmp_path / "scene.ply").symlink_to("/dev/zero")
-    assert refusal(tmp_path / "scene.ply") == "a pipe or a device cannot be read here; give a regular file."
-
-
-def test_paths_may_be_text(tmp_path):
-    write_ply(str(tmp_path / "scene.ply"), some_gaussians())
-    assert read_ply(str(tmp_path / "scene.ply")).count == 50
+    write_ply(str(path), some_gaussians())
+    path.write_bytes(path.read_bytes().replace(b"element vertex 50", b"element  vertex 50 "))
+    assert read_ply(str(path)).count == 50

@@ -7,6 +7,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.splatting.duplicates import kept_share
+from tests.example_scenes import cameras_in_a_row
 
 SIDE = 32  # Gaussians a side
 WALL = 6.0  # z of a wall
@@ -14,14 +15,9 @@ OPACITY = 0.7
 CONFIG = ReceiverConfig()
 
 
-def cameras_at(*z: float, focal: tuple[float, ...] = ()) -> Cameras:
+def cameras_at(*z: float) -> Cameras:
     """Return cameras on the z axis that look along it."""
-    extrinsics = torch.eye(4).repeat(1, len(z), 1, 1)
-    extrinsics[0, :, 2, 3] = torch.tensor(z)
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(1, len(z), 1, 1)
-    for view, length in enumerate(focal):
-        intrinsics[0, view, 0, 0] = intrinsics[0, view, 1, 1] = length
-    return Cameras(extrinsics, intrinsics, torch.tensor([1.0]), torch.tensor([10.0]))
+    return cameras_in_a_row(*z, axis=2, far=10.0).as_batch()
 
 
 def kept(cameras: Cameras, shift_of_last: float = 0.0, opacity_of_last: float = OPACITY) -> Tensor:
@@ -42,25 +38,18 @@ def kept(cameras: Cameras, shift_of_last: float = 0.0, opacity_of_last: float = 
 CENTRE = (slice(12, 20), slice(12, 20))
 
 
-def test_far_views_give_way_to_the_nearest_one() -> None:
+def test_far_views_give_way_to_the_nearest_one_that_sees_it() -> None:
     found = kept(cameras_at(0.0, 1.0, 4.0))
     far, middle, near = (float(view[CENTRE].mean()) for view in found)
     assert near > 0.999
     assert middle == pytest.approx(1.0 - OPACITY, abs=0.01)
     assert far == pytest.approx((1.0 - OPACITY) ** 2, abs=0.02)
-
-
-def test_what_the_nearer_views_do_not_see_is_kept() -> None:
     found = kept(cameras_at(0.0, 1.0, 4.0))
     assert found[0, 0, 0] > 0.999 and found[0, CENTRE[0], CENTRE[1]].max() < 0.2
-
-
-def test_a_longer_lens_counts_as_nearer() -> None:
-    found = kept(cameras_at(0.0, 0.0, 0.0, focal=(1.0, 1.0, 2.0)))
+    cameras = cameras_at(0.0, 0.0, 0.0)
+    cameras.intrinsics[0, 2, :2, :2] *= 2.0
+    found = kept(cameras)
     assert found[2].min() > 0.999 and found[0][CENTRE].max() < 0.5
-
-
-def test_views_of_equal_distance_fade_each_other_alike() -> None:
     found = kept(cameras_at(2.0, 2.0, 2.0))
     torch.testing.assert_close(found, torch.full_like(found, (1.0 - OPACITY / 2) ** 2))
 
@@ -72,10 +61,7 @@ def test_another_surface_fades_nothing(shift: float) -> None:
     assert kept(cameras_at(0.0, 0.0, 2.0))[0][CENTRE].max() < 0.3
 
 
-def test_a_view_fades_others_only_as_far_as_it_is_opaque() -> None:
+def test_views_fade_others_as_far_as_they_are_opaque() -> None:
     found = kept(cameras_at(0.0, 1.0, 4.0), opacity_of_last=0.01)
     assert found[1][CENTRE].min() > 0.95
-
-
-def test_two_views_keep_everything() -> None:
     assert torch.equal(kept(cameras_at(0.0, 4.0)), torch.ones(2, SIDE, SIDE))

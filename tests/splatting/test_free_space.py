@@ -7,6 +7,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.splatting.free_space import free_space_violation
+from tests.example_scenes import cameras_in_a_row
 
 SIDE = 32  # Gaussians a side
 PATCH = (slice(12, 20), slice(12, 20))  # of the first view, seen by the second as well
@@ -16,11 +17,7 @@ CONFIG = ReceiverConfig()
 
 
 def cameras_side_by_side(apart: float = 0.5, scale: float = 1.0) -> Cameras:
-    """Return two cameras that look along z."""
-    extrinsics = torch.eye(4).repeat(1, 2, 1, 1)
-    extrinsics[0, 1, 0, 3] = apart * scale
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(1, 2, 1, 1)
-    return Cameras(extrinsics, intrinsics, torch.tensor([1.0 * scale]), torch.tensor([10.0 * scale]))
+    return cameras_in_a_row(0.0, apart * scale, near=scale, far=10.0 * scale).as_batch()
 
 
 def judged(cameras: Cameras, patch_depth: float, patch_colour: Tensor, scale: float = 1.0) -> Tensor:
@@ -52,21 +49,18 @@ def test_what_could_be_there_is_not_contradicted(depth: float, colour: Tensor) -
     assert judged(cameras_side_by_side(), depth, colour)[0, 0].max() < 0.2
 
 
-def test_a_view_says_nothing_of_what_it_does_not_see() -> None:
+def test_views_that_see_nothing_of_it_contradict_nothing() -> None:
     assert judged(cameras_side_by_side(apart=100.0), 2.5, RED).max() == 0.0
-
-
-def test_one_view_contradicts_nothing() -> None:
     assert judged(cameras_side_by_side().select([0]), 2.5, RED).max() == 0.0
+    cameras = cameras_side_by_side()
+    cameras.extrinsics[0, 1, 2, 3] = 3.5  # the second camera is behind the patch
+    assert judged(cameras, 2.5, RED)[0, 0][PATCH].max() == 0.0
 
 
-def test_the_unit_of_length_does_not_matter() -> None:
+def test_unit_and_order_do_not_matter() -> None:
     found = judged(cameras_side_by_side(), 2.5, RED)
     larger = judged(cameras_side_by_side(scale=50.0), 2.5, RED, scale=50.0)
     torch.testing.assert_close(larger, found, atol=1e-5, rtol=0.0)
-
-
-def test_the_order_of_views_does_not_matter() -> None:
     cameras = cameras_side_by_side()
     generator = torch.Generator().manual_seed(3)
     depth = 1.5 + 4.0 * torch.rand(1, 2, SIDE, SIDE, generator=generator)
@@ -81,17 +75,8 @@ def test_the_order_of_views_does_not_matter() -> None:
     assert 0.05 < found.mean() < 0.95
 
 
-def test_what_lies_behind_the_other_camera_is_left_alone() -> None:
-    cameras = cameras_side_by_side()
-    cameras.extrinsics[0, 1, 2, 3] = 3.5  # the second camera is behind the patch
-    assert judged(cameras, 2.5, RED)[0, 0][PATCH].max() == 0.0
-
-
 def three_in_a_row() -> Cameras:
-    """Return the two cameras side by side and a third one between them."""
-    cameras = cameras_side_by_side().select([0, 1, 1])
-    cameras.extrinsics[0, 2, 0, 3] = 0.25
-    return cameras
+    return cameras_in_a_row(0.0, 0.5, 0.25, far=10.0).as_batch()
 
 
 def walls_with_patches(cameras: Cameras, views_with_patch: list[int], patch: Tensor) -> Tensor:
@@ -107,22 +92,16 @@ def walls_with_patches(cameras: Cameras, views_with_patch: list[int], patch: Ten
     return found[0, 0][is_patch[0, 0]]
 
 
-def test_a_third_view_that_confirms_a_gaussian_halves_its_violation() -> None:
+def test_a_third_view_confirms_or_rejects() -> None:
     cameras = three_in_a_row()
     alone = walls_with_patches(cameras, [0], RED)
     confirmed = walls_with_patches(cameras, [0, 2], RED)
     assert alone.mean() > 0.8
     assert confirmed.mean() < alone.mean() - 0.1
-
-
-def test_a_view_that_no_other_confirms_is_rejected_at_a_smaller_difference_of_colour() -> None:
     cameras, near_blue = three_in_a_row(), BLUE + torch.tensor([0.12, 0.12, 0.0])
     pair = walls_with_patches(cameras.select([0, 1]), [0], near_blue)
     triple = walls_with_patches(cameras, [0], near_blue)
     assert triple.mean() > pair.mean() + 0.01
-
-
-def test_a_gaussian_before_the_near_bound_of_another_camera_is_rejected_whatever_its_colour() -> None:
     cameras = three_in_a_row()
     cameras.extrinsics[0, 1, 2, 3] = 2.0  # the second camera is 0.5 in front of a patch at 2.5; the near bound is 1
     assert walls_with_patches(cameras, [0], BLUE).max() > 0.95

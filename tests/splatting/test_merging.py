@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
 from fecocodec.merging.grouping import DEFAULT_MERGING as CONFIG
 from fecocodec.merging.grouping import MergingConfig
@@ -25,32 +25,24 @@ from fecocodec.merging.moment_matching import (
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.rasterizer import render
 from fecocodec.splatting.emission import merged
+from tests.example_scenes import cameras_in_a_row, surface
 
 SCENE = Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "scene-compact-6.fcs"
 SIDE = 32  # Gaussians a side
 
 
-def camera() -> Cameras:
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])[None]
-    return Cameras(torch.eye(4)[None], intrinsics, torch.tensor(1.0), torch.tensor(20.0))
+CAMERA = cameras_in_a_row(0.0)
 
 
 def wall(grey: torch.Tensor, depth: torch.Tensor) -> Gaussians:
-    """Return one Gaussian per grid cell of one view, in the predictor's order. grey, depth: [SIDE SIDE]."""
-    cameras, count = camera(), SIDE * SIDE
-    means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depth[None, ..., None])
-    colour = grey.reshape(-1, 1, 1).expand(-1, 1, 3)
-    return Gaussians(
-        means=means.reshape(-1, 3),
-        scales=(0.9 / SIDE * depth.reshape(-1, 1)).expand(-1, 3) * torch.tensor([1.0, 1.0, 0.2]),
-        rotations=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
-        opacities=torch.full((count,), 0.3),
-        harmonics=torch.cat(((colour - 0.5) / SH_DEGREE_0, torch.zeros(count, 3, 3)), dim=1),
-    )
+    """Return one Gaussian per grid cell of one view. grey, depth: [SIDE SIDE]."""
+    flat = surface(CAMERA, depth[None], grey[None, ..., None].expand(-1, -1, -1, 3), 0.3)
+    scales = 1.5 * flat.scales * torch.tensor([1.0, 1.0, 0.2])
+    return replace(flat, scales=scales, harmonics=F.pad(flat.harmonics, (0, 0, 0, 3)))
 
 
 def merge_all(gaussians: Gaussians, config: MergingConfig = CONFIG) -> Gaussians:
-    return merged(gaussians, torch.ones(gaussians.count, dtype=torch.bool), (SIDE, SIDE), camera(), config)
+    return merged(gaussians, torch.ones(gaussians.count, dtype=torch.bool), (SIDE, SIDE), CAMERA, config)
 
 
 def flat(value: float) -> torch.Tensor:
@@ -61,13 +53,18 @@ def noise(deviation: float) -> torch.Tensor:
     return deviation * torch.randn(SIDE, SIDE, generator=torch.Generator().manual_seed(3))
 
 
-def test_a_uniform_wall_becomes_one_gaussian_per_4x4_cell() -> None:
+def test_uniform_walls_are_merged_and_texture_is_kept() -> None:
     assert merge_all(wall(flat(0.6), flat(4.0))).count == (SIDE // 4) ** 2
+    before = wall(0.5 + noise(0.2), flat(4.0))
+    assert merge_all(before).count > 0.95 * before.count
+    before = wall(0.5 + noise(0.1), flat(4.0))
+    after = merge_all(before, replace(CONFIG, largest_cost=0.0))
+    assert all(torch.equal(a, b) for a, b in zip(after.fields(), before.fields(), strict=True))
 
 
 def mean_squared_difference(first: Gaussians, second: Gaussians) -> float:
     """Return the mean squared difference of renderings, without their borders."""
-    images = [render(g, camera(), (2 * SIDE, 2 * SIDE)).color[..., 8:-8, 8:-8] for g in (first, second)]
+    images = [render(g, CAMERA, (2 * SIDE, 2 * SIDE)).color[..., 8:-8, 8:-8] for g in (first, second)]
     return float((images[0] - images[1]).square().mean())
 
 
@@ -85,11 +82,6 @@ def test_receivers_that_round_differently_agree_within_50_db() -> None:
     other = replace(before, means=before.means * (1.0 + 1e-6), opacities=before.opacities * (1.0 - 1e-5))
     assert 0.2 * before.count < merge_all(before).count < 0.8 * before.count
     assert mean_squared_difference(merge_all(before), merge_all(other)) < 1e-5
-
-
-def test_texture_is_kept() -> None:
-    before = wall(0.5 + noise(0.2), flat(4.0))
-    assert merge_all(before).count > 0.95 * before.count
 
 
 def test_colours_do_not_mix_across_an_edge() -> None:
@@ -131,7 +123,7 @@ def test_the_integral_of_optical_depth_is_kept() -> None:
 
     def optical_depth(gaussians: Gaussians) -> float:
         size = (8 * SIDE, 8 * SIDE)  # fine enough to make the renderer's low-pass filter negligible
-        return float(-torch.log1p(-render(gaussians, camera(), size).alpha[..., 32:-32, 32:-32].double()).mean())
+        return float(-torch.log1p(-render(gaussians, CAMERA, size).alpha[..., 32:-32, 32:-32].double()).mean())
 
     assert optical_depth(merge_all(before)) == pytest.approx(optical_depth(before), rel=0.03)
 
@@ -142,7 +134,7 @@ def test_gaussians_that_are_not_present_are_dropped_whatever_they_hold() -> None
     is_present[5 : SIDE * SIDE // 2 : 7] = False
     damaged = before.means.clone()
     damaged[~is_present] = torch.nan
-    after = merged(replace(before, means=damaged), is_present, (SIDE, SIDE), camera(), CONFIG)
+    after = merged(replace(before, means=damaged), is_present, (SIDE, SIDE), CAMERA, CONFIG)
     assert after.count < 0.8 * int(is_present.sum())
     assert all(field.isfinite().all() for field in after.fields())
 
@@ -152,17 +144,11 @@ def test_the_edge_of_a_cut_out_is_kept() -> None:
     before = wall(flat(0.6), flat(4.0))
     is_inside = torch.zeros(SIDE, SIDE, dtype=torch.bool)
     is_inside[9:-9, 9:-9] = True
-    after = merged(before, is_inside.reshape(-1), (SIDE, SIDE), camera(), CONFIG)
+    after = merged(before, is_inside.reshape(-1), (SIDE, SIDE), CAMERA, CONFIG)
     edge = before.keep((is_inside & ~is_inside.roll(1, 0) | is_inside & ~is_inside.roll(-1, 1)).reshape(-1))
     rows = {row.numpy().tobytes() for row in after.means}
     assert all(row.numpy().tobytes() in rows for row in edge.means)
     assert after.count < 0.7 * int(is_inside.sum())
-
-
-def test_a_bound_of_zero_keeps_every_bit() -> None:
-    before = wall(0.5 + noise(0.1), flat(4.0))
-    after = merge_all(before, replace(CONFIG, largest_cost=0.0))
-    assert all(torch.equal(a, b) for a, b in zip(after.fields(), before.fields(), strict=True))
 
 
 def test_the_unit_of_length_does_not_matter() -> None:

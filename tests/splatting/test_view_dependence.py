@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from einops import rearrange
 from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
-from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
+from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
 from fecocodec.splatting.view_dependence import view_dependent
+from tests.example_scenes import cameras_in_a_row, surface
 
 SIDE = 16  # Gaussians a side
 WALL = 4.0
@@ -19,27 +19,10 @@ CONFIG = ReceiverConfig()
 CENTRE = (SIDE // 2, SIDE // 2)
 
 
-def cameras_in_a_row(*positions: float) -> Cameras:
-    """Return cameras at these x that look along z."""
-    extrinsics = torch.eye(4).repeat(len(positions), 1, 1)
-    extrinsics[:, 0, 3] = torch.tensor(positions)
-    intrinsics = torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]).repeat(len(positions), 1, 1)
-    return Cameras(extrinsics, intrinsics, torch.tensor(1.0), torch.tensor(20.0))
-
-
 def wall(cameras: Cameras, grey: list[float], depth: list[float]) -> Gaussians:
-    """Return one wall per view, each of one grey, in the predictor's order."""
-    depths = torch.tensor(depth)[:, None, None].expand(-1, SIDE, SIDE)
-    means = camera_to_world_points(cameras, pixel_rays(cameras, SIDE, SIDE) * depths[..., None])
-    colour = torch.tensor(grey)[:, None, None, None].expand(-1, SIDE, SIDE, 3)
-    count = depths.numel()
-    return Gaussians(
-        means=rearrange(means, "v h w xyz -> (v h w) xyz"),
-        scales=torch.full((count, 3), 0.1),
-        rotations=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
-        opacities=torch.full((count,), 0.7),
-        harmonics=rearrange((colour - 0.5) / SH_DEGREE_0, "v h w rgb -> (v h w) 1 rgb"),
-    )
+    """Return one wall per view, each of one grey."""
+    colours, depths = (torch.tensor(of)[:, None, None].expand(-1, SIDE, SIDE) for of in (grey, depth))
+    return surface(cameras, depths, colours[..., None].expand(-1, -1, -1, 3), 0.7)
 
 
 def seen(gaussians: Gaussians, cameras: Cameras, of: int, by: int) -> Tensor:
@@ -91,19 +74,13 @@ def test_a_view_that_sees_nothing_of_it_or_stands_at_the_same_place_changes_noth
     assert torch.equal(found.harmonics[:, :1], wall(cameras, [0.2, 0.6], [WALL, WALL]).harmonics)
 
 
-def test_one_view_has_colours_of_degree_0() -> None:
+def test_gaussians_that_are_left_as_they_are() -> None:
     cameras = cameras_in_a_row(0.0)
     gaussians = wall(cameras, [0.2], [WALL])
     assert view_dependent(gaussians, cameras, (SIDE, SIDE), CONFIG) is gaussians
-
-
-def test_colours_that_depend_on_the_direction_already_are_left() -> None:
     cameras = cameras_in_a_row(0.0, 1.0)
     found = dependent(cameras, [0.2, 0.6], [WALL, WALL])
     assert view_dependent(found, cameras, (SIDE, SIDE), CONFIG) is found
-
-
-def test_a_gaussian_without_a_place_spoils_no_other() -> None:
     cameras = cameras_in_a_row(0.0, 1.0)
     gaussians = wall(cameras, [0.2, 0.6], [WALL, WALL])
     gaussians.means[5] = torch.inf

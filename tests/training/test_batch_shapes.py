@@ -25,26 +25,20 @@ def test_no_batch_of_a_named_configuration_exceeds_the_usual_one(name: str) -> N
         assert 0.5 * shapes.most_pixels <= pixels <= shapes.most_pixels
 
 
-def test_the_compact_configuration_draws_mostly_two_views_and_every_shape_it_names() -> None:
+def test_shapes_that_are_drawn() -> None:
+    shapes = BatchShapes(2, ((2, 1.0),), 2, (SQUARE,))
+    generator = torch.Generator().manual_seed(3)
+    before = generator.get_state()
+    assert shapes.draw(generator) == BatchShape(2, 2, 2, SQUARE) == shapes.usual
+    assert torch.equal(generator.get_state(), before)
+    shapes = BatchShapes(4, ((2, 1.0), (6, 1.0)), 2, (SQUARE,))
+    assert {(shape.num_context, shape.num_scenes) for shape in drawn(shapes, 40)} == {(2, 4), (6, 2)}
     shapes = CONFIGURATIONS["compact"].shapes
     batches = drawn(shapes, 1500)
     counts = Counter(shape.num_context for shape in batches)
     assert 0.6 < counts[2] / len(batches) < 0.72
     assert set(counts) == {2, 3, 4, 6, 8}
     assert {shape.size for shape in batches} == set(shapes.sizes)
-
-
-def test_a_single_shape_leaves_the_generator_alone() -> None:
-    shapes = BatchShapes(2, ((2, 1.0),), 2, (SQUARE,))
-    generator = torch.Generator().manual_seed(3)
-    before = generator.get_state()
-    assert shapes.draw(generator) == BatchShape(2, 2, 2, SQUARE) == shapes.usual
-    assert torch.equal(generator.get_state(), before)
-
-
-def test_more_views_mean_fewer_scenes() -> None:
-    shapes = BatchShapes(4, ((2, 1.0), (6, 1.0)), 2, (SQUARE,))
-    assert {(shape.num_context, shape.num_scenes) for shape in drawn(shapes, 40)} == {(2, 4), (6, 2)}
 
 
 @pytest.mark.parametrize(

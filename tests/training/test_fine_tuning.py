@@ -12,18 +12,16 @@ from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConf
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.sender.codec import load_codec
-from fecocodec.training.batch import BatchShapes
 from fecocodec.training.chunk_scenes import ChunkScenes
-from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.model_weights import export_model
 from fecocodec.training.optimisation import Schedule
 from fecocodec.training.run_files import save_checkpoint
 from fecocodec.training.sources import Sources
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL, example_views
+from tests.sender.depthsplat_small.public_network import undrawn
+from tests.training.tiny_runs import changed, copied, synthetic_sources, tiny_trainer
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -31,15 +29,12 @@ pytestmark = pytest.mark.timeout(300)
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory: pytest.TempPathFactory) -> Sources:
     folder = write_wall_chunks(tmp_path_factory.mktemp("chunks"), num_scenes=2)
-    return Sources(SyntheticScenes(pattern_textures(5)), ChunkScenes(folder, spread=0.0))
+    return replace(synthetic_sources(), photographs=ChunkScenes(folder, spread=0.0))
 
 
 def trainer(folder: Path, sources: Sources, sender: CodecConfig, frozen: tuple[str, ...] = ()) -> Trainer:
     schedule = Schedule(4, photograph_share=(1.0, 1.0), disparity_weight=(0.0, 0.0), warm_up=1, learning_rate=1e-4)
-    shapes = BatchShapes(1, ((2, 1.0),), 1, ((64, 64),))
-    configuration = Configuration(shapes, schedule, sender=sender, frozen=frozen)
-    folder.mkdir(parents=True)
-    return Trainer(RunSettings(folder, configuration, 5.0, samples_every_minutes=float("inf")), sources)
+    return tiny_trainer(folder, schedule, sources, sender=sender, frozen=frozen)
 
 
 def exported(it: Trainer, folder: Path) -> Path:
@@ -65,10 +60,11 @@ def test_files_of_both_senders_decode_with_the_receiver_that_was_frozen(
 
     paper = exported(it, tmp_path / "weights" / "paper")
     assert (paper / RECEIVER_FILE).read_bytes() == (compact / RECEIVER_FILE).read_bytes()
-    assert load_codec(paper, "cpu").model_id == load_codec(compact, "cpu").model_id
-    assert load_codec(paper, "cpu").sender.config == PaperSenderConfig()
     views = example_views(2)
-    by_compact, by_paper = (fecocodec.encode(views, effort="fast", model=model) for model in (compact, paper))
+    with undrawn():
+        loaded = load_codec(paper, "cpu")
+        by_compact, by_paper = (fecocodec.encode(views, effort="fast", model=model) for model in (compact, paper))
+    assert loaded.model_id == load_codec(compact, "cpu").model_id and loaded.sender.config == PaperSenderConfig()
     assert by_compact != by_paper
     for data in (by_compact, by_paper):
         first, second = decoded_by(compact, data), decoded_by(paper, data)
@@ -79,11 +75,13 @@ def test_back_to_the_compact_extractor(sources: Sources, random_weights: Path, t
     """A receiver that learned with the paper's extractor, and the compact extractor of the model before it."""
     forth = trainer(tmp_path / "forth", sources, PaperSenderConfig(), frozen=("extractor",))
     forth.start_from(random_weights / MODEL)
-    untouched = {name: value.clone() for name, value in forth.sender.extractor.state_dict().items()}
+    untouched = copied(forth.sender.extractor)
     forth.train_step()
-    assert all(torch.equal(value, untouched[name]) for name, value in forth.sender.extractor.state_dict().items())
+    assert changed(forth.sender.extractor, untouched) == set()
     paper = exported(forth, tmp_path / "weights" / "paper")
-    assert load_codec(paper, "cpu").model_id != load_codec(random_weights / MODEL, "cpu").model_id
+    with undrawn():
+        model_id = load_codec(paper, "cpu").model_id
+    assert model_id != load_codec(random_weights / MODEL, "cpu").model_id
 
     back = trainer(tmp_path / "back", sources, SenderConfig(), frozen=("receiver",))
     back.start_from(paper)
@@ -91,7 +89,7 @@ def test_back_to_the_compact_extractor(sources: Sources, random_weights: Path, t
     assert report.missing == () and len(report.used) == len(back.sender.extractor.state_dict())
     back.train_step()
     again = exported(back, tmp_path / "weights" / "compact")
-    assert load_codec(again, "cpu").model_id == load_codec(paper, "cpu").model_id
+    assert load_codec(again, "cpu").model_id == model_id
     data = fecocodec.encode(example_views(2), effort="fast", model=again)
     first, second = decoded_by(paper, data), decoded_by(again, data)
     assert first.count > 0 and torch.equal(first.means, second.means)
@@ -101,7 +99,8 @@ def test_refusals(sources: Sources, random_weights: Path, tmp_path: Path) -> Non
     compact = trainer(tmp_path / "run", sources, SenderConfig())
     with pytest.raises(ModelError, match="public checkpoints are for depthsplat-small; name the folder of a model"):
         compact.start_extractor_from(tmp_path / "depthsplat.pth")
-    paper = trainer(tmp_path / "other", sources, PaperSenderConfig())
+    with undrawn():
+        paper = trainer(tmp_path / "other", sources, PaperSenderConfig())
     with pytest.raises(ModelError, match="its extractor is compact, this run's is depthsplat-small"):
         paper.start_extractor_from(random_weights / MODEL)
     configuration = replace(compact.settings.configuration, frozen=("tail",))
@@ -125,7 +124,7 @@ def test_a_variant_takes_the_weights_that_fit(sources: Sources, random_weights: 
     it = trainer(tmp_path / "run", sources, SenderConfig())
     paper = ReceiverConfig(method=PAPER, gaussians_per_side=4)
     variant = Trainer(replace(it.settings, configuration=replace(it.settings.configuration, receiver=paper)), sources)
-    before = {name: value.clone() for name, value in variant.networks.state_dict().items()}
+    before = copied(variant.networks)
     it.start_from(random_weights / MODEL)
     started = variant.start_variant_from(random_weights / MODEL, ("receiver.predictor.depth_head",))
     layers = ("receiver.predictor.depth_head", "receiver.predictor.head.2")

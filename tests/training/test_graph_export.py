@@ -56,15 +56,12 @@ def canonical(model: onnx.ModelProto) -> bytes:
     return model.SerializeToString(deterministic=True)
 
 
-def test_names_and_order_of_the_exporter_are_not_kept() -> None:
+def test_forms_do_not_keep_names_and_order_of_the_exporter() -> None:
     first, second = exported("s1", "a_", [0, 1, 2]), exported("s77", "b_", [1, 0, 2])
     assert canonical(first) == canonical(second)
     assert [node.op_type for node in first.graph.node] == ["Add", "Mul"]
     assert [tensor.name for tensor in first.graph.initializer] == ["constant_0"]
     assert first.graph.output[0].type.tensor_type.shape.dim[0].dim_param == "2*rows"
-
-
-def test_other_computations_have_other_forms() -> None:
     other = exported("s1", "a_", [0, 1, 2])
     other.graph.node[2].op_type = "Div"
     assert canonical(other) != canonical(exported("s1", "a_", [0, 1, 2]))
@@ -136,9 +133,6 @@ def test_samples_are_those_of_grid_sample() -> None:
     expected = F.grid_sample(values, positions, padding_mode="border", align_corners=False)
     found = sampled(values, positions, BILINEAR, BORDER, align_corners=False)
     torch.testing.assert_close(found, expected, rtol=0.0, atol=2e-6)
-
-
-def test_a_position_that_is_no_number_harms_no_other_sample() -> None:
     values, positions = torch.rand(1, 2, 4, 4), torch.zeros(1, 1, 2, 2)
     positions[0, 0, 0] = torch.nan
     found = sampled(values, positions, BILINEAR, BORDER, align_corners=False)

@@ -1,6 +1,5 @@
 """Kept batches: the features are those that the frozen extractor gives, and a run with them leaves it as it is."""
 
-import math
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -11,17 +10,16 @@ import torch
 
 from fecocodec.config import SenderConfig
 from fecocodec.errors import InputError
-from fecocodec.training.batch import BatchShape, BatchShapes
+from fecocodec.training.batch import BatchShape
 from fecocodec.training.batch_source import KeptBatches
-from fecocodec.training.configurations import CONFIGURATIONS, Configuration, RunSettings, configuration_named
+from fecocodec.training.configurations import CONFIGURATIONS, RunSettings, configuration_named
 from fecocodec.training.loop import train
 from fecocodec.training.loss import loss_of
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.sources import Sources, draw_batch
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
+from fecocodec.training.sources import draw_batch
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import extract, run_stages
+from tests.training.tiny_runs import SHAPES, changed, copied, synthetic_batch, synthetic_sources, tiny_trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 SHAPE = BatchShape(num_scenes=1, num_context=2, num_target=1, size=(64, 64))
@@ -30,15 +28,12 @@ SHAPE = BatchShape(num_scenes=1, num_context=2, num_target=1, size=(64, 64))
 @pytest.fixture(scope="module")
 def it(one_thread: None, tmp_path_factory: pytest.TempPathFactory) -> Trainer:
     """A trainer that keeps two batches of 64x64 pixels."""
-    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
     schedule = Schedule(3, one_stage_until=0, bypass_until=0, warm_up=1)
-    configuration = Configuration(shapes, schedule, frozen=("extractor",), kept_batches=2)
-    settings = RunSettings(tmp_path_factory.mktemp("kept"), configuration, 5.0, samples_every_minutes=math.inf)
-    return Trainer(settings, Sources(SyntheticScenes(pattern_textures(13)), None))
+    return tiny_trainer(tmp_path_factory.mktemp("kept"), schedule, frozen=("extractor",), kept_batches=2)
 
 
 def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> None:
-    batch = draw_batch(it.sources, torch.Generator().manual_seed(1), SHAPE, 0.0)
+    batch = synthetic_batch(seed=1)
     extracted = extract(it.sender, it.receiver, True, batch)
     losses = []
     for known in (extracted, None):
@@ -50,13 +45,11 @@ def test_kept_features_give_the_loss_of_features_computed_anew(it: Trainer) -> N
 
 def test_the_papers_method_has_the_same_loss_with_kept_features(tmp_path: Path) -> None:
     paper = configuration_named("ablate-iterations-3")
-    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
     configuration = replace(
-        paper, shapes=shapes, sender=SenderConfig(), precision="float32", frozen=("extractor",), kept_batches=2
+        paper, shapes=SHAPES, sender=SenderConfig(), precision="float32", frozen=("extractor",), kept_batches=2
     )
-    sources = Sources(SyntheticScenes(pattern_textures(13)), None)
-    trainer = Trainer(RunSettings(tmp_path, configuration, 5.0), sources)
-    batch = draw_batch(sources, torch.Generator().manual_seed(1), SHAPE, 0.0)
+    trainer = Trainer(RunSettings(tmp_path, configuration, 5.0), synthetic_sources())
+    batch = synthetic_batch(seed=1)
     losses = []
     for known in (extract(trainer.sender, trainer.receiver, True, batch), None):
         torch.manual_seed(2)
@@ -74,7 +67,7 @@ def test_batches_that_were_added_are_taken_in_an_order_that_the_generator_alone_
     for _ in range(2):
         kept, generator = KeptBatches(3, (0, 1768), fresh_share=0.0), torch.Generator().manual_seed(5)
         for seed in range(3):
-            batch = draw_batch(it.sources, torch.Generator().manual_seed(seed), SHAPE, 0.0)
+            batch = synthetic_batch(seed=seed)
             kept.add(SHAPE, batch, extract(it.sender, it.receiver, True, batch))
         taken = [
             kept.take(SHAPE, generator, draw, partial(extract, it.sender, it.receiver, True))[0] for _ in range(12)
@@ -98,28 +91,21 @@ def test_a_batch_is_used_again_with_another_lambda_until_newer_ones_replace_it(i
     torch.testing.assert_close(taken[0].images, drawn[0].images, atol=1e-3, rtol=0)
 
 
-def test_a_run_with_kept_batches_trains_all_but_the_extractor(it: Trainer, tmp_path: Path) -> None:
-    before = {name: value.clone() for name, value in it.networks.state_dict().items()}
+def test_a_run_with_kept_batches_trains_all_but_what_is_frozen(it: Trainer, tmp_path: Path) -> None:
+    before = copied(it.networks)
     list(train(it))
-    moved = {name for name, value in it.networks.state_dict().items() if not torch.equal(value, before[name])}
+    moved = changed(it.networks, before)
     assert any(name.startswith("receiver.") for name in moved) and any("analysis" in name for name in moved)
     assert not any(name.startswith("sender.extractor.") for name in moved)
-
-
-def test_kept_results_of_matching_train_the_fusion_alone_of_the_extractor(it: Trainer, tmp_path: Path) -> None:
     configuration = replace(it.settings.configuration, frozen=("matching",))
     trainer = Trainer(replace(it.settings, folder=tmp_path / "run", configuration=configuration), it.sources)
-    before = {name: value.clone() for name, value in trainer.networks.state_dict().items()}
+    before = copied(trainer.networks)
     extracted = trainer.draw_batch()[1]
     assert extracted is not None and extracted.features is None
     list(train(trainer))
-    now = trainer.networks.state_dict()
-    moved = {name for name, value in before.items() if not torch.equal(now[name], value)}
+    moved = changed(trainer.networks, before)
     of_extractor = {name.split(".")[2] for name in moved if name.startswith("sender.extractor.")}
     assert {"input", "fine_in", "coarse", "output"} <= of_extractor
     assert not of_extractor & {"stem", "down_stem", "cross_view", "up_attended", "matching_head", "log_temperature"}
-
-
-def test_features_of_an_extractor_that_is_trained_cannot_be_kept() -> None:
     with pytest.raises(InputError, match=r"only while the extractor or its matching is frozen; add one of them"):
         replace(CONFIGURATIONS["compact"], kept_batches=10)

@@ -13,34 +13,23 @@ from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import ModelError, OutputError
 from fecocodec.sender.codec import load_codec
 from fecocodec.training import trainer as trainer_module
-from fecocodec.training.batch import Batch, BatchShapes
-from fecocodec.training.configurations import Configuration, RunSettings
+from fecocodec.training.batch import Batch
 from fecocodec.training.loop import train
 from fecocodec.training.model_weights import export_model
 from fecocodec.training.optimisation import Schedule
 from fecocodec.training.run_files import append_row, load_checkpoint, mean_of_rows, remove_rows_after, save_checkpoint
-from fecocodec.training.sources import Sources
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from tests.example_scenes import MODEL
+from tests.training.tiny_runs import changed, copied, tiny_trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def trainer(folder: Path, num_steps: int = 4, seed: int = 0, samples_every_minutes: float = math.inf) -> Trainer:
-    """Tiny: one scene of three 64x64 views a step; two steps of warm-up (one with a single stage), then the rate."""
-    folder.mkdir(parents=True, exist_ok=True)
-    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
+    """Two steps of warm-up (one with a single stage), then the rate."""
     schedule = Schedule(num_steps, one_stage_until=1, bypass_until=2, warm_up=1)
-    settings = RunSettings(
-        folder, Configuration(shapes, schedule), 5.0, seed, log_every=2, samples_every_minutes=samples_every_minutes
-    )
-    return Trainer(settings, Sources(SyntheticScenes(pattern_textures(13)), None))
-
-
-def weights_of(it: Trainer) -> list[torch.Tensor]:
-    return [value.clone() for value in it.networks.state_dict().values()]
+    settings = {"seed": seed, "log_every": 2, "samples_every_minutes": samples_every_minutes}
+    return tiny_trainer(folder, schedule, settings=settings)
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +67,7 @@ def test_two_and_two_steps_are_four(finished: Trainer, tmp_path: Path) -> None:
     second.resume(tmp_path / "middle.pt")
     assert len(list(train(second))) == 1
     assert second.step == 4
-    for resumed, whole in zip(weights_of(second), weights_of(finished), strict=True):
-        assert torch.equal(resumed, whole)
+    assert changed(second.networks, copied(finished.networks)) == set()
     assert all(torch.equal(value, finished.average[name]) for name, value in second.average.items())
 
 
@@ -94,7 +82,7 @@ def test_a_group_of_one_trains_exactly_like_a_process_on_its_own(tmp_path: Path)
         grouped.train_step()
     finally:
         dist.destroy_process_group()
-    assert all(torch.equal(a, b) for a, b in zip(weights_of(alone), weights_of(grouped), strict=True))
+    assert changed(alone.networks, copied(grouped.networks)) == set()
 
 
 def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_path: Path) -> None:
@@ -108,13 +96,13 @@ def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_pat
 
 def test_a_step_without_finite_gradients_changes_nothing(tmp_path: Path) -> None:
     it = trainer(tmp_path)
-    before = weights_of(it)
+    before = copied(it.networks)
     hook = it.sender.extractor.log_temperature.register_hook(lambda gradient: gradient * float("nan"))
     parts = it.train_step()
     hook.remove()
     assert parts["gradient"] != parts["gradient"]  # NaN
     assert (it.step, it.num_skipped) == (1, 1)
-    assert all(torch.equal(a, b) for a, b in zip(before, weights_of(it), strict=True))
+    assert changed(it.networks, before) == set()
 
 
 def test_a_stop_while_saving_leaves_the_old_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,10 +119,12 @@ def test_a_stop_while_saving_leaves_the_old_checkpoint(tmp_path: Path, monkeypat
     assert load_checkpoint(path) == {"step": 1}
 
 
-def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
+def test_checkpoints_that_cannot_be_used_or_written(tmp_path: Path) -> None:
     save_checkpoint(tmp_path / "last.pt", {"step": 1})
     with pytest.raises(ModelError, match="not a checkpoint of these networks"):
         trainer(tmp_path).resume(tmp_path / "last.pt")
+    with pytest.raises(OutputError, match=r"missing/last\.pt: the checkpoint cannot be written"):
+        save_checkpoint(tmp_path / "missing" / "last.pt", {"step": 1})
 
 
 def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
@@ -146,17 +136,14 @@ def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
     assert schedule.photograph_share_at(0) == 0.4 and schedule.photograph_share_at(2000) == pytest.approx(0.6)
 
 
-def test_log_rows_keep_their_columns(tmp_path: Path) -> None:
+def test_rows_of_the_log(tmp_path: Path) -> None:
     append_row(tmp_path / "log.csv", mean_of_rows([{"loss": 1.0}, {"loss": 3.0, "bpp1": 0.5}]) | {"step": 2.0})
     append_row(tmp_path / "log.csv", {"step": 4.0, "loss": 0.25})
     header, first, second = (line.split(",") for line in (tmp_path / "log.csv").read_text().splitlines())
     assert dict(zip(header, first, strict=True))["loss"] == "2"
     assert dict(zip(header, first, strict=True))["bpp1"] == "0.5"
     assert dict(zip(header, second, strict=True))["bpp1"] == ""
-
-
-def test_a_resumed_run_replaces_the_rows_it_takes_again(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
+    path = tmp_path / "resumed.csv"
     for step in (50.0, 100.0, 150.0):
         append_row(path, {"step": step, "loss": 1.0})
     remove_rows_after(path, 100)
@@ -185,11 +172,6 @@ def test_a_skipped_batch_is_counted_and_spoils_no_mean(tmp_path: Path, monkeypat
     (row,) = train(it)
     assert row["skipped"] == 1.0 and all(math.isfinite(value) for value in row.values())
     assert all(bool(value.isfinite().all()) for value in it.networks.state_dict().values())
-
-
-def test_a_checkpoint_that_cannot_be_written_is_one_sentence_and_the_old_one_stays(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"missing/last\.pt: the checkpoint cannot be written"):
-        save_checkpoint(tmp_path / "missing" / "last.pt", {"step": 1})
 
 
 def test_starting_from_a_model_and_exporting_gives_the_model_again(random_weights: Path, tmp_path: Path) -> None:

@@ -16,12 +16,10 @@ from fecocodec.rendering.perceptual import st_lpips
 from fecocodec.sender.extractors.protocol import MatchedDepth
 from fecocodec.sender.model import Sender
 from fecocodec.sender.stages import EstimatedLatent, StageInputs
-from fecocodec.training.batch import Batch, BatchShape, MatchedDisparity
+from fecocodec.training.batch import Batch, MatchedDisparity
 from fecocodec.training.loss import ENTROPY_PRICE, lambda_of, loss_of, perceptual_distance
-from fecocodec.training.sources import Sources, draw_batch
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.training_pass import bypass_coding, code_with_noise, run_stages, with_targets
+from tests.training.tiny_runs import synthetic_batch
 
 
 @pytest.fixture(scope="module")
@@ -77,9 +75,7 @@ def test_a_bit_costs_a_latent_lambda_and_the_entropy_model_one_price(
 
 @pytest.fixture(scope="module")
 def batch() -> Batch:
-    """A synthetic scene: two context views, one target."""
-    sources = Sources(SyntheticScenes(pattern_textures(5)), None)
-    return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 1, (64, 64)), 0.0)
+    return synthetic_batch()
 
 
 @torch.no_grad()

@@ -45,7 +45,7 @@ def test_twenty_steps_on_two_processes(name: str, write, num_views: str, tmp_pat
     assert all(bool(value.isfinite().all()) for value in saved["average"].values())
 
 
-def test_the_configurations_are_the_papers() -> None:
+def test_the_configurations_are_the_papers_and_variants_differ_as_named() -> None:
     re10k, dl3dv = configuration_named("paper-re10k"), configuration_named("paper-dl3dv")
     for configuration in (re10k, dl3dv):
         assert configuration.schedule.num_steps == 300_000 and configuration.schedule.learning_rate == 2e-4
@@ -55,9 +55,6 @@ def test_the_configurations_are_the_papers() -> None:
     assert re10k.shapes.sizes == ((256, 256),) and dl3dv.shapes.sizes == ((256, 448),)
     assert torch.tensor(dl3dv.shapes.view_shares).tolist() == [[8.0, 1.0]]
     assert dl3dv.receiver.lambda_range == pytest.approx((1e-5, 1e-3))
-
-
-def test_the_variants_differ_in_what_their_names_say() -> None:
     base = configuration_named("ablate-iterations-2")
     assert base == configuration_named("ablate-gaussians-half") and base.schedule.num_steps == 100_000
     assert [configuration_named(f"ablate-gaussians-{part}").receiver.gaussians_per_side for part in (

@@ -1,11 +1,11 @@
 """Regression tests of defects that would degrade or stop the paper's training."""
 
 import json
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from fecosplat_cli.train import _default_minutes, _require_finished
@@ -17,7 +17,6 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import load_public_weights
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 from fecocodec.training import training_pass
-from fecocodec.training.batch import BatchShapes
 from fecocodec.training.batch_source import BatchesByStep, batches_from
 from fecocodec.training.chunk_scenes import (
     DL3DV,
@@ -27,23 +26,21 @@ from fecocodec.training.chunk_scenes import (
     ChunkScenes,
     choose_farthest_frames,
 )
-from fecocodec.training.configurations import Configuration, RunSettings, configuration_named
+from fecocodec.training.configurations import Configuration, configuration_named
 from fecocodec.training.loop import train
 from fecocodec.training.optimisation import Schedule
 from fecocodec.training.run_monitor import RunMonitor
 from fecocodec.training.samples import Sample
 from fecocodec.training.sources import Sources, open_sources
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
-from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import bypass_coding, run_stages
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.example_scenes import example_views
+from tests.sender.depthsplat_small.public_network import made_up_extractor
+from tests.training.tiny_runs import SHAPES, changed, copied, synthetic_sources, tiny_trainer
 from tests.wall_scene import shots
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-SHAPES = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
 TINY = Configuration(SHAPES, Schedule(4, photograph_share=(1.0, 1.0), warm_up=1, disparity_weight=(0.0, 0.0)))
 
 
@@ -52,14 +49,13 @@ def draw(scenes: ChunkScenes, seed: int = 0, num_target: int = 2) -> Sample:
     return scenes.sample(generator, num_context=2, num_target=num_target, size=(64, 64))
 
 
-def trainer_on(folder: Path, sources: Sources, **settings: object) -> Trainer:
-    folder.mkdir(parents=True, exist_ok=True)
-    return Trainer(RunSettings(folder, TINY, None, log_every=2, **settings), sources)  # type: ignore[arg-type]
+def sources_with(photographs: ChunkScenes | None) -> Sources:
+    return replace(synthetic_sources(), photographs=photographs)
 
 
 @pytest.fixture(scope="module")
 def extractor() -> DepthSplatSmall:
-    return DepthSplatSmall()
+    return made_up_extractor()
 
 
 # 1: crops
@@ -94,12 +90,9 @@ def test_views_of_different_intrinsics_are_matched_under_the_public_geometry(ext
 # 2: time limit and unfinished runs
 
 
-def test_the_papers_configurations_have_no_time_limit() -> None:
+def test_the_papers_runs_have_no_time_limit_and_export_nothing_unfinished() -> None:
     assert _default_minutes(configuration_named("paper-re10k")) is None
     assert _default_minutes(configuration_named("compact")) == 60.0
-
-
-def test_an_unfinished_run_exports_nothing() -> None:
     _require_finished(300_000, 300_000, Path("model"))
     with pytest.raises(InputError, match=r"model: nothing was exported, .* after 120 of 300000 steps; .*--steps 120"):
         _require_finished(120, 300_000, Path("model"))
@@ -109,8 +102,7 @@ def test_an_unfinished_run_exports_nothing() -> None:
 
 
 def test_resuming_copies_into_the_averaged_weights_on_their_device(tmp_path: Path) -> None:
-    world = Sources(SyntheticScenes(pattern_textures(13)), None)
-    it = trainer_on(tmp_path, world)
+    it = tiny_trainer(tmp_path, TINY.schedule)
     it.save(it.checkpoint)
     before = {name: value.data_ptr() for name, value in it.average.items()}
     expected = {name: value.clone() for name, value in it.average.items()}
@@ -127,7 +119,7 @@ def test_resuming_copies_into_the_averaged_weights_on_their_device(tmp_path: Pat
 def test_target_views_are_not_matched_for_a_loss_of_weight_zero(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    it = trainer_on(tmp_path / "run", Sources(SyntheticScenes(pattern_textures(13)), ChunkScenes(_chunks(tmp_path))))
+    it = tiny_trainer(tmp_path / "run", TINY.schedule, sources_with(_chunks(tmp_path)))
     batch, _ = it.draw_batch()
 
     def refuse(*_: object) -> None:
@@ -139,8 +131,8 @@ def test_target_views_are_not_matched_for_a_loss_of_weight_zero(
         run_stages(it.sender, it.receiver, batch, bypass_coding, 1, None, 0.5)
 
 
-def _chunks(folder: Path) -> Path:
-    return write_wall_chunks(folder / "chunks", num_scenes=2, num_frames=6)
+def _chunks(folder: Path) -> ChunkScenes:
+    return ChunkScenes(write_wall_chunks(folder / "chunks", num_scenes=2, num_frames=6))
 
 
 # 5: frames, scenes and chunks that cannot be used
@@ -166,7 +158,7 @@ def test_what_cannot_be_used_is_skipped_and_counted(tmp_path: Path) -> None:
 
 def test_skipped_scenes_are_logged(tmp_path: Path) -> None:
     source = ChunkScenes(_partly_damaged(tmp_path / "chunks"))
-    it = trainer_on(tmp_path / "run", Sources(SyntheticScenes(pattern_textures(13)), source))
+    it = tiny_trainer(tmp_path / "run", TINY.schedule, sources_with(source))
     while not it.num_bad_scenes:
         it._report_skipped(it.draw_batch()[0])
     lines = (tmp_path / "run" / "bad_scenes_0.txt").read_text().splitlines()
@@ -185,8 +177,7 @@ def test_a_data_set_without_a_usable_scene_ends_the_run(tmp_path: Path) -> None:
 
 
 def test_workers_draw_what_the_process_itself_would(tmp_path: Path) -> None:
-    sources = Sources(SyntheticScenes(pattern_textures(13)), ChunkScenes(_chunks(tmp_path)))
-    dataset = BatchesByStep(sources, TINY, seed=3, rank=1, num_ranks=2)
+    dataset = BatchesByStep(sources_with(_chunks(tmp_path)), TINY, seed=3, rank=1, num_ranks=2)
     drawn = list(batches_from(dataset, 1, num_workers=2, device="cpu"))
     assert len(drawn) == 3
     for step, batch in enumerate(drawn, start=1):
@@ -215,25 +206,15 @@ def test_a_lane_stays_with_a_chunk_and_all_chunks_are_visited(tmp_path: Path) ->
 
 
 def test_validation_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> None:
-    chunks = ChunkScenes(_chunks(tmp_path))
-    sources = Sources(SyntheticScenes(pattern_textures(13)), chunks, chunks)
-    one_lambda = replace(TINY, lambda_range=(1e-3, 1e-3), schedule=replace(TINY.schedule, num_steps=2))
-    settings = RunSettings(
-        tmp_path / "run",
-        one_lambda,
-        None,
-        log_every=2,
-        validate_every=2,
-        validation_scenes=1,
-        keep_every=1,
-        samples_every_minutes=math.inf,
-    )
-    settings.folder.mkdir()
-    it = Trainer(settings, sources)
-    weights = [value.clone() for value in it.networks.parameters()]
+    chunks = _chunks(tmp_path)
+    sources = replace(synthetic_sources(), photographs=chunks, validation=chunks)
+    settings = {"log_every": 2, "validate_every": 2, "validation_scenes": 1, "keep_every": 1}
+    schedule = replace(TINY.schedule, num_steps=2)
+    it = tiny_trainer(tmp_path / "run", schedule, sources, settings=settings, lambda_range=(1e-3, 1e-3))
+    weights = copied(it.networks)
     monitor = RunMonitor(it)
     first = monitor.validate()
-    assert all(torch.equal(a, b) for a, b in zip(weights, it.networks.parameters(), strict=True))
+    assert changed(it.networks, weights) == set()
     assert first == monitor.validate() and first["val_bpp"] > 0 and first["val_psnr"] > 3 and first["val_st_lpips"] > 0
     rows = list(train(it))
     assert [row["step"] for row in rows] == [2.0] and {"val_psnr", "val_st_lpips", "val_bpp"} <= rows[0].keys()
@@ -261,21 +242,10 @@ def test_the_small_dl3dv_checkpoint_loads_with_a_warning(extractor: DepthSplatSm
 # The data protocol of DepthSplat
 
 
-def test_the_gap_grows_over_the_first_steps() -> None:
+def test_context_views_of_the_protocol() -> None:
     assert REALESTATE10K.gaps_at(0) == (25, 45) and REALESTATE10K.gaps_at(15_000) == (35, 90)
     assert REALESTATE10K.gaps_at(30_000) == REALESTATE10K.gaps_at(200_000) == (45, 135)
     assert DL3DV.gaps_at(0) == DL3DV.gaps_at(10) == (20, 50)
-
-
-def stretches() -> Iterator[list[int]]:
-    import numpy as np
-
-    centres = np.stack([np.linspace(0.0, 1.0, 200) ** 2, np.zeros(200), np.zeros(200)], axis=1)
-    for seed in range(20):
-        yield choose_farthest_frames(np.random.default_rng(seed), centres, (40, 60), 4, 3)
-
-
-def test_further_context_views_are_the_farthest_points() -> None:
     for frames in stretches():
         context, targets = frames[:4], frames[4:]
         assert 40 <= context[-1] - context[0] <= 60 and context == sorted(set(context))
@@ -283,6 +253,12 @@ def test_further_context_views_are_the_farthest_points() -> None:
         # Cameras accelerate, so the farthest point lies after the middle of the time.
         middle = (context[0] + context[-1]) / 2
         assert any(frame > middle for frame in context[1:3])
+
+
+def stretches() -> Iterator[list[int]]:
+    centres = np.stack([np.linspace(0.0, 1.0, 200) ** 2, np.zeros(200), np.zeros(200)], axis=1)
+    for seed in range(20):
+        yield choose_farthest_frames(np.random.default_rng(seed), centres, (40, 60), 4, 3)
 
 
 def test_frames_of_the_protocol_are_cropped_to_the_centre_and_not_tinted(tmp_path: Path) -> None:

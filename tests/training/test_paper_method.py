@@ -18,15 +18,13 @@ from fecocodec.sender.extractors.adapter import ConditionedAdapter
 from fecocodec.sender.feedback import PictureFeedbackExtractor
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import BEST
-from fecocodec.training.batch import Batch, BatchShape, StageOutcome
+from fecocodec.training.batch import Batch, StageOutcome
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named
 from fecocodec.training.loss import lambda_of
 from fecocodec.training.optimisation import SHARE, build_optimiser
-from fecocodec.training.sources import Sources, draw_batch
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.training_pass import Coding, code_with_additive_noise, paper_loss, run_stages
 from tests.example_scenes import example_views, fused
+from tests.training.tiny_runs import synthetic_batch
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -49,8 +47,7 @@ def codec() -> Codec:
 
 @pytest.fixture(scope="module")
 def batch() -> Batch:
-    sources = Sources(SyntheticScenes(pattern_textures(13)), None)
-    return draw_batch(sources, torch.Generator().manual_seed(0), BatchShape(1, 2, 2, (64, 64)), 0.0)
+    return synthetic_batch(num_target=2)
 
 
 @pytest.mark.parametrize("name", PAPERS)
@@ -64,13 +61,6 @@ def test_no_configuration_of_the_paper_has_an_addition_of_ours(name: str) -> Non
     assert found.alone_every == 0 and found.kept_batches == 0
     assert found.optimiser.average_decay == 0.0 and found.optimiser.backbone_share * 2e-4 == pytest.approx(2e-6)
     assert found.protocol is not None and found.precision == "bfloat16" and found.shapes.num_scenes == 1
-
-
-@pytest.mark.parametrize("name", ["compact", "compact-re10k"])
-def test_compact_keeps_its_method(name: str) -> None:
-    found = configuration_named(name)
-    assert not found.is_paper and found.receiver.kind.stage_1_offset == 229 and found.protocol is None
-    assert found.alone_every == 8 and found.optimiser.average_decay == 0.998
 
 
 def test_the_method_is_stored_with_the_weights_and_compact_files_do_not_change(codec: Codec, tmp_path: Path) -> None:
@@ -89,6 +79,8 @@ def test_streams_have_one_lambda_rounded_latents_and_no_optimisation(codec: Code
     header = read_stream(data).header
     assert header.lambda_q_of_stage(1) == header.lambda_q_of_stage(2) == LAMBDA_Q
     assert encode_with(codec, views, LAMBDA_Q, config=BEST) == data
+    single = Codec(codec.sender, paper_codec(num_stages=1).receiver, bytes(8))
+    assert read_stream(encode_with(single, example_views(2), LAMBDA_Q)).header.num_stages == 1
 
 
 def test_decoded_gaussians_are_those_of_the_predictor(codec: Codec) -> None:
@@ -125,15 +117,15 @@ def test_training_and_decoding_have_predicted_harmonics(batch: Batch) -> None:
         Receiver(ReceiverConfig(sh_degree=2))
 
 
-def test_a_model_of_one_stage_codes_one(codec: Codec) -> None:
-    single = Codec(codec.sender, paper_codec(num_stages=1).receiver, bytes(8))
-    assert read_stream(encode_with(single, example_views(2), LAMBDA_Q)).header.num_stages == 1
-
-
-def test_a_lambda_outside_the_range_of_the_model_is_refused() -> None:
+def test_what_does_not_exist_is_refused() -> None:
     narrow = paper_codec(lambda_range=(1e-5, 1e-3))
     with pytest.raises(InputError, match=r"lambda is 0\.01, but the model was trained for 1e-05 to 0\.001; choose a"):
         encode_with(narrow, example_views(2), quantise_lambda(1e-2))
+    with pytest.raises(ModelError, match="no method 'ours'; choose compact or paper"):
+        Receiver(ReceiverConfig(method="ours"))
+    with pytest.raises(ModelError, match="no ablation 'no-depth'"):
+        Sender(PaperSenderConfig(ablation="no-depth"), ReceiverConfig(method=COMPACT))
+    assert isinstance(configuration_named("compact"), Configuration)
 
 
 def test_feedback_sees_the_two_pictures_alone(codec: Codec) -> None:
@@ -235,11 +227,3 @@ def test_ablations_of_the_sender_change_stage_2_alone(codec: Codec, batch: Batch
         for sender in senders
     ]
     assert rates[0][0] == rates[1][0] and rates[0][1] != rates[1][1]
-
-
-def test_what_does_not_exist_is_refused() -> None:
-    with pytest.raises(ModelError, match="no method 'ours'; choose compact or paper"):
-        Receiver(ReceiverConfig(method="ours"))
-    with pytest.raises(ModelError, match="no ablation 'no-depth'"):
-        Sender(PaperSenderConfig(ablation="no-depth"), ReceiverConfig(method=COMPACT))
-    assert isinstance(configuration_named("compact"), Configuration)

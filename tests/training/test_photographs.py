@@ -14,6 +14,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.photographs.images import write_image
 from fecocodec.training.photographs import Photographs
 from fecocodec.training.samples import Sample, mirrored
+from tests.wall_scene import edited
 
 HEIGHT, WIDTH, FOCAL = 96, 128, 110.0
 POINTS = np.array([[0.0, 0.0, 0.0], [0.25, -0.2, 0.3], [-0.3, 0.2, 0.2]])
@@ -111,7 +112,22 @@ def test_cameras_agree_with_what_the_images_show(photographs: Photographs, size:
     assert mirror_signs == {1, -1}
 
 
-def test_mirrored_cameras_stay_rotations_and_mirroring_twice_is_nothing(photographs: Photographs) -> None:
+def test_frames_that_are_drawn(photographs: Photographs) -> None:
+    for seed in range(40):
+        sample = draw(photographs, seed)
+        frames = [int(name[:3]) for name in sample.views.names]
+        first, second, *targets = frames
+        assert 0.3 < 1 - 0.15 * abs(first - second) < 0.9
+        assert all(1 - 0.15 * abs(first - target) > 0.3 and 1 - 0.15 * abs(second - target) > 0.3 for target in targets)
+        assert len(set(frames)) == 4
+    sample = draw(photographs, 1, num_context=4)
+    frames = sorted(int(name[:3]) for name in sample.views.names[:4])
+    assert len(set(frames)) == 4 and max(np.diff(frames)) <= 4
+    assert sample.views.images.shape == (6, 3, 64, 64) and sample.depth is None
+    first, again, other = draw(photographs, 2), draw(photographs, 2), draw(photographs, 3)
+    assert torch.equal(first.views.images, again.views.images)
+    assert torch.equal(first.views.cameras.intrinsics, again.views.cameras.intrinsics)
+    assert not torch.equal(first.views.images, other.views.images)
     views = draw(photographs, 0).views
     once, twice = mirrored(views), mirrored(mirrored(views))
     torch.testing.assert_close(torch.linalg.det(once.cameras.extrinsics[:, :3, :3]), torch.ones(4))
@@ -120,31 +136,7 @@ def test_mirrored_cameras_stay_rotations_and_mirroring_twice_is_nothing(photogra
     torch.testing.assert_close(twice.cameras.intrinsics, views.cameras.intrinsics)
 
 
-def test_views_overlap_but_not_too_much(photographs: Photographs) -> None:
-    for seed in range(40):
-        sample = draw(photographs, seed)
-        frames = [int(name[:3]) for name in sample.views.names]
-        first, second, *targets = frames
-        assert 0.3 < 1 - 0.15 * abs(first - second) < 0.9
-        assert all(1 - 0.15 * abs(first - target) > 0.3 and 1 - 0.15 * abs(second - target) > 0.3 for target in targets)
-        assert len(set(frames)) == 4
-
-
-def test_more_context_views_are_connected_and_distinct(photographs: Photographs) -> None:
-    sample = draw(photographs, 1, num_context=4)
-    frames = sorted(int(name[:3]) for name in sample.views.names[:4])
-    assert len(set(frames)) == 4 and max(np.diff(frames)) <= 4
-    assert sample.views.images.shape == (6, 3, 64, 64) and sample.depth is None
-
-
-def test_the_same_generator_state_gives_the_same_sample(photographs: Photographs) -> None:
-    first, again, other = draw(photographs, 2), draw(photographs, 2), draw(photographs, 3)
-    assert torch.equal(first.views.images, again.views.images)
-    assert torch.equal(first.views.cameras.intrinsics, again.views.cameras.intrinsics)
-    assert not torch.equal(first.views.images, other.views.images)
-
-
-def test_more_context_views_than_frames_is_an_error(photographs: Photographs) -> None:
+def test_scenes_that_cannot_be_used(photographs: Photographs) -> None:
     with pytest.raises(InputError, match="num_context = 9"):
         draw(photographs, 0, num_context=9)
 
@@ -155,20 +147,16 @@ def test_a_folder_without_scenes_is_an_error(tmp_path: Path) -> None:
 
 
 def test_overlap_comes_from_the_poses_where_no_covisibility_is_written(tmp_path: Path) -> None:
-    path = write_scene(tmp_path / "balls") / "transforms.json"
-    text = json.loads(path.read_text())
-    del text["covisibility"]
-    path.write_text(json.dumps(text))
+    with edited(write_scene(tmp_path / "balls")) as text:
+        del text["covisibility"]
     frames = [sorted(int(name[:3]) for name in draw(Photographs(tmp_path), seed).views.names[:2]) for seed in range(20)]
     assert all(first < second for first, second in frames)
 
 
 @pytest.mark.parametrize("key", ["near", "far"])
 def test_a_missing_field_is_named(tmp_path: Path, key: str) -> None:
-    path = write_scene(tmp_path / "balls") / "transforms.json"
-    text = json.loads(path.read_text())
-    del text[key]
-    path.write_text(json.dumps(text))
+    with edited(write_scene(tmp_path / "balls")) as text:
+        del text[key]
     with pytest.raises(InputError, match=key):
         Photographs(tmp_path)
 

@@ -18,9 +18,15 @@ RANDOM = (
 FILE = Path("depthsplat.pth")
 
 
-def test_the_papers_start_has_no_remark() -> None:
+def test_what_differs_from_the_papers_start_is_said() -> None:
     assert remarks_on_start(configuration_named("paper-re10k"), 4, [FILE]) == ()
     assert remarks_on_start(configuration_named("compact"), 1, []) == ()
+    configuration = configuration_named("paper-re10k")
+    for scenes, processes, words in ((1, 1, "1 scene,"), (2, 1, "2 scenes,"), (4, 2, "8 scenes,")):
+        found = replace(configuration, shapes=replace(configuration.shapes, num_scenes=scenes))
+        (remark,) = remarks_on_start(found, processes, [FILE])
+        assert remark.startswith(f"a step has {words} the paper's 4; start 4 processes by torchrun, or set the scenes")
+    assert remarks_on_start(replace(configuration, shapes=replace(configuration.shapes, num_scenes=4)), 1, [FILE]) == ()
 
 
 @pytest.mark.parametrize(
@@ -42,12 +48,3 @@ def test_ablations_keep_the_widths_and_print_their_totals(name: str, at_receiver
 @pytest.mark.parametrize("name", ["paper-re10k", "paper-dl3dv", "ablate-no-feedback"])
 def test_random_weights_of_the_extractor_are_said(name: str) -> None:
     assert remarks_on_start(configuration_named(name), 4, []) == (RANDOM,)
-
-
-def test_another_batch_is_said() -> None:
-    configuration = configuration_named("paper-re10k")
-    for scenes, processes, words in ((1, 1, "1 scene,"), (2, 1, "2 scenes,"), (4, 2, "8 scenes,")):
-        found = replace(configuration, shapes=replace(configuration.shapes, num_scenes=scenes))
-        (remark,) = remarks_on_start(found, processes, [FILE])
-        assert remark.startswith(f"a step has {words} the paper's 4; start 4 processes by torchrun, or set the scenes")
-    assert remarks_on_start(replace(configuration, shapes=replace(configuration.shapes, num_scenes=4)), 1, [FILE]) == ()

@@ -12,7 +12,7 @@ from torch import Tensor
 from fecocodec.config import SenderConfig
 from fecocodec.errors import InputError
 from fecocodec.progress import Progress
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import Codec
 from fecocodec.sender.distortion import MseDistortion
 from fecocodec.sender.latent_optimisation import Objective, step_size
 from fecocodec.sender.optimisation_config import OptimisationConfig
@@ -20,37 +20,22 @@ from fecocodec.sender.stages import StageInputs
 from fecocodec.sender.step_network import StepNetwork
 from fecocodec.training import loss, step_learning
 from fecocodec.training import trainer as trainer_module
-from fecocodec.training.batch import Batch, BatchShape, BatchShapes
-from fecocodec.training.configurations import Configuration, RunSettings
+from fecocodec.training.batch import Batch
+from fecocodec.training.configurations import Configuration
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.step_learning import CONTEXT_SHARE, LAST_WEIGHT, Evaluated, StepLearner, learn
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import BatchEncoder
-from tests.example_scenes import MODEL
+from tests.training.tiny_runs import SHAPES, changed, copied, synthetic_batch, tiny_trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 STEPS = OptimisationConfig(num_steps=1, extra_step_below=(), distortion=MseDistortion())
 
 
-@pytest.fixture(scope="module")
-def codec(random_weights: Path) -> Codec:
-    return load_codec(random_weights / MODEL, "cpu")
-
-
-def sources() -> Sources:
-    return Sources(SyntheticScenes(pattern_textures(13)), None)
-
-
 def new_trainer(folder: Path, share: float) -> Trainer:
-    folder.mkdir(parents=True, exist_ok=True)
-    shapes = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
     schedule = Schedule(4, one_stage_until=0, bypass_until=0)
-    configuration = Configuration(shapes, schedule, sender=SenderConfig(step_channels=16), optimised_share=share)
-    return Trainer(RunSettings(folder, configuration, max_minutes=5.0), sources())
+    return tiny_trainer(folder, schedule, sender=SenderConfig(step_channels=16), optimised_share=share)
 
 
 @torch.enable_grad()
@@ -125,7 +110,7 @@ def optimised(
 
 
 def test_optimised_latents_differ_and_pass_no_gradient_to_the_sender(codec: Codec) -> None:
-    batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(2, 2, 1, (64, 64)), 0.0)
+    batch = synthetic_batch(num_scenes=2, seed=4)
     y, found, rows = optimised(codec, batch, [0, 1], seed=1)
     assert [set(row) for row in rows] == 2 * [{"loss1", "context1", "target1", "log_bits1"}]
     assert not torch.equal(found, y)
@@ -143,7 +128,7 @@ def test_the_perceptual_part_of_the_loss_is_st_lpips_weighted_as_d(
         seen.append(targets)
         return torch.ones(1, 2) + 0.0 * images.sum()
 
-    batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(1, 3, 2, (64, 64)), 0.0)
+    batch = synthetic_batch(num_context=3, num_target=2, seed=4)
     monkeypatch.setattr(loss, "st_lpips", one)
     values: list[float] = []
     learned = step_learning.learn
@@ -161,7 +146,7 @@ def test_the_perceptual_part_of_the_loss_is_st_lpips_weighted_as_d(
 
 
 def test_scenes_of_a_batch_are_optimised_as_if_alone(codec: Codec) -> None:
-    batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(2, 2, 1, (64, 64)), 0.0)
+    batch = synthetic_batch(num_scenes=2, seed=4)
     seed = next(s for s in range(99) if float(torch.rand((), generator=torch.Generator().manual_seed(s))) > 0.9)
     _, both, _ = optimised(codec, batch, [0, 1], seed)
     y, first, _ = optimised(codec, batch, [0], seed)
@@ -174,15 +159,11 @@ def test_training_through_steps_trains_receiver_and_step_network_and_resumes(
 ) -> None:
     monkeypatch.setattr(trainer_module, "DEFAULT", STEPS)
     whole = new_trainer(tmp_path / "whole", 1.0)
-    before = {name: value.clone() for name, value in whole.networks.state_dict().items()}
+    before = copied(whole.networks)
     whole.train_step()
-    changed = {
-        name.split(".")[0] + "." + name.split(".")[1]
-        for name, value in whole.networks.state_dict().items()
-        if not torch.equal(value, before[name])
-    }
-    assert {"sender.steps", "receiver.synthesis", "receiver.update", "receiver.predictor", "receiver.prior"} <= changed
-    assert {"sender.analysis", "sender.feedback"} <= changed
+    learned = {".".join(name.split(".")[:2]) for name in changed(whole.networks, before)}
+    assert {"sender.steps", "receiver.synthesis", "receiver.update", "receiver.predictor", "receiver.prior"} <= learned
+    assert {"sender.analysis", "sender.feedback"} <= learned
     whole.save(whole.checkpoint)
     again = new_trainer(tmp_path / "again", 1.0)
     again.resume(whole.checkpoint)
@@ -201,7 +182,7 @@ def test_the_sender_learns_by_the_distance_to_the_optimised_latents_alone(
 
 
 def test_the_distance_of_g_a_counts_in_first_steps(codec: Codec) -> None:
-    batch = draw_batch(sources(), torch.Generator().manual_seed(4), BatchShape(2, 2, 1, (64, 64)), 0.0)
+    batch = synthetic_batch(num_scenes=2, seed=4)
     batch = replace(batch, lambda_q=torch.tensor([0, 1768]))
     learner = new_learner(1)
     y, found, _ = optimised(codec, batch, [0, 1], 1, learner)
@@ -215,14 +196,10 @@ def test_the_distance_of_g_a_counts_in_first_steps(codec: Codec) -> None:
     assert y.grad is not None and bool(((y - found) * y.grad >= 0.0).all()) and float(y.grad.abs().sum()) > 0.0
 
 
-def test_without_a_share_the_step_network_rests(tmp_path: Path) -> None:
+def test_without_a_share_the_step_network_rests_and_a_share_needs_it(tmp_path: Path) -> None:
     trainer = new_trainer(tmp_path, 0.0)
     trainer.train_step()
     assert trainer.sender.steps is not None
     assert all(parameter.grad is None for parameter in trainer.sender.steps.parameters())
-
-
-def test_a_configuration_without_the_network_is_refused() -> None:
-    shapes = BatchShapes(1, ((2, 1.0),), 1, ((64, 64),))
     with pytest.raises(InputError, match="leave out `optimised_share`, or choose the configuration compact"):
-        Configuration(shapes, Schedule(1), optimised_share=0.5)
+        Configuration(SHAPES, Schedule(1), optimised_share=0.5)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from fecocodec.coding.payload import encode_latents
 from fecocodec.config import PAPER
@@ -15,29 +15,22 @@ from fecocodec.receiver.model import serialise_receiver
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.lambda_roles import stage_lambdas
 from fecocodec.sender.optimisation_config import FAST
-from fecocodec.training.batch import BatchShapes
-from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.model_weights import write_model
 from fecocodec.training.optimisation import Schedule
-from fecocodec.training.sources import Sources
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.train_entropy import ENTROPY, SceneLatents, draw_latents, latents_of, train_entropy_model
-from fecocodec.training.trainer import Trainer
+from tests.training.tiny_runs import SHAPES, changed, copied, synthetic_sources, tiny_trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 LEARNS = ("receiver.prior.", "sender.hyper_analysis.")
-SHAPES = BatchShapes(num_scenes=1, view_shares=((2, 1.0),), num_target=1, sizes=((64, 64),))
-SOURCES = Sources(SyntheticScenes(pattern_textures(13)), None)
+SOURCES = synthetic_sources()
 SHORT = replace(ENTROPY, shapes=SHAPES, schedule=replace(ENTROPY.schedule, num_steps=15, learning_rate=1.6e-2))
 
 
 @pytest.fixture(scope="module")
 def untrained(tmp_path_factory: pytest.TempPathFactory) -> Codec:
     """Networks as training starts with them: a block transform, whose prior has learnt nothing."""
-    settings = RunSettings(tmp_path_factory.mktemp("run"), Configuration(SHAPES, Schedule(1)), max_minutes=5.0)
-    trainer = Trainer(settings, SOURCES)
+    trainer = tiny_trainer(tmp_path_factory.mktemp("run"), Schedule(1), SOURCES)
     return Codec(trainer.sender, trainer.receiver, b"")
 
 
@@ -45,8 +38,8 @@ def generator() -> torch.Generator:
     return torch.Generator().manual_seed(0)
 
 
-def state_of(codec: Codec) -> dict[str, Tensor]:
-    return nn.ModuleDict({"receiver": codec.receiver, "sender": codec.sender}).state_dict()
+def networks_of(codec: Codec) -> nn.ModuleDict:
+    return nn.ModuleDict({"receiver": codec.receiver, "sender": codec.sender})
 
 
 def bytes_of(codec: Codec, scenes: list[SceneLatents]) -> int:
@@ -70,9 +63,8 @@ def test_bytes_fall_on_other_scenes_and_the_other_networks_stay(untrained: Codec
     assert [(row["step"], row["skipped"]) for row in rows] == [(15.0, 0.0)]
     assert rows[0]["bpp1"] > 0 and rows[0]["bpp2"] > 0
     assert bytes_of(codec, others) < 0.9 * before
-    old = state_of(untrained)
-    changed = {name for name, value in state_of(codec).items() if not torch.equal(value, old[name])}
-    assert changed and all(name.startswith(LEARNS) for name in changed)
+    learned = changed(networks_of(codec), copied(networks_of(untrained)))
+    assert learned and all(name.startswith(LEARNS) for name in learned)
     assert not any(parameter.requires_grad for parameter in codec.receiver.parameters())
 
     write_model(tmp_path / "model", serialise_receiver(codec.receiver), codec.sender)
@@ -91,13 +83,10 @@ def test_latents_are_those_of_the_sender_at_every_lambda(untrained: Codec) -> No
     assert float(alone.y[0].std()) > 1.5 * float(fine.y[0].std())  # the first of two stages is coarser
 
 
-def test_the_last_of_several_scenes_has_one_stage_alone(untrained: Codec) -> None:
+def test_latents_that_are_drawn(untrained: Codec) -> None:
     assert ENTROPY.alone_every == 8
     scenes = draw_latents(untrained, SOURCES, replace(SHORT, alone_every=2), generator(), 2, FAST)
     assert [len(scene.y) for scene in scenes] == [2, 2, 2, 1]
-
-
-def test_equal_seeds_draw_equal_latents(untrained: Codec) -> None:
     first, again = (draw_latents(untrained, SOURCES, SHORT, generator(), 1, FAST) for _ in range(2))
     assert all(torch.equal(a.y[0], b.y[0]) and a.lambda_q == b.lambda_q for a, b in zip(first, again, strict=True))
 

@@ -28,7 +28,7 @@ def test_the_specification_bounds_everything_that_is_measured(kind: str) -> None
     assert tolerance(kind).keys() == Difference.__dataclass_fields__.keys()
 
 
-def test_a_gaussian_on_one_side_only_does_not_shift_the_others() -> None:
+def test_the_same_gaussians_are_matched() -> None:
     data = SCENES[0].read_bytes()
     rows = read_samples(SCENES[0].with_suffix(".f32"))
     fewer = torch.cat((rows[:10], rows[11:300], rows[301:]))
@@ -36,9 +36,6 @@ def test_a_gaussian_on_one_side_only_does_not_shift_the_others() -> None:
     assert torch.equal(one, other) and torch.equal(other, fewer)
     one, other = matched(data, fewer, rows)
     assert torch.equal(one, fewer) and torch.equal(other, fewer)
-
-
-def test_as_many_here_as_there_may_be_other_ones() -> None:
     data = SCENES[0].read_bytes()
     rows = read_samples(SCENES[0].with_suffix(".f32"))
     here, there = torch.cat((rows[:10], rows[11:])), torch.cat((rows[:300], rows[301:]))
@@ -46,7 +43,7 @@ def test_as_many_here_as_there_may_be_other_ones() -> None:
     assert torch.equal(one, other) and len(one) == len(rows) - 2
 
 
-def test_what_moved_is_noticed() -> None:
+def test_what_moved_is_noticed_but_for_one_colour_of_a_thousand() -> None:
     data = SCENES[0].read_bytes()
     rows = read_samples(SCENES[0].with_suffix(".f32"))
     moved = rows.clone()
@@ -59,9 +56,6 @@ def test_what_moved_is_noticed() -> None:
     leaning = rows.clone()
     leaning[:, 14:] += 0.1
     assert without_rendering(data, rows, leaning).colour_rms > 0.01
-
-
-def test_one_colour_of_a_thousand_may_be_on_a_threshold() -> None:
     data = SCENES[0].read_bytes()
     rows = read_samples(SCENES[0].with_suffix(".f32")).repeat(2, 1)
     assert 1000 <= len(rows) < 2000

@@ -48,10 +48,17 @@ def test_these_hold_even_untrained(suite: StressSuite, pair: Trial, name: str) -
     assert verdict.is_passed, verdict.complaint
 
 
-def test_a_broken_rule_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
+def test_what_breaks_a_rule_is_a_complaint(suite: StressSuite, pair: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
     darker = case(pair, "black")
     other = suite.judge(replace(darker, rule=Rule(has_same_bytes=True)))
     assert other.complaint == "the payloads differ from those of the reference" and not other.is_passed
+    axes = case(pair, "mirrored axes")
+    verdict = suite.judge(replace(axes, rule=Rule()))
+    assert verdict.psnr is None and verdict.complaint.startswith("InputError:")
+    monkeypatch.setattr(stress, "GENERATIONS", 2)
+    monkeypatch.setattr(stress, "RULE_OF_GENERATIONS", Rule(most_lost=-99.0))
+    verdict = suite.judge_generations(SCENE, pair)
+    assert verdict.case == "wall: 2 generations" and verdict.complaint.endswith("dB are lost, at most -99 may be")
 
 
 @pytest.mark.parametrize("num_bytes", [2000, 6000])
@@ -88,19 +95,6 @@ def test_every_case_has_a_rule_that_can_fail(pair: Trial) -> None:
     assert [found.name for found in cases if str(found.rule) == "finite"] == []
     silent = [found.rule.most_lost for found in cases if not found.rule.warning]
     assert max(most for most in silent if most is not None) < 9.0
-
-
-def test_a_refusal_where_none_belongs_is_a_complaint(suite: StressSuite, pair: Trial) -> None:
-    axes = case(pair, "mirrored axes")
-    verdict = suite.judge(replace(axes, rule=Rule()))
-    assert verdict.psnr is None and verdict.complaint.startswith("InputError:")
-
-
-def test_generations_are_judged(suite: StressSuite, pair: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stress, "GENERATIONS", 2)
-    monkeypatch.setattr(stress, "RULE_OF_GENERATIONS", Rule(most_lost=-99.0))
-    verdict = suite.judge_generations(SCENE, pair)
-    assert verdict.case == "wall: 2 generations" and verdict.complaint.endswith("dB are lost, at most -99 may be")
 
 
 def test_known_verdicts_are_given_back(random_weights: Path, suite: StressSuite, pair: Trial) -> None:

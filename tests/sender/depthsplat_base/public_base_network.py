@@ -16,7 +16,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
-from tests.sender.depthsplat_small.public_network import made_up_tensor
+from tests.sender.depthsplat_small.public_network import made_up_tensor, undrawn
 
 HERE = Path(__file__).parent
 SHIPPED = HERE / "public_base_outputs.npz"
@@ -57,7 +57,8 @@ def views_of(arrays: dict[str, np.ndarray]) -> tuple[Tensor, Cameras]:
 
 def made_up_network() -> DepthSplatBase:
     """The network with the synthetic weights of the reference outputs."""
-    network = DepthSplatBase()
+    with undrawn():
+        network = DepthSplatBase()
     weights = {name: made_up_tensor(name.removeprefix("depth_predictor."), shape) for name, shape in SHAPES.items()}
     network.load_state_dict(weights, assign=True)
     return network.requires_grad_(False)

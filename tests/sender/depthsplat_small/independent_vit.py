@@ -1,20 +1,9 @@
-"""DINOv2's ViT-S/14 in numpy, written from its description, to check ours: features after the last norm.
-
-As a program it writes `dinov2_features.npz` from a file of DINOv2's weights:
-python tests/sender/depthsplat_small/independent_vit.py dinov2_vits14.safetensors
-"""
-
-import sys
-from pathlib import Path
+"""DINOv2's ViT-S/14 in numpy, written from its description, to check ours: features after the last norm."""
 
 import numpy as np
 from scipy.special import erf
 
-HERE = Path(__file__).resolve().parent
-FEATURES = HERE / "dinov2_features.npz"
 CHANNELS, HEADS, PATCH, TRAINED_SIDE = 384, 6, 14, 37
-SIZES = ((518, 518), (224, 224), (112, 168))  # the first one needs no resizing of the position embedding
-STEP = 8  # every eighth channel and second patch along each side is stored
 
 Weights = dict[str, np.ndarray]
 
@@ -86,20 +75,3 @@ def cubic_matrix(length: int) -> np.ndarray:
             far = a * d**3 - 5 * a * d**2 + 8 * a * d - 4 * a
             matrix[out, min(max(tap, 0), TRAINED_SIDE - 1)] += near if d <= 1 else far
     return matrix
-
-
-def thinned(features: np.ndarray) -> np.ndarray:
-    """Return the part of the features that is stored."""
-    return features[::STEP, ::2, ::2]
-
-
-def main(path: Path) -> None:
-    from safetensors.numpy import load_file
-
-    weights = load_file(path)
-    found = {f"{h}x{w}": thinned(vit_features(weights, made_up_image(h, w))).astype(np.float32) for h, w in SIZES}
-    np.savez_compressed(FEATURES, **found)
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))

@@ -2,12 +2,16 @@
 
 import json
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
@@ -61,11 +65,29 @@ def made_up_tensor(name: str, shape: list[int]) -> Tensor:
     return torch.from_numpy(values.astype(np.float32))
 
 
+@contextmanager
+def undrawn() -> Iterator[None]:
+    """Weights of layers made here are zero: to draw random ones takes seconds, and a test loads others."""
+    linear, convolution = (
+        patch.object(kind, "reset_parameters", clear) for kind in (nn.Linear, nn.modules.conv._ConvNd)
+    )
+    with linear, convolution:
+        yield
+
+
+@torch.no_grad()
+def clear(layer: nn.Module) -> None:
+    for parameter in layer.parameters(recurse=False):
+        parameter.zero_()
+
+
+@cache
 def made_up_weights() -> dict[str, Tensor]:
     return {name: made_up_tensor(name, shape) for name, shape in SHAPES.items()}
 
 
 def made_up_extractor(**settings) -> DepthSplatSmall:
-    extractor = DepthSplatSmall(**settings)
+    with undrawn():
+        extractor = DepthSplatSmall(**settings)
     extractor.load_state_dict(made_up_weights())
     return extractor.eval().requires_grad_(False)

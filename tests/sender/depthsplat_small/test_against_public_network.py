@@ -8,14 +8,6 @@ from public_network import FULL, SHAPES, SHIPPED, made_up_extractor, read_refere
 
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall
 
-PARAMETERS = {
-    "backbone": 1_049_120,
-    "transformer": 3_150_336,
-    "pretrained": 22_056_192,
-    "regressor.0": 6_453_504,
-    "regressor_residual.0": 98_432,
-}
-
 
 @pytest.fixture(scope="module")
 def extractor() -> DepthSplatSmall:
@@ -24,11 +16,6 @@ def extractor() -> DepthSplatSmall:
 
 def test_tensors_have_the_public_names_and_shapes(extractor: DepthSplatSmall) -> None:
     assert {name: list(value.shape) for name, value in extractor.state_dict().items()} == SHAPES
-
-
-@pytest.mark.parametrize(("module", "expected"), PARAMETERS.items(), ids=PARAMETERS.keys())
-def test_parameters_of_each_module(extractor: DepthSplatSmall, module: str, expected: int) -> None:
-    assert sum(parameter.numel() for parameter in extractor.get_submodule(module).parameters()) == expected
 
 
 @pytest.mark.parametrize("path", [

@@ -95,13 +95,10 @@ def test_public_and_exact_positions_differ_by_half_a_pixel_only() -> None:
         assert is_equal or (exact - public).abs().max() > 0.001
 
 
-def test_candidates_are_uniform_in_inverse_depth_from_far_to_near() -> None:
+def test_candidates_and_sources() -> None:
     inverse = 1 / candidate_depths(example_cameras(2, near=0.5, far=100.0).as_batch())[0]
     torch.testing.assert_close(inverse[[0, -1]], torch.tensor([0.01, 2.0]))
     torch.testing.assert_close(inverse.diff(), torch.full((127,), 1.99 / 127), atol=1e-6, rtol=0)
-
-
-def test_sources_are_all_others_of_three_views_and_the_two_nearest_of_more() -> None:
     cameras = example_cameras(5)
     cameras.extrinsics[:, :3, 3] = torch.tensor([[0.0, 0, 0], [1, 0, 0], [2.1, 0, 0], [3.3, 0, 0], [10, 0, 0]])
     assert source_views(cameras.as_batch())[0].tolist() == [[1, 2], [0, 2], [1, 3], [2, 1], [3, 2]]

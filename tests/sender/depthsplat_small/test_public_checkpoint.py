@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 import torch.nn.functional as F
-from public_network import SHAPES, made_up_weights
+from public_network import SHAPES, made_up_weights, undrawn
 from torch import Tensor
 
 from fecocodec.config import PaperSenderConfig
@@ -19,9 +19,11 @@ def weights() -> dict[str, Tensor]:
     return made_up_weights()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def extractor() -> DepthSplatSmall:
-    return DepthSplatSmall()
+    """Each test loads weights."""
+    with undrawn():
+        return DepthSplatSmall()
 
 
 def official(weights: dict[str, Tensor]) -> dict[str, Tensor]:
