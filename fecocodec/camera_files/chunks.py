@@ -16,8 +16,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import require_numbers
+from fecocodec.camera_files.posed_photographs import require_float32_range, require_numbers, rigid_pose
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views

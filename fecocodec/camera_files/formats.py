@@ -3,7 +3,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from fecocodec.camera_files.camera_names import has_camera_name
+from fecocodec.camera_files.camera_names import has_camera_name, walk
 from fecocodec.camera_files.colmap import find_colmap_model, read_colmap
 from fecocodec.camera_files.llff import find_llff, is_llff, read_llff
 from fecocodec.camera_files.other_cameras import program_of
@@ -15,7 +15,6 @@ from fecocodec.camera_files.transforms_json import (
     holds_cameras,
     read_transforms_json,
 )
-from fecocodec.camera_files.walk import walk
 from fecocodec.errors import InputError
 
 _FINDERS = (find_transforms_json, find_colmap_model, find_realestate10k, find_cameras_json, find_llff)

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fecocodec.camera_files.camera_names import ARCHIVE_SUFFIXES, has_camera_name, has_poses, head_of, words_of
-from fecocodec.camera_files.walk import walk
+from fecocodec.camera_files.camera_names import ARCHIVE_SUFFIXES, has_camera_name, has_poses, head_of, walk, words_of
 from fecocodec.errors import some_of
 from fecocodec.photographs.image_headers import has_image_name
 

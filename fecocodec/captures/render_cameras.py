@@ -8,8 +8,7 @@ import torch
 
 from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.nerfstudio_path import read_camera_path
-from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
+from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole, require_float32_range, rigid_pose
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.view_choice import select_views
 from fecocodec.captures.view_selection import Selection

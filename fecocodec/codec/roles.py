@@ -11,8 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, require_usable, stored_lens
+from fecocodec.camera_files.posed_photographs import (
+    PosedPhotograph,
+    PosedPhotographs,
+    require_float32_range,
+    require_usable,
+    rigid_pose,
+    stored_lens,
+)
 from fecocodec.captures.reading_notes import omission_notes, passed_over_notes, without_copies
 from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
 from fecocodec.captures.view_selection import All, Selection, Spread

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image
 
-from fecocodec.errors import InputError, installation
+from fecocodec.errors import InputError, OutputError, installation
 from fecocodec.photographs.colour import is_hdr
 from fecocodec.photographs.lens import require_known_model
 from fecocodec.photographs.video_pixels import Stream, in_srgb, is_transparent, side_data, upright
@@ -31,6 +32,12 @@ _RECTILINEAR = 4  # AV_SPHERICAL_RECTILINEAR; others are panoramas
 def is_video(path: Path) -> bool:
     """Return whether the name of a file is that of a video."""
     return path.suffix.lower() in VIDEO_SUFFIXES and not path.name.startswith(".") and not path.is_dir()
+
+
+def require_video_extra() -> None:
+    """Raise OutputError, which names the extra to install, if PyAV is missing."""
+    if find_spec("av") is None:
+        raise OutputError(f"writing a video needs the package av; run {installation('video')}.")
 
 
 def write_sharp_frames(
