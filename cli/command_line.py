@@ -94,7 +94,7 @@ class LazyGroup(click.Group):
 @click.group(
     cls=LazyGroup,
     modules={name: name for name in COMMANDS},
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
     epilog="Run `fecosplat COMMAND --help` for the options of a command and examples.",
 )
 @click.version_option(__version__, prog_name="fecosplat", message="%(prog)s %(version)s")

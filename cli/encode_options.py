@@ -76,18 +76,14 @@ _OF_VIEWS = (
         "--masks",
         type=click.Choice(["leave-out", "cut-out", "unused"]),
         default="leave-out",
-        show_default=True,
         help="What becomes of pixels that are black in a mask (mask_path of a transforms.json, or a folder masks): "
         "leave-out makes the encoder ignore them, cut-out makes them transparent.",
     ),
-    click.option(
-        "--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Number of stages to encode."
-    ),
+    click.option("--stages", type=click.IntRange(1, 2), default=2, help="Number of stages to encode."),
     click.option(
         "--effort",
         type=click.Choice(["fast", "default", "best"]),
         default="default",
-        show_default=True,
         help="Time spent on the file. fast takes a quarter of the time of default and three times the bytes at "
         "equal quality; best takes three to four times as long and comes closer to the photographs.",
     ),
@@ -95,7 +91,6 @@ _OF_VIEWS = (
         "--sharpness",
         type=click.FloatRange(-1.0, 1.0),
         default=0.0,
-        show_default=True,
         help="From -1 (smoothest pictures, smallest file) to 1 (sharpest pictures, largest file).",
     ),
     click.option(

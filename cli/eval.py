@@ -55,7 +55,6 @@ Examples:
     "--systems",
     "groups",
     default="codec",
-    show_default=True,
     metavar="LIST",
     help="Comma-separated systems to measure: codec; guided (guides of the index teach it); fast and best (other "
     "efforts); ablations (or one of stage-1, no-context, no-feedback); images (compressed photographs); gaussians "
@@ -75,7 +74,6 @@ Examples:
 @click.option(
     "--strips/--no-strips",
     default=True,
-    show_default=True,
     help="Write an image per entry with target, decoded view, error and depth side by side.",
 )
 @click.option(

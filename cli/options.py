@@ -69,9 +69,7 @@ def overwrite_option(function: Function) -> Function:
 
 def lambda_option(help_text: str) -> Callable[[Function], Function]:
     """Return the decorator that adds --lambda, passed as `lmbda`."""
-    return click.option(
-        "--lambda", "lmbda", type=float, default=1e-3, show_default=True, metavar="NUMBER", help=help_text
-    )
+    return click.option("--lambda", "lmbda", type=float, default=1e-3, metavar="NUMBER", help=help_text)
 
 
 def json_option(function: Function) -> Function:
@@ -91,7 +89,6 @@ def device_option(function: Function) -> Function:
     return click.option(
         "--device",
         default="cpu",
-        show_default=True,
         metavar="NAME",
         callback=_parse_device,
         help="Device that runs the networks: cpu, cuda or cuda:N.",
@@ -104,7 +101,6 @@ def max_pixels_option(function: Function) -> Function:
         "--max-pixels",
         type=click.IntRange(min=1),
         default=DEFAULT_MAX_PIXELS,
-        show_default=True,
         metavar="NUMBER",
         help="Reject a .fcs file whose views together have more pixels than this. Memory grows in proportion.",
     )(function)

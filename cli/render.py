@@ -77,7 +77,7 @@ Examples:
 @click.option("--size", callback=parse_size, metavar="WxH", help="Image size.  [default: that of the photographs]")
 @click.option("--stages", type=click.IntRange(1, 2), help="Number of stages to decode.  [default: all]")
 @click.option(
-    "--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True,
+    "--background", type=click.Choice(list(BACKGROUNDS)), default="black",
     help="Colour of pixels that no Gaussian covers.",
 )  # fmt: skip
 @model_option

@@ -34,7 +34,6 @@ Examples:
     "--most",
     type=click.IntRange(min=1),
     default=3,
-    show_default=True,
     help="Maximum number of scenes from the index to derive cases from.",
 )
 @lambda_option("Rate-distortion trade-off, as in `fecosplat encode`.")

@@ -129,9 +129,7 @@ def data_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def seed_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --seed."""
-    return click.option(
-        "--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Seed of random numbers."
-    )(command)
+    return click.option("--seed", type=click.IntRange(0, 2**31), default=0, help="Seed of random numbers.")(command)
 
 
 def check_inputs(paths: tuple[Path | None, ...], overrides: dict[str, Any]) -> None:
